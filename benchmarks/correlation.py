@@ -75,7 +75,7 @@ def written(folder: Path) -> Path:
 
 def main() -> None:
     from structid.correlation.correlating import correlate
-    from structid.report.correlation.page import correlation_page
+    from structid.report.correlation import correlation_page
     from structid.study.schema.study import load_study
 
     with tempfile.TemporaryDirectory() as folder:

@@ -26,7 +26,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.comparison.states import carried, unchanged_parameters
+from structid.comparison.state import carried, unchanged_parameters
 from structid.dynamics.modes import modes
 from structid.estimation.comparison.comparison import Comparison, compare_states
 from structid.estimation.comparison.multiple_tests import detectable

@@ -105,10 +105,10 @@ from structid.structure import Structure as Structure
 from structid.structure import from_matrices as from_matrices
 from structid.structure.meshes import Mesh as Mesh
 from structid.structure.meshes import read_mesh as read_mesh
-from structid.structure.places.aimed_sensor import AimedSensor as AimedSensor
-from structid.structure.places.aimed_sensor import nearest_nodes as nearest_nodes
-from structid.structure.places.mesh_point import MeshPoint as MeshPoint
-from structid.structure.places.mesh_point import mesh_points as mesh_points
+from structid.structure.places import AimedSensor as AimedSensor
+from structid.structure.places import MeshPoint as MeshPoint
+from structid.structure.places import mesh_points as mesh_points
+from structid.structure.places import nearest_nodes as nearest_nodes
 from structid.study.run.run import run_study as run_study
 from structid.study.schema.study import load_study as load_study
 from structid.unknowns import Coupling as Coupling

@@ -162,7 +162,7 @@ def test_records_of_set_ups_are_merged_with_a_page(folder):
 
 
 def test_no_modes_are_told():
-    from structid.app.work.beside import posted_modes
+    from structid.app.work.modes import posted_modes
 
     with pytest.raises(InputError, match="no mode is taken"):
         posted_modes({"frequency": []})

@@ -11,9 +11,8 @@ from typer.testing import CliRunner
 import structid as sid
 from structid.cli import app as cli
 from structid.comparison.comparing import CompareOptions, compare
-from structid.comparison.state import stored_state
-from structid.comparison.states import carried, unchanged_parameters
-from structid.report.comparison.text import comparison_table
+from structid.comparison.state import carried, stored_state, unchanged_parameters
+from structid.report.comparison import comparison_table
 from study_cases import chain_record, replaced, write_chain
 
 RUN = CliRunner()

@@ -19,8 +19,7 @@ from structid import (
     simulated_time_record,
     write_record,
 )
-from structid.correlation.correlating import before_and_after, correlate
-from structid.correlation.summary import correlation_summary, expanded_record
+from structid.correlation.correlating import before_and_after, correlate, correlation_summary, expanded_record
 from structid.dynamics.modes import modes
 from structid.modal.files.files import read_modes
 from structid.observation import TimeOptions

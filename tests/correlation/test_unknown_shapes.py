@@ -10,9 +10,8 @@ from typer.testing import CliRunner
 
 from structid import InputError, correlated_modes, load_study, pair_modes
 from structid.cli import app as cli
-from structid.correlation.correlating import correlate
+from structid.correlation.correlating import correlate, expanded_record
 from structid.correlation.expansion import expand
-from structid.correlation.summary import expanded_record
 from structid.dof import parse_dofs
 from structid.dynamics.modes import modes
 from structid.modal.files.files import read_modes, write_modes

@@ -121,6 +121,9 @@ def test_a_joint_problem_of_one_is_that_problem():
     alone, joint = estimate(first), estimate(JointProblem((first,)))
     assert np.array_equal(alone.values, joint.values)
     assert np.array_equal(alone.covariance, joint.covariance)
+    whole, at = JointProblem((first,)), first.theta_start
+    assert np.array_equal(whole.residual(at), first.residual(at))
+    assert np.array_equal(whole.linearize(at).jacobian, first.linearize(at).jacobian)
 
 
 def test_a_shared_parameter_begins_where_the_first_problem_has_it():

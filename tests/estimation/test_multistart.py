@@ -7,6 +7,7 @@ import pytest
 
 from structid import LevenbergMarquardt, Status, estimate
 from structid.estimation import BaseProblem, Linearization
+from structid.estimation.search.least_squares import LEFT, minimize
 from structid.estimation.search.multistart import Search, searched_minima
 from structid.estimation.search.work import Alone
 
@@ -185,3 +186,40 @@ def test_the_same_seed_gives_the_same_answers():
     first, second = (estimate(TwoWells(), search=Search(uniqueness_starts=5, seed=3)) for _ in range(2))
     assert [a.n_searches for a in first.answers] == [a.n_searches for a in second.answers]
     assert first.values == second.values
+
+
+@dataclass
+class MissedWells(TwoWells):
+    """The same with a third datum that nothing explains."""
+
+    miss: float = 30.0
+    n_data: int = 3
+    lines: np.ndarray = field(default_factory=lambda: np.arange(3))
+    series: np.ndarray = field(default_factory=lambda: np.zeros(3, int))
+
+    def residual(self, theta):
+        return np.append(super().residual(theta), 100.0)
+
+    def linearize(self, theta):
+        first = super().linearize(theta)
+        return Linearization(first.residual, np.vstack([first.jacobian, [[0.0]]]))
+
+
+def test_searches_that_miss_the_noise_and_are_not_the_best_are_left_early():
+    """Each search by itself goes on to its minimum; of several only the best does, to the same place."""
+    problem, method = MissedWells(theta_start=np.array([1.6])), LevenbergMarquardt()
+    search = Search(restarts=7, seed=2)
+    found = searched_minima(problem, method, (), search, lambda minimum: False)
+    cost = np.array([minimum.costs[-1] for minimum, _ in found])
+    best = cost < 1.001 * cost.min()
+    assert 0 < best.sum() < len(found)
+    for (minimum, iterations), is_best in zip(found, best, strict=True):
+        alone = minimize(problem, method, minimum.history[0])
+        assert iterations == len(minimum.inner) == len(minimum.costs) - 1 == len(minimum.history) - 1
+        assert minimum.converged == is_best
+        if is_best:
+            assert minimum.theta == pytest.approx(alone.theta, rel=1e-6)
+        else:
+            assert minimum.message == LEFT
+            assert iterations < len(alone.inner)
+            assert minimum.costs[-1] == pytest.approx(alone.costs[-1], rel=1e-4)

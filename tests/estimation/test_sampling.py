@@ -14,7 +14,7 @@ from structid.estimation.intervals.bootstrap import bootstrap
 from structid.estimation.intervals.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
 from structid.estimation.intervals.export import to_arviz
 from structid.estimation.intervals.profile import profile
-from structid.estimation.intervals.sampling import Samples, _log_posterior, _whitening, sample
+from structid.estimation.intervals.sampling import Samples, _Target, _whitening, sample
 
 
 def autoregressive(rho, n_chains=4, n_draws=2000, seed=0):
@@ -82,7 +82,7 @@ def test_gradient_of_the_log_posterior_is_its_difference_quotient():
     found = estimate(case)
     x, step = np.array([0.7, -1.1]), 1e-5
     for flat_in in ("physical", "free"):
-        density = _log_posterior(case, np.array(found.theta), _whitening(found), flat_in)
+        density = _Target(case, np.array(found.theta), _whitening(found), flat_in)
         for j in range(2):
             e = step * np.eye(2)[j]
             quotient = (density(x + e)[0] - density(x - e)[0]) / (2 * step)

@@ -67,7 +67,8 @@ def test_every_kind_that_is_written_is_tried(trial):
 
 def untold(trial):
     """Dry friction takes no motion of supports, and a table has its direction from them."""
-    return {"friction", "load_direction"} if trial.views[0].problem.record.kind == "transmissibility" else set()
+    of_loads = {"friction", "load_direction", "load_between"}
+    return of_loads if trial.views[0].problem.record.kind == "transmissibility" else set()
 
 
 def test_effects_are_those_of_the_changed_studies(trial):
@@ -83,7 +84,7 @@ def test_effects_are_those_of_the_changed_studies(trial):
                 continue  # such as a node that has a part of its own already
             problem = changed.views[0].problem
             predicted = problem.with_lines(np.arange(len(base.frequency))).predicted(problem.theta_start)
-            if one.kind in ("swap", "direction", "polarity"):
+            if one.kind in ("swap", "direction", "polarity", "between"):
                 continue  # the record is called otherwise, and the model seen at other places: see the next test
             lines = np.searchsorted(base.frequency, fields.problem.frequency)
             own = predicted[lines] - fields.frf
@@ -100,7 +101,8 @@ def test_effects_are_those_of_the_changed_studies(trial):
                 alike = np.searchsorted(changed.problems[0].frequency, fields.problem.frequency)
                 assert np.abs(spectra[alike] - fields.frf - found).max() < 1e-3 * np.abs(found).max()
     structural = {"support", "spring", "dashpot", "friction", "mass", "sensor_mass", "inertia", "appendage", "joint"}
-    every = structural | {"untied stiffness", "untied mass", "untied set", "load_direction"} | OF_CHANNELS
+    every = structural | {"untied stiffness", "untied mass", "untied set"}
+    every |= {"load_direction", "load_between"} | OF_CHANNELS
     untried = untold(trial) if isinstance(trial.problems[0], FrfProblem) else {"friction"}
     assert compared >= every - untried
 
@@ -292,7 +294,7 @@ def test_cables_exchanged_and_sensors_turned_read_as_their_studies(trial):
     """The misfit of a study that calls channels otherwise is that of the responses read the other way."""
     _, chosen = candidates(trial)
     for one in chosen:
-        if one.kind not in ("swap", "direction", "polarity"):
+        if one.kind not in ("swap", "direction", "polarity", "between"):
             continue
         q = float(one.strengths[min(3, len(one.strengths) - 1)])
         problem = trial.changed(one, q).views[0].problem
@@ -436,3 +438,25 @@ def test_damping_of_all_sets_is_tried_as_viscous_at_once(trial):
     own = np.ix_(rotations, rotations)
     expected = 0.5 * strength * (stiffness + omega**2 * mass)
     assert damping[own] == pytest.approx(expected[own], rel=1e-4, abs=1e-4 * np.abs(expected[own]).max())
+
+
+def test_places_that_move_alike_are_looked_at_once(trial):
+    _, chosen = candidates(trial)
+    spring = next(one for one in chosen if one.kind == "spring")
+    looks = []
+
+    def counted(own, strengths):
+        looks.append(len(strengths))
+        return spring.effect(own, strengths)
+
+    point = point_at([trial.views[0].problem], trial.views[0].problem.theta_start)
+    one = replace(spring, effect=counted)
+    [alone], n_alone = point.screened([one]), sum(looks)
+    looks.clear()
+    both = point.screened([one, replace(one, where=("a place beside it",))])
+    assert sum(looks) == n_alone
+    assert [(each.strength, each.left) for each in both] == [(alone.strength, alone.left)] * 2
+    assert [each.candidate.where for each in both] == [spring.where, ("a place beside it",)]
+    looks.clear()
+    point.screened([one, replace(one, places=None)])
+    assert sum(looks) == 2 * n_alone

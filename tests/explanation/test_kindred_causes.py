@@ -156,6 +156,30 @@ def test_a_sensor_or_a_load_at_another_node_is_named(tmp_path, kind, where):
     assert "relabel" in " ".join(first.lines)
 
 
+@pytest.mark.parametrize("kind", ["place", "load_place"])
+def test_a_sensor_or_a_load_between_two_nodes_is_named_with_where_it_is(tmp_path, kind):
+    """The record says 4Y for what is at a third of the way to node 3, where the true model has a node of its own."""
+    truth = STUDY.replace("[[3, 4], [4, 5]]", "[[3, 7], [7, 4], [4, 5]]").replace("\n6 = ", "\n7 = [0.4, 1.0]\n6 = ")
+    outputs, seen = ["2X", "3X", "4Y", "5Y"], ["2X", "3X", "7Y" if kind == "place" else "4Y", "5Y"]
+    path, rng = written(tmp_path, truth, truth), np.random.default_rng(4)
+    blank = np.ones((len(FREQUENCY), 4, 1), complex)
+    driven = ["7Y" if kind == "load_place" else "4Y"]
+    write_record(tmp_path / "frf.npz", FrfRecord(FREQUENCY, blank, seen, driven, "receptance"))
+    [problem] = study_problems(load_study(path))
+    values = problem.predicted(problem.theta_start)
+    noise = rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)
+    values = values + noise / np.sqrt(2) * np.hypot(0.01 * np.abs(values), 1e-6)
+    write_record(tmp_path / "frf.npz", FrfRecord(FREQUENCY, values, outputs, ["4Y"], "receptance"))
+    path.write_text(off(), encoding="utf-8")
+    result, fits = answered(path)
+    assert result.criticism.judgement.verdict == "wrong_model"
+    first = result.criticism.causes[0]
+    assert (first.kind, first.where) == (kind, ("4Y", "3Y"))
+    assert first.chi_square_per_dof < 1.5  # the true model has a finer mesh there
+    assert "between its node and that of 3Y" in first.words
+    assert fits[0].trial.changes[0][1] == pytest.approx(1 / 3, abs=0.02)
+
+
 def test_a_sensor_of_the_wrong_sense_in_modes_is_named_as_that(tmp_path):
     result, _ = answered(written_modes(tmp_path, {"4X": -1.0}))
     first = result.criticism.causes[0]

@@ -87,5 +87,5 @@ def test_nested_cells_come_to_an_end(tmp_path):
         data = cell(data)
     head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     (tmp_path / "a.mat").write_bytes(head + data)
-    with pytest.raises(FileError, match="nested too deeply"):
+    with pytest.raises(FileError, match=r"a\.mat: "):
         matlab_variables(tmp_path / "a.mat")

@@ -7,7 +7,7 @@ from chain_cases import bounded, chain, found, record
 from structid import FrfProblem, Status
 from structid.criticism.verdict import judged
 from structid.estimation import LevenbergMarquardt
-from structid.estimation.problems.restricted import Held
+from structid.estimation.problems.wrapped import Held
 from structid.estimation.search.least_squares import minimize
 
 

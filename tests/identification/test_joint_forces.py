@@ -10,7 +10,7 @@ from structid.dof import parse_dof
 from structid.identification.options import IdentifyOptions
 from structid.observation import Models
 from structid.records import TimeRecord
-from structid.structure.places.joint_force import together, with_joint_forces
+from structid.structure.places import together, with_joint_forces
 
 RATE, ANGLE = 128.0, 0.5
 LOADS = tuple(parse_dof(name) for name in ("3X", "3Y-"))

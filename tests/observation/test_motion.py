@@ -112,10 +112,26 @@ def beam():
     return Structure({0: 0.0, 1: 1.0}, [Beam("beam", [[0, 1]], 1.0, 1.0)], ["0Y", "0RZ"])
 
 
+def plate():
+    """A rigid plate with places along one straight line, which do not show how it turns about that."""
+    parts, places = (
+        [PointMass("mass", [1], 1.0), Spring("base", "1Z", stiffness=1.0)],
+        [(0.1, 0.3), (0.2, 0.6), (0.7, 2.1)],
+    )
+    nodes = {1: (0.0, 0.0, 0.0)} | {i: (*place, 0.0) for i, place in enumerate(places, 2)}
+    return Structure(nodes, parts, ties=[RigidLink("plate", 1, [2, 3, 4])], active=["Z", "RX", "RY"])
+
+
 BAD = {
     "rotation not measured": (
         lambda: recorded_motion(beam(), TimeRecord(RATE, np.ones((5, 2)), ("1Y", "1Y"), ("acceleration", "force"))),
         "acceleration is not measured at 1RZ.*Add sensors there",
+    ),
+    "rotation about the line of all sensors": (
+        lambda: recorded_motion(
+            plate(), TimeRecord(RATE, np.ones((5, 4)), ("2Z", "3Z", "4Z", "1Z"), (*("velocity",) * 3, "force"))
+        ),
+        "the velocity channels do not determine every degree of freedom: tied ones",
     ),
     "no motion": (
         lambda: recorded_motion(chain(), TimeRecord(RATE, np.ones((5, 1)), ("1X",), ("force",))),

@@ -228,7 +228,7 @@ import numpy as np
 from structid import Beam, Structure, Unknown, parameters
 from structid.regression.local_reduction import Kernels
 from structid.observation import motion_fit
-from structid.observation.motion.stream import channel_map, motion_solution, reduced_by_chunks
+from structid.observation.motion.stream import motion_solution, reduced_by_chunks
 from structid.records.io import ReadOptions
 from structid.records.on_disk import open_record
 n, path = 500, sys.argv[1]

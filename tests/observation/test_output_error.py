@@ -148,7 +148,8 @@ def test_eliminated_unknowns_equal_those_of_the_joint_fit(case):
             forces += [np.eye(24)[:, [i]] for i in range(24)]
         starts = [None] * len(forces) + [np.eye(6)[i] for i in range(6)] * (options.initial == "unknown")
         forces += [np.zeros((24, 1))] * (len(starts) - len(forces))
-        plain = replace(problem.model, force="first" if case == "amplitude" else options.force)
+        between = "first" if case == "amplitude" else options.force
+        plain = replace(problem.model, drive=replace(problem.model.drive, force=between))
         rows = []
         for f, start in zip(forces, starts, strict=True):
             if case == "amplitude":

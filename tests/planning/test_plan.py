@@ -19,8 +19,7 @@ from structid.planning.plan import PlanOptions, plan
 from structid.records.io import read_record, write_record
 from structid.reproduce.chapter_4.cantilever import CASE_2, GRID, TIP, Reading, cantilever, in_rad_per_s
 from structid.reproduce.chapter_4.noise import Noise, noisy_record
-from structid.study.run.plan import planned
-from structid.study.schema.plan import load_plan
+from structid.study.schema.plan import load_plan, planned
 from structid.unknowns.priors import priors_of
 from study_cases import CHAIN, RIGID, chain_record, replaced, write_chain
 

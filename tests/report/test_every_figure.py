@@ -27,19 +27,18 @@ from structid.comparison.comparing import CompareOptions, compare
 from structid.correlation.correlating import correlate
 from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
-from structid.report.comparison.page import comparison_page
-from structid.report.correlation.page import correlation_page
+from structid.report.comparison import comparison_page
+from structid.report.correlation import correlation_page
 from structid.report.identification.free_page import free_page
 from structid.report.identification.page import report_page
-from structid.report.modes.page import modes_page
+from structid.report.modes import modes_page
 from structid.report.page import Page
-from structid.report.planning.page import plan_page
+from structid.report.planning import plan_page
 from structid.report.rendering import browser, plot, png
-from structid.report.reproduce.page import reproduction_page
+from structid.report.reproduce import reproduction_page
 from structid.reproduce.item import Curve, Item, Panel, Verdict
-from structid.study.run.plan import planned
 from structid.study.run.run import run_study
-from structid.study.schema.plan import load_plan
+from structid.study.schema.plan import load_plan, planned
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain
 

@@ -11,7 +11,7 @@ from structid import Plate, PointMass, Shell, Solid, SpaceBeam, Structure, parse
 from structid.report.drawing import faces
 from structid.report.drawing.changes import Change, shading
 from structid.report.drawing.drawing import structure_picture
-from structid.report.drawing.projection import SPACE_AXES
+from structid.report.drawing.picture import SPACE_AXES
 from structid.report.figures.structure import structure_figure
 from structid.report.rendering.plot import Area, Curve
 from structid.report.rendering.png import drawn as png_drawn

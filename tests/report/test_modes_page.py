@@ -13,8 +13,7 @@ from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
 from structid.report.figures.shapes import mode_scene
 from structid.report.figures.survey import CHOSEN, CLUSTERED, OUTSIDE, mode_labels, pole_kinds
-from structid.report.modes.page import modes_page
-from structid.report.modes.text import mode_table, remarks
+from structid.report.modes import mode_table, modes_page, remarks
 from structid.report.rendering.png import pictures
 from structid.report.text import with_std
 from structid.similarity import mac

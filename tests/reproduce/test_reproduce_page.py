@@ -15,8 +15,7 @@ from structid.errors import FileError, InputError
 from structid.report.figures.reproduction import panels_figure
 from structid.report.rendering.plot import Area
 from structid.report.rendering.plot import Curve as Drawn
-from structid.report.reproduce.page import write_reproduction
-from structid.report.reproduce.tables import table_text
+from structid.report.reproduce import table_text, write_reproduction
 from structid.report.text import DASH, MINUS, TIMES
 from structid.reproduce import run
 from structid.reproduce.item import Curve, Item, Panel, Table, Verdict

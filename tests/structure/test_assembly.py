@@ -52,6 +52,8 @@ def test_entries_of_every_law_equal_the_sum_of_element_matrices(name):
         own = sparse.csc_array((row, at.indices, at.indptr), (n, n)).toarray()
         exact = structure.matrix(law, values).toarray() if law in LAWS else 0.0
         assert own == pytest.approx(exact, rel=1e-13, abs=1e-13 * np.abs(own).max(initial=0.0))
+    dense = structure.dense_matrices(LAWS, values)
+    assert np.array_equal(dense, [structure.matrix(law, values).toarray() for law in LAWS])
 
 
 @pytest.mark.parametrize("name", list(CASES))

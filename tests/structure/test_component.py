@@ -32,7 +32,7 @@ from structid.identification.before.reduction import frf_truncation, modes_trunc
 from structid.observation import FrfProblem
 from structid.observation.frf.response import response
 from structid.planning.options import resolved
-from structid.structure.places.aimed_sensor import AimedSensor
+from structid.structure.places import AimedSensor
 from structid.unknowns import penalty
 
 LAWS = ("inertia", "viscous", "elastic", "structural")

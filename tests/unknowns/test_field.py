@@ -15,7 +15,7 @@ from structid import (
     parameters,
     simulated_record,
 )
-from structid.unknowns.field import field_functions
+from structid.unknowns.unknown import field_functions
 
 
 def plate(factor=1.0):

@@ -11,8 +11,9 @@ from typing import Any
 import tomlkit
 from tomlkit.items import Array
 
-from structid.app.toml_places import Block, KeyPath, Place, blocks_of
+from structid.app.toml_places import Block, Place, blocks_of
 from structid.errors import InputError
+from structid.study.schema.toml_lines import KeyPath
 
 #: Sections of a study in the order in which they are written.
 _ORDER = ("structure", "unknown", "record", "method", "regularization", "plan")

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field
 
-from structid.study.schema.toml_lines import WORD
-
-#: Names of tables and keys, and positions in arrays of tables.
-KeyPath = tuple[str | int, ...]
-_Words = list[tuple[str, int]]
+from structid.study.schema.toml_lines import KeyPath, Words, header, key, words_of
 
 
 @dataclass(frozen=True)
@@ -37,13 +32,14 @@ class Block:
 
 def blocks_of(text: str) -> list[Block]:
     """The blocks of a valid TOML text, in order."""
-    words = [(found[0], found.start()) for found in WORD.finditer(text) if found[0][0] not in " \t#\n"]
-    words.reverse()  # a stack: the next word is the last
+    words = words_of(text, " \t#\n")
     blocks = [Block((), 0, 0)]
     counts: dict[KeyPath, int] = {}
     while words:
         if words[-1][0] == "[" and _begins_line(text, words[-1][1]):
-            blocks.append(_header(text, words, counts))
+            start = words[-1][1]
+            path = header(words, counts, {})
+            blocks.append(Block(path, text.rfind("\n", 0, start) + 1, _after_line(text, start)))
         else:
             _pair(text, words, blocks[-1])
     return blocks
@@ -58,36 +54,8 @@ def _after_line(text: str, at: int) -> int:
     return len(text) if end < 0 else end + 1
 
 
-def _part(word: str) -> list[str]:
-    if word[0] in "\"'":
-        return list(tomllib.loads(f"{word} = 0"))
-    return [] if word == "." else [word]
-
-
-def _header(text: str, words: _Words, counts: dict[KeyPath, int]) -> Block:
-    start = words.pop()[1]
-    is_array = words[-1][0] == "["
-    if is_array:
-        words.pop()
-    parts: list[str] = []
-    while (word := words.pop()[0]) != "]":
-        parts += _part(word)
-    end = words.pop()[1] if is_array else start
-    path: KeyPath = ()
-    for number, part in enumerate(parts):
-        path = (*path, part)
-        if is_array and number == len(parts) - 1:
-            counts[path] = counts.get(path, 0) + 1
-        if path in counts:
-            path = (*path, counts[path] - 1)
-    line_start = text.rfind("\n", 0, start) + 1
-    return Block(path, line_start, _after_line(text, max(end, start)))
-
-
-def _pair(text: str, words: _Words, block: Block) -> None:
-    start, parts = words[-1][1], list[str]()
-    while (word := words.pop()[0]) != "=":
-        parts += _part(word)
+def _pair(text: str, words: Words, block: Block) -> None:
+    parts, start = key(words, "=")
     begin = words[-1][1]
     end = _value_end(words)
     line_start = text.rfind("\n", 0, start) + 1
@@ -95,7 +63,7 @@ def _pair(text: str, words: _Words, block: Block) -> None:
     block.own_end = _after_line(text, end)
 
 
-def _value_end(words: _Words) -> int:
+def _value_end(words: Words) -> int:
     """The end of the value that comes next, which is taken off; a number may be of several words, as in 1.5e-3."""
     word, at = words.pop()
     end = at + len(word)

@@ -1,8 +1,7 @@
-"""How the command line prints: rich text and tables on standard output, and numbers."""
+"""How the command line prints: rich text and tables on standard output."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 from rich.console import Console, RenderableType
@@ -23,11 +22,6 @@ def show(parts: Iterable[RenderableType]) -> None:
         console = Console(highlight=False, markup=False, emoji=False, width=_WIDTH_OF_FILES)
     for part in parts:
         console.print(part)
-
-
-def number(value: float, digits: int = 5) -> str:
-    """A number of `digits` significant digits; a dash where there is none."""
-    return f"{value:.{digits}g}" if math.isfinite(value) else ("inf" if math.isinf(value) else "-")
 
 
 def heading(title: str, warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[RenderableType]:

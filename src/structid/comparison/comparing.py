@@ -10,8 +10,7 @@ from typing import TypedDict
 
 import numpy as np
 
-from structid.comparison.state import State, state_of, stored_state
-from structid.comparison.states import carried, unchanged_parameters
+from structid.comparison.state import State, carried, state_of, stored_state, unchanged_parameters
 from structid.errors import InputError, SingularModelError
 from structid.estimation import Estimate, Problem, Status
 from structid.estimation.comparison.comparison import Comparison, compare_jointly, compare_states

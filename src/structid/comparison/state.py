@@ -1,9 +1,10 @@
-"""One state of a structure as a comparison takes it: a study that is run, or the results folder of an earlier run."""
+"""States as a comparison takes them: of a study that is run, or of an earlier run's results; of two, what stays unchanged."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -15,14 +16,15 @@ from structid.criticism.verdict import NOT_TRIED, Judgement, Verdict, judged
 from structid.dof import Dof, parse_dofs
 from structid.errors import FileError, InputError
 from structid.estimation import Estimate, Status
-from structid.files.hdf5 import Field, hdf5_datasets, hdf5_fields
+from structid.estimation.comparison.comparison import Identified
+from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
 from structid.structure import Structure
 from structid.study.results.result import StudyResult
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import InputFiles, read_study_text
 from structid.study.schema.section import Section
 from structid.study.schema.unknowns import read_parameters
-from structid.unknowns import Parameters
+from structid.unknowns import Parameters, joint_prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,12 +151,12 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     places = ("outputs", "inputs") if record == "frf/" else ("channels",)
     wanted = [record + name for name in places] + [f"parameters/{name}" for name in (*names, "values", matrix)]
     found = hdf5_fields(path, wanted)
-    texts = {name: _texts(found[f"parameters/{name}"]) for name in names}
+    texts = {name: texts_of(found[f"parameters/{name}"]) for name in names}
     values = np.asarray(found["parameters/values"], dtype=float)
     covariance = np.asarray(found[f"parameters/{matrix}"], dtype=float)
-    channels = {"outputs": _texts(found[record + places[0]]), "inputs": ()}
+    channels = {"outputs": texts_of(found[record + places[0]]), "inputs": ()}
     if record == "frf/":
-        channels["inputs"] = _texts(found["frf/inputs"])
+        channels["inputs"] = texts_of(found["frf/inputs"])
     n = len(values)
     if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
         raise ValueError("parameters of different numbers")
@@ -162,10 +164,6 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
         texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status
     )
     return estimate, channels
-
-
-def _texts(field: Field) -> tuple[str, ...]:
-    return (field,) if isinstance(field, str) else tuple(str(text) for text in field)
 
 
 def _drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:
@@ -181,3 +179,62 @@ def _drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:
         return Drawn(structure, unknown, parse_dofs(channels["outputs"]), parse_dofs(channels["inputs"]))
     except InputError:
         return None
+
+
+def unchanged_parameters(baseline: Identified, later: Parameters, patterns: Sequence[str]) -> tuple[str, ...]:
+    """Names of both states that `patterns` choose: a full name, a kind such as ``mass``, or a pattern with ``*``.
+
+    Raises
+    ------
+    InputError
+        If a pattern chooses nothing that both states identify.
+    """
+    common = [(n, k) for n, k in zip(baseline.names, baseline.kinds, strict=True) if n in later.names]
+    chosen: list[str] = []
+    for pattern in patterns:
+        like = re.compile(".*".join(map(re.escape, pattern.split("*"))))
+        found = [n for n, k in common if pattern == k or like.fullmatch(n)]
+        if not found:
+            have = ", ".join(dict.fromkeys(k for _, k in common)) or "none"
+            raise InputError(
+                f"`unchanged` must name parameters that both states identify, got {pattern!r}; kinds that both have:"
+                f" {have}"
+            )
+        chosen += found
+    return tuple(dict.fromkeys(chosen))
+
+
+def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -> Parameters:
+    """The later state's parameters, started at the baseline, with its result as the prior of the unchanged ones.
+
+    Parameters
+    ----------
+    baseline : Estimate or StoredEstimate
+    later : Parameters
+    unchanged : sequence of str
+        Names; see `unchanged_parameters`. Their prior is the Gaussian of the baseline with all its correlations, so
+        that what the baseline does not know of them is not known later either. Pass the same names to
+        `compare_states` as `carried`.
+
+    Raises
+    ------
+    InputError
+        If the baseline does not determine one of them.
+    """
+    place = {name: i for i, name in enumerate(baseline.names)}
+    start = np.array([baseline.values[place[n]] if n in place else later.start[i] for i, n in enumerate(later.names)])
+    inside = (start > later.transforms.lower) & (start < later.transforms.upper)
+    later = later.started_at(np.where(inside, start, later.start))
+    if not unchanged:
+        return later
+    rows = [place[name] for name in unchanged]
+    return later.coupled(
+        joint_prior(
+            "baseline",
+            later.names,
+            tuple(unchanged),
+            baseline.values[rows],
+            baseline.covariance[np.ix_(rows, rows)],
+            logarithmic=bool((baseline.values[rows] > 0).all()),
+        )
+    )

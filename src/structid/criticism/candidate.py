@@ -50,6 +50,8 @@ class Candidate:
         What looks the same on smoothed data.
     detail : mapping of str to float
         What else it is made of.
+    places : Places, optional
+        Where it acts, if kind, detail and places are all that its effect depends on.
     """
 
     kind: str
@@ -62,11 +64,12 @@ class Candidate:
     driven: tuple[int, ...] = ()
     alike: Candidate | None = None
     detail: Mapping[str, float] = field(default_factory=dict)
+    places: Places | None = None
 
 
 def bare(candidate: Candidate) -> Candidate:
     """The same without its effect, which no other process can be sent."""
-    return replace(candidate, effect=_unchanged, alike=None)
+    return replace(candidate, effect=_unchanged, alike=None, places=None)
 
 
 def steps(scale: float, signs: tuple[int, ...] = (1,)) -> FloatArray:

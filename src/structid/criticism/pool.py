@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.criticism.between import between_nodes
 from structid.criticism.candidate import (
     Candidate,
     Places,
@@ -125,13 +126,13 @@ def _additions(fields: Fields) -> Iterator[Candidate]:
             continue
         where, at = (dof.place,), place_of((dof, 1.0))
         rubs = (
-            Candidate("friction", where, rubbing(at), _RUBBING, _POSITIVE)
+            Candidate("friction", where, rubbing(at), _RUBBING, _POSITIVE, places=at)
             if len(fields.problem.record.inputs) == 1 and fields.problem.facts.measures_force
             else None
         )
         for kind, law, alike in (("spring", _constant, None), ("dashpot", _velocity, rubs)):
             strengths = steps(_scale(fields, at, law(fields)))
-            yield Candidate(kind, where, added(at, law), strengths, _POSITIVE, alike=alike)
+            yield Candidate(kind, where, added(at, law), strengths, _POSITIVE, alike=alike, places=at)
         if rubs is not None:
             yield rubs
         if dof.node in few and not (dof.is_rotation and dof.node in moving):  # of drive trains what twists alone
@@ -264,7 +265,7 @@ def _appendages(fields: Fields, dof: Dof, at: Places, frequencies: Sequence[floa
     effects = {f: added(at, partial(_appendage, f)) for f in frequencies if f > 0}
     for f, effect in effects.items():
         masses = scale * _APPENDAGE_MASSES
-        yield Candidate("appendage", (dof.place,), effect, masses, _POSITIVE, detail={"frequency": f})
+        yield Candidate("appendage", (dof.place,), effect, masses, _POSITIVE, detail={"frequency": f}, places=at)
 
 
 def _appendage(frequency: float, fields: Fields) -> ComplexArray:
@@ -436,6 +437,7 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
         for place, column in _other_directions(fields, dof):
             pushed, held = partial(_pushed, j, dof.sign * column), fields.structure.active or ()
             yield Candidate("load_direction", (dof.place, place), pushed, *angles, record=number, others=held)
+    yield from between_nodes(fields, number)
 
 
 def _other_directions(fields: Fields, dof: Dof) -> Iterator[tuple[str, FloatArray]]:

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from structid.observation import FrfProblem
 _SMALL = 1e-4
 #: Candidates of each kind that are tried at more strengths.
 _CLOSER = 40
+
+#: What candidates of the same look have in common.
+_Key: TypeAlias = tuple[object, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,14 +90,22 @@ class Point:
 
     def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
         """Of every candidate the best of its strengths; of the most promising of each kind those about it as well."""
-        looks = [self._look(candidate) for candidate in candidates]
+        keys = [self._key(candidate) for candidate in candidates]
+        known: dict[_Key, _Look] = {}
+        for key, candidate in zip(keys, candidates, strict=True):
+            if key not in known:
+                known[key] = self._look(candidate)
         kinds = defaultdict[str, list[int]](list)
-        for k in sorted(range(len(looks)), key=lambda k: looks[k].promised):
+        for k in sorted(range(len(keys)), key=lambda k: known[keys[k]].promised):
             kinds[candidates[k].kind].append(k)
+        nearer: dict[_Key, _Look] = {}
+        for k in (k for kind in kinds.values() for k in kind[:_CLOSER]):
+            if keys[k] not in nearer:
+                nearer[keys[k]] = self._closer(candidates[k], known[keys[k]])
         closer = {k for kind in kinds.values() for k in kind[:_CLOSER]}
         return [
-            self._closer(candidate, look) if k in closer else look.best(candidate)
-            for k, (candidate, look) in enumerate(zip(candidates, looks, strict=True))
+            (nearer if k in closer else known)[key].best(candidate)
+            for k, (candidate, key) in enumerate(zip(candidates, keys, strict=True))
         ]
 
     def asked(self, candidates: Sequence[Candidate]) -> list[Asked]:
@@ -122,6 +133,13 @@ class Point:
         size = float(slope @ slope)
         return (float(-(slope @ self._base) / size) if 0 < size < np.inf else 0.0), size
 
+    def _key(self, candidate: Candidate) -> _Key:
+        """What a look depends on: places of parts that are rigid move alike in many nodes."""
+        if candidate.places is None:
+            return (id(candidate),)
+        moves = [part.tobytes() for fields in self.records for part in candidate.places.rows(fields)]
+        return candidate.kind, *candidate.detail.values(), candidate.strengths.tobytes(), *moves
+
     def _look(self, candidate: Candidate) -> _Look:
         strengths = candidate.strengths
         if len(strengths) == 1:
@@ -134,15 +152,15 @@ class Point:
         linear = self.left - step**2 * size if low < step < high else np.inf
         return _Look(strengths, left, step, float(min(left.min(), linear)))
 
-    def _closer(self, candidate: Candidate, look: _Look) -> Screened:
+    def _closer(self, candidate: Candidate, look: _Look) -> _Look:
         low, high = candidate.bounds
         best = look.best(candidate)
         about = (0.5 * look.step, look.step, 2 * look.step, 0.75 * best.strength, 1.35 * best.strength)
         more = np.array([q for q in about if low < q < high and q])
         if len(candidate.strengths) == 1 or not len(more):
-            return best
+            return look
         strengths, left = np.append(look.strengths, more), np.append(look.left, self._left_by(candidate, more))
-        return look._replace(strengths=strengths, left=left).best(candidate)
+        return look._replace(strengths=strengths, left=left)
 
     @cached_property
     def _base(self) -> FloatArray:

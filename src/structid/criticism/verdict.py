@@ -18,7 +18,7 @@ from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
-from structid.identification.ran_away import ran_away_words
+from structid.identification.warning_words import ran_away_words
 from structid.shown import counted
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
@@ -45,7 +45,7 @@ _MOST = 0.5
 #: Of causes of small misfits: part of what goes beyond the noise.
 _NEARLY_ALL = 0.85
 #: Misfit, in parts of the expected one, from where on two changes that leave noise alone are causes, whatever each removes.
-_OF_A_PAIR = 4.0
+OF_A_PAIR = 4.0
 #: By what part elements of one group differ though nothing is wrong.
 _SCATTER = 0.02
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
@@ -254,7 +254,7 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
     if not causes or _is_scatter(causes[0]):
         return False
     return _explains(causes[0], misfit, expected, is_hidden) or (
-        misfit > _OF_A_PAIR * expected and _completing(causes, expected) is not None
+        misfit > OF_A_PAIR * expected and _completing(causes, expected) is not None
     )
 
 

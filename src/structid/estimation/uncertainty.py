@@ -212,8 +212,9 @@ class Spread:
 
     @property
     def correlation(self) -> FloatArray:
-        """Correlation matrix of the parameters."""
-        return self.covariance / np.outer(self.std, self.std)
+        """Correlation matrix of the parameters; NaN where a variance is not known, or 0."""
+        scale = np.outer(self.std, self.std)
+        return np.divide(self.covariance, scale, out=np.full_like(scale, np.nan), where=scale > 0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -261,8 +262,7 @@ def dense_uncertainty(
     misfit = misfits(problem, theta, at, misfit_probability)
     noise_scale = float(np.sqrt(float(data @ data) / freedom)) if misfit else 1.0
     held = at_bounds(problem, theta, at, noise_scale)
-    free = np.ones(len(values), dtype=bool)
-    free[[one.index for one in held]] = False
+    free = is_free(held, len(values))
     at = replace(at, jacobian=np.where(free, at.jacobian, 0.0)) if held else at
     tested = agreement(problem, at)
     disagreement = None if tested is None or tested.probability >= misfit_probability else tested

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from structid.criticism.between import following
 from structid.criticism.candidate import Candidate
 from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
@@ -506,6 +507,28 @@ def _load_aimed(study: Tables, candidate: Candidate, angle: float) -> None:
     _rename(_record(study, candidate), {f"load {names[0]}": acts})
 
 
+def _between(study: Tables, candidate: Candidate, part: float) -> None:
+    """A sensor or load at a new node between two others, which follows them as the beam or bar between them does."""
+    first, second = (parse_dof(name) for name in candidate.where)
+    label, nodes = _new_node(study, first.node), study["structure"]["nodes"]
+    ends = [np.array([float(x) for x in as_list(nodes[str(dof.node)])]) for dof in (first, second)]
+    nodes[str(label)] = [_round(x) for x in (ends[0] + part * (ends[1] - ends[0])).tolist()]
+    acts, follows = f"{label}{first.direction}", following(ends, first.axis, part, bool(candidate.detail["bends"]))
+    pairs = [
+        [f"{dof.node}{direction}", _round(weight)]
+        for dof, own in zip((first, second), follows.tolist(), strict=True)
+        for direction, weight in zip(DIRECTIONS, own, strict=True)
+        if direction in candidate.others and _round(weight)
+    ]
+    entry = {"name": _named(study, f"between {' '.join(candidate.where)}"), "dependent": acts, "depends_on": pairs}
+    _append(study["structure"], "constraint", entry)
+    for place in _holding(study):
+        held = [f"{label}{direction}" for direction in candidate.others if direction != first.direction]
+        place["fixed"] = [*as_list(place.get("fixed", [])), *held]
+    of = "load " if candidate.kind.startswith("load") else ""
+    _rename(_record(study, candidate), {f"{of}{candidate.where[0]}": acts})
+
+
 #: Kinds whose spring may have a `loss_factor` among what it is made of.
 WITH_LOSS = ("spring", "support", "joint")
 _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
@@ -539,6 +562,7 @@ _EDITS: dict[str, Callable[[Tables, Candidate, float], None]] = {
     "record": _without_record,
     "extra_mode": _other_modes,
     **dict.fromkeys(("polarity", "load_polarity", "place", "load_place", "swap", "load_swap"), _relabel),
+    **dict.fromkeys(("between", "load_between"), _between),
     "direction": _aimed,
     "load_direction": _load_aimed,
 }

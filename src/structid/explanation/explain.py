@@ -14,12 +14,14 @@ from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import DATA_KINDS, extra_modes, outlying_lines
 from structid.criticism.pool import pool
 from structid.criticism.screen import Asked, Screened
+from structid.criticism.verdict import OF_A_PAIR
 from structid.dof import parse_dof
 from structid.errors import StructidError
 from structid.estimation.diagnostics.residual_tests import misfit_probability
 from structid.estimation.search.work import ALONE, Task, Work
 from structid.explanation.edits import WITH_LOSS
 from structid.explanation.kindred import kindred
+from structid.explanation.pairs import promising
 from structid.explanation.refits import (
     MISFIT,
     Change,
@@ -53,6 +55,8 @@ _REFIT = 3.0
 _ASKED_RISK, _MOST_ASKED = 0.01, 6
 #: Pairs with another first cause that are looked for where noise is not all that the first pair leaves.
 _MORE_PAIRS = 4
+#: Changes beside which a second promises most, that are fitted with one.
+_LOOKED_AT = 2
 #: Of the sum of squares, what another start must reach.
 _CLEARLY_BETTER = 0.9
 #: Differences of the criterion below which two causes cannot be told apart.
@@ -94,6 +98,8 @@ class Explanation:
         How many changes a linear look promises something of, and were not fitted for want of room.
     is_single : bool
         Whether a second cause, or other pairs than the likeliest, were not looked for for want of room.
+    begun : tuple of Item
+        Changes of the model or its channels where their near fits ended, the likeliest first.
     """
 
     base: Fitted
@@ -106,6 +112,7 @@ class Explanation:
     spent: float = 0.0
     left_out: int = 0
     is_single: bool = False
+    begun: tuple[Item, ...] = ()
 
     @property
     def likely(self) -> tuple[Fitted, ...]:
@@ -131,9 +138,40 @@ def explained(base: Fitted, work: Work = ALONE, room: float = np.inf) -> Explana
         return Explanation(base, (), (), 0, better=other)
     base = other or base
     found = _once(base, work, "", room / 2)
-    if found.causes and found.causes[0].cost < _CLEAR * base.cost and _is_misfit(found.causes[0]):
-        return _paired(found, work, room - found.spent)
+    if _is_clear(found):
+        return _paired(found, work, room - found.spent) if _is_misfit(found.causes[0]) else found
+    return _of_two(found, work) if np.isinf(room) and _is_far(base) else found
+
+
+def _is_clear(found: Explanation) -> bool:
+    """Whether one change removes much of the misfit."""
+    return bool(found.causes) and found.causes[0].cost < _CLEAR * found.base.cost
+
+
+def _is_far(fitted: Fitted) -> bool:
+    """Whether the misfit is such that two changes are its causes whatever each removes."""
+    return fitted.cost > OF_A_PAIR * max(fitted.trial.target.n_data - n_parameters(fitted.trial), 1)
+
+
+def _of_two(found: Explanation, work: Work, tried: Sequence[Fitted] = ()) -> Explanation:
+    """Two changes that leave noise alone, where one by itself brings little: a fit to all data that is bent to one of two
+    faults is as wrong once the other is known. Those that were `tried` with a second are passed over.
+    """
+    known = {_place(one.trial.changes[-1][0]) for one in tried}
+    begun = [item for item in found.begun if _place(item[0]) not in known]
+    for item in promising(found.base, begun, work, "a second beside each change")[:_LOOKED_AT]:
+        first = _first(found, item, work)
+        pair = None if first is None else _led_by(found, first, _beside(first, work, "of two, second "))
+        if pair is not None and pair.further is not None and not _is_misfit(pair.further.causes[0]):
+            return pair
     return found
+
+
+def _first(found: Explanation, item: Item, work: Work) -> Fitted | None:
+    """The fit of a change that was fitted near, to the end."""
+    known = [one for one in found.causes if _place(one.trial.changes[-1][0]) == _place(item[0])]
+    fits = known or _refits(found.base, [item], work, "a first of two causes")
+    return fits[0] if fits else None
 
 
 def _paired(found: Explanation, work: Work, room: float) -> Explanation:
@@ -144,6 +182,11 @@ def _paired(found: Explanation, work: Work, room: float) -> Explanation:
     nothing, a second is looked for beside the next of the first causes.
     """
     pair = replace(found, further=_beside(found.causes[0], work, "second ", room), is_single=bool(np.isfinite(room)))
+    second = pair.further
+    if not pair.is_single and second is not None and _is_far(second.causes[0] if second.causes else second.base):
+        both = _of_two(found, work, found.causes[:1])
+        if both is not found:
+            return both
     others, is_from_second = list(found.causes[1:]), True
     for _ in range(0 if pair.is_single else _MORE_PAIRS):
         second = pair.further
@@ -269,7 +312,8 @@ def _once(base: Fitted, work: Work, which: str, room: float = np.inf) -> Explana
     if others:
         fits += _refits(base, others, work, f"likeliest {which}causes, otherwise")
     spent = sum(one.get("iterations", 0.0) for k, one in enumerate(near) if alike[k] == k)
-    return replace(_weighed(base, fits, tried), spent=spent, left_out=approaches.count(None))
+    begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and changes[k][0].kind not in DATA_KINDS]
+    return replace(_weighed(base, fits, tried), spent=spent, left_out=approaches.count(None), begun=tuple(begun))
 
 
 def _beside(first: Fitted, work: Work, which: str, room: float = np.inf) -> Explanation:
@@ -500,8 +544,8 @@ def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
 
 def n_parameters(trial: Trial) -> int:
     """Parameters of a study, and of what was left out of it, is a tone or a length."""
-    several = ("outlying_lines", "tone")
+    several, lengths = ("outlying_lines", "tone"), ("offset", "between", "load_between")
     own = [
-        len(c.where) if c.kind in several else 1 for c, _ in trial.changes if c.kind in (*DATA_KINDS, "tone", "offset")
+        len(c.where) if c.kind in several else 1 for c, _ in trial.changes if c.kind in (*DATA_KINDS, "tone", *lengths)
     ]
     return len(trial.target.names) + sum(own)

@@ -36,6 +36,8 @@ _OF_NUMBERS = (1.6, 1.25, 1.1, 1.04, 1.015)
 _OTHER_STRENGTHS = {
     "direction": _OF_NUMBERS,
     "load_direction": _OF_NUMBERS,
+    "between": _OF_NUMBERS,
+    "load_between": _OF_NUMBERS,
     "offset": (*_OF_NUMBERS, 1.005, 1.002),
     "friction": (3.0, 2.0),
 }

@@ -18,9 +18,8 @@ from structid.criticism.screen import Point, point_at
 from structid.criticism.views import View, views
 from structid.errors import StructidError
 from structid.estimation import JointProblem, LevenbergMarquardt, Problem
-from structid.estimation.search.least_squares import Damping, End, minimize
-from structid.estimation.search.least_squares import Trial as Tried
-from structid.estimation.search.levenberg_marquardt import FactoredPoint
+from structid.estimation.search.least_squares import minimize
+from structid.estimation.search.levenberg_marquardt import Raced
 from structid.estimation.search.minimum import Minimum
 from structid.explanation.edits import edit
 from structid.identification.options import IdentifyOptions
@@ -44,30 +43,7 @@ _MODEL_ERROR, START_ERROR = 0.1, 0.2
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
 #: Decays of the smoothed lines, in parts of their frequency, at which candidates are followed.
 NEAR_LEVELS = (0.06, 0.015)
-#: A search that promises no more than this part of the misfit by linear steps is not taken to gain more than so many times that.
-_NEAR_END, _MOST_GAINED = 0.05, 4.0
-
-
-@dataclass(frozen=True)
-class Raced(LevenbergMarquardt):
-    """Searches that end early where they would end above a sum of squares.
-
-    Parameters
-    ----------
-    above : float
-        Sum of squares from which on an end is of no use.
-    """
-
-    above: float = np.inf
-
-    def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Tried:
-        promised = float(here.projected @ here.projected)
-        if promised < _NEAR_END * here.cost and here.cost - _MOST_GAINED * promised > self.above:
-            return Tried(None, end=End(False, "stopped where others are better"))
-        return super().tried(problem, here, damping)
-
-
-QUICK = Raced(max_iterations=12, gain_tolerance=1e-3)
+QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=0.05)
 
 
 class Approached(NamedTuple):

@@ -22,6 +22,8 @@ _KINDS = {
     "load_delay": "delay",
     "load_polarity": "polarity",
     "load_direction": "direction",
+    "between": "place",
+    "load_between": "load_place",
     "tone": "outlying_lines",
     "leakage": "window",
 }
@@ -76,6 +78,8 @@ def cause_words(candidate: Candidate, value: float | None) -> str:
         "load_polarity": f"the drive at {first} acts with the opposite sense",
         "place": f"sensor {first} sits at {where[-1]}",
         "load_place": f"the drive at {first} acts at {where[-1]}",
+        "between": f"sensor {first} sits between its node and that of {where[-1]}",
+        "load_between": f"the drive at {first} acts between its node and that of {where[-1]}",
         "swap": f"the cables of {' and '.join(where)} are exchanged",
         "load_swap": f"the drives at {' and '.join(where)} are exchanged",
         "direction": f"sensor {first} is turned towards {where[-1]}",

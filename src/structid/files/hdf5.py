@@ -66,6 +66,11 @@ def matlab_73_fields(path: Path) -> dict[str, Field]:
         return _fields(contained(path, "matlab_73"))
 
 
+def texts_of(field: Field) -> tuple[str, ...]:
+    """The texts of a field that is one text or a list of them."""
+    return (field,) if isinstance(field, str) else tuple(map(str, field))
+
+
 def _fields(found: Mapping[str, Field | list[str]]) -> dict[str, Field]:
     return {name: tuple(field) if isinstance(field, list) else field for name, field in found.items()}
 

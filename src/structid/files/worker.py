@@ -20,6 +20,7 @@ import psutil
 
 if TYPE_CHECKING:  # it starts without them
     import h5py
+    from scipy import sparse
 
     from structid.plain import Entry, Plain
 
@@ -112,6 +113,37 @@ def matlab_73(path: str) -> dict[str, Entry]:
         _require_own_links(file)
         file.visititems(note)
     return found
+
+
+def matlab(path: str) -> dict[str, Entry]:
+    """Every variable of a MAT file before 7.3 that is of numbers or texts; sparse matrices by their parts."""
+    from scipy.io import loadmat
+
+    found: dict[str, Entry] = {}
+    for name, value in loadmat(path).items():
+        if not name.startswith("__"):
+            _note_matlab(found, name, value)
+    return found
+
+
+def _note_matlab(found: dict[str, Entry], name: str, value: np.ndarray | sparse.csc_array) -> None:
+    """Add a variable, or the fields of a struct under ``name.field``."""
+    if not isinstance(value, np.ndarray):
+        stored = value.tocsc()
+        shape = np.array(stored.shape)
+        found[name] = {"shape": shape, "starts": stored.indptr, "rows": stored.indices, "values": stored.data}
+    elif value.dtype.names:
+        for field in value.dtype.names if value.size == 1 else ():
+            _note_matlab(found, f"{name}.{field}", value[field].item())
+    elif value.dtype.kind == "O":
+        cells: dict[str, Entry] = {}
+        for place, cell in enumerate(value.ravel(order="F")):
+            _note_matlab(cells, str(place), cell)
+        texts = [cell for cell in cells.values() if isinstance(cell, str)]
+        if len(texts) == value.size:
+            found[name] = texts
+    else:
+        found[name] = "".join(value.ravel().tolist()) if value.dtype.kind == "U" else value
 
 
 def _require_own_links(file: h5py.File) -> None:
@@ -215,7 +247,7 @@ def logger(path: str, kind: str) -> Entry:
 
 
 READERS: dict[str, Callable[..., Entry]] = {
-    reader.__name__: reader for reader in (hdf5_shapes, hdf5_fields, hdf5_part, matlab_73, ansys, logger)
+    reader.__name__: reader for reader in (hdf5_shapes, hdf5_fields, hdf5_part, matlab, matlab_73, ansys, logger)
 }
 
 

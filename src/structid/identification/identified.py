@@ -156,7 +156,7 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     intervals : Intervals
         95 % intervals of all parameters, and how they were found.
     ran_away : tuple of int
-        Positions of parameters that ended far from their starts for no reason; see `ran_away.ran_away`.
+        Positions of parameters that ended far from their starts for no reason; see `warning_words.ran_away`.
     truncations : tuple of Truncation
         What reduction of components changes at the answer, as each record sees it.
     missed : tuple of Missed

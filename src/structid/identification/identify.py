@@ -16,13 +16,12 @@ from structid.identification.fits.ratios import ratios, rests_on_force
 from structid.identification.fits.record_fit import Own
 from structid.identification.identified import Identification
 from structid.identification.options import IdentifyOptions
-from structid.identification.ran_away import ran_away, ran_away_words
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import answered
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.setup import AnySetup, prefixes, prepared_warnings, titles
 from structid.identification.together import alike, by_name, places
-from structid.identification.warning_words import estimate_warnings, unused_damping
+from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_words, unused_damping
 from structid.observation import ChannelUnknown, RecordProblem
 from structid.observation.scatter import scatter_problems
 from structid.records import FrfRecord

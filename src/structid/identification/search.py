@@ -16,7 +16,7 @@ from structid.estimation.search.work import StageProgress, Work
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held, regularized, takes_matrix_free
 from structid.identification.setups.setup import AnySetup
-from structid.identification.together import together
+from structid.identification.together import places, together
 from structid.identification.varying import Varied, varied, widened_estimate
 from structid.observation import RecordProblem
 
@@ -161,8 +161,7 @@ def searched(
     found = search(together(current))
     tried = {_polarities(current): (found, current)}
     while True:
-        theta = dict(zip(found.names, found.theta, strict=True))
-        current = tuple(p.decided(np.array([theta[name] for name in p.names])) for p in current)
+        current = tuple(p.decided(found.theta[places(found.names, p.names)]) for p in current)
         if _polarities(current) in tried:
             break
         found = search(together(current))
@@ -192,8 +191,7 @@ def reweighted(
     for _ in range(_REWEIGHTED):
         if not best.chi_square_per_dof < _REWEIGHTED_BELOW:
             break
-        theta = dict(zip(best.names, best.theta, strict=True))
-        current = tuple(p.reweighted(np.array([theta[name] for name in p.names])) for p in problems)
+        current = tuple(p.reweighted(best.theta[places(best.names, p.names)]) for p in problems)
         if all(one is other for one, other in zip(current, problems, strict=True)):
             break
         again = estimate(

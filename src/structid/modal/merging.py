@@ -20,6 +20,7 @@ from structid.errors import InputError
 from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries, unscaled_shape_std
 from structid.shown import listed
 from structid.similarity import mac
+from structid.similarity.pairing import assigned, pairing_worth
 
 _DOUBT = 0.01
 _LEAST_WORTH = 0.5  # of a pair of modes
@@ -38,8 +39,8 @@ class Merging:
         Number (from 0) of the mode in every set-up.
     frequency, damping_ratio : (n_setups, n_modes) float arrays
         Of every set-up, Hz and 1.
-    frequency_spread, damping_spread : (n_modes,) float arrays
-        Standard deviation over the set-ups.
+    frequency_spread : (n_modes,) float array
+        Standard deviation over the set-ups, Hz.
     chi_square : (n_modes,) float array
         Of the frequencies about their weighted mean, n_setups - 1 degrees of freedom; NaN without covariance.
     probability : (n_modes,) float array
@@ -51,7 +52,6 @@ class Merging:
     frequency: FloatArray
     damping_ratio: FloatArray
     frequency_spread: FloatArray
-    damping_spread: FloatArray
     chi_square: FloatArray
     probability: FloatArray
 
@@ -170,21 +170,17 @@ def _worth(
     first: ModalRecord, second: ModalRecord, shared: Sequence[Dof], guard: float
 ) -> tuple[FloatArray, FloatArray]:
     """MAC at the references, and what the pair of two modes is worth, (n_modes of first, n_modes of second) each."""
-    distance = np.log(second.frequency[None, :] / first.frequency[:, None]) / guard
     likeness = np.nan_to_num(mac(_rows(first, shared), _rows(second, shared)))
-    return likeness, likeness / (1 + distance**2)
+    return likeness, pairing_worth(likeness, first.frequency, second.frequency, guard)
 
 
 def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float) -> IntArray:
     """Numbers of the modes that all set-ups have, (n_setups, n_modes)."""
-    from scipy.optimize import linear_sum_assignment
-
     first = setups[0]
     pairs = [{i: i for i in range(first.n_modes)}]
     for setup in setups[1:]:
         worth = _worth(first, setup, shared, guard)[1]
-        chosen = zip(*linear_sum_assignment(worth, maximize=True), strict=True)
-        pairs.append({int(i): int(j) for i, j in chosen if worth[i, j] >= _LEAST_WORTH})
+        pairs.append({int(i): int(j) for i, j in zip(*assigned(worth), strict=True) if worth[i, j] >= _LEAST_WORTH})
     kept = [i for i in range(first.n_modes) if all(i in own for own in pairs)]
     return np.array([[own[i] for i in kept] for own in pairs], dtype=int)
 
@@ -246,7 +242,7 @@ def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) 
     )  # fmt: skip
     return Merging(
         modes, members[:, order], frequency[:, order], damping[:, order], frequency[:, order].std(axis=0, ddof=1),
-        damping[:, order].std(axis=0, ddof=1), chi_square[order], probability[order],
+        chi_square[order], probability[order],
     )  # fmt: skip
 
 
@@ -303,14 +299,7 @@ def _lost_deviations(
 ) -> list[str]:
     """What set-ups that state no deviation have no part in; nothing where none is stated of that kind at all.
 
-    Parameters
-    ----------
-    values, variance : (n_setups, 2 n_modes) float arrays
-        Of frequencies, then damping ratios.
-    frequency : (n_modes,) float array
-        Of the merged modes, Hz.
-    bare : (n_setups, n_modes) bool array
-        Shapes that have entries without a deviation.
+    `values` and their variance are of frequencies, then damping ratios; `bare` are shapes that have entries without a deviation.
     """
     n = len(frequency)
     counts, known = _stated(variance), ~np.isnan(values)
@@ -443,8 +432,7 @@ def merged_shape(
     for s in _order(index):  # a first shape: each part scaled to those before it
         own = np.isin(index[s], done)
         if own.any():
-            there, weight = shape[index[s][own]], 1 / errors[s][own] ** 2
-            factors[s] = np.sum(weight * there.conj() * parts[s][own]) / np.sum(weight * np.abs(there) ** 2)
+            factors[s] = _best_factor(parts[s][own], errors[s][own], shape[index[s][own]])
         new = ~own
         shape[index[s][new]] = parts[s][new] / factors[s]
         done += index[s][new].tolist()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,21 @@ class ModalOptions:
     bands: Sequence[tuple[float, float]] | None = None
     refine: bool = True
     deviation: float | None = None
+
+    @property
+    def separate_bands(self) -> list[tuple[float, float]]:
+        """`bands`, none of which overlap.
+
+        Raises
+        ------
+        InputError
+            If two do.
+        """
+        bands = [(float(low), float(high)) for low, high in self.bands or ()]
+        for (_, high), (low, _) in pairwise(sorted(bands)):
+            if low < high:
+                raise InputError(f"`bands` must not overlap, got one to {high:g} Hz and one from {low:g} Hz; join them")
+        return bands
 
     def __post_init__(self) -> None:
         for low, high in self.bands or ():

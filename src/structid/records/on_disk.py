@@ -18,7 +18,7 @@ from structid.arrays import FloatArray
 from structid.dof import Dof, parse_dof
 from structid.errors import FileError, InputError
 from structid.files import DAMAGE, require_readable
-from structid.files.hdf5 import Field, hdf5_datasets, hdf5_fields, hdf5_part
+from structid.files.hdf5 import hdf5_datasets, hdf5_fields, hdf5_part, texts_of
 from structid.files.npy import npy_header
 from structid.records.io.bare import channel_units, require_option
 from structid.records.io.layout import MARK
@@ -264,7 +264,7 @@ def _own_layout(path: Path) -> OnDiskRecord | None:
     fields = hdf5_fields(path, names - {"values"})
     if fields[MARK] != "time 1":
         raise InputError(f"{path}: holds no time histories; only they are read by chunks")
-    channels, quantities = _dofs(_texts(fields["channels"])), _texts(fields["quantities"])
+    channels, quantities = _dofs(texts_of(fields["channels"])), texts_of(fields["quantities"])
     with _damage_told(path, "as it was opened"):
         rate, shape = float(np.ravel(fields["sampling_rate"])[0]), datasets["values"].shape
     for quantity in dict.fromkeys(quantities):
@@ -273,10 +273,6 @@ def _own_layout(path: Path) -> OnDiskRecord | None:
     if len(quantities) != len(channels):
         raise FileError(f"{path}: names {len(channels)} channels and {len(quantities)} quantities; write it again")
     return _record(path, "values", channels, cast(tuple[Quantity, ...], quantities), rate, shape, None)
-
-
-def _texts(field: Field) -> tuple[str, ...]:
-    return (field,) if isinstance(field, str) else tuple(str(text) for text in field)
 
 
 def _dofs(texts: Iterable[str]) -> tuple[Dof, ...]:

@@ -510,3 +510,9 @@ class TimeRecord(Shown):
 
 
 Record = FrfRecord | TimeRecord
+
+
+def as_recorded(wanted: Sequence[Dof], record: FrfRecord) -> tuple[Dof, ...]:
+    """The record's own outputs at the same places and directions, whatever their sense."""
+    own = {dof.unsigned: dof for dof in record.outputs}
+    return tuple(own.get(dof.unsigned, dof) for dof in wanted)

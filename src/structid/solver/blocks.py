@@ -9,7 +9,7 @@ from itertools import accumulate
 from typing import NamedTuple
 
 from structid.errors import InputError
-from structid.structure.meshes.abaqus_keywords import keyword_options
+from structid.structure.meshes.abaqus import keyword_options
 
 #: Columns of a small field; a large one has two. Continuations begin the fields 12, 22, ... of a card.
 _SMALL, ROW = 8, 10

@@ -357,6 +357,15 @@ class Structure(Shown, StructurePlots):
             total = total + part.blocks.assemble(part.weights(given))
         return total
 
+    def dense_matrices(self, laws: Sequence[str], values: FloatArray) -> FloatArray:
+        """`matrix` of several laws as dense arrays, (n_laws, n_dofs, n_dofs), of a small model."""
+        found = np.zeros((len(laws), self.n_dofs, self.n_dofs))
+        for own, law in zip(found, laws, strict=True):
+            weights = [part.weights(values) for part in self.contributions if part.law == law]
+            if weights:
+                own[:] = self._pattern(law).dense(np.concatenate(weights))
+        return found
+
     def _pattern(self, law: str) -> Pattern:
         if law not in self._patterns:
             self._patterns[law] = pattern([part.blocks for part in self.contributions if part.law == law])

@@ -14,8 +14,7 @@ import numpy as np
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
 from structid.structure import Property, Structure
-from structid.unknowns.field import field_functions
-from structid.unknowns.unknown import Unknown
+from structid.unknowns.unknown import Unknown, field_functions
 
 Entry = TypeVar("Entry")
 

@@ -1,13 +1,103 @@
-"""The declaration of an unknown property."""
+"""The declaration of an unknown property, and smooth fields: combinations of few functions on a coarse grid over a mesh."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from scipy import sparse
+
+from structid.arrays import FloatArray
 from structid.declared import Count, Positive
-from structid.unknowns.field import Field
+from structid.errors import InputError
 from structid.unknowns.priors import Prior
+
+_LARGEST_DEGREE = 5
+
+
+@dataclass(frozen=True)
+class Field:
+    """A coarse grid over the box around the elements; each of its functions is one parameter.
+
+    The factor on an element's nominal value is the sum of coefficients times functions at the element's middle. The functions
+    are products of B-splines along X, Y and Z: not negative, with sum 1 everywhere. So coefficients that are all 1
+    leave the nominal values, and positive coefficients keep the property positive.
+
+    Parameters
+    ----------
+    intervals : tuple of int
+        Intervals along X, Y and Z, 1 or more; one number for each coordinate of the nodes (later ones may be left out
+        where the elements lie in a plane or on a line).
+    degree : int
+        Of the B-splines: 1 (the default) for linear variation between the grid's nodes, 3 for cubic splines, 0 for
+        one constant an interval. There are `intervals` + `degree` functions along an axis.
+
+    References
+    ----------
+    de Boor (1978), A Practical Guide to Splines, chapter IX.
+    """
+
+    intervals: tuple[Count, ...]
+    degree: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "intervals", tuple(int(n) for n in np.atleast_1d(self.intervals)))
+        if not 1 <= len(self.intervals) <= 3 or min(self.intervals) < 1:
+            raise InputError(f"`intervals` of a field must be 1 to 3 whole numbers of at least 1, got {self.intervals}")
+        if not 0 <= self.degree <= _LARGEST_DEGREE:
+            raise InputError(f"`degree` of a field must lie from 0 to {_LARGEST_DEGREE}, got {self.degree}")
+
+
+def field_functions(field: Field, middles: FloatArray) -> tuple[sparse.csc_array, tuple[str, ...]]:
+    """Values of the functions of `field` at the middles of the elements.
+
+    Parameters
+    ----------
+    field : Field
+    middles : (n_elements, n_coordinates) float array
+        m.
+
+    Returns
+    -------
+    (n_elements, n_functions) sparse array, and the place of each function in the grid, such as ``2,1`` (from 1).
+        Functions that no element sees are left out.
+
+    Raises
+    ------
+    InputError
+        If the elements extend along an axis that `intervals` says nothing of.
+    """
+    low, extent = middles.min(axis=0), np.ptp(middles, axis=0)
+    flat = extent <= 1e-9 * max(extent.max(), np.finfo(float).tiny)
+    if (~flat[len(field.intervals) :]).any():
+        raise InputError(
+            f"`intervals` of the field must have {middles.shape[1]} numbers, one for each coordinate, got"
+            f" {len(field.intervals)}: the elements extend along {'XYZ'[int(np.flatnonzero(~flat)[-1])]} too"
+        )
+    total = sparse.csr_array(np.ones((len(middles), 1)))
+    places: list[tuple[int, ...]] = [()]
+    for axis, count in enumerate(field.intervals[: middles.shape[1]]):
+        if flat[axis]:
+            continue
+        own = _splines((middles[:, axis] - low[axis]) / extent[axis], count, field.degree)
+        total = sparse.csr_array(
+            sparse.hstack([total[:, [k]].multiply(own) for k in range(total.shape[1])], format="csr")
+        )
+        places = [(*place, i + 1) for place in places for i in range(own.shape[1])]
+    columns = sparse.csc_array(total)
+    columns.eliminate_zeros()
+    seen = np.flatnonzero(np.diff(columns.indptr))
+    names = tuple(",".join(map(str, places[k])) or "1" for k in seen)
+    return sparse.csc_array(columns[:, seen]), names
+
+
+def _splines(at: FloatArray, intervals: int, degree: int) -> sparse.csr_array:
+    """B-splines on equal intervals of [0, 1] at `at`, (n, intervals + degree)."""
+    from scipy.interpolate import BSpline
+
+    knots = np.concatenate([np.zeros(degree), np.linspace(0.0, 1.0, intervals + 1), np.ones(degree)])
+    return sparse.csr_array(BSpline.design_matrix(np.clip(at, 0.0, 1.0), knots, degree))
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import importlib
 import sys
 import types
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -115,6 +116,13 @@ def test_mat_and_harwell_boeing_files_are_read(tmp_path):
     found = read_matrices(tmp_path / "a.mat")
     assert list(found) == ["K", "M"]
     np.testing.assert_array_equal(found["K"].matrix.toarray(), matrix.toarray())
+    with h5py.File(tmp_path / "new.mat", "w", userblock_size=512) as file:  # version 7.3
+        file.create_dataset("K", data=np.array([[2.0, -1.0], [-1.5, 2.0]]).T).attrs["MATLAB_class"] = np.bytes_(
+            "double"
+        )
+    with (tmp_path / "new.mat").open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    np.testing.assert_array_equal(read_matrix(tmp_path / "new.mat").matrix.toarray(), [[2.0, -1.0], [-1.5, 2.0]])
     scipy.io.hb_write(str(tmp_path / "a.rb"), sparse.csc_matrix(matrix))
     np.testing.assert_allclose(read_matrix(tmp_path / "a.rb").matrix.toarray(), matrix.toarray(), rtol=1e-14)
 

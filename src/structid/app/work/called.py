@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from structid.app.folder import OpenFolder
-from structid.app.work.looking import LOOKING
+from structid.app.work.model import LOOKING
 from structid.errors import InputError, StructidError
 
 if TYPE_CHECKING:  # NumPy comes with it, which the server does without
@@ -180,8 +180,7 @@ def _needs(opened: OpenFolder, study: str) -> Entry:
 
 
 def _plan(opened: OpenFolder, study: str, sensors: int) -> Entry:
-    from structid.study.run.plan import planned
-    from structid.study.schema.plan import load_plan
+    from structid.study.schema.plan import load_plan, planned
 
     found = planned(load_plan(opened.inside(study), n_sensors=sensors, work=LOOKING))
     rows = zip(found.parameters.names, found.chosen.std, strict=True)
@@ -193,7 +192,7 @@ def _plan(opened: OpenFolder, study: str, sensors: int) -> Entry:
 
 
 def _survey(opened: OpenFolder, record: str, options: dict[str, Any], band: list[float] | None) -> Entry:
-    from structid.app.work.picked import survey
+    from structid.app.work.modes import survey
     from structid.app.work.signals import options_of
 
     return survey(opened.inside(record), options_of(options), band)
@@ -207,7 +206,7 @@ def _pick(
     out: str,
     band: list[float] | None,
 ) -> Entry:
-    from structid.app.work.picked import save
+    from structid.app.work.modes import save
     from structid.app.work.signals import options_of
 
     folder = opened.inside(out)
@@ -217,7 +216,7 @@ def _pick(
 def _merge(
     opened: OpenFolder, records: list[str], options: dict[str, Any], out: str, band: list[float] | None
 ) -> Entry:
-    from structid.app.work.picked import merge
+    from structid.app.work.modes import merge
     from structid.app.work.signals import options_of
 
     paths = [opened.inside(record) for record in records]
@@ -225,8 +224,8 @@ def _merge(
 
 
 def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Entry:
-    from structid.app.work.beside import beside, posted_modes
     from structid.app.work.model import read_model
+    from structid.app.work.modes import beside, posted_modes
     from structid.modal.files.files import read_modes
 
     results = opened.inside(at) if at else None

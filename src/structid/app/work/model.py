@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from structid.app.work.looking import LOOKING
 from structid.errors import InputError
+from structid.estimation.search.work import Alone, StageProgress, Task
+from structid.solver.runs import Solver
 from structid.structure import Structure
-from structid.structure.places.aimed_sensor import AimedSensor
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.records.record import RecordSource, read_source
 from structid.study.schema.records.sensors import channel_names
-from structid.study.schema.root import read_root
+from structid.study.schema.root import read_root, record_sections
 from structid.study.schema.section import Section
 
 
@@ -77,13 +79,37 @@ def read_record_source(path: Path, number: int = 0) -> tuple[Section, RecordSour
     root, files = read_root(path, work=LOOKING)
     record = _required(_record(root, number))
     structure = read_structure(root.inner("structure"), files, record.section("structure"), record)
-    aimed = channel_names([tie for tie in structure.ties if isinstance(tie, AimedSensor)])
+    aimed = channel_names(structure)
     return root, read_source(record, files, aimed, structure.base_supports)
 
 
 def _record(root: Section, number: int) -> Section | None:
-    single = not isinstance(root.table.get("record"), list)
-    listed = [root.section("record")] if single else list(root.sections("record"))
+    listed = record_sections(root)
     if not 0 <= number < max(len(listed), 1):
         raise InputError(f"the study has {len(listed)} records and none of number {number + 1}; it was changed since")
     return listed[number] if listed else None
+
+
+class Looking(Alone):
+    """Work that refuses to run solvers; runs that are kept are read all the same."""
+
+    def map(
+        self,
+        name: str,
+        task: Task,
+        shared: Any,
+        items: Sequence[Any],
+        progress: StageProgress | None = None,
+        first: int = 0,
+    ) -> list[Any]:
+        """As `Work.map`, except for runs of a solver."""
+        if isinstance(shared, Solver):
+            raise InputError(
+                f"[structure.solver] names a program that has yet to run {len(items)} times ({shared.command}), and looking at a"
+                " study runs none: where you trust the study, start a run, or `structid check` in a terminal; both keep what"
+                " the program gives"
+            )
+        return super().map(name, task, shared, items, progress, first)
+
+
+LOOKING = Looking()

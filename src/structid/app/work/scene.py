@@ -19,8 +19,7 @@ from structid.report.drawing.faces import AREA_CORNERS, SOLID_CORNERS, SOLID_FAC
 from structid.structure import Dashpot, Friction, Joint, PointMass, RotaryInertia, Solid, Spring, Structure
 from structid.structure.elements import ElementSet
 from structid.structure.meshes import read_mesh
-from structid.structure.places.aimed_sensor import AimedSensor
-from structid.structure.places.mesh_point import MeshPoint
+from structid.structure.places import AimedSensor, MeshPoint
 from structid.structure.supports import RigidLink
 from structid.study.schema.kinds import as_list
 

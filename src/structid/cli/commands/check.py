@@ -9,9 +9,10 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.cli.base import NOT_DETERMINED, StudyPath, fail
-from structid.cli.tables import groups, heading, new_table, number, show
+from structid.cli.tables import groups, heading, new_table, show
 from structid.estimation import Status
 from structid.records.io import keep_records
+from structid.shown import figures
 from structid.study.run.check import CheckResult, check_study
 from structid.study.schema.study import load_study
 
@@ -45,7 +46,7 @@ def _summary(result: CheckResult) -> list[RenderableType]:
     facts = [
         *(f"record: {words}" for words in result.records),
         f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
-        f" {number(result.total_mass)} kg at the start, predicted standard deviation {number(result.total_mass_std, 2)} kg"
+        f" {figures(result.total_mass)} kg at the start, predicted standard deviation {figures(result.total_mass_std, 2)} kg"
         if study.structure.has_matrices
         else "structure: FRFs of a solver alone, which tell no masses, modes or mesh",
     ]
@@ -67,12 +68,12 @@ def _summary(result: CheckResult) -> list[RenderableType]:
         return [*head, Text(_prediction(result)), *more]
     found = result.identifiability
     rank = f"rank {found.rank} of {len(result.names)} parameters from the data alone, condition" + (
-        f" {number(found.condition, 3)}; predicted at the"
+        f" {figures(found.condition, 3)}; predicted at the"
         " initial values, for a model that is right and errors that are independent from line to line:"
     )
     table = new_table("parameter", "unit", "initial", "predicted std", "relative")
     for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
-        table.add_row(name, unit, number(start), number(std, 2), number(std / abs(start) if start else math.nan, 2))
+        table.add_row(name, unit, figures(start), figures(std, 2), figures(std / abs(start) if start else math.nan, 2))
     return [*head, Text(rank), table, *groups(found), *more]
 
 
@@ -82,10 +83,10 @@ def _modes(result: CheckResult) -> RenderableType:
     columns = ("mode", "frequency Hz", "damping ratio", "in band", "lines per half-power bandwidth")
     table = new_table(*columns, *(("off by the mesh %",) if by_mesh else ()))
     for i, mode in enumerate(result.modes):
-        lines = number(mode.lines_per_bandwidth, 3) if mode.in_band else ""
+        lines = figures(mode.lines_per_bandwidth, 3) if mode.in_band else ""
         off = ((f"{100 * by_mesh[i]:+.2g}" if i in by_mesh else "",)) if by_mesh else ()
         inside = "yes" if mode.in_band else "no"
-        table.add_row(str(i + 1), number(mode.frequency), number(mode.damping_ratio, 3), inside, lines, *off)
+        table.add_row(str(i + 1), figures(mode.frequency), figures(mode.damping_ratio, 3), inside, lines, *off)
     return table
 
 
@@ -99,11 +100,11 @@ def _resonances(result: CheckResult) -> list[RenderableType]:
         for pair in one.resonances:
             above = 100 * (pair.model / pair.measured - 1)
             table.add_row(
-                number(pair.measured) if math.isfinite(pair.measured) else "none",
-                number(pair.model) if math.isfinite(pair.model) else "none",
+                figures(pair.measured) if math.isfinite(pair.measured) else "none",
+                figures(pair.model) if math.isfinite(pair.model) else "none",
                 f"{above:+.2g}" if math.isfinite(above) else "",
                 f"{pair.half_bandwidths:+.2g}" if math.isfinite(pair.half_bandwidths) else "",
-                number(pair.mac, 2) if math.isfinite(pair.mac) else "",
+                figures(pair.mac, 2) if math.isfinite(pair.mac) else "",
             )
         found.append(table)
     return found
@@ -117,7 +118,7 @@ def _prediction(result: CheckResult) -> str:
     words = f"{len(relative)} parameters, of which the data determine about {result.identifiability.rank} combinations"
     if known:
         words += (
-            f"; predicted standard deviations with the smoothness above: median {number(100 * median(known), 2)} %,"
-            f" largest {number(100 * known[-1], 2)} %"
+            f"; predicted standard deviations with the smoothness above: median {figures(100 * median(known), 2)} %,"
+            f" largest {figures(100 * known[-1], 2)} %"
         )
     return words + (f"; {lost} that neither data nor smoothness see" if lost else "")

@@ -12,7 +12,7 @@ from structid.cli.progress import run_progress
 from structid.cli.tables import show
 from structid.comparison import comparing
 from structid.plain import json_text
-from structid.report.comparison.text import comparison_text
+from structid.report.comparison import comparison_page, comparison_text
 from structid.study.results.folder import staged_folder
 
 
@@ -43,8 +43,6 @@ def compare(
     with staged_folder(folder, comparing.COMPARE_PAGE) as staged:
         (staged / name).write_text(json_text(comparing.comparison_summary(found)), encoding="utf-8")
         if report:
-            from structid.report.comparison.page import comparison_page  # so that nothing else waits for it
-
             name = comparison_page(found).write(staged, png).name
     show(comparison_text(found))
     typer.echo(str(folder / name))

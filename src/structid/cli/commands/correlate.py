@@ -9,13 +9,12 @@ import typer
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, check_png, fail, results_folder
 from structid.cli.tables import show
-from structid.correlation.correlating import CORRELATION_PAGE
+from structid.correlation.correlating import CORRELATION_PAGE, correlation_summary, expanded_record
 from structid.correlation.correlating import correlate as correlated
 from structid.correlation.options import CorrelateOptions
-from structid.correlation.summary import correlation_summary, expanded_record
 from structid.modal.files.files import write_modes
 from structid.plain import json_text
-from structid.report.correlation.text import correlation_text
+from structid.report.correlation import correlation_page, correlation_text
 from structid.study.results.folder import staged_folder
 from structid.study.schema.study import load_study
 
@@ -52,8 +51,6 @@ def correlate(
             if expanded is not None:
                 write_modes(staged / f"expanded_modes{f'_{count}' if count > 1 else ''}.csv", expanded)
         if report:
-            from structid.report.correlation.page import correlation_page  # so that nothing else waits for it
-
             name = correlation_page(found).write(staged, png).name
     show(correlation_text(found))
     typer.echo(str(folder / name))

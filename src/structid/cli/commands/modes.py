@@ -15,7 +15,7 @@ from structid.modal.merging import merged_setups
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
 from structid.records.io import ReadOptions, read_geometry
-from structid.report.modes.text import merged_text, modes_text
+from structid.report.modes import merged_text, modes_page, modes_text
 from structid.shown import file_names
 from structid.study.results.folder import staged_folder
 from structid.study.results.modes import write_merged, write_modes_results
@@ -71,8 +71,6 @@ def modes(
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(found, staged)
         if report:
-            from structid.report.modes.page import modes_page  # imported here, so that nothing else waits for it
-
             name = modes_page(found).write(staged, png).name
     show(modes_text(found))
     typer.echo(str(folder / name))

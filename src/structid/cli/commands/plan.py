@@ -10,11 +10,10 @@ import typer
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, check_png, fail, results_folder
 from structid.cli.tables import show
-from structid.report.planning.text import plan_text
+from structid.report.planning import plan_page, plan_text
 from structid.study.results.folder import staged_folder
 from structid.study.results.plan import PLAN_PAGE, write_plan
-from structid.study.run.plan import planned
-from structid.study.schema.plan import load_plan
+from structid.study.schema.plan import load_plan, planned
 
 
 @dataclass(frozen=True)
@@ -66,10 +65,6 @@ def plan(
     with staged_folder(folder, PLAN_PAGE) as staged:
         write_plan(found, read, staged)
         if report:
-            from structid.report.planning.page import (
-                plan_page,  # imported here, so that nothing else waits for it
-            )
-
             name = plan_page(found, read.title, read.notes).write(staged, png).name
     show(plan_text(found, read.title, read.notes))
     typer.echo(str(folder / name))

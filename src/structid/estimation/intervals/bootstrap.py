@@ -15,7 +15,7 @@ from structid.estimation.averaging import few_averages, score_factor
 from structid.estimation.covariance import LEAST_FREEDOM, effective_blocks, error_blocks
 from structid.estimation.estimate import Estimate, Status, require_level
 from structid.estimation.problem import Problem
-from structid.estimation.problems.restricted import Shifted
+from structid.estimation.problems.wrapped import Shifted
 from structid.estimation.search.levenberg_marquardt import LevenbergMarquardt
 from structid.estimation.search.work import ALONE, Tools, Work
 

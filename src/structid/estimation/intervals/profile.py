@@ -14,7 +14,7 @@ from structid.estimation.averaging import few_averages
 from structid.estimation.covariance import fit_covariance
 from structid.estimation.estimate import Estimate, require_level
 from structid.estimation.problem import Problem
-from structid.estimation.problems.restricted import Held
+from structid.estimation.problems.wrapped import Held
 from structid.estimation.search.least_squares import minimize
 from structid.estimation.search.levenberg_marquardt import LevenbergMarquardt
 from structid.estimation.search.minimum import Stored

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -168,10 +168,11 @@ def sample(
     """
     if sampler not in ("nuts", "emcee"):
         raise InputError(f"`sampler` must be 'nuts' or 'emcee', got {sampler!r}; take 'nuts'")
+    if flat_in not in ("physical", "free"):
+        raise InputError(f"`flat_in` must be 'physical' or 'free', got {flat_in!r}; take 'physical'")
     few = few_averages(problem.averages)
     factor = _whitening(estimate, None if few is None else fit_covariance(problem, estimate.theta))
     target, counts = _Target(problem, np.array(estimate.theta), factor, flat_in), (n_draws, n_chains, n_warmup)
-    target.density()
     rng = rng or np.random.default_rng(0)
     drawn = _by_nuts(target, *counts, rng, work) if sampler == "nuts" else _by_emcee(target, *counts, rng)
     stretched = estimate.covariance_basis == "model_error" or few is not None
@@ -183,9 +184,6 @@ def sample(
     r_hat, bulk, tail = (locked([f(c) for c in columns]) for f in (split_r_hat, bulk_sample_size, tail_sample_size))
     counted = drawn.n_divergent, drawn.n_evaluations
     return Samples(problem.names, problem.units, locked(physical), stretched, r_hat, bulk, tail, *counted)
-
-
-_Density = Callable[[FloatArray], tuple[float, FloatArray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,31 +207,36 @@ def _whitening(estimate: Estimate, fitted: FloatArray | None = None) -> FloatArr
     return np.linalg.cholesky(covariance)
 
 
-def _log_posterior(problem: Problem, centre: FloatArray, factor: FloatArray, flat_in: str) -> _Density:
+@dataclass(frozen=True, eq=False)
+class _Target:
     """Logarithm of the posterior, 0 at the estimate, and its gradient, in whitened coordinates about the estimate."""
-    if flat_in not in ("physical", "free"):
-        raise InputError(f"`flat_in` must be 'physical' or 'free', got {flat_in!r}; take 'physical'")
-    at_centre = problem.residual(centre)
-    least, none = float(at_centre @ at_centre), np.zeros(len(centre))
-    log_slope_centre = float(np.log(np.abs(problem.slope(centre))).sum())
 
-    def density(x: FloatArray) -> tuple[float, FloatArray]:
-        theta = centre + factor @ x
+    problem: Problem
+    centre: FloatArray
+    factor: FloatArray
+    flat_in: FlatIn
+
+    @cached_property
+    def _at_centre(self) -> tuple[float, float]:
+        """Sum of squares, and logarithm of the slopes' product."""
+        residual = self.problem.residual(self.centre)
+        return float(residual @ residual), float(np.log(np.abs(self.problem.slope(self.centre))).sum())
+
+    def __call__(self, x: FloatArray) -> tuple[float, FloatArray]:
+        (least, log_slope), none, theta = self._at_centre, np.zeros(len(x)), self.centre + self.factor @ x
         try:
             with np.errstate(all="ignore"):
-                at = problem.linearize(theta)
+                at = self.problem.linearize(theta)
                 value = 0.5 * (least - float(at.residual @ at.residual))
                 gradient = -at.jacobian.T @ at.residual
-                if flat_in == "physical":
-                    value += float(np.log(np.abs(problem.slope(theta))).sum()) - log_slope_centre
-                    gradient = gradient + _log_slope_derivative(problem, theta)
+                if self.flat_in == "physical":
+                    value += float(np.log(np.abs(self.problem.slope(theta))).sum()) - log_slope
+                    gradient = gradient + _log_slope_derivative(self.problem, theta)
         except (SingularModelError, np.linalg.LinAlgError):
             return -np.inf, none
         if not (np.isfinite(value) and np.isfinite(gradient).all()):
             return -np.inf, none
-        return value, factor.T @ gradient
-
-    return density
+        return value, self.factor.T @ gradient
 
 
 def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
@@ -249,19 +252,6 @@ def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
     half = np.linalg.solve(factor, estimate.covariance / np.outer(slope, slope))
     values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))
     return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-
-
-@dataclass(frozen=True, eq=False)
-class _Target:
-    """What is drawn from; see `_log_posterior`."""
-
-    problem: Problem
-    centre: FloatArray
-    factor: FloatArray
-    flat_in: str
-
-    def density(self) -> _Density:
-        return _log_posterior(self.problem, self.centre, self.factor, self.flat_in)
 
 
 def _by_nuts(
@@ -287,16 +277,15 @@ def _by_nuts(
 def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -> Stored:
     """The next draws of a chain, as a task: its state with the random numbers is the item."""
     target, n_warmup, n_draws = shared
-    density = target.density()
     rng = _generator(item["random"])
     if item["chain"] is not None:
         state = restored(item["chain"])
     else:
         start = rng.standard_normal(len(target.factor))
-        while not np.isfinite(density(start)[0]):
+        while not np.isfinite(target(start)[0]):
             start = 0.5 * start
-        state = begun(density, start)
-    state, draws = continued(density, state, n_warmup, n_draws, _AT_ONCE, rng)
+        state = begun(target, start)
+    state, draws = continued(target, state, n_warmup, n_draws, _AT_ONCE, rng)
     return {"chain": asdict(state), "random": rng.bit_generator.state, "draws": draws}
 
 
@@ -309,13 +298,13 @@ def _generator(state: Stored) -> np.random.Generator:
 
 def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator) -> _Drawn:
     """The walkers of an ensemble as chains."""
-    density, n_params = target.density(), len(target.factor)
+    n_params = len(target.factor)
     try:
         import emcee
     except ImportError as error:
         raise InputError(f"`emcee` must be installed for this sampler, got {error}; {WITH_EXTRA}") from error
     n_walkers = max(n_chains, 2 * n_params + 2)
-    moves = emcee.EnsembleSampler(n_walkers, n_params, lambda x: density(x)[0])
+    moves = emcee.EnsembleSampler(n_walkers, n_params, lambda x: target(x)[0])
     seed = np.random.RandomState(int(rng.integers(2**31))).get_state()
     start = emcee.State(rng.standard_normal((n_walkers, n_params)), random_state=seed)
     burnt = max(n_warmup, n_draws)

@@ -58,9 +58,13 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
         return JointData(self.problems, self.unknowns.columns)
 
     def residual(self, theta: FloatArray) -> FloatArray:
+        if self._is_one:
+            return self.problems[0].residual(theta)
         return self._stacked([problem.residual(theta[index]) for problem, index in self._members()])
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        if self._is_one:
+            return self.problems[0].linearize(theta)
         parts = [problem.linearize(theta[index]) for problem, index in self._members()]
         n_params = len(self.names)
         wide = [
@@ -131,6 +135,17 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
         kept = _kept_prior_rows(priors, self.unknowns.columns, self.names, self.first_prior_counts)
         return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
 
+    @cached_property
+    def _is_one(self) -> bool:
+        """Whether there is one problem alone, with its parameters in their order and each of its priors once."""
+        if len(self.problems) > 1:
+            return False
+        [index], [rows], [problem] = self.unknowns.columns, self._kept_priors, self.problems
+        n_rows = problem.n_data + len(problem.prior_rows(self.theta_start)[0])
+        return np.array_equal(index, np.arange(len(problem.names))) and np.array_equal(
+            rows, np.arange(problem.n_data, n_rows)
+        )
+
     def _members(self) -> list[tuple[Problem, IntArray]]:
         return list(zip(self.problems, self.unknowns.columns, strict=True))
 
@@ -166,24 +181,7 @@ def _kept_prior_rows(
     names: tuple[str, ...],
     first_counts: bool,
 ) -> tuple[IntArray, ...]:
-    """Of each problem the rows of those priors that no earlier problem states: residual and derivative tell.
-
-    Parameters
-    ----------
-    priors : sequence of (residual, sparse derivative)
-        Rows of the priors of each problem at the start.
-    columns : sequence of (n_own,) int arrays
-        Positions of each problem's parameters among all.
-    names : tuple of str
-        All parameters.
-    first_counts : bool
-        Whether the first of several different priors of one parameter is taken instead of an error raised.
-
-    Raises
-    ------
-    InputError
-        If two problems state different priors of one parameter.
-    """
+    """Of each problem the rows of those priors that no earlier problem states: residual and derivative at the start tell."""
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
     found = []
     for number, ((residual, prior), index) in enumerate(zip(priors, columns, strict=True), 1):

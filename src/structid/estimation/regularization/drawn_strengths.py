@@ -71,14 +71,12 @@ class SettledStrengths:
     theta : (n_params,) float array
         Where the last fit ended.
     converged : bool
-    n_rounds : int
     """
 
     strengths: tuple[float, ...]
     determined: tuple[float, ...]
     theta: FloatArray
     converged: bool
-    n_rounds: int
 
 
 def settled_strengths(
@@ -132,14 +130,14 @@ def settled_strengths(
     begun = strengths
     determined = (float("nan"),) * len(terms)
     done = 0
-    for number in range(1, _MOST_ROUNDS + 1):
+    for _ in range(_MOST_ROUNDS):
         problem = made(strengths)
         found = search(problem, _LOOSE, theta, None if progress is None else partial(_later, progress, done))
         theta, done = found.theta, done + len(found.inner)
         at = cast(OperatorLinearization, found.linearization)
         determined = _determined(problem, at, theta, terms, strengths, seed)
         if not np.isfinite(determined).all():
-            return SettledStrengths(strengths, determined, theta, False, number)
+            return SettledStrengths(strengths, determined, theta, False)
         physical, before = problem.physical(theta), strengths
         strengths = tuple(
             s if known is not None else _chosen(term, physical, g, s, b)
@@ -147,8 +145,8 @@ def settled_strengths(
         )
         known_to = [max(0.1, np.sqrt(2 / max(g, 1.0))) for g in determined]
         if all(abs(np.log(s / b)) <= d for s, b, d in zip(strengths, before, known_to, strict=True)):
-            return SettledStrengths(strengths, determined, theta, True, number)
-    return SettledStrengths(strengths, determined, theta, False, _MOST_ROUNDS)
+            return SettledStrengths(strengths, determined, theta, True)
+    return SettledStrengths(strengths, determined, theta, False)
 
 
 def _later(progress: Progress, done: int, iteration: int, cost: float) -> None:

@@ -20,6 +20,8 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-20, 1e40
 _ACCEPTED = 1e-4
 #: With more damping than this a small promise says nothing.
 _MUCH_DAMPING = 1e3
+#: The message of searches that end early, as others are better.
+LEFT = "left where other searches are better"
 
 
 class End(NamedTuple):
@@ -142,6 +144,10 @@ class Method(Protocol[P]):
 
     def for_polishing(self) -> Method[P]:
         """The same where the minimum is known to be close."""
+        ...
+
+    def raced(self, above: float) -> Method[P]:
+        """The same for one of several searches, which may end as `LEFT` where little is gained above a sum of squares."""
         ...
 
     def for_reduced(self) -> Method[P]:

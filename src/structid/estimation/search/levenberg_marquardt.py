@@ -13,7 +13,7 @@ from structid.arrays import FloatArray
 from structid.declared import Count, NotNegative, Positive
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Problem
-from structid.estimation.search.least_squares import Damping, Point, Trial, damped_end, shortened, sizes_at
+from structid.estimation.search.least_squares import LEFT, Damping, End, Point, Trial, damped_end, shortened, sizes_at
 from structid.estimation.search.minimum import Minimum, residual_at, squared
 from structid.estimation.uncertainty import Uncertainty, dense_uncertainty, misfits
 
@@ -26,6 +26,9 @@ _NEGLIGIBLE = 0.01
 _MOST_HOLDS = 4
 #: Gain below which a reduced basis promises nothing: of thousands of values, some hundredths of a standard deviation.
 _OF_REDUCED = 1e-8
+#: Part of the sum of squares that linear steps promise at most where one of several searches is left, and a search is not taken
+#: to gain more than so many times what they promise.
+_LEFT_AT, _MOST_GAINED = 1e-5, 4.0
 
 
 class WithJacobian:
@@ -37,6 +40,9 @@ class WithJacobian:
         return LevenbergMarquardt(max_iterations=600, gain_tolerance=1e-6)
 
     def for_reduced(self) -> Self:
+        return self
+
+    def raced(self, above: float) -> WithJacobian:
         return self
 
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
@@ -170,6 +176,9 @@ class LevenbergMarquardt(WithJacobian):
     def for_reduced(self) -> LevenbergMarquardt:
         return replace(self, gain_tolerance=max(self.gain_tolerance, _OF_REDUCED))
 
+    def raced(self, above: float) -> Raced:
+        return Raced(**vars(self), above=above)
+
     def for_polishing(self) -> LevenbergMarquardt:
         """Steps are hardly damped."""
         return replace(self, initial_damping=1e-9, acceleration=0.0, gain_tolerance=max(self.gain_tolerance, 1e-10))
@@ -220,3 +229,25 @@ class LevenbergMarquardt(WithJacobian):
         bent = np.clip(shortened(step + 0.5 * acceleration, limit), low, high)
         bent_cost = squared(residual_at(problem, here.theta + bent))
         return (bent, bent_cost) if bent_cost < cost else (step, cost)
+
+
+@dataclass(frozen=True)
+class Raced(LevenbergMarquardt):
+    """Searches that end early where they would end above a sum of squares.
+
+    Parameters
+    ----------
+    above : float
+        Sum of squares from which on an end is of no use, or of use only where no other search ends below it.
+    left_at : float
+        Part of the sum of squares that linear steps promise at most before a search is ended.
+    """
+
+    above: float = np.inf
+    left_at: Positive = _LEFT_AT
+
+    def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
+        promised = float(here.projected @ here.projected)
+        if promised < self.left_at * here.cost and here.cost - _MOST_GAINED * promised > self.above:
+            return Trial(None, end=End(False, LEFT))
+        return super().tried(problem, here, damping)

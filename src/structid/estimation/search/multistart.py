@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import cast
 
@@ -15,7 +15,7 @@ from structid.errors import SingularModelError
 from structid.estimation.diagnostics.bounds import at_bounds
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Problem, Stages, Way
-from structid.estimation.search.least_squares import Method, sizes_at
+from structid.estimation.search.least_squares import LEFT, Method, sizes_at
 from structid.estimation.search.minimum import Minimum, Progress, Stored, residual_at, squared
 from structid.estimation.search.work import (
     ALONE,
@@ -29,6 +29,9 @@ from structid.estimation.search.work import (
 
 _SPREAD = 0.2
 _SAME = 3.0
+#: Sum of squares per datum, and beside that, beyond which a search is only gone on with where no other is better; and how close
+#: to the best it has to be.
+_MISSES, _MISSES_AT_LEAST, _NEAR_BEST = 4.0, 30.0, 1.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +103,8 @@ def searched_minima(
 
     The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
     then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not, and so do
-    `doubt_starts` where an answer that fits is to be doubted.
+    `doubt_starts` where an answer that fits is to be doubted. Where there are restarts, a search that clearly misses the noise
+    and hardly gains any more is left, and gone on with only if its end is about the best.
     Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
@@ -117,8 +121,9 @@ def searched_minima(
             starts.append((attempt, attempt % len(chosen), start + points[drawn]))
             drawn += 1
     way = chosen[0]
-    minima = [staged(problem, method, way(start) if callable(way) else way, start, progress, "", work.minimize)]
-    shared = (problem, method, tuple(chosen))
+    racing = method.raced(_MISSES * problem.n_data + _MISSES_AT_LEAST) if search.restarts else method
+    minima = [staged(problem, racing, way(start) if callable(way) else way, start, progress, "", work.minimize)]
+    shared = (problem, racing, tuple(chosen))
     good = fits(minima[0][0])
     while not good and len(minima) < len(starts):
         ahead = starts[len(minima) : len(minima) + work.n_workers]
@@ -127,13 +132,39 @@ def searched_minima(
             good = fits(minima[-1][0])
             if good:
                 break
+    minima = _ended(problem, method, minima, progress, work)
     used = max(0, len(minima) - len(chosen))
     best = min((minimum for minimum, _ in minima), key=lambda minimum: float(minimum.costs[-1]))
     doubtful = good and _is_doubtful(problem, method, best, start, search)
     count = most if doubtful else search.uniqueness_starts
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
-    found = work.map("uniqueness starts", _search, shared, more, progress) if more else []
+    found = work.map("uniqueness starts", _search, (problem, method, shared[2]), more, progress) if more else []
     return minima + [_found(problem, method, task) for task in found]
+
+
+def _ended(
+    problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
+) -> list[tuple[Minimum, int]]:
+    """Searches with those that were left gone on with, where they are about the best."""
+    most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
+    ended = []
+    for number, (minimum, iterations) in enumerate(minima):
+        if minimum.message == LEFT and minimum.costs[-1] <= most:
+            name = f"search {number + 1}, final" if number else "final"
+            minimum = _after(minimum, work.minimize(problem, method, minimum.theta, named(progress, name)))
+            iterations += len(minimum.inner) - len(minima[number][0].inner)
+        ended.append((minimum, iterations))
+    return ended
+
+
+def _after(first: Minimum, last: Minimum) -> Minimum:
+    """Where a search ended that went on from another, with the way of both."""
+    return replace(
+        last,
+        history=np.concatenate([first.history, last.history[1:]]),
+        costs=np.concatenate([first.costs, last.costs[1:]]),
+        inner=np.concatenate([first.inner, last.inner]),
+    )
 
 
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:

@@ -13,7 +13,7 @@ from structid.dof import DIRECTIONS, Dof
 from structid.structure import Structure
 from structid.structure.elements import ElementSet
 from structid.structure.elements.element import declarations
-from structid.structure.places.mesh_point import MeshPoint
+from structid.structure.places import MeshPoint
 from structid.structure.structure import MOST_PIECES
 
 #: Nodes of a child by the corners of its parent that each lies in the middle of.

@@ -13,7 +13,7 @@ from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import Quantity
 from structid.structure import Structure
-from structid.structure.places.joint_force import together, with_joint_forces
+from structid.structure.places import together, with_joint_forces
 
 _FORCE: Quantity = "force"
 #: Distance of the label of a joint force's node from those of the structure, which may get some more.

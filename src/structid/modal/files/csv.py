@@ -57,20 +57,10 @@ def _cell(value: object) -> str:
 
 
 class _Table(NamedTuple):
-    """Cells of a table of modes, one of `lines` a mode.
+    """Cells of a table of modes, one of `lines` a mode, under a header in the words of `modes_csv`.
 
-    Attributes
-    ----------
-    path : Path
-    header : list of str
-        In the words of `modes_csv`.
-    lines : list of list of str
-    factors : dict of str to float
-        What a number of a column is multiplied by, 1 where it is not named.
-    is_turned : bool
-        Whether the file has one column a mode.
-    numbers : list of int
-        Line of the file, or column, of each mode.
+    Numbers of columns in `factors` are multiplied by these. Whether the file `is_turned`, with one column a mode; `numbers` are
+    the lines of the file, or columns, of the modes.
     """
 
     path: Path

@@ -7,7 +7,7 @@ left null vectors of A the participation of the inputs. With the lowest coeffici
 noise come out unstable, and fall to the criteria on damping.
 
 The polynomials are in z, the FRFs of a structure rational in i omega: poles of the sweep are close, not exact, and
-noise makes their damping too large. The modes picked from the sweep are therefore refined (`frf_refinement`).
+noise makes their damping too large. The modes picked from the sweep are therefore refined (`refinement`).
 
 References
 ----------

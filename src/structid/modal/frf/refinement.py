@@ -1,6 +1,6 @@
 """Poles, participation and shapes of FRFs by weighted least squares, with what noise does to them.
 
-Shapes and residuals of one output are linear in `frf_residues.terms`; they are eliminated output by output, and
+Shapes and residuals of one output are linear in `residues.terms`; they are eliminated output by output, and
 Gauss-Newton steps with Levenberg-Marquardt damping are taken in poles and participation only. With the record's
 variance it is the maximum-likelihood estimate for noise that is independent from line to line.
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, stack_real
 
 OUTSIDE = (-2, 0)  # powers of s that stand for the modes outside the band at least
 _RANK = 1e-10  # of a column that is left after those before it, below which it says nothing new
@@ -91,8 +91,7 @@ def _fractions(laplace: ComplexArray, poles: ComplexArray, power: int) -> tuple[
 
 def weighted(columns: ComplexArray, weights: FloatArray) -> FloatArray:
     """Rows of real parts, then of imaginary ones, times the weights of lines and inputs: (2 n_lines n_inputs, ...)."""
-    flat = (columns * weights[:, :, None]).reshape(-1, columns.shape[2])
-    return np.concatenate([flat.real, flat.imag])
+    return stack_real((columns * weights[:, :, None]).reshape(-1, columns.shape[2]))
 
 
 def residue_shapes(

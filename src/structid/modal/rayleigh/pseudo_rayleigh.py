@@ -294,13 +294,7 @@ def _by_mass(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
 
 
 def _checked_quantities(pair: str, form: str) -> tuple[str, ...]:
-    """The quantities that `form` takes from `pair`.
-
-    Raises
-    ------
-    InputError
-        If either is unknown, or the pair does not hold the derivative that the form needs.
-    """
+    """The quantities that `form` takes from `pair`, which must hold the derivative that it needs."""
     if form not in _NEEDS:
         raise InputError(f"`form` must be one of {', '.join(_NEEDS)}, got {form!r}")
     if pair not in PAIRS:

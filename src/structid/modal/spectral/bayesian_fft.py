@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -135,10 +134,7 @@ def _bands(data: Outputs, options: ModalOptions, notes: list[str]) -> tuple[Band
     """Bands given, or around peaks, with the places of their modes; says which."""
     if options.bands is not None:
         spectrum = singular_spectrum(data, options.segment or default_segment(data))
-        for (_, high), (low, _) in pairwise(sorted((float(low), float(high)) for low, high in options.bands)):
-            if low < high:
-                raise InputError(f"`bands` must not overlap, got one to {high:g} Hz and one from {low:g} Hz; join them")
-        return tuple(_given_band(spectrum, float(low), float(high), options, notes) for low, high in options.bands)
+        return tuple(_given_band(spectrum, *band, options, notes) for band in options.separate_bands)
     spectrum, peaks = chosen_peaks(data, options)
     bands = automatic_bands(spectrum, peaks.tolist())
     listed = ", ".join(f"{b.low:.4g}-{b.high:.4g} Hz ({b.n_modes})" for b in bands)

@@ -74,14 +74,8 @@ def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
 def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, float, FloatArray]:
     """Newton's method with the magnitudes of the curvatures, so that it goes down from anywhere.
 
-    Returns
-    -------
-    Chart
-        Centred where it ends.
-    float
-        Newton decrement: the fall of twice the negative log-likelihood that is still to be expected.
-    (size, size) float array
-        Hessian there; NaN where the steps did not suffice.
+    A chart centred where it ends, the fall of twice the negative log-likelihood that is still to be expected (Newton's
+    decrement), and the Hessian there; NaN where the steps did not suffice.
     """
     place = chart(modes)
     unknown = np.full((place.size,) * 2, np.nan)

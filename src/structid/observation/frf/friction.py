@@ -9,12 +9,12 @@ import numpy as np
 from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, NumberArray
-from structid.dof import Dof
 from structid.dynamics.dense_fields import MOST_SMALLER, solved_few
 from structid.errors import InputError
 from structid.observation.frf.channels import Channels
 from structid.observation.frf.lines.protocol import Lines
 from structid.records import FrfRecord
+from structid.records.record import as_recorded
 from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
 
@@ -236,16 +236,10 @@ def sliding_amplitudes(structure: Structure, record: FrfRecord) -> dict[str, Flo
         if not isinstance(element, Friction) or not element.measured_by:
             continue
         require_one_load(element, record)
-        measured = record.channels(_as_recorded(element.measured_by, record)).as_kind("receptance")
+        measured = record.channels(as_recorded(element.measured_by, record)).as_kind("receptance")
         signs = np.array([dof.sign for dof in measured.outputs])
         amplitudes[element.name] = element.sliding(measured.values[:, :, 0] * signs)
     return amplitudes
-
-
-def _as_recorded(wanted: tuple[Dof, ...], record: FrfRecord) -> tuple[Dof, ...]:
-    """The record's own outputs at the same places and directions, whatever their sense."""
-    own = {dof.unsigned: dof for dof in record.outputs}
-    return tuple(own.get(dof.unsigned, dof) for dof in wanted)
 
 
 def require_one_load(element: Friction, record: FrfRecord) -> None:

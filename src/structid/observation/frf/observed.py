@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray
 from structid.observation.channel_errors import ChannelErrors
+from structid.observation.frf.channels import read
 from structid.observation.frf.laws import law_coefficients
 from structid.observation.frf.response import Response
 from structid.records import FrfRecord
@@ -77,11 +79,9 @@ def _laplace_slope(
     x, y = model.channels.under_loads(fields), model.channels.under_sensors(fields)
     weights = model.parameters.values(physical)
     inertia, viscous = (model.slopes.structure.matrix(law, weights) for law in ("inertia", "viscous"))
-    flat = np.moveaxis(x, 1, 0).reshape(x.shape[1], -1)
-    shape = (x.shape[1], x.shape[0], x.shape[2])
     s = laplace[:, None, None]
-    change = 2 * s * np.moveaxis((inertia @ flat).reshape(shape), 0, 1)
-    change = change + np.moveaxis((viscous @ flat).reshape(shape), 0, 1)
+    change = 2 * s * read(sparse.csr_array(inertia), x)
+    change = change + read(sparse.csr_array(viscous), x)
     slope: ComplexArray = DERIVATIVES[kind] * values / s - model.kind_factor[:, None, None] * (
         np.swapaxes(y, 1, 2) @ change
     )

@@ -274,13 +274,7 @@ def _coupled(
 
 
 def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> sparse.csc_array:
-    """Columns of what `bases` drive of a structure let go, (n_dofs, n_bases).
-
-    Raises
-    ------
-    InputError
-        If sensors read them, or there is friction.
-    """
+    """Columns of what `bases` drive of a structure let go, (n_dofs, n_bases), which no sensor may read."""
     if bases and sides.n_contacts:
         raise InputError("dry friction takes no motion of supports; take the friction out, or measure the force")
     columns = structure.selection([base.supports[0].unsigned for base in bases])

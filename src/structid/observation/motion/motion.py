@@ -7,14 +7,20 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from structid.arrays import FloatArray, locked, require_finite, require_shape
 from structid.errors import InputError
 from structid.records import TimeRecord
+from structid.records.on_disk import ChunkedRecord
 from structid.structure import Structure
 
 Rule = Literal["trapezoid", "difference"]
 MOTION_QUANTITIES = ("acceleration", "velocity", "displacement")
+NO_MOTION = "the record holds no motion; it needs displacement, velocity or acceleration channels"
+NO_FORCE = "the record holds no force channel; the forces must be known: add the channels"
+#: Smallest pivot of what sensors read, in parts of the largest, that tells degrees of freedom apart.
+_APART = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +101,11 @@ def recorded_motion(
         starts from.
     """
     structure.require_modes("motion in time")
-    values = {name: _everywhere(structure, record, name) for name in MOTION_QUANTITIES}
-    if all(part is None for part in values.values()):
-        raise InputError("the record holds no motion; it needs displacement, velocity or acceleration channels")
+    readers = {name: field_map(structure, record, name) for name in MOTION_QUANTITIES}
+    if all(reader is None for reader in readers.values()):
+        raise InputError(NO_MOTION)
     loads = _forces(structure, record, force)
+    values = {name: None if reader is None else (reader @ record.values.T).T for name, reader in readers.items()}
     measured = Motion(record.time, loads, **values)
     return measured if rule is None else completed(measured, rule, initial_displacement, initial_velocity)
 
@@ -185,37 +192,64 @@ def _differenced(motion: Motion) -> Motion:
     return Motion(inner.time, inner.force, acceleration, velocity, inner.displacement)
 
 
-def _everywhere(structure: Structure, record: TimeRecord, quantity: str) -> FloatArray | None:
-    """Channels of one quantity as motion of all free degrees of freedom, (n_times, n_dofs); None without channels."""
-    chosen = [i for i, name in enumerate(record.quantities) if name == quantity]
-    if not chosen:
-        return None
-    sensors = structure.selection([record.channels[i] for i in chosen]).toarray().T
-    _, singular, rows = np.linalg.svd(sensors)
-    rank = int((singular > 1e-10 * singular.max(initial=0.0)).sum())
-    if rank < structure.n_dofs:
-        blind = np.abs(rows[rank:]).max(axis=0) > 1e-10
-        missing = [structure.words(dof) for dof, out in zip(structure.dofs, blind, strict=True) if out]
-        raise InputError(
-            f"{quantity} is not measured at {', '.join(missing)}; identification from motion needs every one of the"
-            f" {structure.n_dofs} free degrees of freedom. Add sensors there (a rotation from two translations close"
-            " by), condense the model to what is measured, or use FRFs and `identify`, which need only some"
-        )
-    return np.linalg.lstsq(sensors, record.values[:, chosen].T, rcond=None)[0].T
-
-
 def _forces(structure: Structure, record: TimeRecord, force: ArrayLike | None) -> FloatArray:
     """Forces on the free degrees of freedom, (n_times, n_dofs)."""
-    chosen = [i for i, name in enumerate(record.quantities) if name == "force"]
-    if force is None and not chosen:
-        raise InputError(
-            "the record holds no force channel; the forces must be known: add the channels, or give `force`"
-            f" ({len(record.values)}, {structure.n_dofs})"
-        )
+    reader, size = field_map(structure, record, "force"), (len(record.values), structure.n_dofs)
     if force is None:
-        return record.values[:, chosen] @ structure.selection([record.channels[i] for i in chosen]).toarray().T
-    if chosen:
+        if reader is None:
+            raise InputError(f"{NO_FORCE}, or give `force` {size}")
+        return (reader @ record.values.T).T
+    if reader is not None:
         raise InputError("`force` is given although the record holds force channels; give one or the other")
     given = np.asarray(force, dtype=np.float64)
-    require_shape("force", given, (len(record.values), structure.n_dofs), "one column a free degree of freedom")
+    require_shape("force", given, size, "one column a free degree of freedom")
     return given
+
+
+def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity: str) -> sparse.csr_array | None:
+    """The field of `quantity` on all free degrees of freedom from the channels of one sample, (n_dofs, n_channels).
+
+    By least squares where a motion is measured more than once. None where no channel is of that quantity.
+
+    Raises
+    ------
+    InputError
+        If a motion is measured at some degrees of freedom only.
+    """
+    chosen = np.flatnonzero([name == quantity for name in record.quantities])
+    if not len(chosen):
+        return None
+    sensors = sparse.csc_array(structure.selection([record.channels[i] for i in chosen]))
+    table = sparse.coo_array(sensors if quantity == "force" else _motion_of(structure, sensors, quantity))
+    place = table.row, chosen[table.col]
+    return sparse.csr_array(sparse.coo_array((table.data, place), (structure.n_dofs, len(record.channels))))
+
+
+def _motion_of(structure: Structure, sensors: sparse.csc_array, quantity: str) -> sparse.sparray:
+    """(S S')^-1 S: motion of the free degrees of freedom from what sensors S' read of it."""
+    from scipy.sparse.linalg import splu  # here, because it takes time to load
+
+    gram = sparse.csc_array(sensors @ sensors.T)
+    unseen = np.flatnonzero(gram.diagonal() <= 0)
+    if len(unseen):
+        missing = [structure.words(structure.dofs[i]) for i in unseen[:6]]
+        more = f" and {len(unseen) - 6} more" if len(unseen) > 6 else ""
+        raise InputError(
+            f"{quantity} is not measured at {', '.join(missing)}{more}; identification from motion needs every one of"
+            f" the {structure.n_dofs} free degrees of freedom. Add sensors there (a rotation from two translations close"
+            " by), condense the model to what is measured, or use FRFs and `identify`, which need only some"
+        )
+    if gram.count_nonzero() == structure.n_dofs:
+        return sparse.diags_array(1.0 / gram.diagonal()) @ sensors
+    try:
+        factor = splu(gram)
+        pivots = np.abs(factor.U.diagonal())
+        is_singular = bool(pivots.min() <= _APART * pivots.max())
+    except RuntimeError:
+        is_singular = True
+    if is_singular:
+        raise InputError(
+            f"the {quantity} channels do not determine every degree of freedom: tied ones are measured only together;"
+            " add sensors"
+        )
+    return sparse.csc_array(factor.solve(sensors.toarray()))

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from structid.arrays import FloatArray, IntArray, locked
 from structid.errors import InputError
@@ -23,7 +22,7 @@ from structid.estimation import Status
 from structid.observation.motion.checkpoint import load_motion_fit, save_motion_fit
 from structid.observation.motion.equations import TimeEquations
 from structid.observation.motion.fit import RecursiveMotionFit, motion_fit, reduced_state
-from structid.observation.motion.motion import MOTION_QUANTITIES
+from structid.observation.motion.motion import MOTION_QUANTITIES, NO_FORCE, NO_MOTION, field_map
 from structid.observation.motion.words import solution_words
 from structid.records.on_disk import ChunkedRecord
 from structid.regression.block_least_squares import BlockFit, block_solution
@@ -31,7 +30,6 @@ from structid.regression.local_reduction import Kernels, RowMaker, only_operator
 from structid.structure import Structure
 from structid.unknowns import Parameters
 
-_FIELDS = (*MOTION_QUANTITIES, "force")
 _KEEPING = 0.1  # of the time may go into checkpoints
 
 #: Called with the samples done and the number of samples.
@@ -204,15 +202,15 @@ def record_rows(equations: TimeEquations, structure: Structure, record: ChunkedR
         If degrees of freedom, forces or quantities are missing.
     """
     mapping = channel_map(structure, record)
-    equations.require({_FIELDS[k] for k in range(3) if mapping.kinds[k]})
-    return RecordRows(channel_rows(equations, mapping), abs(mapping.matrix))
+    equations.require(record.quantities)
+    return RecordRows(channel_rows(equations, mapping), abs(mapping))
 
 
-def channel_rows(equations: TimeEquations, mapping: ChannelMap) -> RowMaker:
+def channel_rows(equations: TimeEquations, mapping: sparse.csr_array) -> RowMaker:
     """What makes the rows of the equations from the channels of a record."""
     operator = equations.operator  # shared where the channels are the fields, one by one
-    if not _is_identity(mapping.matrix):
-        operator = sparse.csr_array(operator @ mapping.matrix)
+    if not _is_identity(mapping):
+        operator = sparse.csr_array(operator @ mapping)
     if len(equations.columns) == equations.n_dofs:
         return row_maker(operator, equations.columns)
     return only_operator(operator)
@@ -264,65 +262,20 @@ def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> Mot
     return MotionSolution(fit.equations.unknown, found, std, fit.state.n_rows, fit.n_samples, engine)
 
 
-@dataclass(frozen=True, eq=False)
-class ChannelMap:
-    """How channels make the fields of the equations.
+def channel_map(structure: Structure, record: ChunkedRecord) -> sparse.csr_array:
+    """[acceleration velocity displacement force] of all free degrees of freedom from the channels of one sample.
 
-    Attributes
-    ----------
-    matrix : (4 n_dofs, n_channels) sparse array
-        [acceleration velocity displacement force] of all free degrees of freedom from the channels of one sample.
-    kinds : tuple of bool
-        Which of the four the record holds.
-    """
-
-    matrix: sparse.csr_array
-    kinds: tuple[bool, ...]
-
-
-def channel_map(structure: Structure, record: ChunkedRecord) -> ChannelMap:
-    """The `ChannelMap` of a record on a structure.
+    (4 n_dofs, n_channels), without entries for what the record does not hold.
 
     Raises
     ------
     InputError
         If a quantity is measured at some degrees of freedom only, or there is no motion or no force.
     """
-    kinds = [np.flatnonzero([name == wanted for name in record.quantities]) for wanted in _FIELDS]
-    if not any(len(chosen) for chosen in kinds[:3]):
-        raise InputError("the record holds no motion; it needs displacement, velocity or acceleration channels")
-    if not len(kinds[3]):
-        raise InputError("the record holds no force channel; the forces must be known: add the channels")
-    parts = []
-    for name, chosen in zip(_FIELDS, kinds, strict=True):
-        sensors = sparse.csc_array(structure.selection([record.channels[i] for i in chosen]))
-        own = sensors if name == "force" or not len(chosen) else _motion_of(structure, sensors, name)
-        table = sparse.coo_array(own)
-        parts.append(
-            sparse.coo_array((table.data, (table.row, chosen[table.col])), (structure.n_dofs, len(record.channels)))
-        )
-    return ChannelMap(sparse.csr_array(sparse.vstack(parts)), tuple(len(chosen) > 0 for chosen in kinds))
-
-
-def _motion_of(structure: Structure, sensors: sparse.csc_array, quantity: str) -> sparse.sparray:
-    """(S S')^-1 S: motion of the free degrees of freedom from what sensors S' read of it."""
-    gram = sparse.csc_array(sensors @ sensors.T)
-    seen = gram.diagonal() > 0
-    if not seen.all():
-        missing = [structure.words(structure.dofs[i]) for i in np.flatnonzero(~seen)[:6]]
-        more = f" and {int((~seen).sum()) - 6} more" if (~seen).sum() > 6 else ""
-        raise InputError(
-            f"{quantity} is not measured at {', '.join(missing)}{more}; identification from motion needs every one of"
-            f" the {structure.n_dofs} free degrees of freedom. Add sensors there, or condense the model to what is"
-            " measured"
-        )
-    if gram.count_nonzero() == structure.n_dofs:
-        return sparse.diags_array(1.0 / gram.diagonal()) @ sensors
-    try:
-        factor = splu(gram)
-    except RuntimeError as error:
-        raise InputError(
-            f"the {quantity} channels do not determine every degree of freedom: tied ones are measured only together;"
-            " add sensors"
-        ) from error
-    return sparse.csc_array(factor.solve(sensors.toarray()))
+    fields = [field_map(structure, record, wanted) for wanted in (*MOTION_QUANTITIES, "force")]
+    if all(field is None for field in fields[:3]):
+        raise InputError(NO_MOTION)
+    if fields[3] is None:
+        raise InputError(NO_FORCE)
+    nothing = sparse.csr_array((structure.n_dofs, len(record.channels)))
+    return sparse.csr_array(sparse.vstack([nothing if field is None else field for field in fields]))

@@ -95,6 +95,15 @@ class WhitenedRows(ParameterProblem):
         return half @ half.T
 
 
+def whitened_rows(
+    unknown: Parameters, regressors: FloatArray, right: FloatArray, instruments: FloatArray
+) -> WhitenedRows:
+    """The `WhitenedRows` of (n_times, n_dofs, n_params), (n_times, n_dofs) and (n_times, n_dofs, n_params)."""
+    lines, series = np.divmod(np.arange(right.size), right.shape[1])
+    flat = (right.size, unknown.n_params)
+    return WhitenedRows(unknown, regressors.reshape(flat), right.ravel(), instruments.reshape(flat), lines, 2 * series)
+
+
 def dense_rows(equations: TimeEquations, fields: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Regressors (n_times, n_dofs, n_params) and right-hand side (n_times, n_dofs) of fields (4 n_dofs, n_times)."""
     n, n_params, n_times = equations.n_dofs, equations.unknown.n_params, fields.shape[1]

@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg, special
+from scipy import linalg, sparse, special
 
 from structid.arrays import FloatArray
 from structid.dof import Dof
@@ -27,12 +27,11 @@ from structid.estimation import Estimate
 from structid.estimation.search.work import ALONE, Work
 from structid.observation.motion.equations import TimeEquations, time_equations
 from structid.observation.motion.fit import identify_motion
-from structid.observation.motion.motion import MOTION_QUANTITIES, Motion, recorded_motion
-from structid.observation.time.estimate import WhitenedRows, dense_rows, linear_estimate
+from structid.observation.motion.motion import MOTION_QUANTITIES, Motion, field_map, recorded_motion
+from structid.observation.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
 from structid.observation.time.instrumental_steps import UNDETERMINED, UNSTABLE, InstrumentalSteps
 from structid.observation.time.model import ORDERS, TimeModel
-from structid.observation.time.options import Oscillation, TimeOptions
-from structid.observation.time.output_error import OutputErrorProblem
+from structid.observation.time.options import TimeOptions
 from structid.observation.time.problem import declared_variance, time_model
 from structid.records import TimeRecord
 from structid.structure import Structure
@@ -74,7 +73,7 @@ class InstrumentalFit:
 
     def first(self, n_times: int) -> InstrumentalFit:
         """The same with the first samples only."""
-        force = self.force if isinstance(self.model.force, Oscillation) else self.force[:n_times]
+        force = self.force if self.model.drive.oscillates else self.force[:n_times]
         return replace(self, motion=self.motion.at(slice(0, n_times)), force=force)
 
     def rows(self, values: FloatArray) -> WhitenedRows:
@@ -96,15 +95,8 @@ class InstrumentalFit:
         if self.initial is not None:
             instruments[0] = 0.0  # it starts from the noisy state of this sample
         weight = self._whitening(values, right - regressors @ values)
-        lines, series = np.divmod(np.arange(n_times * n), n)
-        flat = (n_times * n, self.equations.unknown.n_params)
-        return WhitenedRows(
-            self.equations.unknown,
-            (weight @ regressors).reshape(flat),
-            (right @ weight.T).ravel(),
-            (weight @ instruments).reshape(flat),
-            lines,
-            2 * series,
+        return whitened_rows(
+            self.equations.unknown, weight @ regressors, right @ weight.T, np.asarray(weight @ instruments)
         )
 
     def _whitening(self, values: FloatArray, residual: FloatArray) -> FloatArray:
@@ -148,11 +140,7 @@ def instrumental_fit(
     orders = np.repeat([ORDERS[q] for q in simulated], structure.n_dofs)
     model = replace(base, sensors=dofs * len(simulated), orders=orders)
     loads = [i for i, q in enumerate(record.quantities) if q == "force"]
-    force, initial = record.values[:, loads], None
-    if isinstance(options.force, Oscillation):
-        blank = np.zeros((len(force), len(model.sensors)))
-        problem = OutputErrorProblem(model, blank, np.ones(len(model.sensors)), force, np.zeros(len(loads)))
-        force = problem.known_force
+    force, initial = model.drive.known(record.values[:, loads]), None
     if options.initial == "unknown":
         if motion.velocity is None or motion.displacement is None:
             raise InputError(
@@ -168,13 +156,9 @@ def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
     """Error covariance of each quantity at the free degrees of freedom, as `recorded_motion` makes it from channels."""
     variance, found = declared_variance(record), {}
     for quantity in (*MOTION_QUANTITIES, "force"):
-        chosen = [i for i, q in enumerate(record.quantities) if q == quantity]
-        columns = structure.selection([record.channels[i] for i in chosen]).toarray()
-        if quantity == "force":
-            found[quantity] = (columns * variance[chosen]) @ columns.T
-        elif chosen:
-            inverse = np.linalg.pinv(columns.T)
-            found[quantity] = (inverse * variance[chosen]) @ inverse.T
+        reader = field_map(structure, record, quantity)
+        if reader is not None:
+            found[quantity] = (reader @ sparse.diags_array(variance) @ reader.T).toarray()
     return found
 
 
@@ -274,15 +258,11 @@ def _iterated(
 
 def _no_rows(unknown: Parameters) -> WhitenedRows:
     """What says whose values are kept."""
-    none = np.zeros((0, unknown.n_params))
-    counts = np.zeros(0, dtype=np.int64)
-    return WhitenedRows(unknown, none, np.zeros(0), none, counts, counts)
+    none = np.zeros((0, 1, unknown.n_params))
+    return whitened_rows(unknown, none, np.zeros((0, 1)), none)
 
 
 def _plain_rows(fit: InstrumentalFit) -> WhitenedRows:
     """The equations as they are, with the noisy regressors in place of instruments."""
     regressors, right = dense_rows(fit.equations, fit.equations.fields(fit.motion))
-    n_times, n, n_params = regressors.shape
-    lines, series = np.divmod(np.arange(n_times * n), n)
-    flat = regressors.reshape(-1, n_params)
-    return WhitenedRows(fit.equations.unknown, flat, right.ravel(), flat, lines, 2 * series)
+    return whitened_rows(fit.equations.unknown, regressors, right, regressors)

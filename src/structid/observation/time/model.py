@@ -14,7 +14,7 @@ from structid.dof import Dof
 from structid.dynamics.exact_discretization import Step, exact_step, stepped
 from structid.errors import InputError, SingularModelError
 from structid.observation.sensitive import require_laws_in_time, weight_slope
-from structid.observation.time.options import Hold, Oscillation
+from structid.observation.time.drive import Drive
 from structid.structure import Base, Structure
 from structid.unknowns import Parameters
 
@@ -32,32 +32,22 @@ class TimeModel:
     ----------
     structure : Structure
     unknown : Parameters
-    step : float
-        Time between samples, s.
-    gap : float
-        Time from the start to the first sample, s.
-    start : float
-        Time of the start, s.
+    drive : Drive
+    loads : tuple of Dof
+        Of forces, or where `bases` drive supports, whose accelerations take the place of forces.
     sensors : tuple of Dof
     orders : (n_sensors,) int array
         Derivative that each sensor reads: 0 displacement, 1 velocity, 2 acceleration.
-    loads : tuple of Dof
-        Of forces, or where `bases` drive supports, whose accelerations take the place of forces.
-    force : {"first", "zero"} or Oscillation
     bases : tuple of Base
-        What supports drive the structure, one a load. They are at rest at the start, and displacements and velocities count
-        from there.
+        What supports drive the structure, one a load.
     """
 
     structure: Structure
     unknown: Parameters
-    step: float
-    gap: float
-    start: float
+    drive: Drive
+    loads: tuple[Dof, ...]
     sensors: tuple[Dof, ...]
     orders: IntArray
-    loads: tuple[Dof, ...]
-    force: Hold | Oscillation
     bases: tuple[Base, ...] = ()
 
     def __post_init__(self) -> None:
@@ -67,13 +57,13 @@ class TimeModel:
                 f"the structure must have at most {_MOST_DOFS} free degrees of freedom for a time-domain fit, got"
                 f" {self.structure.n_dofs}; condense it (see `reduction`), or identify from FRFs with `identify`"
             )
-        if self.bases and isinstance(self.force, Oscillation):
+        if self.bases and self.drive.oscillates:
             raise InputError(
                 f"base {self.bases[0].name!r} drives the structure by samples of its acceleration; take force = 'first' or 'zero'"
             )
-        if self.gap > 0 and not isinstance(self.force, Oscillation):
+        if self.drive.gap > 0 and not self.drive.oscillates:
             raise InputError(
-                f"the rest must last until the first sample where the force is known by samples, but they begin {self.gap:g}"
+                f"the rest must last until the first sample where the force is known by samples, but they begin {self.drive.gap:g}"
                 " s later; begin the record at rest, take initial 'unknown', or give the force as an Oscillation"
             )
 
@@ -110,53 +100,6 @@ class TimeModel:
             )
         return columns[self.free]
 
-    @cached_property
-    def generator(self) -> FloatArray:
-        """Rate of the inputs, for `exact_step`.
-
-        Their state is all forces, and then slopes or quadratures; of supports accelerations and slopes, and then velocities
-        over a step and displacements over its square.
-        """
-        n, eye = len(self.loads), np.eye(len(self.loads))
-        if self.bases:
-            rate = np.zeros((4, 4))
-            rate[0, 1] = rate[2, 0] = rate[3, 2] = 1.0
-            return np.kron(rate, eye) / self.step
-        if isinstance(self.force, Oscillation):
-            return self.force.omega * np.kron(np.array([[0.0, 1.0], [-1.0, 0.0]]), eye)
-        if self.force == "zero":
-            return np.zeros((n, n))
-        return np.kron(np.array([[0.0, 1.0], [0.0, 0.0]]), eye) / self.step
-
-    def oscillation(self, time: FloatArray) -> FloatArray:
-        """State of the generator at `time` for unit amplitudes, (n_times, n_inputs, n_force_values)."""
-        assert isinstance(self.force, Oscillation)
-        c, s = np.cos(self.force.omega * time), np.sin(self.force.omega * time)
-        eye = np.eye(len(self.loads))
-        cosine = np.kron(np.stack([c, -s], axis=1)[..., None], eye)
-        if not self.force.sine:
-            return cosine
-        return np.concatenate([cosine, np.kron(np.stack([s, c], axis=1)[..., None], eye)], axis=2)
-
-    def inputs(self, force: FloatArray, n_times: int) -> FloatArray:
-        """State of the generator at each sample, from the start on, (n_steps + 1, n_inputs).
-
-        `force` holds samples (n_times, n_loads), or amplitudes (n_force_values,) of an oscillation.
-        """
-        time = self.times(n_times)
-        if isinstance(self.force, Oscillation):
-            return self.oscillation(time) @ force
-        slope = np.diff(force, axis=0, append=force[-1:]) * (self.force == "first")
-        if self.bases:
-            velocity = _summed(force + slope / 2)
-            return np.concatenate([force, slope, velocity, _summed(velocity + force / 2 + slope / 6)], axis=1)
-        return force if self.force == "zero" else np.concatenate([force, slope], axis=1)
-
-    def times(self, n_times: int) -> FloatArray:
-        """The start where it precedes the first sample, and the samples, s."""
-        samples = self.start + self.gap + self.step * np.arange(n_times)
-        return np.concatenate([[self.start], samples]) if self.gap > 0 else samples
-
     def readings(self, values: FloatArray, force: FloatArray, initial: FloatArray | None, n_times: int) -> FloatArray:
         """What the sensors read, (n_times, n_sensors).
 
@@ -176,26 +119,25 @@ class TimeModel:
             If the mass matrix is not positive definite.
         """
         system = self._linear(values, derivatives=False)
-        return system.readings(system.start_of(initial)[:, None], self.inputs(force, n_times)[..., None], n_times)[
-            ..., 0
-        ]
+        inputs = self.drive.inputs(force, n_times)[..., None]
+        return system.readings(system.start_of(initial)[:, None], inputs, n_times)[..., 0]
 
     def derivatives(
         self, values: FloatArray, force: FloatArray, initial: FloatArray | None, n_times: int
     ) -> tuple[FloatArray, FloatArray]:
         """`readings`, and their derivative with respect to the parameters, (n_times, n_sensors, n_params)."""
         system = self._linear(values, derivatives=True)
-        return system.derivatives(system.start_of(initial), self.inputs(force, n_times), n_times)
+        return system.derivatives(system.start_of(initial), self.drive.inputs(force, n_times), n_times)
 
     def unit_forces(self, values: FloatArray, n_times: int) -> FloatArray:
         """Readings from rest for unit amplitudes of an oscillation, (n_times, n_sensors, n_force_values)."""
-        system, inputs = self._linear(values, derivatives=False), self.oscillation(self.times(n_times))
+        system, inputs = self._linear(values, derivatives=False), self.drive.oscillation(n_times)
         return system.readings(np.zeros((2 * len(self.free), inputs.shape[2])), inputs, n_times)
 
     def unit_starts(self, values: FloatArray, n_times: int) -> FloatArray:
         """Readings of free motion from unit displacements and velocities, (n_times, n_sensors, 2 n_free)."""
         system = self._linear(values, derivatives=False)
-        nothing = np.zeros((len(self.times(n_times)), len(self.generator), 2 * len(self.free)))
+        nothing = np.zeros((len(self.drive.times(n_times)), len(self.drive.generator), 2 * len(self.free)))
         return system.readings(system.start_of(np.eye(2 * len(self.free))), nothing, n_times)
 
     def unit_pulses(self, values: FloatArray, n_times: int) -> FloatArray:
@@ -206,7 +148,7 @@ class TimeModel:
         for load in range(n_loads):
             signal = np.zeros((2, n_times + 1, n_loads))
             signal[0, 0, load] = signal[1, 1, load] = 1.0
-            inputs = np.stack([self.inputs(s, n_times + 1) for s in signal], axis=2)
+            inputs = np.stack([self.drive.inputs(s, n_times + 1) for s in signal], axis=2)
             both = system.readings(rest, inputs, n_times + 1)
             found[:, :, 0, load] = both[:n_times, :, 0]
             for k in range(1, n_times):
@@ -225,24 +167,20 @@ class TimeModel:
                 "the mass matrix must be positive definite; give every degree of freedom some mass"
             ) from error
         scale = np.sqrt(np.maximum(squares, 0.0))
-        scale = np.where(scale * self.step > 1e-3, scale, 1e-3 / self.step)
+        step, n_inputs = self.drive.step, len(self.drive.generator)
+        scale = np.where(scale * step > 1e-3, scale, 1e-3 / step)
         n_params = self.unknown.n_params if derivatives else 0
         n, modal_damping = len(squares), shapes.T @ damping @ shapes
         wide = np.zeros((self.moving.n_dofs, n))
         wide[self.free] = shapes
-        load = (
-            self._pushes([wide.T @ matrix @ self.load_columns for matrix in whole])
-            if self.bases
-            else wide.T @ self.load_columns
-        )
+        load: FloatArray = wide.T @ self.load_columns
+        if self.bases:
+            load = self.drive.pushes(*(wide.T @ matrix @ self.load_columns for matrix in whole))
         rate = np.zeros((2 * n, 2 * n))
         rate[:n, n:], rate[n:, :n], rate[n:, n:] = np.diag(scale), np.diag(-squares / scale), -modal_damping
-        coupling = np.zeros((2 * n, len(self.generator)))
+        coupling = np.zeros((2 * n, n_inputs))
         coupling[n:, : load.shape[1]] = load
-        rate_change, coupling_change = (
-            np.zeros((2 * n, n_params, 2 * n)),
-            np.zeros((2 * n, n_params, len(self.generator))),
-        )
+        rate_change, coupling_change = (np.zeros((2 * n, n_params, width)) for width in (2 * n, n_inputs))
         if derivatives:
             right = np.concatenate([wide, self.load_columns], axis=1) if self.bases else wide
             changes = [_change_between(self.moving, self.unknown, law, wide, right, properties) for law in _LAWS]
@@ -251,13 +189,8 @@ class TimeModel:
             rate_change[n:, :, n:] = inertia @ modal_damping - viscous
             coupling_change[n:, :, : load.shape[1]] = -(inertia @ load)
             if self.bases:
-                coupling_change[n:] += self._pushes([change[..., n:] for change in changes])
+                coupling_change[n:] += self.drive.pushes(*(change[..., n:] for change in changes))
         return LinearSystem(self, shapes, scale, shapes.T @ mass, rate, coupling, rate_change, coupling_change)
-
-    def _pushes(self, moved: list[FloatArray]) -> FloatArray:
-        """Forces (..., n_inputs) of the inputs where supports move, from mass, damping and stiffness times unit motions of them."""
-        mass, damping, stiffness = moved
-        return -np.concatenate([mass, 0 * mass, damping * self.step, stiffness * self.step**2], axis=-1)
 
 
 def _change_between(
@@ -280,11 +213,6 @@ def _change_between(
     return np.swapaxes(total.reshape(n_params, n_left, n_right), 0, 1)
 
 
-def _summed(rates: FloatArray) -> FloatArray:
-    """What sums to before each sample, (n_times, n)."""
-    return np.concatenate([np.zeros((1, rates.shape[1])), np.cumsum(rates[:-1], axis=0)])
-
-
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
     """Modal state space of a `TimeModel` at given parameters; shapes stay fixed where derivatives are taken."""
@@ -299,21 +227,22 @@ class LinearSystem:
     coupling_change: FloatArray
 
     def _step(self, length: float) -> Step:
-        generator = self.model.generator
+        generator = self.model.drive.generator
         return exact_step(self.rate, self.coupling, generator, length, self.rate_change, self.coupling_change)
 
     @cached_property
     def _steps(self) -> tuple[Step, Step]:
         """The first step, and all others."""
-        usual, gap = self._step(self.model.step), self.model.gap
-        same = gap == 0 or abs(gap - self.model.step) < 1e-12 * self.model.step
+        step, gap = self.model.drive.step, self.model.drive.gap
+        usual = self._step(step)
+        same = gap == 0 or abs(gap - step) < 1e-12 * step
         return (usual if same else self._step(gap)), usual
 
     def _pieces(self, n_times: int, width: int) -> Iterator[tuple[Step, slice]]:
         """Steps and stretches of them that fit into memory; the first may be of another length than the others."""
-        n_steps = n_times - 1 + (self.model.gap > 0)
+        n_steps = n_times - 1 + (self.model.drive.gap > 0)
         first = 0
-        if self.model.gap > 0:
+        if self.model.drive.gap > 0:
             yield self._steps[0], slice(0, 1)
             first = 1
         chunk = max(1, _CHUNK // (len(self.rate) * width))
@@ -366,7 +295,7 @@ class LinearSystem:
         n_params = self.rate_change.shape[1]
         values, slopes = [], []
         state = np.concatenate([start[:, None], np.zeros((len(start), n_params))], axis=1)
-        if self.model.gap == 0:
+        if self.model.drive.gap == 0:
             value, slope = self._read(state[None], inputs[:1])
             values.append(value)
             slopes.append(slope)

@@ -13,8 +13,8 @@ from structid.arrays import FloatArray, IntArray, require_shape
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
 from structid.observation.record_problem import DataRows, RecordFacts, RecordProblem
+from structid.observation.time.histories import Histories
 from structid.observation.time.model import TimeModel
-from structid.observation.time.options import Oscillation
 from structid.structure import Structure
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import NamedUnknowns
@@ -39,6 +39,66 @@ class Incidental:
     force: FloatArray
     initial: FloatArray | None
     basis: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Incidentals:
+    """Whatever is unknown besides the parameters, all of which is linear: state at the start, noisy forces.
+
+    Attributes
+    ----------
+    model : TimeModel
+    histories : Histories
+    free_start : bool
+        Whether displacement and velocity at the start are unknown.
+    """
+
+    model: TimeModel
+    histories: Histories
+    free_start: bool
+
+    def at(self, values: FloatArray) -> Incidental:
+        """By least squares for physical parameters `values`."""
+        of, known = self.histories, self.histories.known_force
+        if not self.free_start and not len(of.noisy_loads):
+            return Incidental(known, None, np.zeros((of.measured.size, 0)))
+        columns = self.columns(values)
+        scale = np.linalg.norm(columns, axis=0)
+        basis, singular, rows = np.linalg.svd(columns / np.where(scale > 0, scale, 1.0), full_matrices=False)
+        seen = singular > _SEEN * singular.max(initial=0.0)
+        basis, rows = basis[:, seen], rows[seen] / singular[seen, None]
+        at_rest = np.zeros(2 * len(self.model.free)) if self.free_start else None
+        data = of.errors(self.model.readings(values, known, at_rest, of.n_times), known)
+        found = -(rows.T @ (basis.T @ data)) / np.where(scale > 0, scale, 1.0)
+        force, n_initial = np.array(known), 0 if at_rest is None else len(at_rest)
+        if of.drive.oscillates:
+            force[self.free_amplitudes] += found[n_initial:]
+        else:
+            force[:, of.noisy_loads] += found[n_initial:].reshape(of.n_times, -1)
+        return Incidental(force, None if at_rest is None else found[:n_initial], basis)
+
+    def columns(self, values: FloatArray) -> FloatArray:
+        """Derivative of the data rows with respect to state at the start and free force values."""
+        of, model, noisy = self.histories, self.model, self.histories.noisy_loads
+        readings: list[FloatArray] = []
+        forces: list[FloatArray] = []
+        if self.free_start:
+            readings.append(model.unit_starts(values, of.n_times))
+            forces.append(np.zeros((of.n_times, len(noisy), readings[0].shape[2])))
+        if of.drive.oscillates and len(noisy):
+            readings.append(model.unit_forces(values, of.n_times)[..., self.free_amplitudes])
+            forces.append(of.waveforms[:, noisy][..., self.free_amplitudes])
+        elif len(noisy):
+            count = of.n_times * len(noisy)
+            readings.append(model.unit_pulses(values, of.n_times)[..., noisy].reshape(*of.measured.shape, count))
+            forces.append(np.eye(count).reshape(of.n_times, len(noisy), count))
+        return of.whitened(np.concatenate(readings, axis=2), np.concatenate(forces, axis=2))
+
+    @cached_property
+    def free_amplitudes(self) -> IntArray:
+        """Which amplitudes of an oscillation are of noisy loads."""
+        of = self.histories
+        return np.flatnonzero(np.resize(of.force_deviation > 0, len(of.known_force)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,27 +139,32 @@ class OutputErrorProblem(RecordProblem):
     def __post_init__(self) -> None:
         object.__setattr__(self, "structure", self.model.structure)
         object.__setattr__(self, "parameters", self.model.unknown)
-        n_times, n_loads = len(self.measured), len(self.model.loads)
+        n_times, n_loads = self.n_times, len(self.model.loads)
         require_shape("measured", self.measured, (None, len(self.model.sensors)), "one column a sensor")
         require_shape("deviation", self.deviation, (len(self.model.sensors),), "one value a sensor")
         require_shape("force", self.force, (n_times, n_loads), "one row an instant, one column a load")
         require_shape("force_deviation", self.force_deviation, (n_loads,), "one value a load")
         if not (self.deviation > 0).all():
             raise InputError("`deviation` must be greater than 0 for every sensor; leave exact channels out of the fit")
-        if not self.oscillates and n_times * len(self.noisy_loads) > _MOST_FORCE_SAMPLES:
-            what, way = (
-                ("samples of a support's motion", "take spectra")
-                if self.model.bases
-                else (
-                    "force samples",
-                    "give the force as an Oscillation",
-                )
-            )
+        n_samples = n_times * len(self.histories.noisy_loads)
+        if not self.model.drive.oscillates and n_samples > _MOST_FORCE_SAMPLES:
+            what, way = "force samples", "give the force as an Oscillation"
+            if self.model.bases:
+                what, way = "samples of a support's motion", "take spectra"
             raise InputError(
-                f"at most {_MOST_FORCE_SAMPLES} noisy {what} can be estimated with the parameters, got"
-                f" {n_times * len(self.noisy_loads)}; {way}, shorten the record, or declare its"
-                " variance 0 where its noise matters little"
+                f"at most {_MOST_FORCE_SAMPLES} noisy {what} can be estimated with the parameters, got {n_samples}; {way},"
+                " shorten the record, or declare its variance 0 where its noise matters little"
             )
+
+    @cached_property
+    def histories(self) -> Histories:
+        """What the record says."""
+        return Histories(self.model.drive, self.measured, self.deviation, self.force, self.force_deviation)
+
+    @cached_property
+    def incidentals(self) -> Incidentals:
+        """What else is unknown."""
+        return Incidentals(self.model, self.histories, self.free_start)
 
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> OutputErrorProblem:
         return replace(self, model=replace(self.model, unknown=cast(Parameters, parts[0])))
@@ -107,11 +172,11 @@ class OutputErrorProblem(RecordProblem):
     @property
     def frequency(self) -> FloatArray:
         """Multiples of one over the record's duration, up to half the sampling rate."""
-        return np.fft.rfftfreq(self.n_times, self.model.step)[1:]
+        return np.fft.rfftfreq(self.n_times, self.model.drive.step)[1:]
 
     @property
     def facts(self) -> RecordFacts:
-        spacing = np.full(len(self.frequency), 1 / (self.n_times * self.model.step))
+        spacing = np.full(len(self.frequency), 1 / (self.n_times * self.model.drive.step))
         measures_force = not self.model.bases
         return replace(
             super().facts, line_spacing=spacing, n_channels=len(self.deviation), measures_force=measures_force
@@ -124,10 +189,10 @@ class OutputErrorProblem(RecordProblem):
     @cached_property
     def rows(self) -> DataRows:
         """Readings of each sensor at each sample, then samples of each noisy load."""
-        n_times, n_sensors = self.measured.shape
-        index, forces = np.arange(n_times), n_sensors + np.arange(len(self.noisy_loads))
+        (n_times, n_sensors), noisy = self.measured.shape, self.histories.noisy_loads
+        index, forces = np.arange(n_times), n_sensors + np.arange(len(noisy))
         kind = "motion of" if self.model.bases else "force at"
-        loads = (f"{kind} {self.model.loads[i]}" for i in self.noisy_loads)
+        loads = (f"{kind} {self.model.loads[i]}" for i in noisy)
         return DataRows(
             np.concatenate([np.repeat(index, n_sensors), np.repeat(index, len(forces))]),
             2 * np.concatenate([np.tile(np.arange(n_sensors), n_times), np.tile(forces, n_times)]),
@@ -138,96 +203,18 @@ class OutputErrorProblem(RecordProblem):
         """The problem of the first samples only."""
         return replace(self, measured=self.measured[:n_times], force=self.force[:n_times])
 
-    @property
-    def oscillates(self) -> bool:
-        return isinstance(self.model.force, Oscillation)
-
-    @cached_property
-    def noisy_loads(self) -> IntArray:
-        return np.flatnonzero(self.force_deviation > 0)
-
-    @cached_property
-    def waveforms(self) -> FloatArray:
-        """Force samples for unit amplitudes of an oscillation, (n_times, n_loads, n_force_values)."""
-        times = self.model.times(self.n_times)[-self.n_times :]
-        return self.model.oscillation(times)[:, : len(self.model.loads)]
-
-    @cached_property
-    def known_force(self) -> FloatArray:
-        """The force as far as it is known: samples, or amplitudes by least squares from them."""
-        if not self.oscillates:
-            return self.force
-        wide = self.waveforms.reshape(-1, self.waveforms.shape[2])
-        return np.asarray(np.linalg.lstsq(wide, self.force.ravel(), rcond=None)[0])
-
-    @cached_property
-    def _free_amplitudes(self) -> IntArray:
-        if not self.oscillates:
-            return np.zeros(0, dtype=np.int64)
-        return np.flatnonzero(np.resize(self.force_deviation > 0, len(self.known_force)))
-
-    @property
-    def has_incidental(self) -> bool:
-        """Whether anything but the parameters is unknown."""
-        return self.free_start or len(self.noisy_loads) > 0
-
-    def incidental(self, values: FloatArray) -> Incidental:
-        """What else is unknown, by least squares for physical parameters `values`."""
-        if not self.has_incidental:
-            return Incidental(self.known_force, None, np.zeros((self.n_data, 0)))
-        columns = self._incidental_columns(values)
-        scale = np.linalg.norm(columns, axis=0)
-        basis, singular, rows = np.linalg.svd(columns / np.where(scale > 0, scale, 1.0), full_matrices=False)
-        seen = singular > _SEEN * singular.max(initial=0.0)
-        basis, rows = basis[:, seen], rows[seen] / singular[seen, None]
-        at_rest = np.zeros(2 * len(self.model.free)) if self.free_start else None
-        data = self._data(self.model.readings(values, self.known_force, at_rest, self.n_times), self.known_force)
-        found = -(rows.T @ (basis.T @ data)) / np.where(scale > 0, scale, 1.0)
-        force, n_initial = np.array(self.known_force), 0 if at_rest is None else len(at_rest)
-        if self.oscillates:
-            force[self._free_amplitudes] += found[n_initial:]
-        else:
-            force[:, self.noisy_loads] += found[n_initial:].reshape(self.n_times, -1)
-        return Incidental(force, None if at_rest is None else found[:n_initial], basis)
-
     def residual(self, theta: FloatArray) -> FloatArray:
         values = self.physical(theta)
-        at = self.incidental(values)
-        data = self._data(self.model.readings(values, at.force, at.initial, self.n_times), at.force)
-        return self._residual(theta, data)
+        at = self.incidentals.at(values)
+        predicted = self.model.readings(values, at.force, at.initial, self.n_times)
+        return self._residual(theta, self.histories.errors(predicted, at.force))
 
     def linearize(self, theta: FloatArray) -> Linearization:
         values = self.physical(theta)
-        at = self.incidental(values)
+        at = self.incidentals.at(values)
         predicted, change = self.model.derivatives(values, at.force, at.initial, self.n_times)
         rows = np.zeros((self.n_data, len(values)))
         rows[: self.measured.size] = (change / self.deviation[:, None]).reshape(-1, len(values))
         rows -= at.basis @ (at.basis.T @ rows)
-        return self._linearized(theta, self._data(predicted, at.force), rows * self.slope(theta), at.basis.shape[1])
-
-    def _data(self, predicted: FloatArray, force: FloatArray) -> FloatArray:
-        """Whitened errors of readings, and of noisy force samples, (n_data,)."""
-        readings = ((predicted - self.measured) / self.deviation).ravel()
-        noisy = self.noisy_loads
-        samples = self.waveforms @ force if self.oscillates else force
-        return np.concatenate([readings, ((samples - self.force)[:, noisy] / self.force_deviation[noisy]).ravel()])
-
-    def _incidental_columns(self, values: FloatArray) -> FloatArray:
-        """Derivative of `_data` with respect to state at the start and free force values."""
-        n_times, noisy = self.n_times, self.noisy_loads
-        readings: list[FloatArray] = []
-        forces: list[FloatArray] = []
-        if self.free_start:
-            readings.append(self.model.unit_starts(values, n_times))
-            forces.append(np.zeros((n_times, len(noisy), readings[0].shape[2])))
-        if self.oscillates and len(noisy):
-            readings.append(self.model.unit_forces(values, n_times)[..., self._free_amplitudes])
-            forces.append(self.waveforms[:, noisy][..., self._free_amplitudes])
-        elif len(noisy):
-            count = n_times * len(noisy)
-            readings.append(self.model.unit_pulses(values, n_times)[..., noisy].reshape(*self.measured.shape, count))
-            forces.append(np.eye(count).reshape(n_times, len(noisy), count))
-        top = np.concatenate(readings, axis=2) / self.deviation[:, None]
-        bottom = np.concatenate(forces, axis=2) / self.force_deviation[noisy][:, None]
-        count = top.shape[2]
-        return np.concatenate([top.reshape(self.measured.size, count), bottom.reshape(n_times * len(noisy), count)])
+        data = self.histories.errors(predicted, at.force)
+        return self._linearized(theta, data, rows * self.slope(theta), at.basis.shape[1])

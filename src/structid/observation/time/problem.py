@@ -6,6 +6,7 @@ import numpy as np
 
 from structid.arrays import FloatArray, IntArray
 from structid.errors import InputError
+from structid.observation.time.drive import Drive
 from structid.observation.time.model import ORDERS, TimeModel
 from structid.observation.time.options import TimeOptions
 from structid.observation.time.output_error import OutputErrorProblem
@@ -41,18 +42,11 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
     begin = record.start if options.rest_time is None else options.rest_time
     if begin > record.start:
         raise InputError(f"`rest_time` must not come after the first sample at {record.start:g} s, got {begin:g} s")
-    return TimeModel(
-        structure,
-        unknown,
-        1 / record.sampling_rate,
-        record.start - begin,
-        begin,
-        tuple(record.channels[i] for i in fitted),
-        np.array([ORDERS[record.quantities[i]] for i in fitted]),
-        tuple(record.channels[i] for i in loads),
-        options.force,
-        _bases(structure, record, loads),
-    )
+    bases = _bases(structure, record, loads)
+    drive = Drive(options.force, len(loads), bool(bases), 1 / record.sampling_rate, record.start - begin, begin)
+    driven, sensors = (tuple(record.channels[i] for i in chosen) for chosen in (loads, fitted))
+    orders = np.array([ORDERS[record.quantities[i]] for i in fitted])
+    return TimeModel(structure, unknown, drive, driven, sensors, orders, bases)
 
 
 def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[Base, ...]:

@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from structid.arrays import FloatArray
-from structid.observation.time.options import Oscillation, TimeOptions
-from structid.observation.time.output_error import OutputErrorProblem
+from structid.observation.time.options import TimeOptions
 from structid.observation.time.problem import declared_variance, time_model
 from structid.records import TimeRecord
 from structid.records.record import LOADS
@@ -50,10 +48,7 @@ def simulated_time_record(
     model = time_model(structure, unknown, like, chosen)
     moved = [i for i, q in enumerate(like.quantities) if q not in LOADS]
     loads = [i for i, q in enumerate(like.quantities) if q in LOADS]
-    force: FloatArray = like.values[:, loads]
-    if isinstance(chosen.force, Oscillation):
-        blank, ones = np.zeros((len(force), len(moved))), np.ones(len(moved))
-        force = OutputErrorProblem(model, blank, ones, force, np.zeros(len(loads))).known_force
+    force = model.drive.known(like.values[:, loads])
     start = None if initial is None else np.asarray(initial, dtype=np.float64)
     values = np.array(like.values)
     values[:, moved] = model.readings(unknown.start, force, start, len(values))

@@ -11,6 +11,7 @@ from scipy import sparse
 from structid.arrays import ComplexArray, FloatArray, stack_real
 from structid.dynamics.modes import modes
 from structid.observation.channel_errors import ChannelErrors
+from structid.observation.frf.channels import read as readings_of
 from structid.observation.frf.response import Models, Response, response
 from structid.observation.latest import Latest
 from structid.records import FrfRecord
@@ -230,9 +231,7 @@ class SpectraModel:
         fields = self.response.fields_at(own, self.columns)
         y = fields[:, :, n_in : n_in + n_out]
         x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
-        sensors = self.columns[:, n_in : n_in + n_out]
-        motions = np.moveaxis(x[:, :, :n_in], 1, 0).reshape(x.shape[1], -1)
-        h = np.swapaxes((sensors.T @ motions).reshape(n_out, -1, n_in), 0, 1)
+        h = readings_of(sparse.csr_array(self.columns[:, n_in : n_in + n_out].T), x[:, :, :n_in])
         h = h * read[:, :, None] * (self.spectra.straight_share[:, None] / stated)[:, None, :]
         if self.spectra.straight:
             h += _alias_factors(self.spectra, read, stated) * self.mass_line.values(own)

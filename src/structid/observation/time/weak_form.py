@@ -19,7 +19,7 @@ section 3.2: functional maximum likelihood.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 
 import numpy as np
@@ -29,7 +29,7 @@ from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.estimation import Estimate
 from structid.observation.motion.equations import TimeEquations, time_equations
-from structid.observation.time.estimate import WhitenedRows, dense_rows, linear_estimate
+from structid.observation.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
 from structid.observation.time.model import ORDERS, require_viscous
 from structid.observation.time.options import TimeOptions
 from structid.observation.time.problem import declared_variance
@@ -118,7 +118,7 @@ class WeakForm:
             If the covariance is singular: too many windows, or channels without noise.
         """
         regressors, right = dense_rows(self.equations, self.fields)
-        n_params, n = self.equations.unknown.n_params, self.equations.n_dofs
+        n = self.equations.n_dofs
         covariance = self.covariance(values)
         size = np.sqrt(np.diag(covariance))
         if not (size > 0).all():
@@ -136,9 +136,7 @@ class WeakForm:
         weighted = linalg.solve_triangular(factor, single - wide @ values, lower=True, trans="T") / size
         noise = self.noise(values, -weighted.reshape(self.n_windows, n))
         instruments, _ = dense_rows(self.equations, self.fields - noise)
-        lines, series = np.divmod(np.arange(len(size)), n)
-        clean = whitened(instruments.reshape(len(size), n_params))
-        return WhitenedRows(self.equations.unknown, wide, single, clean, lines, 2 * series)
+        return whitened_rows(self.equations.unknown, wide, single.reshape(self.n_windows, n), whitened(instruments))
 
 
 def weak_form(structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions) -> WeakForm:
@@ -262,7 +260,7 @@ def identified_by_weak_form(
     for _ in range(options.max_iterations):
         rows = form.rows(values)
         if len(history) == 1:  # the given start serves for the weight alone: its residual says nothing of the noise
-            rows = WhitenedRows(unknown, rows.regressors, rows.right, rows.regressors, rows.lines, rows.series)
+            rows = replace(rows, instruments=rows.regressors)
         found = rows.solution()
         if found is None:
             break

@@ -38,7 +38,7 @@ def kept_or_read(path: Path, options: ReadOptions, read: Callable[[], Record]) -
     found = _kept.records.get(mark)
     if found is None:
         found = read()
-        if _bytes(found) > _kept.most or _mark(path, options) != mark:
+        if record_bytes(found) > _kept.most or _mark(path, options) != mark:
             return found
         _kept.records[mark] = found
         _forget()
@@ -53,9 +53,10 @@ def _mark(path: Path, options: ReadOptions) -> Mark:
 
 
 def _forget() -> None:
-    while sum(map(_bytes, _kept.records.values())) > _kept.most:
+    while sum(map(record_bytes, _kept.records.values())) > _kept.most:
         _kept.records.popitem(last=False)
 
 
-def _bytes(record: Record) -> int:
+def record_bytes(record: object) -> int:
+    """Bytes of the arrays of a record."""
     return sum(value.nbytes for value in vars(record).values() if isinstance(value, np.ndarray))

@@ -9,7 +9,6 @@ from scipy import sparse
 
 from structid.errors import FileError
 from structid.files import atomic_write
-from structid.files.hdf5 import matlab_73_fields
 from structid.files.matlab import matlab_variables
 from structid.records.io.bare import Shapes, read_bare
 from structid.records.io.layout import MARK, Field, fields_of, record_from
@@ -19,7 +18,6 @@ from structid.records.record import FrfRecord, TimeRecord
 
 SUFFIXES: tuple[str, ...] = (".mat",)
 _LARGEST = 2**31 - 1
-_HDF5_START = b"\x89HDF\r\n\x1a\n"
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
@@ -32,19 +30,13 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     InputError
         If it holds bare arrays and an option is missing.
     """
-    variables = matlab_73_fields(path) if _is_73(path) else matlab_variables(path)
+    variables = matlab_variables(path)
     fields: dict[str, Field] = {name: value for name, value in variables.items() if not sparse.issparse(value)}
     if MARK in fields:
         return selected(path, record_from(path, fields), options)
     arrays = {name: field for name, field in fields.items() if isinstance(field, np.ndarray)}
     shapes: Shapes = {name: (array.shape, array.dtype) for name, array in arrays.items()}
     return read_bare(path, shapes, arrays.__getitem__, options)
-
-
-def _is_73(path: Path) -> bool:
-    with path.open("rb") as stream:
-        head = stream.read(520)
-    return head.startswith((b"MATLAB 7.3", _HDF5_START)) or head[512:] == _HDF5_START
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:

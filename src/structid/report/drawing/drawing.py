@@ -13,8 +13,7 @@ from structid.dof import DIRECTIONS, Dof
 from structid.report.drawing import palette, symbols
 from structid.report.drawing.faces import cell_faces, hidden_nodes, is_cells, labelled_marks
 from structid.report.drawing.labels import Label, place
-from structid.report.drawing.picture import Mark, Picture, curve, points
-from structid.report.drawing.projection import is_spatial, paper_axes
+from structid.report.drawing.picture import Mark, Picture, curve, is_spatial, paper_axes, points
 from structid.report.rendering import plot
 from structid.shown import counted
 from structid.structure import (

@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from structid.arrays import FloatArray, IntArray
-from structid.report.drawing.picture import Mark
-from structid.report.drawing.projection import is_spatial, sight
+from structid.report.drawing.picture import Mark, is_spatial, sight
 from structid.structure import Membrane, Plane, Plate, Shell, Solid, Structure
 from structid.structure.elements import ElementSet
 

@@ -104,9 +104,7 @@ def _ratio_axis(label: str, limits: plot.Limits, log: bool, room: float = 0.0) -
 def correlation_figure(identification: Identification) -> plot.Figure:
     """Heat map of the correlation matrix; grey where a standard deviation is not determined."""
     names = identification.estimate.names
-    with np.errstate(invalid="ignore", divide="ignore"):
-        found = np.array(identification.estimate.correlation)
-    matrix = np.where(np.isfinite(found), np.clip(found, -1.0, 1.0), np.nan)
+    matrix = np.clip(identification.estimate.correlation, -1.0, 1.0)
     scale = plot.ColourScale(palette.DIVERGING, -1.0, 1.0, "correlation (grey: not determined)")
     panel = plot.matrix_panel(matrix, names, "", scale)
     size = float(np.clip(200 + 26 * len(names) + 7 * max(len(name) for name in names), 550, 1100))

@@ -16,7 +16,7 @@ from structid.report.figures.survey import MOST_SHAPES
 from structid.report.rendering import plot
 from structid.report.text import likeness, number
 from structid.structure import Structure
-from structid.structure.places.aimed_sensor import AimedSensor
+from structid.structure.places import AimedSensor
 from structid.structure.supports import RigidLink
 
 #: Largest displacement, and gap between the two, in parts of the diagonal.

@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 
 from structid.estimation import Status
-from structid.report.correlation.chapter import side_by_side_chapter
+from structid.report.correlation import side_by_side_chapter
 from structid.report.figures.fields import field_figures
 from structid.report.figures.modes import band_used, mode_rows
 from structid.report.figures.responses import responses_figure

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from structid.criticism.verdict import Criticism
+from structid.criticism.held import HeldValue, resting
+from structid.criticism.verdict import Cause, Criticism
 from structid.estimation import Status
 from structid.identification.identified import Identification
-from structid.report.correlation.chapter import side_by_side_chapter
+from structid.report.correlation import side_by_side_chapter
 from structid.report.drawing.changes import shadings
 from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.modes import band_used, modal_fit_figure, mode_rows, modes_figure
@@ -18,14 +19,24 @@ from structid.report.figures.responses import residual_channels_figure, residual
 from structid.report.figures.structure import structure_figure
 from structid.report.identification import tables
 from structid.report.identification.modal_tables import modal_cards, modal_facts, modal_table, ratio_table
-from structid.report.identification.verdict import verdict_words
 from structid.report.page import Page
 from structid.report.rendering import plot
-from structid.report.tables import provenance_facts
+from structid.report.tables import Table, provenance_facts
+from structid.report.text import NOTHING, number, percent, with_unit
+from structid.shown import counted
 
 #: Endings that introduce a warning which repeats what the table of parameters says for each parameter.
 _REPEATED = re.compile(r"is not identified: (at the initial values )?its standard deviation is larger than its value$")
 _MOST_REPEATED, _MOST_GROUPS = 4, 8
+_MARKS = {"sound": "good", "approximate": "doubt", "wrong_model": "bad", "undetermined": "bad"}
+_HELD = (
+    "Held in the model",
+    "1 % more of it moves most",
+    "by",
+    "in standard deviations",
+    "The record would change it by",
+)
+_HEADER = ("Cause", "Misfit removed", "Chi-square per degree of freedom left", "What it adds", "Value that moves most")
 
 
 def write_report(
@@ -102,7 +113,7 @@ def report_page(
         "groups": [group.words for group in found.identifiability.groups[:_MOST_GROUPS]],
         "summary": (*tables.summary_facts(identification), *modal_cards(identification)),
         "record": tables.record_facts(identification) if identification.fits else (),
-        "modal": [_modal(identification, number) for number in range(len(identification.modal_fits))],
+        "modal": [_modal(identification, place) for place in range(len(identification.modal_fits))],
         "ratios": ratio_table(identification),
         "structure": (
             *tables.structure_facts(structure),
@@ -122,7 +133,7 @@ def report_page(
         "provenance": provenance_facts(provenance),
         "has_responses": bool(identification.fits),
         "first": identification.fits[0].name if identification.fits and n_records > 1 else "",
-        "others": [_other(identification, number) for number in range(1, len(identification.fits))],
+        "others": [_other(identification, place) for place in range(1, len(identification.fits))],
         "notes": drawn.notes,
         "beside_model": beside_model,
     }
@@ -132,21 +143,21 @@ def report_page(
 def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
     """Responses and residuals of every record, the map of the first."""
     figures = {}
-    for number, fit in enumerate(identification.fits, 1):
-        prefix = f"record_{number}_" if number > 1 else ""
+    for place, fit in enumerate(identification.fits, 1):
+        prefix = f"record_{place}_" if place > 1 else ""
         figures[f"{prefix}frf"] = responses_figure(fit)
         figures[f"{prefix}residual_by_channel"] = residual_channels_figure(fit)
-        if number == 1:
+        if place == 1:
             figures["residual_map"] = residual_map_figure(fit)
     return figures
 
 
-def _modal(identification: Identification, number: int) -> dict[str, object]:
+def _modal(identification: Identification, place: int) -> dict[str, object]:
     """What the page shows of a record of modes."""
-    fit = identification.modal_fits[number]
+    fit = identification.modal_fits[place]
     is_unknown = any(kind == "mass" for kind in fit.problem.kinds)
     return {
-        "number": number + 1,
+        "number": place + 1,
         "title": fit.name,
         "facts": modal_facts(fit, is_unknown),
         "table": modal_table(fit),
@@ -154,11 +165,11 @@ def _modal(identification: Identification, number: int) -> dict[str, object]:
     }
 
 
-def _other(identification: Identification, number: int) -> dict[str, object]:
+def _other(identification: Identification, place: int) -> dict[str, object]:
     """What the page shows of a further record."""
-    part = identification.seen_from(number)
+    part = identification.seen_from(place)
     return {
-        "number": number + 1,
+        "number": place + 1,
         "title": part.fits[0].name,
         "facts": tables.record_facts(part),
         "resonances": tables.resonance_table(part.resonances) if part.resonances else None,
@@ -183,3 +194,43 @@ def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tu
 def _status_warning(identification: Identification) -> str:
     found = identification.estimate
     return f"{found.status_words} ({found.message})"
+
+
+def verdict_words(criticism: Criticism | None) -> dict[str, object]:
+    """What the template shows of the verdict."""
+    if criticism is None:
+        return {"verdict": None, "held": None}
+    judgement, causes = criticism.judgement, criticism.named
+    return {
+        "verdict": {
+            "words": judgement.words,
+            "mark": _MARKS[judgement.verdict],
+            "reasons": judgement.reasons[1:],
+            "heading": "What explains the misfit" if criticism.causes else "What would lower the misfit",
+            "tried": f"{counted(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
+            "causes": Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None,
+            "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
+        },
+        "held": held_table(criticism.held) if criticism.held else None,
+    }
+
+
+def held_table(held: Sequence[HeldValue]) -> Table:
+    """What the model holds, that which moves a value farthest first."""
+    return Table(_HELD, tuple(_held_row(one) for one in resting(held)), (2, 3, 4))
+
+
+def _held_row(one: HeldValue) -> tuple[str, ...]:
+    at = one.most_moved
+    pull = f"{percent(one.pull, 2)} ± {percent(one.pull_std, 2, signed=False)}" if one.pull_std > 0 else NOTHING
+    return one.name, one.parameters[at], percent(0.01 * one.influence[at], 2), number(abs(one.distance[at]), 2), pull
+
+
+def _row(cause: Cause, first: Cause) -> tuple[str, ...]:
+    alike = " (the data do not tell it from the first)" if cause.is_alike and cause is not first else ""
+    added = ", ".join(f"{name} = {with_unit(number(value), unit)}" for name, value, unit in cause.found)
+    moved = ""
+    if cause.moved:
+        one = cause.moved[0]
+        moved = f"{one.name}: {number(one.before)} to {with_unit(number(one.after), one.unit)}"
+    return cause.line + alike, percent(cause.share, 3, signed=False), number(cause.chi_square_per_dof, 3), added, moved

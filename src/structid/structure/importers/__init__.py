@@ -28,7 +28,7 @@ from structid.structure.importers.imported import (
     on_dofs,
 )
 from structid.structure.importers.numbering import read_numbering
-from structid.structure.importers.op4.op4 import Op4Options
+from structid.structure.importers.op4.strings import Op4Options
 
 #: Each has SUFFIXES and read(path). A .mtx file is MatrixMarket where its first line says so, else Abaqus.
 FORMATS: tuple[ModuleType, ...] = (_op4, _dmig, _abaqus, _ansys, _arrays, _harwell_boeing, _calculix)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -148,11 +149,26 @@ class Pattern:
 
     def summed(self, weights: np.ndarray) -> sparse.csc_array:
         """The sum of weights[e] B_e over all families, elements in their order, (n_dofs, n_dofs)."""
-        data = np.bincount(self.place, self.value * weights[self.element], len(self.indices))
         size = len(self.starts) - 1
-        found = sparse.csc_array((data, self.indices.copy(), self.starts.copy()), (size, size))
+        found = sparse.csc_array((self._data(weights), self.indices.copy(), self.starts.copy()), (size, size))
         found.eliminate_zeros()
         return found
+
+    def dense(self, weights: np.ndarray) -> FloatArray:
+        """The same as a dense array."""
+        size = len(self.starts) - 1
+        found = np.zeros(size * size)
+        found[self._flat] = self._data(weights)
+        return found.reshape(size, size)
+
+    def _data(self, weights: np.ndarray) -> FloatArray:
+        return np.bincount(self.place, self.value * weights[self.element], len(self.indices))
+
+    @cached_property
+    def _flat(self) -> IntArray:
+        """Where the entries stand in a dense array."""
+        size = len(self.starts) - 1
+        return self.indices.astype(np.int64) * size + np.repeat(np.arange(size), np.diff(self.starts))
 
 
 def pattern(families: Sequence[ElementMatrices]) -> Pattern:

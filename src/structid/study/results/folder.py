@@ -23,7 +23,7 @@ from structid.plain import Entry, json_text
 from structid.study.results.changes import PARAMETERS, changes_summary, changes_table, search_summary
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.modal import modal_summary
-from structid.study.results.result import StudyResult, correlation
+from structid.study.results.result import StudyResult
 
 _REPORT = "report.html"
 
@@ -140,7 +140,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
             {"words": g.words, "members": g.members, "relative_std_alone": g.alone, "relative_std_together": g.together}
             for g in identifiability.groups
         ],
-        **({"correlation": correlation(estimate.covariance)} if has_matrix else {}),
+        **({"correlation": estimate.correlation} if has_matrix else {}),
         "modes": [
             {"frequency_hz": frequency, "damping_ratio": ratio}
             for frequency, ratio in zip(found.modes.frequency, found.modes.damping_ratio, strict=True)

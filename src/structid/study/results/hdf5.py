@@ -14,7 +14,7 @@ from structid.estimation import Estimate
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.structure import Structure
-from structid.study.results.result import StudyResult, correlation
+from structid.study.results.result import StudyResult
 
 if TYPE_CHECKING:
     import h5py
@@ -83,7 +83,7 @@ def _parameters(group: h5py.Group, found: Estimate) -> None:
     if found.uncertainty.has_matrix:
         _put(group, "covariance_noise", found.covariance_noise, "products of units")
         _put(group, "covariance_model_error", found.covariance_model_error, "products of units")
-        _put(group, "correlation", correlation(found.covariance), "1")
+        _put(group, "correlation", found.correlation, "1")
     else:
         _put(group, "std_relative_error", found.uncertainty.std_error, "1")
         _put(group, "draws", found.uncertainty.draws, note)

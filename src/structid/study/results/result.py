@@ -9,7 +9,6 @@ import numpy as np
 import scipy
 
 from structid._version import __version__
-from structid.arrays import FloatArray
 from structid.criticism.verdict import Criticism
 from structid.dynamics.receptance import factorizer_words
 from structid.estimation import Estimate
@@ -65,10 +64,3 @@ def provenance(study: Study) -> Provenance:
         settings=study.settings,
         factorizer=factorizer_words(max(source.structure.n_dofs for source in study.setups)),
     )
-
-
-def correlation(covariance: FloatArray) -> FloatArray:
-    """Correlation matrix of a covariance; NaN where that is NaN or a variance is 0."""
-    std = np.sqrt(np.diag(covariance))
-    scale = np.outer(std, std)
-    return np.divide(covariance, scale, out=np.full_like(scale, np.nan), where=scale > 0)

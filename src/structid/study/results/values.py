@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.errors import FileError
-from structid.files.hdf5 import hdf5_fields
+from structid.files.hdf5 import hdf5_fields, texts_of
 
 
 def stored_values(folder: Path) -> dict[str, float]:
@@ -26,7 +26,7 @@ def stored_values(folder: Path) -> dict[str, float]:
         names, values = found["parameters/names"], np.asarray(found["parameters/values"], dtype=float)
     except (KeyError, ValueError) as error:
         raise FileError(f"{path}: holds no parameters; write it again with `structid identify`") from error
-    words = (names,) if isinstance(names, str) else tuple(map(str, names))
+    words = texts_of(names)
     if values.shape != (len(words),) or not np.isfinite(values).all():
         raise FileError(f"{path}: its parameters cannot be used; write it again with `structid identify`")
     return dict(zip(words, values.tolist(), strict=True))

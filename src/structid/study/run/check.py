@@ -23,8 +23,7 @@ from structid.identification.setups.setup import AnySetup, prefixes
 from structid.identification.together import by_name, places, together
 from structid.identification.warning_words import unused_damping
 from structid.observation import RecordProblem
-from structid.structure.places.aimed_sensor import AimedSensor
-from structid.structure.places.mesh_point import MeshPoint
+from structid.structure.places import AimedSensor, MeshPoint
 from structid.study.run.before import RecordCheck, checked_mesh, checked_record
 from structid.study.run.run import is_matrix_free
 from structid.study.run.start import Start, started

@@ -20,6 +20,7 @@ from structid.identification.identify import identify_together
 from structid.identification.search import chosen_method
 from structid.observation import RecordProblem
 from structid.observation.frf.products import STORED_BYTES
+from structid.records.io.kept import record_bytes
 from structid.study.run.start import started
 from structid.study.schema.study import Study
 
@@ -170,12 +171,8 @@ def sizes(problems: Sequence[RecordProblem]) -> Sizes:
         n_records=len(problems),
         n_parameters=len({name for p in problems for name in p.names}),
         n_rows=sum(p.n_data for p in problems),
-        record_bytes=sum(_bytes(p.facts.record) for p in problems if p.facts.record is not None),
+        record_bytes=sum(record_bytes(p.facts.record) for p in problems if p.facts.record is not None),
     )
-
-
-def _bytes(record: object) -> int:
-    return sum(value.nbytes for value in vars(record).values() if isinstance(value, np.ndarray))
 
 
 def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:

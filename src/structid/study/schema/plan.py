@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,22 +11,24 @@ import numpy as np
 
 from structid.declared import NotNegative
 from structid.dof import Dof, parse_dofs, renamed
+from structid.errors import SingularModelError
 from structid.estimation.search.work import ALONE, Work
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
 from structid.planning.options import resolved
-from structid.planning.planned import PlanOptions
+from structid.planning.plan import plan
+from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
 from structid.shown import listed
 from structid.structure import Structure
-from structid.structure.places.aimed_sensor import AimedSensor
+from structid.structure.places import AimedSensor
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.records.record import NoiseSource, load_record, read_source
 from structid.study.schema.records.sensors import channel_names, is_load, used_names
-from structid.study.schema.root import InputFiles, read_root, title_of
+from structid.study.schema.root import InputFiles, read_root, record_sections, title_of
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Given, Key, table_of
 from structid.study.schema.unknowns import read_parameters
@@ -104,29 +106,23 @@ def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy
         If a file is missing or broken, a key is unknown or wrong, or the options cannot be used; with its place.
     """
     root, files = read_root(path, work=work)
-    recorded = _first_record(root)
+    recorded = next(iter(record_sections(root)), None)
     structure = read_structure(root.inner("structure"), files, record=recorded)
     unknown = read_parameters(root, structure)
-    aimed = [tie for tie in structure.ties if isinstance(tie, AimedSensor)]
+    aimed = channel_names(structure)
     section = root.inner("plan")
     method = read_method(root.section("method"))
-    record, declared, notes = _record(recorded, files, structure, channel_names(aimed))
+    record, declared, notes = _record(recorded, files, structure, aimed)
     with (root.section("plan") or root).located():
-        options, more = _options(section, structure, unknown, record, declared, method, channel_names(aimed))
+        options, more = _options(section, structure, unknown, record, declared, method, aimed)
         options = resolved(structure, unknown, replace(options, **changes))
-    notes = (*notes, *more, *_aimed_words(aimed, options))
+    notes = (*notes, *more, *_aimed_words(structure, options))
     return PlanStudy(title_of(root), structure, unknown, options, notes, root, files.digests)
 
 
-def _first_record(root: Section) -> Section | None:
-    """The study's record, the first of several, or None where there is none yet."""
-    if isinstance(root.table.get("record"), list):
-        return next(iter(root.sections("record")), None)
-    return root.section("record")
-
-
-def _aimed_words(aimed: Sequence[AimedSensor], options: PlanOptions) -> tuple[str, ...]:
+def _aimed_words(structure: Structure, options: PlanOptions) -> tuple[str, ...]:
     """Which candidates are sensors of ``[record.sensors]``, and which of these are none."""
+    aimed = [tie for tie in structure.ties if isinstance(tie, AimedSensor)]
     candidates = {dof.unsigned for dof in (*options.sensors, *options.loads)}
     known = [
         f"{one.channel} (called {one.dof.place} here)" if one.dof.place != one.channel else one.channel for one in aimed
@@ -261,3 +257,19 @@ def _noise(
         relative = float(np.hypot(relative, model_error))
         notes = (*notes, f"the model error of [method], {100 * model_error:.3g} %, counts as noise")
     return relative, absolute, notes
+
+
+def planned(study: PlanStudy) -> Plan:
+    """The plan that a study file asks for.
+
+    Raises
+    ------
+    StudyError, SingularModelError
+        If it cannot be made; with the place in the file.
+    """
+    try:
+        with (study.root.section("plan") or study.root).located():
+            return plan(study.structure, study.parameters, study.options)
+    except SingularModelError as error:
+        place = study.root.section("structure") or study.root
+        raise SingularModelError(str(place.error(str(error)))) from error

@@ -103,6 +103,14 @@ def root_of(source: StudyText) -> Section:
     return root
 
 
+def record_sections(root: Section) -> list[Section]:
+    """Every ``[[record]]``, or the one ``[record]``; none where there is no record."""
+    if isinstance(root.table.get("record"), list):
+        return root.sections("record")
+    single = root.section("record")
+    return [] if single is None else [single]
+
+
 def title_of(root: Section) -> str:
     """The title of the study."""
     return str(root.table.get("title", root.source.path.stem))

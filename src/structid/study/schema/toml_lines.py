@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import re
 import tomllib
+from bisect import bisect_left
 
+#: Names of tables and keys, and positions in arrays of tables.
 KeyPath = tuple[str | int, ...]
+#: Words with the place of their first letter.
 Words = list[tuple[str, int]]
 
 #: Texts, brackets, signs, line ends, comments, blanks and all other words of TOML.
@@ -38,62 +41,65 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
     (1, 3, 4, 6)
     """
     found: dict[KeyPath, int] = {}
-    words, line = [], 1
-    for match in WORD.finditer(text.replace("\r\n", "\n")):
-        if match[0][0] not in " \t#":
-            words.append((match[0], line))
-        line += match[0].count("\n")
-    words.reverse()  # a stack: the next word is the last
+    text = text.replace("\r\n", "\n")
+    words = words_of(text, " \t#")
     table: KeyPath = ()
     counts: dict[KeyPath, int] = {}
     while words:
         if words[-1][0] == "[":
-            table = _header(words, found, counts)
+            table = header(words, counts, found)
         elif words[-1][0] == "\n":
             words.pop()
         else:
             _pair(words, found, table)
-    return found
+    ends = [end.start() for end in re.finditer("\n", text)]
+    return {path: bisect_left(ends, at) + 1 for path, at in found.items()}
 
 
-def _key(words: Words, end: str) -> tuple[list[str], int]:
-    """The parts of a dotted key up to `end`, and its line."""
+def words_of(text: str, passed_over: str) -> Words:
+    """The words of a TOML text but those that begin with a letter of `passed_over`, each with its first letter; a stack."""
+    found = [(match[0], match.start()) for match in WORD.finditer(text) if match[0][0] not in passed_over]
+    return found[::-1]  # the next word is the last
+
+
+def key(words: Words, end: str) -> tuple[list[str], int]:
+    """The parts of a dotted key up to `end`, which is taken off too, and where it begins."""
     parts: list[str] = []
-    line = words[-1][1]
+    at = words[-1][1]
     while (word := words.pop()[0]) != end:
         if word[0] in "\"'":
             parts += tomllib.loads(f"{word} = 0")
         elif word != ".":
             parts.append(word)
-    return parts, line
+    return parts, at
 
 
-def _header(words: Words, found: dict[KeyPath, int], counts: dict[KeyPath, int]) -> KeyPath:
-    """The path of ``[a.b]`` or ``[[a.b]]``, with the position in every array of tables."""
+def header(words: Words, counts: dict[KeyPath, int], found: dict[KeyPath, int]) -> KeyPath:
+    """The path of ``[a.b]`` or ``[[a.b]]``, with the position in every array of tables, of which `counts` knows the entries."""
     words.pop()
     is_array = words[-1][0] == "["
     if is_array:
         words.pop()
-    parts, line = _key(words, "]")
+    parts, at = key(words, "]")
     if is_array:
         words.pop()
     path: KeyPath = ()
     for i, part in enumerate(parts):
         path = (*path, part)
-        found.setdefault(path, line)
+        found.setdefault(path, at)
         if is_array and i == len(parts) - 1:
             counts[path] = counts.get(path, 0) + 1
         if path in counts:
             path = (*path, counts[path] - 1)
-            found.setdefault(path, line)
+            found.setdefault(path, at)
     return path
 
 
 def _pair(words: Words, found: dict[KeyPath, int], path: KeyPath) -> None:
-    parts, line = _key(words, "=")
+    parts, at = key(words, "=")
     for part in parts:
         path = (*path, part)
-        found.setdefault(path, line)
+        found.setdefault(path, at)
     _value(words, found, path)
 
 
@@ -104,13 +110,13 @@ def _value(words: Words, found: dict[KeyPath, int], path: KeyPath) -> None:
             words.pop()
         return
     while words[-1][0] not in "]}":
-        word, line = words[-1]
+        word, at = words[-1]
         if word in "\n,":
             words.pop()
         elif first == "{":
             _pair(words, found, path)
         else:
-            found[(*path, position)] = line
+            found[(*path, position)] = at
             _value(words, found, (*path, position))
             position += 1
     words.pop()

@@ -1,8 +1,14 @@
 """New studies from a few numbers: one template a kind of structure, a line each in `TEMPLATES`."""
 
-from structid.study.templates.frames import BeamTemplate, BridgeTemplate, FrameTemplate, ShearBuildingTemplate
+from structid.study.templates.frames import (
+    BeamTemplate,
+    BridgeTemplate,
+    FrameTemplate,
+    OwnMatricesTemplate,
+    PlateTemplate,
+    ShearBuildingTemplate,
+)
 from structid.study.templates.mesh import MeshTemplate
-from structid.study.templates.others import OwnMatricesTemplate, PlateTemplate
 from structid.study.templates.template import (
     Asked,
     Template,

@@ -71,7 +71,7 @@ class SmallLines:
         known = self._known.get(key)
         if known is None:
             structure, values = self.slopes.structure, self.slopes.parameters.values(physical)
-            matrices = np.stack([structure.matrix(law, values).toarray() for law in self.slopes.laws])
+            matrices = structure.dense_matrices(self.slopes.laws, values)
             known = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
             self._known.clear()
             self._known[key] = known

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,7 @@ from numpy.typing import NDArray
 from structid.arrays import FloatArray, IntArray
 from structid.errors import FileError
 from structid.structure.importers.imported import ImportedMatrix
-from structid.structure.importers.op4.strings import Strings, assembled, finished
-
-if TYPE_CHECKING:
-    from structid.structure.importers.op4.op4 import Op4Options
+from structid.structure.importers.op4.strings import Op4Options, Strings, assembled, finished
 
 _REMEDY = "the file is cut short or damaged; copy it in binary mode or write it again"
 

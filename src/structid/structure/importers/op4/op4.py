@@ -7,18 +7,16 @@ the order of its nodes and components, unless the model was resequenced).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from scipy import sparse
 
-from structid.errors import FileError, InputError
+from structid.errors import FileError
 from structid.structure.importers.imported import ImportedMatrix
 from structid.structure.importers.op4 import binary as op4_binary
 from structid.structure.importers.op4 import text as op4_text
-from structid.structure.importers.op4.strings import Layout, Strings, strings_of
+from structid.structure.importers.op4.strings import Op4Options, Strings, strings_of
 
 SUFFIXES: tuple[str, ...] = (".op4", ".ou1")  # the second is MYSTRAN's
 
@@ -39,41 +37,6 @@ def read(path: Path) -> list[ImportedMatrix]:
     if not found:
         raise FileError(f"{path}: holds no matrix; write some with OUTPUT4")
     return found
-
-
-@dataclass(frozen=True)
-class Op4Options:
-    """How an OUTPUT4 file is written.
-
-    Attributes
-    ----------
-    binary : bool
-        Binary (default) or ASCII.
-    layout : {"bigmat", "sparse", "dense"}
-        Strings with 32-bit rows (any size), strings with 16-bit rows (up to 65535 rows), or whole columns from the
-        first to the last entry that is not zero.
-    byte_order : {"little", "big"}
-        Of binary files.
-    words : {32, 64}
-        Bits of an integer in binary files.
-    single : bool
-        Single precision: seven digits.
-    """
-
-    binary: bool = True
-    layout: Layout = "bigmat"
-    byte_order: Literal["little", "big"] = "little"
-    words: Literal[32, 64] = 32
-    single: bool = False
-
-    def __post_init__(self) -> None:
-        if self.layout not in ("bigmat", "sparse", "dense"):
-            raise InputError(f"`layout` must be 'bigmat', 'sparse' or 'dense', got {self.layout!r}")
-        if self.byte_order not in ("little", "big") or self.words not in (32, 64):
-            raise InputError(
-                "`byte_order` must be 'little' or 'big' and `words` 32 or 64, got "
-                f"{self.byte_order!r} and {self.words!r}"
-            )
 
 
 def file_bytes(path: Path, matrices: Sequence[ImportedMatrix], options: Op4Options) -> bytes:

@@ -18,6 +18,41 @@ from structid.structure.importers.imported import ImportedMatrix, completed
 Layout = Literal["bigmat", "sparse", "dense"]
 
 
+@dataclass(frozen=True)
+class Op4Options:
+    """How an OUTPUT4 file is written.
+
+    Attributes
+    ----------
+    binary : bool
+        Binary (default) or ASCII.
+    layout : {"bigmat", "sparse", "dense"}
+        Strings with 32-bit rows (any size), strings with 16-bit rows (up to 65535 rows), or whole columns from the
+        first to the last entry that is not zero.
+    byte_order : {"little", "big"}
+        Of binary files.
+    words : {32, 64}
+        Bits of an integer in binary files.
+    single : bool
+        Single precision: seven digits.
+    """
+
+    binary: bool = True
+    layout: Layout = "bigmat"
+    byte_order: Literal["little", "big"] = "little"
+    words: Literal[32, 64] = 32
+    single: bool = False
+
+    def __post_init__(self) -> None:
+        if self.layout not in ("bigmat", "sparse", "dense"):
+            raise InputError(f"`layout` must be 'bigmat', 'sparse' or 'dense', got {self.layout!r}")
+        if self.byte_order not in ("little", "big") or self.words not in (32, 64):
+            raise InputError(
+                "`byte_order` must be 'little' or 'big' and `words` 32 or 64, got "
+                f"{self.byte_order!r} and {self.words!r}"
+            )
+
+
 @dataclass(frozen=True, eq=False)
 class Strings:
     """A matrix as strings.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,7 @@ from structid.arrays import FloatArray, IntArray
 from structid.errors import FileError
 from structid.structure.importers.fixed_fields import FieldError, chunks, fields_at, real_numbers
 from structid.structure.importers.imported import ImportedMatrix
-from structid.structure.importers.op4.strings import Strings, assembled, finished
-
-if TYPE_CHECKING:
-    from structid.structure.importers.op4.op4 import Op4Options
+from structid.structure.importers.op4.strings import Op4Options, Strings, assembled, finished
 
 _FORMAT = re.compile(rb"(?:1P,?)?\s*(\d+)\s*[EDG](\d+)\.(\d+)", re.IGNORECASE)
 _REMEDY = "the file is cut short or damaged; copy it or write it again"

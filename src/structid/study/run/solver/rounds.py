@@ -15,7 +15,7 @@ from structid.identification.identify import identify_together
 from structid.identification.options import IdentifyOptions
 from structid.identification.together import places, together
 from structid.observation import FrfProblem, RecordProblem
-from structid.solver.frfs.solved import SolvedFrfs
+from structid.solver.frfs.model import SolvedFrfs
 from structid.solver.runs import point_words
 from structid.solver.solved import Checked, Solved
 from structid.study.results.result import StudyResult

@@ -27,8 +27,7 @@ from structid.observation.frf.continuation import level_frequencies, start_devia
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.records.transforms.half_plane import poisson_weights
-from structid.solver.frfs.model import FrfRuns, SolverFrfs
-from structid.solver.frfs.solved import SolvedFrfs
+from structid.solver.frfs.model import FrfRuns, SolvedFrfs, SolverFrfs
 from structid.solver.runs import RunFailedError
 from structid.structure import Structure
 from structid.study.run.solver.moves import about, deck_values, within

@@ -10,7 +10,7 @@ from structid.arrays import IntArray
 from structid.dof import DIRECTIONS, Dof
 from structid.structure.elements import ElementSet
 from structid.structure.meshes import LENGTH_UNITS, Mesh, read_mesh, require_sound, unassigned
-from structid.structure.places.mesh_point import MeshPoint, mesh_points
+from structid.structure.places import MeshPoint, mesh_points
 from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either, flat
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section

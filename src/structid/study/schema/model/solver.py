@@ -12,8 +12,8 @@ from structid.modal.files.nastran import PUNCH_SUFFIXES
 from structid.plain import Plain
 from structid.solver.deck import Deck, DeckParameter, deck_texts, with_lines
 from structid.solver.differences import solved_modes
+from structid.solver.frfs.model import solved_frfs
 from structid.solver.frfs.output import FrfsOut
-from structid.solver.frfs.solved import solved_frfs
 from structid.solver.marks import CardField, DeckMark, KeywordEntry, Place, value_at, with_marks
 from structid.solver.matrices import solved_matrices
 from structid.solver.outputs import MatricesOut, MatrixFile, ModesOut

@@ -13,7 +13,7 @@ from structid.identification.setups.frf import used_lines
 from structid.records import FrfRecord
 from structid.study.schema.method import read_method
 from structid.study.schema.records.record import load_record, read_source
-from structid.study.schema.root import InputFiles
+from structid.study.schema.root import InputFiles, record_sections
 from structid.study.schema.section import Section
 
 #: Sections of a record for which FRFs alone do not do, and what stands in place of each.
@@ -58,8 +58,7 @@ def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
                 ' "matrices"` or `"modes"`',
                 key,
             )
-    several = isinstance(root.table.get("record"), list)
-    sections = root.sections("record") if several else [one for one in [root.section("record")] if one is not None]
+    sections = record_sections(root)
     if not sections:
         raise own.error(
             '`gives = "frfs"` needs a [record]: it says at which lines and places the solver is to give FRFs'

@@ -17,7 +17,7 @@ from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence
 from structid.records.io import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
 from structid.records.quality.signal_checks import channel_checks
-from structid.records.record import LOADS, Quantity
+from structid.records.record import LOADS, Quantity, as_recorded
 from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list, choice
 from structid.study.schema.records.frf import FRF, FrfSettings, read_frf, spectral_frf
 from structid.study.schema.records.modes import MODES, ModesSource, read_modes_source
@@ -255,7 +255,7 @@ def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | N
         with source.section.located("leakage"):
             record = replace(record, segment=_segment(record))
     with source.section.located("channels_used"):
-        record = record.channels(_as_recorded(source.channels.used, record)) if source.channels.used else record
+        record = record.channels(as_recorded(source.channels.used, record)) if source.channels.used else record
     with source.section.located("sensors"):
         return _relabelled(record, used_names(source.channels.aimed, (*record.outputs, *record.inputs)))
 
@@ -390,9 +390,3 @@ def _with_noise(record: FrfRecord, noise: NoiseSource) -> FrfRecord:
     if noise.from_coherence or (record.variance is None and known):
         return with_coherence_noise(record, noise.averages)
     return record
-
-
-def _as_recorded(wanted: tuple[Dof, ...], record: FrfRecord) -> tuple[Dof, ...]:
-    """The record's own outputs at the same places and directions, whatever their sense."""
-    own = {dof.unsigned: dof for dof in record.outputs}
-    return tuple(own.get(dof.unsigned, dof) for dof in wanted)

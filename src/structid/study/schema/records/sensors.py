@@ -13,7 +13,7 @@ from structid.dof import DIRECTIONS, Dof, parse_dof
 from structid.errors import InputError
 from structid.structure import Structure
 from structid.structure.elements import ElementSet
-from structid.structure.places.aimed_sensor import AimedSensor, nearest_nodes, unit_direction
+from structid.structure.places import AimedSensor, nearest_nodes, unit_direction
 from structid.study.schema.kinds import POSITION, VECTOR, Kind
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, table_of
@@ -138,13 +138,13 @@ def is_load(name: str) -> bool:
     return name.startswith(_LOAD)
 
 
-def channel_names(sensors: Sequence[AimedSensor]) -> dict[str, str]:
+def channel_names(structure: Structure) -> dict[str, str]:
     """What channels are called in the structure, by their name in the record.
 
     Their sense stays: a channel `3X-` of the record reads against the direction that is declared.
     """
     found = {}
-    for one in sensors:
+    for one in (tie for tie in structure.ties if isinstance(tie, AimedSensor)):
         load, own = _LOAD * is_load(one.channel), parse_dof(one.channel.removeprefix(_LOAD))
         found[load + own.place] = one.dof.place
     return found

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from structid.identification.setups.setup import AnySetup
 from structid.observation import ChannelUnknown
 from structid.structure import Structure
-from structid.structure.places.aimed_sensor import AimedSensor
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.records.record import RecordSource, read_source
 from structid.study.schema.records.sensors import channel_names
-from structid.study.schema.root import InputFiles
+from structid.study.schema.root import InputFiles, record_sections
 from structid.study.schema.section import Section
 from structid.study.schema.unknowns import CHANNEL_ERROR, read_parameters, read_prior
 from structid.unknowns import Parameters
@@ -67,7 +66,9 @@ def read_setups(root: Section, files: InputFiles, before: Sequence[SetupSource] 
     StudyError
         If one of them, the structure or the unknowns cannot be read.
     """
-    records, structure = _records(root), root.inner("structure")
+    records, structure = record_sections(root), root.inner("structure")
+    if not records:
+        raise root.error("holds no record; write [record] or [[record]] above its keys", "record")
     made_of = [(_structure_tables(source.section), source.structure) for source in before]
     for record in records:
         tables = _structure_tables(record)
@@ -80,7 +81,7 @@ def read_setups(root: Section, files: InputFiles, before: Sequence[SetupSource] 
     for record, made in zip(records, structures, strict=True):
         unknown = read_parameters(root, made, known)
         errors = tuple(_channel_error(entry) for entry in record.sections("channel_error"))
-        aimed = channel_names([tie for tie in made.ties if isinstance(tie, AimedSensor)])
+        aimed = channel_names(made)
         source = read_source(record, files, aimed, made.base_supports)
         name = str(record.table.get("name", ""))
         if name and name in names:
@@ -93,18 +94,6 @@ def read_setups(root: Section, files: InputFiles, before: Sequence[SetupSource] 
 def _structure_tables(record: Section) -> tuple[object, ...]:
     """All tables that the structure of a record is made of."""
     return record.source.table["structure"], record.table.get("structure"), record.table.get("sensors")
-
-
-def _records(root: Section) -> Sequence[Section]:
-    if isinstance(root.table.get("record"), list):
-        several = root.sections("record")
-        if not several:
-            raise root.error("holds no record; write [record] or [[record]] above its keys", "record")
-        return several
-    single = root.section("record")
-    if single is None:
-        raise root.error("the section [record] is missing; add it")
-    return [single]
 
 
 def _channel_error(entry: Section) -> ChannelUnknown:

@@ -1,11 +1,13 @@
-"""A comparison in words and tables, as the terminal and the page show it."""
+"""A comparison in words and tables, as the terminal shows it, and its page."""
 
 from __future__ import annotations
 
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.comparison.comparing import ComparisonResult
+from structid.comparison.comparing import COMPARE_PAGE, ComparisonResult
+from structid.report.figures.comparison import comparison_figures
+from structid.report.page import Page
 from structid.report.tables import Table, printed
 from structid.report.text import number, percent, unit_text, with_std
 from structid.shown import first_warnings
@@ -80,3 +82,18 @@ def comparison_text(result: ComparisonResult) -> list[RenderableType]:
 def _probability(value: float) -> str:
     """Two digits; what is below one in a million million is told as that."""
     return f"< 10{chr(0x207B)}¹²" if value < 1e-12 else number(value, 2)
+
+
+def comparison_page(result: ComparisonResult) -> Page:
+    """The page and its figures."""
+    found = result.comparison
+    words = {
+        "title": f"{result.baseline.title} → {result.later.title}",
+        "complete": found.is_complete,
+        "any_changed": bool(found.changed.any()),
+        "words": found.words,
+        "warnings": result.warnings,
+        "facts": facts(result)[1:],
+        "changes": comparison_table(result),
+    }
+    return Page(COMPARE_PAGE, "compare.html.j2", comparison_figures(result), words)

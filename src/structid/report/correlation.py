@@ -1,21 +1,36 @@
-"""A correlation in words and tables, as the terminal and the page show it."""
+"""A correlation in words and tables, as the terminal shows it, and what pages show of each record beside a model or two."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.correlation.correlating import StudyCorrelation
+from structid.correlation.correlating import CORRELATION_PAGE, StudyCorrelation, before_and_after, expansion_sizes
 from structid.correlation.modes import ModesCorrelation
 from structid.correlation.responses import ResponsesCorrelation
-from structid.correlation.summary import expansion_sizes
-from structid.report.tables import Table, printed
+from structid.identification.identified import Identification
+from structid.report.figures.correlation import (
+    ALONE,
+    BEFORE_AND_AFTER,
+    comac_figure,
+    fdac_figure,
+    frac_figure,
+    mac_figure,
+)
+from structid.report.figures.side_by_side import side_by_side_figure
+from structid.report.page import Page
+from structid.report.rendering import plot
+from structid.report.tables import Table, printed, provenance_facts
 from structid.report.text import NOTHING, likeness, number, percent
 from structid.shown import counted, first_warnings
 
 #: Modes of a basis that are named at most.
 _MOST_NAMED = 8
+Figures = dict[str, plot.Figure]
 
 
 def modes_table(part: ModesCorrelation) -> Table:
@@ -157,3 +172,83 @@ def correlation_text(found: StudyCorrelation) -> list[RenderableType]:
 
 def _named(name: str, words: str) -> str:
     return f"{name}: {words}" if name else words
+
+
+def modes_part(parts: Sequence[ModesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
+    """Figures, whose names begin with `key`, and words of measured modes beside one model or two, the last one counting."""
+    part, words = parts[-1], ALONE if len(parts) == 1 else BEFORE_AND_AFTER
+    drawn = {
+        f"{key}_mac": mac_figure(parts, words),
+        f"{key}_comac": comac_figure(parts, words) if part.n_paired else None,
+        f"{key}_shapes": side_by_side_figure(part),
+    }
+    told = {
+        "key": key,
+        "is_modal": True,
+        "title": part.name,
+        "words": [_told(word, summary_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
+        "warnings": part.warnings,
+        "table": modes_table(part),
+        "surplus": surplus_table(part),
+        "facts": orthogonality_facts(part),
+        "expansion": expansion_table(part),
+        "resonances": None,
+    }
+    return {name: figure for name, figure in drawn.items() if figure is not None}, told
+
+
+def responses_part(parts: Sequence[ResponsesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
+    """The same of measured responses."""
+    part, words = parts[-1], ALONE if len(parts) == 1 else BEFORE_AND_AFTER
+    drawn = {f"{key}_frac": frac_figure(parts, words), f"{key}_fdac": fdac_figure(parts, words)}
+    told = {
+        "key": key,
+        "is_modal": False,
+        "title": part.name,
+        "words": [_told(word, frac_words(one), len(parts)) for word, one in zip(words, parts, strict=True)],
+        "warnings": part.warnings,
+        "resonances": resonances_table(part),
+    }
+    return {name: figure for name, figure in drawn.items() if figure is not None}, told
+
+
+def _told(word: str, words: str, count: int) -> str:
+    inside = words if words[:2].isupper() else words[0].lower() + words[1:]
+    return f"{words}." if count == 1 else f"{word.capitalize()} model: {inside}."
+
+
+def side_by_side_chapter(found: Identification) -> tuple[Figures, list[dict[str, object]]]:
+    """The chapter of an identification: each record beside the initial and the identified model."""
+    modal, responses = before_and_after(found)
+    figures, parts = _chapter(modal, responses, "correlation_{}_modes", "correlation_{}_responses")
+    if len(parts) == 1:
+        parts[0]["title"] = ""
+    return figures, parts
+
+
+def _chapter(
+    modal: Sequence[Sequence[ModesCorrelation]],
+    responses: Sequence[Sequence[ResponsesCorrelation]],
+    modes_key: str,
+    responses_key: str,
+) -> tuple[Figures, list[dict[str, object]]]:
+    """Figures and words of every record; names of figures begin with the keys, each with the number of the record."""
+    made = [modes_part(both, modes_key.format(k)) for k, both in enumerate(modal, 1)]
+    made += [responses_part(both, responses_key.format(k)) for k, both in enumerate(responses, 1)]
+    return {name: figure for drawn, _ in made for name, figure in drawn.items()}, [told for _, told in made]
+
+
+def correlation_page(found: StudyCorrelation) -> Page:
+    """The page and its figures."""
+    modal, responses = [[one] for one in found.modes], [[one] for one in found.responses]
+    figures, parts = _chapter(modal, responses, "modes_{}", "responses_{}")
+    words = {
+        "title": found.study.title,
+        "at": at_words(found),
+        "is_paired": found.is_paired,
+        "warnings": found.warnings,
+        "parts": parts,
+        "channels": channels_table(found),
+        "provenance": provenance_facts(asdict(found.provenance)),
+    }
+    return Page(CORRELATION_PAGE, "correlation.html.j2", figures, words)

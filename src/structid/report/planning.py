@@ -1,4 +1,4 @@
-"""What `structid plan` prints, and the tables that its page shows."""
+"""What a plan shows: words and tables for the terminal, and its page."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ from structid.dof import Dof
 from structid.estimation.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan
 from structid.records.record import FRF_UNITS
-from structid.report.figures.plan import compared
+from structid.report.figures.plan import compared, plan_figures
+from structid.report.page import Page
 from structid.report.tables import Table, printed
 from structid.shown import counted, listed
+from structid.study.results.plan import PLAN_PAGE
 
 _MOST_GROUPS, _MOST_PLACES, _MOST_LINES = 5, 12, 40
+_HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "worst parameter", "RMS std")
 
 
 def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
@@ -65,9 +68,6 @@ def assumption_lines(found: Plan) -> list[str]:
         f"these std rest on noise of {_noise_words(found)} and on a model without any damping, whose resonances are endlessly high:"
         " a real structure will tell far less; give the model damping, such as `damping_ratio = 0.01` in [structure]"
     ]
-
-
-_HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "worst parameter", "RMS std")
 
 
 def test_table(found: Plan) -> Table:
@@ -153,3 +153,22 @@ def next_lines(found: Plan) -> list[str]:
 def places(dofs: tuple[Dof, ...]) -> str:
     """Places with commas, the first dozen of them."""
     return listed(dofs, _MOST_PLACES)
+
+
+def plan_page(found: Plan, title: str = "", notes: tuple[str, ...] = ()) -> Page:
+    """The page and its figures."""
+    words = {
+        "title": title or "Structure",
+        "determined": found.determined,
+        "chosen_determines": found.chosen.determined,
+        "options": options_text(found),
+        "lines": [*assumption_lines(found), *choice_lines(found), *enough_lines(found), *next_lines(found)],
+        "remarks": [
+            *notes,
+            *(f"the chosen test determines {d.words}" for d in found.identifiability.directions),
+            *(f"in the chosen test {group.words}" for group in found.identifiability.groups),
+        ],
+        "tests": test_table(found),
+        "parameters": parameter_table(found),
+    }
+    return Page(PLAN_PAGE, "plan.html.j2", plan_figures(found), words)

@@ -1,17 +1,27 @@
-"""What `structid modes` prints, and the words and tables that its page shows."""
+"""What `structid modes` prints, the words and tables that its page shows, and the page, with shapes that move."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 
 from rich.console import RenderableType
 from rich.text import Text
 
 from structid.modal.merging import Merging
-from structid.modal.survey.survey import HARDLY_DAMPED, ModesResult
+from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult
 from structid.records import FrfRecord
-from structid.report.figures.survey import mpc
-from structid.report.tables import Table, printed
+from structid.report.figures.shapes import shapes_figure
+from structid.report.figures.survey import (
+    complexity_figure,
+    damping_figure,
+    mac_figure,
+    mpc,
+    spectra_figure,
+    stabilization_figure,
+)
+from structid.report.page import Page
+from structid.report.tables import Table, printed, provenance_facts
 from structid.report.text import exact, percent, value_words, with_std
 from structid.shown import counted, first_warnings
 from structid.similarity import mac
@@ -152,4 +162,31 @@ def std_sentence(result: ModesResult) -> str:
     return (
         "± is one standard deviation from the scatter of the data (first order, no bias). The spread of the cluster is"
         " another thing: how far the poles of the different model orders lie apart."
+    )
+
+
+def modes_page(result: ModesResult) -> Page:
+    """The page and its figures; those that the method cannot give are left out."""
+    drawn = {
+        "stabilization": stabilization_figure(result),
+        "mode_shapes": shapes_figure(result),
+        "singular_values": spectra_figure(result),
+        "damping": damping_figure(result),
+        "automac": mac_figure(result),
+        "complexity": complexity_figure(result),
+    }
+    words = {
+        "title": result.title,
+        "found": counted(result.modes.n_modes, "mode"),
+        "doubtful": bool(result.warnings) or any(remarks(result)),
+        "warnings": result.warnings,
+        "scale": scale_sentence(result),
+        "std": std_sentence(result),
+        "facts": (record_words(result), method_words(result)),
+        "steps": result.steps,
+        "modes": mode_table(result),
+        "provenance": provenance_facts(asdict(result.provenance)),
+    }
+    return Page(
+        MODES_PAGE, "modes.html.j2", {name: figure for name, figure in drawn.items() if figure is not None}, words
     )

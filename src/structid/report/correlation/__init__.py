@@ -1,1 +1,0 @@
-"""What a correlation of a measurement and a model shows."""

@@ -1,1 +1,0 @@
-"""What a modal identification shows."""
