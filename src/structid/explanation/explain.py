@@ -53,6 +53,8 @@ _CLEAR = 0.5
 _REFIT = 3.0
 #: Chance that a right model within its noise is asked to change, and changes at most that are then fitted.
 _ASKED_RISK, _MOST_ASKED = 0.01, 6
+#: Lines of a record at most that are asked.
+_ASKED_LINES = 2000
 #: Pairs with another first cause that are looked for where noise is not all that the first pair leaves.
 _MORE_PAIRS = 4
 #: Changes beside which a second promises most, that are fitted with one.
@@ -472,7 +474,7 @@ def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALON
 def asked_for(base: Fitted, work: Work = ALONE) -> Explanation:
     """Of all changes that can be small, those that the record of an answer within its noise asks for beyond chance, fitted.
 
-    All lines count, unlike in the screens of a misfit: what is looked for is far below the noise of any of them.
+    Many more lines count than in the screens of a misfit: what is looked for is far below the noise of any of them.
 
     Parameters
     ----------
@@ -480,7 +482,7 @@ def asked_for(base: Fitted, work: Work = ALONE) -> Explanation:
         Of FRFs.
     work : Work
     """
-    point = base.trial.looked_at(base.trial.seen, base.theta, np.inf)
+    point = base.trial.looked_at(base.trial.seen, base.theta, _ASKED_LINES)
     candidates = pool(point.records, titles(base.trial.setups))
     scale = max(1.0, base.cost / max(base.trial.target.n_data - len(base.trial.target.names), 1))
     limit = float(special.ndtri(1 - _ASKED_RISK / (2 * max(len(candidates), 1)))) * np.sqrt(scale)
