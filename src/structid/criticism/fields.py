@@ -20,7 +20,9 @@ from structid.structure.measured import joined_receptance
 
 #: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
 _MOST_ENTRIES = 2e7
-_FEWEST_LINES, _MOST_LINES = 40, 90
+_FEWEST_LINES = 40
+#: Lines that a screen looks at where time counts.
+MOST_LINES = 90
 
 
 class ElementMatrix(NamedTuple):
@@ -203,7 +205,7 @@ def spread_over(n: int, most: int) -> IntArray:
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
 
 
-def fields_at(problem: FrfProblem, theta: FloatArray) -> Fields:
+def fields_at(problem: FrfProblem, theta: FloatArray, most_lines: float = MOST_LINES) -> Fields:
     """The fields of a problem at free variables, on so many of its lines as memory allows.
 
     Parameters
@@ -211,9 +213,13 @@ def fields_at(problem: FrfProblem, theta: FloatArray) -> Fields:
     problem : FrfProblem
     theta : (n_params,) float array
         Of this problem.
+    most_lines : float
+        No more than these, for the time that they take.
     """
     n_lines = len(problem.frequency)
-    room = int(np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, _MOST_LINES))
+    room = int(
+        np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, min(most_lines, n_lines + _FEWEST_LINES))
+    )
     if n_lines > room:
         problem = problem.with_lines(spread_over(n_lines, room))
     own, rest = np.split(problem.physical(theta), [problem.parameters.n_params])

@@ -13,7 +13,7 @@ import numpy as np
 from structid.arrays import FloatArray
 from structid.criticism.candidate import OF_DAMPING, Candidate
 from structid.criticism.data import scaled_misfit
-from structid.criticism.fields import Fields, fields_at
+from structid.criticism.fields import MOST_LINES, Fields, fields_at
 from structid.estimation import JointProblem
 from structid.observation import FrfProblem
 
@@ -32,6 +32,14 @@ class Screened:
     candidate: Candidate
     strength: float
     left: float
+
+
+class Asked(NamedTuple):
+    """A candidate with the strength that a residual asks of it to first order, and that over its deviation."""
+
+    candidate: Candidate
+    strength: float
+    score: float
 
 
 class _Look(NamedTuple):
@@ -100,6 +108,31 @@ class Point:
             for k, (candidate, key) in enumerate(zip(candidates, keys, strict=True))
         ]
 
+    def asked(self, candidates: Sequence[Candidate]) -> list[Asked]:
+        """What the residual asks of every candidate that may be small, each alone, all parameters following: a score test.
+
+        With w the slope of a candidate off the basis its strength is -w'r / w'w, and its score |w'r| / |w|, the size of a standard
+        normal variable where model and noise are right. None of those that would be out of bounds.
+
+        References
+        ----------
+        Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57.
+        """
+        found = []
+        for candidate in candidates:
+            small = _SMALL * np.abs(candidate.strengths).min()
+            step, size = self._linear(self._off(candidate, np.array([small]))[:, 0], small)
+            low, high = candidate.bounds
+            if len(candidate.strengths) > 1 and size > 0 and low < step < high:
+                found.append(Asked(candidate, step, float(abs(step) * np.sqrt(size))))
+        return found
+
+    def _linear(self, off: FloatArray, small: float) -> tuple[float, float]:
+        """The step to the least of what a candidate leaves by its slope, and the square of that; `off` is at a small strength."""
+        slope = (off - self._base) / small
+        size = float(slope @ slope)
+        return (float(-(slope @ self._base) / size) if 0 < size < np.inf else 0.0), size
+
     def _key(self, candidate: Candidate) -> _Key:
         """What a look depends on: places of parts that are rigid move alike in many nodes."""
         if candidate.places is None:
@@ -114,9 +147,7 @@ class Point:
             return _Look(strengths, left, 0.0, float(left[0]))
         small = _SMALL * np.abs(strengths).min()
         off = self._off(candidate, np.append(strengths, small))
-        left, slope = _squares(off[:, :-1]), (off[:, -1] - self._base) / small
-        size = slope @ slope
-        step = float(-(slope @ self._base) / size) if size > 0 else 0.0
+        left, (step, size) = _squares(off[:, :-1]), self._linear(off[:, -1], small)
         low, high = candidate.bounds
         linear = self.left - step**2 * size if low < step < high else np.inf
         return _Look(strengths, left, step, float(min(left.min(), linear)))
@@ -161,10 +192,14 @@ def _squares(off: FloatArray) -> FloatArray:
     return np.where(np.isfinite(left), left, np.inf)
 
 
-def point_at(problems: Sequence[FrfProblem], theta: FloatArray, undamped: Collection[int] = ()) -> Point:
-    """Problems at free variables of all their parameters together, on a part of their lines; see `Point`."""
+def point_at(
+    problems: Sequence[FrfProblem], theta: FloatArray, undamped: Collection[int] = (), most_lines: float = MOST_LINES
+) -> Point:
+    """Problems at free variables of all their parameters together, on at most so many of their lines; see `Point`."""
     columns = JointProblem(tuple(problems), first_prior_counts=True).unknowns.columns
-    records = tuple(fields_at(problem, theta[index]) for problem, index in zip(problems, columns, strict=True))
+    records = tuple(
+        fields_at(problem, theta[index], most_lines) for problem, index in zip(problems, columns, strict=True)
+    )
     whole = JointProblem(tuple(fields.problem for fields in records), first_prior_counts=True)
     at = whole.linearize(theta)
     return Point(records, at.residual, np.linalg.qr(at.jacobian)[0], undamped)

@@ -289,6 +289,7 @@ def judged(
     suggestions: Sequence[Cause] = (),
     untried: str = "",
     held: Sequence[HeldValue] = (),
+    is_asked: bool = False,
     work: Work = ALONE,
 ) -> Judgement:
     """The verdict on an identification; records that stand out from the others are among its reasons.
@@ -306,15 +307,33 @@ def judged(
         Why no changes were tried, where they might tell more.
     held : sequence of HeldValue
         What the values rest on.
+    is_asked : bool
+        Whether the record of an answer within its noise asks for the `suggestions` beyond chance.
     work : Work
         Where parts of the data are fitted.
     """
-    given = _judged(found, causes, n_tried, suggestions, doubted(held), work)
+    if is_asked and is_sound(found):
+        given = _asked_for(suggestions)
+    else:
+        given = _judged(found, causes, n_tried, suggestions, doubted(held), work)
     if untried and not fits_noise(found):
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
         )
     return replace(given, reasons=(*given.reasons, *(words for one in found.varied for words in one.outlying_words)))
+
+
+def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
+    """The verdict where the misfit is noise, but for a change that the record asks for beyond chance."""
+    told = tuple(one.words for one in suggestions)
+    most = max(suggestions, key=lambda one: one.moves)
+    first = most.moved[0]
+    part = abs(first.after / first.before - 1) if first.before else np.inf
+    words = (
+        f"Approximate: the model explains the record to within its noise, but the record asks for a change: {told[0]}."
+        f" {first.name} may move by {100 * part:.2g} %, {most.moves:.2g} of its deviations: the intervals hold either way."
+    )
+    return Judgement("approximate", words, told)
 
 
 def _judged(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.criticism.candidate import Candidate
-from structid.criticism.held import HeldValue, doubted, is_clear
+from structid.criticism.held import MATTERS, HeldValue, doubted, is_clear
 from structid.criticism.pool import MOST_DOFS
 from structid.criticism.verdict import (
     NOT_TRIED,
@@ -26,7 +26,7 @@ from structid.criticism.verdict import (
 from structid.errors import StructidError
 from structid.estimation import Estimate
 from structid.estimation.search.work import ALONE, Work
-from structid.explanation.explain import ALIKE, Explanation, explained, with_freed
+from structid.explanation.explain import ALIKE, Explanation, asked_for, explained, with_freed
 from structid.explanation.held import held_values
 from structid.explanation.refits import Fitted
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
@@ -34,6 +34,7 @@ from structid.explanation.trial import base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
 from structid.identification.identified import Identification
+from structid.observation import FrfProblem
 from structid.observation.frf.lines.solved import NO_MATRICES
 from structid.shown import counted
 from structid.study.results.result import StudyResult
@@ -83,7 +84,7 @@ def _criticized(
         result = replace(result, identification=found)
         held = held_values(ready, found)
         if not explain and (explain is False or not is_clear(held)):
-            return _sound(ready, result, held, work)
+            return _sound(ready, result, held, work, is_asked=explain is None)
     if any(one.warning for one in found.truncations) and not explain:
         return replace(result, criticism=Criticism(judged(found, work=work))), ()
     ratio = noise_ratio(found)
@@ -122,9 +123,11 @@ def _base(ready: Start, found: Identification) -> Fitted:
 
 
 def _sound(
-    ready: Start, result: StudyResult, held: tuple[HeldValue, ...], work: Work
+    ready: Start, result: StudyResult, held: tuple[HeldValue, ...], work: Work, is_asked: bool
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
-    """A sound answer, but where the record would have other values of what the model holds: then with these fitted as well."""
+    """A sound answer, but where the record would have other values of what the model holds, or another single change: then with
+    these fitted as well.
+    """
     found, doubts = result.identification, doubted(held)[:_MOST_HELD]
     if doubts:
         try:
@@ -132,7 +135,22 @@ def _sound(
         except (StructidError, np.linalg.LinAlgError) as error:
             return _without_causes(result, f"it could not be fitted with what it holds set free: {error}", work, held)
         return _told(ready, result, explanation, held, work, is_search=False)
+    if is_asked and _can_be_asked(ready, found):
+        try:
+            explanation = asked_for(_base(ready, found), work)
+        except (StructidError, np.linalg.LinAlgError) as error:
+            return _without_causes(result, f"it could not be held against single changes: {error}", work, held)
+        if any(_cause(result, explanation, one, 1, is_alike=False).moves > MATTERS for one in explanation.causes):
+            return _told(ready, result, explanation, held, work, is_search=False)
     return replace(result, criticism=Criticism(judged(found), held=held)), ()
+
+
+def _can_be_asked(ready: Start, found: Identification) -> bool:
+    """Whether a linear look at all single changes is one at the data themselves, and takes less than the answer did."""
+    is_small = all(setup.structure.n_dofs <= DENSE_UP_TO for setup in ready.setups)
+    are_frfs = all(isinstance(problem, FrfProblem) for problem in found.problems)
+    is_whole = found.target is not None and found.estimate.uncertainty.has_matrix
+    return is_small and are_frfs and is_whole and ready.study.structure.has_matrices
 
 
 def _told(
@@ -145,14 +163,15 @@ def _told(
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
     """The result with what was found; without `is_search` as changes that would lower the misfit, not as causes."""
     found = result.identification
-    likely = explanation.likely if doubted(held) or not is_sound(found) else ()
+    likely = explanation.likely if doubted(held) or not is_sound(found) or not is_search else ()
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
     misfit, expected = found.estimate.chi_square_per_dof, expected_misfit(found)
     is_accepted = is_search and are_causes(made, misfit, expected, bool(found.missed))
     accepted, lowering = (made, made[:0]) if is_accepted else (made[:0], made)
-    judgement = judged(found, accepted, explanation.tried, lowering, held=held, work=work)
+    is_asked = not is_search and not doubted(held)
+    judgement = judged(found, accepted, explanation.tried, lowering, held=held, is_asked=is_asked, work=work)
     wider = _wider(ready, result, likely)
     if judgement.verdict == "approximate":
         held = held_values(ready, wider.identification)

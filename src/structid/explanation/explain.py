@@ -12,7 +12,8 @@ from scipy import special
 
 from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import DATA_KINDS, extra_modes, outlying_lines
-from structid.criticism.screen import Screened
+from structid.criticism.pool import pool
+from structid.criticism.screen import Asked, Screened
 from structid.criticism.verdict import OF_A_PAIR
 from structid.dof import parse_dof
 from structid.errors import StructidError
@@ -35,6 +36,7 @@ from structid.explanation.refits import (
 )
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
+from structid.identification.setups.setup import titles
 
 #: A change with its strength, and free variables where its fit begins.
 _FINALISTS = 8
@@ -49,6 +51,10 @@ _OF_FEW, _AT_FIT = 2, 0.75
 _CLEAR = 0.5
 #: Near fits that the refit of a finalist takes the time of.
 _REFIT = 3.0
+#: Chance that a right model within its noise is asked to change, and changes at most that are then fitted.
+_ASKED_RISK, _MOST_ASKED = 0.01, 6
+#: Lines of a record at most that are asked.
+_ASKED_LINES = 2000
 #: Pairs with another first cause that are looked for where noise is not all that the first pair leaves.
 _MORE_PAIRS = 4
 #: Changes beside which a second promises most, that are fitted with one.
@@ -480,6 +486,31 @@ def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALON
     scale = _scale(base, fits)
     fits = sorted((one for one in fits if one.cost < base.cost), key=lambda one: _criterion(base, one, scale))
     return Explanation(base, tuple(fits), tuple(_criterion(base, one, scale) for one in fits), tried, tuple(fits))
+
+
+def asked_for(base: Fitted, work: Work = ALONE) -> Explanation:
+    """Of all changes that can be small, those that the record of an answer within its noise asks for beyond chance, fitted.
+
+    Many more lines count than in the screens of a misfit: what is looked for is far below the noise of any of them.
+
+    Parameters
+    ----------
+    base : Fitted
+        Of FRFs.
+    work : Work
+    """
+    point = base.trial.looked_at(base.trial.seen, base.theta, _ASKED_LINES)
+    candidates = pool(point.records, titles(base.trial.setups))
+    scale = max(1.0, base.cost / max(base.trial.target.n_data - len(base.trial.target.names), 1))
+    limit = float(special.ndtri(1 - _ASKED_RISK / (2 * max(len(candidates), 1)))) * np.sqrt(scale)
+    best: dict[tuple[object, ...], Asked] = {}
+    for one in sorted(point.asked(candidates), key=lambda one: -one.score):
+        if one.score > limit:
+            own = one.candidate
+            best.setdefault((own.kind, own.where, own.record, *own.others[:1]), one)
+    few = [(bare(one.candidate), one.strength) for one in best.values()][:_MOST_ASKED]
+    fits = _refits(base, _begun(base.trial, few, base.values), work, "changes that the record asks for") if few else []
+    return _weighed(base, fits, len(candidates))
 
 
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:

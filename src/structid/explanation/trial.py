@@ -12,6 +12,7 @@ import numpy as np
 
 from structid.arrays import FloatArray
 from structid.criticism.candidate import Candidate
+from structid.criticism.fields import MOST_LINES
 from structid.criticism.pool import MOST_DOFS
 from structid.criticism.screen import Point, point_at
 from structid.criticism.views import View, views
@@ -169,12 +170,12 @@ class Trial:
         """The views in the form of the anchored fit."""
         return tuple(replace(one, form="log", model_error=_MODEL_ERROR) for one in self.seen)
 
-    def looked_at(self, problems: Sequence[FrfProblem], theta: FloatArray) -> Point:
+    def looked_at(self, problems: Sequence[FrfProblem], theta: FloatArray, most_lines: float = MOST_LINES) -> Point:
         """Views in some form where changes are screened; modes whose damping is not fitted say nothing of damping."""
         silent = [
             k for k, one in enumerate(self.problems) if isinstance(one, ModalProblem) and not one.settings.use_damping
         ]
-        return point_at(problems, theta, silent)
+        return point_at(problems, theta, silent, most_lines)
 
     def approached(self, above: float = np.inf) -> Approached:
         """The anchored fit, come to by the nearest smoothed stages; it ends early where its misfit would stay `above`."""

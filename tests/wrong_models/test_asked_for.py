@@ -1,0 +1,80 @@
+"""Changes far below the noise of any line that the record of a sound answer asks for all the same."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from wrong_models.faults import Fault
+from wrong_models.study_files import Case, written
+
+from structid.criticism.candidate import Candidate
+from structid.criticism.pool import pool
+from structid.criticism.verdict import is_sound
+from structid.explanation.answer import criticized
+from structid.explanation.refits import Fitted
+from structid.explanation.trial import base_trial
+from structid.study.run.run import run_started
+from structid.study.run.start import started
+from structid.study.schema.study import load_study
+
+
+def answered(folder, *faults):
+    """A study of a rail with these faults, its answer, and the true values."""
+    truth = written(Case("rail-frf-asked", "rail", "frf", faults), folder)
+    ready = started(load_study(folder / "study.toml"))
+    result = run_started(ready)
+    assert is_sound(result.identification)
+    return ready, result, truth["parameters"]
+
+
+def held(found, truth):
+    """Of each value whether its interval holds the truth."""
+    ends = dict(zip(found.estimate.names, found.intervals.ends, strict=True))
+    return [bool(ends[name][0] <= value <= ends[name][1]) for name, value in truth.items()]
+
+
+def test_a_mass_that_chi_square_does_not_show_is_named_and_intervals_reach_over_it(tmp_path):
+    """5 g are missing at a node: chi-square is within its 25 %, and values are up to three of their deviations off."""
+    ready, result, truth = answered(tmp_path, Fault("mass", "8", "0.005"))
+    assert not all(held(result.identification, truth))
+    found, fits = criticized(ready, result)
+    judgement = found.criticism.judgement
+    assert judgement.verdict == "approximate"
+    assert "the record asks for a change: a mass at node 8 is missing in the model" in judgement.words
+    assert found.criticism.suggestions[0].found[0][1] == pytest.approx(0.005, rel=0.2)
+    assert not found.criticism.causes
+    assert len(fits) == len(found.criticism.suggestions)
+    assert all(held(found.identification, truth))
+    unasked, _ = criticized(ready, result, explain=False)
+    assert unasked.criticism.judgement.verdict == "sound"
+
+
+def test_a_right_model_is_asked_for_nothing(tmp_path):
+    ready, result, _ = answered(tmp_path)
+    found, fits = criticized(ready, result)
+    assert found.criticism.judgement.verdict == "sound"
+    assert not fits
+    assert np.array_equal(found.identification.intervals.ends, result.identification.intervals.ends)
+
+
+def test_scores_are_those_of_normal_noise_and_steps_those_of_a_column_more(tmp_path):
+    ready, result, _ = answered(tmp_path)
+    estimate = result.identification.estimate
+    trial = base_trial(ready.study, ready.setups, result.identification.problems, estimate.theta)
+    base = Fitted(trial, estimate.theta, estimate.chi_square)
+    point = trial.looked_at(trial.seen, base.theta, np.inf)
+    assert len(point.residual) == estimate.n_data  # all lines, unlike the screen of a misfit
+    candidates = [one for one in pool(point.records, ["rail"]) if one.kind == "mass"]
+    found = point.asked(candidates)
+    assert len(found) > 5
+    assert stats.kstest([one.score for one in found], "halfnorm").pvalue > 1e-3
+    [fields] = point.records
+    for one in found[:3]:
+        small = 1e-4 * np.abs(one.candidate.strengths).min()
+        changed = fields.frf + one.candidate.effect(fields, np.array([small]))[0]
+        column = (fields.problem.data_rows(changed) - fields.problem.data_rows(fields.frf)) / small
+        step = -np.linalg.lstsq(np.column_stack([point.basis, column]), point.residual, rcond=None)[0][-1]
+        assert one.strength == pytest.approx(step, rel=1e-3)
+    bounded = [Candidate(one.kind, one.where, one.effect, one.strengths, (0.0, np.inf)) for one in candidates]
+    assert {one.candidate.where for one in point.asked(bounded)} == {
+        one.candidate.where for one in found if one.strength > 0
+    }
