@@ -8,8 +8,7 @@ import pytest
 from scipy import sparse
 
 from structid import Beam, InputError, Structure
-from structid.correlation.expansion import expand
-from structid.correlation.reduction import constrained_shapes, reduced_mass, serep_basis
+from structid.correlation.expansion import constrained_shapes, expand, reduced_mass, serep_basis
 from structid.dof import parse_dofs
 from structid.dynamics.modes import modes
 

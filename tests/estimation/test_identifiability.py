@@ -11,6 +11,7 @@ from structid.estimation import BaseProblem, Linearization
 from structid.estimation.diagnostics.collinearity import collinear_groups, percent_text, variance_proportions
 from structid.estimation.diagnostics.identifiability import direction_words, identifiability
 from structid.estimation.diagnostics.refusal import Bound, bound_at, carried, refusal_words
+from structid.estimation.uncertainty import DenseCovariance, Spread
 
 
 def orthonormal(count, n_rows=60, seed=0):
@@ -243,3 +244,18 @@ def test_words_on_very_many_parameters_name_the_first_and_count_the_rest():
     assert "young[part:0]" in words
     assert "and 488 more" in words
     assert len(words) < 700
+
+
+def test_correlation_is_told_of_known_variances_only():
+    matrix = np.array([[4.0, 3.0, np.nan, 0.0], [3.0, 9.0, np.nan, 0.0], [np.nan] * 4, [0.0] * 4])
+    known = DenseCovariance(matrix)
+    identified = np.array([True, True, False, True])
+    found = Spread(
+        noise=known,
+        model_error=known,
+        covariance_basis="noise",
+        identified=identified,
+        identifiability=identifiability(np.eye(4), np.ones(4), ("a", "b", "c", "d")),
+    )
+    assert found.correlation[0] == pytest.approx([1.0, 0.5, np.nan, np.nan], nan_ok=True)
+    assert np.isnan(found.correlation[2:]).all()

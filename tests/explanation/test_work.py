@@ -6,9 +6,9 @@ from frame_cases import STUDY, off, written
 
 from structid.criticism.candidate import Candidate
 from structid.estimation.search.work import ALONE, PLAIN_TOOLS
-from structid.explanation import refits
+from structid.explanation import explain, refits
 from structid.explanation.answer import criticized, unlooked
-from structid.explanation.explain import explained
+from structid.explanation.explain import Explanation, explained
 from structid.explanation.refits import Fitted, approached, likewise
 from structid.explanation.trial import base_trial
 from structid.study.run.checkpoint import Checkpoint, fingerprint
@@ -85,7 +85,7 @@ def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base
     whole = approached(base, (*other, np.inf), PLAIN_TOOLS)
     assert whole["cost"] > 2 * best["cost"]
     short = approached(base, (*other, best["cost"]), PLAIN_TOOLS)
-    assert short["iterations"] < whole["iterations"]
+    assert short["seconds"] < whole["seconds"]
     assert short["cost"] > best["cost"]
     same = approached(base, (*forgotten, whole["cost"]), PLAIN_TOOLS)
     assert np.array_equal(same["theta"], best["theta"])
@@ -101,5 +101,20 @@ def test_fits_of_causes_keep_to_their_room_and_say_what_they_left_out(base):
     assert few.causes[0].trial.changes[-1][0].where == whole.causes[0].trial.changes[-1][0].where == ("4",)
     assert unlooked(few) == (
         f"{few.left_out} changes that a linear look promises something of were not fitted: the search for causes takes about ten"
-        " identifications at most",
+        " identifications, or 40 seconds of a processor, at most",
     )
+
+
+@pytest.mark.parametrize(("room", "n_more", "is_single"), [(np.inf, 3, False), (35.0, 2, True), (15.0, 0, True)])
+def test_other_pairs_are_looked_for_as_long_as_there_is_room_for_one_more(base, monkeypatch, room, n_more, is_single):
+    """Each pair takes 10 s, one of them that of the second cause; noise is never all that is left, and nothing is better."""
+    first = Explanation(base, (base, base, base), (0.0, 0.0, 0.0), 3)
+    second, rooms = Explanation(base, (base,), (0.0,), 3, spent=10.0), []
+    monkeypatch.setattr(explain, "_is_misfit", lambda one: True)
+    monkeypatch.setattr(explain, "_is_far", lambda one: False)
+    monkeypatch.setattr(explain, "_beside", lambda *arguments: second)
+    monkeypatch.setattr(explain, "_from_second", lambda *arguments: rooms.append(arguments[-1]))
+    monkeypatch.setattr(explain, "_from_next", lambda *arguments: rooms.append(arguments[-1]))
+    pair = explain._paired(first, ALONE, room)
+    assert (len(rooms), pair.is_single) == (n_more, is_single)
+    assert rooms == [room - 10.0 * (k + 1) for k in range(n_more)]

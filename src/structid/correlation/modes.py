@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from structid.arrays import FloatArray, IntArray
-from structid.correlation.expansion import ExpandedShapes, expand
+from structid.correlation.expansion import ExpandedShapes, constrained_shapes, expand, reduced_mass, serep_basis
 from structid.correlation.options import DEFAULT, CorrelateOptions
-from structid.correlation.reduction import constrained_shapes, reduced_mass, serep_basis
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
 from structid.errors import InputError

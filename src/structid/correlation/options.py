@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from structid.correlation.expansion import Method
-from structid.correlation.reduction import Reduction
+from structid.correlation.expansion import Method, Reduction
 from structid.declared import NotNegative, require_declared
 
 

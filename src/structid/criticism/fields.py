@@ -198,6 +198,11 @@ class Fields:
         return np.asarray(self.structure.numbering.matrix.toarray())
 
 
+def spread_over(n: int, most: int) -> IntArray:
+    """Numbers below `n`, all or as many as `most`, evenly."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
+
+
 def fields_at(problem: FrfProblem, theta: FloatArray) -> Fields:
     """The fields of a problem at free variables, on so many of its lines as memory allows.
 
@@ -210,6 +215,6 @@ def fields_at(problem: FrfProblem, theta: FloatArray) -> Fields:
     n_lines = len(problem.frequency)
     room = int(np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, _MOST_LINES))
     if n_lines > room:
-        problem = problem.with_lines(np.unique(np.linspace(0, n_lines - 1, room).round().astype(int)))
+        problem = problem.with_lines(spread_over(n_lines, room))
     own, rest = np.split(problem.physical(theta), [problem.parameters.n_params])
     return Fields(problem, problem.parameters.values(own), rest, problem.predicted(theta))

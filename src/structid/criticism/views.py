@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray
+from structid.criticism.fields import spread_over
 from structid.identification.fits.modal_fit import damping_ratios, paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
@@ -21,6 +22,8 @@ from structid.records import FrfRecord
 #: Of FRFs made of modes: error of each value beside those of the modes, decay of the lines in parts of their frequency, lines,
 #: and loads.
 _ERROR, _DECAY, _LINES, _LOADS = 0.02, 0.02, 90, 2
+#: Lines of a record that changes are fitted near on.
+_NEAR_LINES = 300
 
 Values = TypeVar("Values", FloatArray, ComplexArray)
 
@@ -35,21 +38,32 @@ class View:
         Of the lines themselves.
     given : mapping of float to FrfRecord, optional
         Smoothed data by their decay, where they are known.
+    chosen : (n,) float array, optional
+        The frequencies of `near`, where they are known.
     """
 
     problem: FrfProblem
     given: Mapping[float, FrfRecord] | None = None
+    chosen: FloatArray | None = None
 
     @cached_property
     def smooth(self) -> Mapping[float, FrfRecord]:
         """Smoothed data by their decay, from far to near; see `FrfProblem.smoothed`."""
         return dict(self.problem.smoothed) if self.given is None else self.given
 
+    @cached_property
+    def near(self) -> FloatArray:
+        """The frequencies of some hundred lines of the record, evenly chosen, that serve to tell changes apart."""
+        if self.chosen is not None:
+            return self.chosen
+        frequency = self.problem.frequency
+        return frequency[spread_over(len(frequency), _NEAR_LINES)]
+
     def of(self, problem: RecordProblem) -> View:
         """The same data beside the model of a problem and its errors of channels."""
         channels = None if problem.channels is None else problem.channels.seen_by(self.problem.record)
         own = replace(self.problem, structure=problem.structure, parameters=problem.parameters, channels=channels)
-        return View(own, self.smooth)
+        return View(own, self.smooth, self.near)
 
 
 def views(

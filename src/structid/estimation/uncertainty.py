@@ -214,7 +214,8 @@ class Spread:
     def correlation(self) -> FloatArray:
         """Correlation matrix of the parameters; NaN where a variance is not known, or 0."""
         scale = np.outer(self.std, self.std)
-        return np.divide(self.covariance, scale, out=np.full_like(scale, np.nan), where=scale > 0)
+        known = np.isfinite(scale) & (scale > 0)
+        return np.divide(self.covariance, scale, out=np.full_like(scale, np.nan), where=known)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

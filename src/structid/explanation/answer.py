@@ -23,7 +23,6 @@ from structid.criticism.verdict import (
     noise_ratio,
     not_found,
 )
-from structid.dynamics.receptance import DENSE_UP_TO
 from structid.errors import StructidError
 from structid.estimation import Estimate
 from structid.estimation.search.work import ALONE, Work
@@ -44,8 +43,10 @@ from structid.study.run.workers import threads_for
 _MOST, _MOST_ALIKE = 4, 4
 #: Held values at most that a sound answer is fitted without.
 _MOST_HELD = 3
-#: Of models that are not small, so many identifications the search for causes may take; and iterations that one counts at least.
-_IDENTIFICATIONS, _FEWEST = 10, 20
+#: So many identifications the search for causes may take, and so many seconds of a processor in any case; and iterations that an
+#: identification counts at least.
+_IDENTIFICATIONS, _SECONDS, _FEWEST = 10, 40.0, 20
+_ROOM = f"ten identifications, or {_SECONDS:g} seconds of a processor,"
 _NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
 _OF_RECORDS = f"of a model of more than {MOST_DOFS} degrees of freedom, causes are looked for in the records alone"
 _NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
@@ -167,9 +168,9 @@ def _wider(ready: Start, result: StudyResult, likely: Sequence[Fitted]) -> Study
 
 
 def _room(base: Fitted, estimate: Estimate) -> float:
-    """Iterations that fits of causes may take: those of so many identifications, and all that they need of small models."""
-    is_small = all(setup.structure.n_dofs <= DENSE_UP_TO for setup in base.trial.setups)
-    return np.inf if is_small else _IDENTIFICATIONS * max(estimate.n_iterations, _FEWEST) * estimate.n_starts
+    """Processor time that fits of causes may take, about: that of so many identifications, or what is little in any case."""
+    each = base.trial.seconds_of(base.trial.target.n_data)
+    return max(_SECONDS, _IDENTIFICATIONS * max(estimate.n_iterations, _FEWEST) * estimate.n_starts * each)
 
 
 def unlooked(explanation: Explanation) -> tuple[str, ...]:
@@ -182,7 +183,7 @@ def unlooked(explanation: Explanation) -> tuple[str, ...]:
         left_out > 0
     )
     words += ("other pairs of causes were not tried",) * explanation.is_single
-    return (f"{' and '.join(words)}: the search for causes takes about ten identifications at most",) * bool(words)
+    return (f"{' and '.join(words)}: the search for causes takes about {_ROOM} at most",) * bool(words)
 
 
 def _without_causes(

@@ -91,11 +91,11 @@ class Explanation:
     better : Fitted, optional
         The study as it is, from another start, where that explains the record: the search ended in a wrong place.
     spent : float
-        Iterations on all data that its near fits took.
+        Processor time of its fits, about, in seconds.
     left_out : int
         How many changes a linear look promises something of, and were not fitted for want of room.
     is_single : bool
-        Whether a second cause, or other pairs than the likeliest, were not looked for for want of room.
+        Whether other pairs than the likeliest were not looked for for want of room.
     begun : tuple of Item
         Changes of the model or its channels where their near fits ended, the likeliest first.
     """
@@ -126,8 +126,8 @@ def explained(base: Fitted, work: Work = ALONE, room: float = np.inf) -> Explana
     base : Fitted
     work : Work
     room : float
-        Iterations on all data that fits may take, about: half of them for the first causes, what these leave for second ones.
-        Where it is finite, other pairs are not looked for.
+        Processor time that fits may take, about, in seconds: half of it for the first causes, what these leave for second ones.
+        Other pairs are looked for as long as it suffices for one more.
     """
     if base.trial.is_large:
         return _of_records(base, work)
@@ -138,7 +138,7 @@ def explained(base: Fitted, work: Work = ALONE, room: float = np.inf) -> Explana
     found = _once(base, work, "", room / 2)
     if _is_clear(found):
         return _paired(found, work, room - found.spent) if _is_misfit(found.causes[0]) else found
-    return _of_two(found, work) if np.isinf(room) and _is_far(base) else found
+    return _of_two(found, work, room - found.spent)[0] if _is_far(base) else found
 
 
 def _is_clear(found: Explanation) -> bool:
@@ -151,18 +151,26 @@ def _is_far(fitted: Fitted) -> bool:
     return fitted.cost > OF_A_PAIR * max(fitted.trial.target.n_data - n_parameters(fitted.trial), 1)
 
 
-def _of_two(found: Explanation, work: Work, tried: Sequence[Fitted] = ()) -> Explanation:
-    """Two changes that leave noise alone, where one by itself brings little: a fit to all data that is bent to one of two
-    faults is as wrong once the other is known. Those that were `tried` with a second are passed over.
+def _of_two(found: Explanation, work: Work, room: float, tried: Sequence[Fitted] = ()) -> tuple[Explanation, float]:
+    """Two changes that leave noise alone, where one by itself brings little, and the room that is left: a fit to all data that
+    is bent to one of two faults is as wrong once the other is known. Those that were `tried` with a second are passed over.
     """
+    if room < found.spent or not found.base.trial.is_small:
+        return replace(found, is_single=True), room
     known = {_place(one.trial.changes[-1][0]) for one in tried}
     begun = [item for item in found.begun if _place(item[0]) not in known]
     for item in promising(found.base, begun, work, "a second beside each change")[:_LOOKED_AT]:
+        if room < found.spent:
+            break
         first = _first(found, item, work)
-        pair = None if first is None else _led_by(found, first, _beside(first, work, "of two, second "))
+        further = None if first is None else _beside(first, work, "of two, second ", room)
+        if first is None or further is None:
+            continue
+        room -= further.spent
+        pair = _led_by(found, first, further)
         if pair is not None and pair.further is not None and not _is_misfit(pair.further.causes[0]):
-            return pair
-    return found
+            return pair, room
+    return found, room
 
 
 def _first(found: Explanation, item: Item, work: Work) -> Fitted | None:
@@ -179,19 +187,27 @@ def _paired(found: Explanation, work: Work, room: float) -> Explanation:
     second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
     nothing, a second is looked for beside the next of the first causes.
     """
-    pair = replace(found, further=_beside(found.causes[0], work, "second ", room), is_single=bool(np.isfinite(room)))
-    second = pair.further
-    if not pair.is_single and second is not None and _is_far(second.causes[0] if second.causes else second.base):
-        both = _of_two(found, work, found.causes[:1])
-        if both is not found:
+    second = _beside(found.causes[0], work, "second ", room)
+    pair, room = replace(found, further=second), room - second.spent
+    if _is_far(second.causes[0] if second.causes else second.base):
+        both, room = _of_two(found, work, room, found.causes[:1])
+        if both.further is not None:
             return both
+        pair = replace(pair, is_single=both.is_single)
     others, is_from_second = list(found.causes[1:]), True
-    for _ in range(0 if pair.is_single else _MORE_PAIRS):
-        second = pair.further
-        if second is None or not second.causes or not _is_misfit(second.causes[0]) or not (is_from_second or others):
+    for _ in range(_MORE_PAIRS):
+        second = pair.further or second
+        if not second.causes or not _is_misfit(second.causes[0]) or not (is_from_second or others):
             break
-        better = _from_second(found, second, work) if is_from_second else _from_next(found, second, others.pop(0), work)
-        pair, is_from_second = better or pair, better is not None
+        if room < second.spent:
+            pair = replace(pair, is_single=True)
+            break
+        better = (
+            _from_second(found, second, work, room)
+            if is_from_second
+            else _from_next(found, second, others.pop(0), work, room)
+        )
+        pair, is_from_second, room = better or pair, better is not None, room - second.spent
     return _second_alone(found, pair, work) or pair
 
 
@@ -205,10 +221,10 @@ def _second_alone(found: Explanation, pair: Explanation, work: Work) -> Explanat
     return _weighed(found.base, [alone, *(one for one in found.causes if one is not alone)], found.tried)
 
 
-def _from_second(found: Explanation, second: Explanation, work: Work) -> Explanation | None:
+def _from_second(found: Explanation, second: Explanation, work: Work, room: float) -> Explanation | None:
     """A pair with another first cause, where it explains clearly more."""
     alone = _alone(found, second.causes[0], work)
-    again = None if alone is None else _beside(alone, work, "beside the second, first ")
+    again = None if alone is None else _beside(alone, work, "beside the second, first ", room)
     if again is None or not _is_better(again, second):
         return None
     both = again.causes[0]
@@ -219,9 +235,9 @@ def _from_second(found: Explanation, second: Explanation, work: Work) -> Explana
     return _led_by(found, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried))
 
 
-def _from_next(found: Explanation, second: Explanation, first: Fitted, work: Work) -> Explanation | None:
+def _from_next(found: Explanation, second: Explanation, first: Fitted, work: Work, room: float) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
-    further = _beside(first, work, "beside the next, second ")
+    further = _beside(first, work, "beside the next, second ", room)
     return _led_by(found, first, further) if _is_better(further, second) else None
 
 
@@ -309,7 +325,8 @@ def _once(base: Fitted, work: Work, which: str, room: float = np.inf) -> Explana
     others += [item for one in fits for item in _lossy(base, one)]
     if others:
         fits += _refits(base, others, work, f"likeliest {which}causes, otherwise")
-    spent = sum(one.get("iterations", 0.0) for k, one in enumerate(near) if alike[k] == k)
+    taken = [one["seconds"] for k, one in enumerate(near) if one and alike[k] == k]
+    spent = sum(taken) + len(fits) * _REFIT * float(np.mean(taken or [0.0]))
     begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and changes[k][0].kind not in DATA_KINDS]
     return replace(_weighed(base, fits, tried), spent=spent, left_out=approaches.count(None), begun=tuple(begun))
 
@@ -354,7 +371,7 @@ def _approached(
     costs = sorted(one["cost"] for k, one in known.items() if one and changes[k][0].kind not in _ALWAYS)
     above = costs[_FINALISTS - 1] if len(costs) >= _FINALISTS else np.inf
     items = [(*change, np.inf if k in kept else above) for k, change in enumerate(changes)]
-    each = sum(one.get("iterations", 0.0) for one in fits) / max(len(fits), 1)
+    each = sum(one.get("seconds", 0.0) for one in fits) / max(len(fits), 1)
     rest = sorted((k for k in own if k not in known), key=lambda k: k not in kept)
     most = (room - len(fits) * each) / each - _FINALISTS * _REFIT if each else np.inf
     out = set(rest[max(int(most), 0) :]) if most < len(rest) else set()

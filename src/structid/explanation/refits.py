@@ -75,15 +75,15 @@ class Fitted:
 
 
 class Fit(TypedDict, total=False):
-    """What a fit of a change gave, in numbers and texts: of `approached` free variables, misfit and iterations, of `refitted`
-    all but these.
+    """What a fit of a change gave, in numbers and texts: of `approached` free variables, misfit and about its processor time, of
+    `refitted` all but that.
 
     Empty where there is no model with the change.
     """
 
     theta: FloatArray
     cost: float
-    iterations: float
+    seconds: float
     aside: float
     where: list[str]
     strength: float
@@ -107,7 +107,7 @@ def approached(base: Fitted, change: Near, tools: Tools) -> Fit:
         trial = base.trial.changed(candidate, strength)
         near = trial.approached(above - base.aside)
         cost = near.cost + base.aside + _left_out(base, trial, near.theta, is_near=True)
-        return {"theta": near.theta, "cost": cost, "iterations": near.iterations}
+        return {"theta": near.theta, "cost": cost, "seconds": near.seconds}
     except (StructidError, np.linalg.LinAlgError):
         return {}  # not a cause that could be offered
 

@@ -15,6 +15,7 @@ from structid.criticism.candidate import Candidate
 from structid.criticism.pool import MOST_DOFS
 from structid.criticism.screen import Point, point_at
 from structid.criticism.views import View, views
+from structid.dynamics.receptance import DENSE_UP_TO
 from structid.errors import StructidError
 from structid.estimation import JointProblem, LevenbergMarquardt, Problem
 from structid.estimation.search.least_squares import minimize
@@ -42,15 +43,17 @@ _MODEL_ERROR, START_ERROR = 0.1, 0.2
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
 #: Decays of the smoothed lines, in parts of their frequency, at which candidates are followed.
 NEAR_LEVELS = (0.06, 0.015)
+#: Of an iteration: what it takes of any model, for the poles of a small one, and for each datum and parameter or unknown.
+_SECONDS, _SECONDS_A_CUBE, _SECONDS_A_DATUM = 2e-3, 1e-7, 4e-8
 QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=0.05)
 
 
 class Approached(NamedTuple):
-    """Where an anchored fit ended: free variables, misfit, and its iterations, each counted by the part of the data it takes."""
+    """Where an anchored fit ended: free variables, misfit, and about the processor time of its iterations; see `seconds_of`."""
 
     theta: FloatArray
     cost: float
-    iterations: float
+    seconds: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +117,11 @@ class Trial:
         return any(setup.structure.n_dofs > MOST_DOFS for setup in self.setups)
 
     @property
+    def is_small(self) -> bool:
+        """Whether a linear look beside a change takes little."""
+        return all(setup.structure.n_dofs <= DENSE_UP_TO for setup in self.setups)
+
+    @property
     def is_of_modes(self) -> bool:
         """Whether all records are of modes."""
         return all(isinstance(problem, ModalProblem) for problem in self.problems)
@@ -136,14 +144,21 @@ class Trial:
         return JointProblem(self.anchored_problems(), first_prior_counts=True)
 
     def anchored_problems(self) -> tuple[RecordProblem, ...]:
-        """The logarithm of the FRFs with 10 % of model error, modes as they are, every parameter held near its start."""
+        """The logarithm of some hundred lines of the FRFs with 10 % of model error, as if of all lines; modes as they are.
+
+        Every parameter is held near its start.
+        """
         held: list[RecordProblem] = []
-        for problem, view in zip(self.problems, self.views, strict=True):
-            of = problem if isinstance(problem, ModalProblem) else view.problem
+        for of, view in zip(self._fitted_near(), self.views, strict=True):
             near = [part.kept_near_start(START_ERROR if i == 0 else 1.0) for i, part in enumerate(of.parts)]
             one = of.with_parts(near)
-            held.append(replace(one, form="log", model_error=_MODEL_ERROR) if isinstance(one, FrfProblem) else one)
+            held.append(_on_lines(one, view.near) if isinstance(one, FrfProblem) else one)
         return tuple(held)
+
+    def _fitted_near(self) -> list[RecordProblem]:
+        """What near fits take of every record: modes as they are, the FRFs of all others."""
+        pairs = zip(self.problems, self.views, strict=True)
+        return [problem if isinstance(problem, ModalProblem) else view.problem for problem, view in pairs]
 
     @property
     def seen(self) -> tuple[FrfProblem, ...]:
@@ -163,12 +178,20 @@ class Trial:
 
     def approached(self, above: float = np.inf) -> Approached:
         """The anchored fit, come to by the nearest smoothed stages; it ends early where its misfit would stay `above`."""
-        theta, iterations, anchored = np.asarray(self.target.theta_start), 0.0, self.anchored()
+        theta, seconds = np.asarray(self.target.theta_start), 0.0
         for _, stage in self.smoothed(NEAR_LEVELS):
             near = minimize(stage, QUICK, theta)
-            theta, iterations = near.theta, iterations + len(near.inner) * stage.n_data / anchored.n_data
+            theta, seconds = near.theta, seconds + len(near.inner) * self.seconds_of(stage.n_data)
+        anchored = self.anchored()
         found = minimize(anchored, replace(QUICK, above=above), theta)
-        return Approached(found.theta, float(found.costs[-1]), iterations + len(found.inner))
+        seconds += len(found.inner) * self.seconds_of(anchored.n_data)
+        return Approached(found.theta, float(found.costs[-1]), seconds)
+
+    def seconds_of(self, n_data: int) -> float:
+        """Processor time that an iteration on so many data takes, about, by the size of the models: the same wherever it runs."""
+        dofs = [setup.structure.n_dofs for setup in self.setups]
+        dense = sum(_SECONDS_A_CUBE * n**3 for n in dofs if n <= DENSE_UP_TO)
+        return _SECONDS + dense + _SECONDS_A_DATUM * n_data * (max(dofs) + len(self.target.names))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
         """The best fit as the study asks for from some starts.
@@ -218,11 +241,20 @@ def read_study(
     return tuple(problem.decided(problem.theta_start) for problem in problems), tuple(setups), edited
 
 
+def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:
+    """The logarithm of the FRFs at those of these frequencies that it has, which weigh as all of its lines do."""
+    keep = np.flatnonzero(np.isin(problem.frequency, frequency))
+    error = _MODEL_ERROR * float(np.sqrt(len(keep) / len(problem.frequency)))
+    return replace(problem.with_lines(keep), form="log", model_error=error)
+
+
 def _same_view(problem: RecordProblem, setup: AnySetup, before: AnySetup, view: View, options: IdentifyOptions) -> View:
     """The view of a changed problem: the same FRFs where the record is the same."""
     if isinstance(problem, FrfProblem):
         known = view.problem.record
-        return View(replace(problem, record=known), view.smooth) if _is_same(problem.record, known) else View(problem)
+        if _is_same(problem.record, known):
+            return View(replace(problem, record=known), view.smooth, view.near)
+        return View(problem, chosen=view.near)
     if setup.record is before.record:
         return view.of(problem)
     return views([setup], [problem], [problem.theta_start], options)[0]

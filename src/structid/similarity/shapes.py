@@ -122,7 +122,7 @@ def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = 
     Parameters
     ----------
     mass : (n_channels, n_channels) array
-        Reduced to the channels; see `structid.correlation.reduction`.
+        Reduced to the channels; see `structid.correlation.expansion`.
     first : (n_channels, n_first) array, real or complex
     second : (n_channels, n_second) array, optional
         By default `first` against itself.

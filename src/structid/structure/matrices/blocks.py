@@ -162,7 +162,7 @@ class Pattern:
         return found.reshape(size, size)
 
     def _data(self, weights: np.ndarray) -> FloatArray:
-        return np.bincount(self.place, self.value * weights[self.element], len(self.indices))
+        return np.asarray(np.bincount(self.place, self.value * weights[self.element], len(self.indices)), np.float64)
 
     @cached_property
     def _flat(self) -> IntArray:

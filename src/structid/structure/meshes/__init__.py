@@ -10,8 +10,15 @@ import numpy as np
 from structid.errors import FileError, InputError
 from structid.files import damage_told, require_readable
 from structid.structure.meshes import abaqus, gmsh, nastran, vtk
-from structid.structure.meshes.checks import duplicate_nodes, orphan_nodes, require_sound, unassigned
-from structid.structure.meshes.mesh import CELL_DIMENSIONS, CellBlock, Mesh
+from structid.structure.meshes.mesh import (
+    CELL_DIMENSIONS,
+    CellBlock,
+    Mesh,
+    duplicate_nodes,
+    orphan_nodes,
+    require_sound,
+    unassigned,
+)
 
 #: Each has SUFFIXES and read(path, factor); coordinates of the file times the factor are in m.
 FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk)
