@@ -11,11 +11,14 @@ from test_explain import answered
 
 from structid.criticism.candidate import Candidate
 from structid.criticism.screen import Screened
+from structid.explanation.explain import _weighed
 from structid.explanation.kindred import _of_one_card, _off_otherwise
+from structid.explanation.refits import Fitted
+from structid.explanation.trial import base_trial
 from structid.explanation.words import cause_words
 from structid.records import FrfRecord
 from structid.records.io import read_record, write_record
-from structid.study.run.start import study_problems
+from structid.study.run.start import started, study_problems
 from structid.study.schema.study import load_study
 
 SPACE = """\
@@ -224,3 +227,23 @@ def test_a_drive_that_is_turned_is_named_with_its_direction(tmp_path):
     cosine, sine = (float(text) for text in re.findall(r", (-?[\d.]+)\]", aimed))
     assert np.degrees(np.arctan2(sine, cosine)) == pytest.approx(12.0, abs=0.3)
     assert '+ "load 3X" = "6X"' in first.lines
+
+
+def test_all_held_masses_give_way_to_the_calibration_of_the_load_that_says_the_same(tmp_path):
+    """Where the masses of all sets are held, a factor on them is one on the load: the fits have one misfit, to rounding."""
+    mass = STUDY[STUDY.rindex("[[unknown]]") : STUDY.index("# how the test")]
+    free = "".join(
+        f'[[unknown]]\nproperty = "{prop}"\nelements = "{name}"\n\n'
+        for prop, name in (("bending_stiffness", "right"), ("stiffness", "brace"))
+    )
+    path = written(tmp_path, STUDY.replace(mass, free))
+    ready = started(load_study(path))
+    theta = ready.problems[0].theta_start
+    base = Fitted(base_trial(ready.study, ready.setups, ready.problems, theta), theta, 1e4)
+    sets = Candidate("held", ("mass[left]", "mass[girder]", "mass[right]"))
+    fits = [
+        Fitted(trial, trial.target.theta_start, 500.0 + rounding)
+        for one, rounding in ((sets, 0.0), (Candidate("load_gain", ("4Y",), record=0), 1e-5))
+        for trial in [base.trial.changed(one, 1.0)]
+    ]
+    assert [one.trial.changes[-1][0].kind for one in _weighed(base, fits, 100).causes] == ["load_gain", "held"]

@@ -64,6 +64,8 @@ _CLEARLY_BETTER = 0.9
 #: Differences of the criterion below which two causes cannot be told apart.
 ALIKE = 6.0
 _GIVES_WAY = {"joint": 0.5, "dashpot": 1.0, "friction": 1.5}
+#: The same of all sets that are off by one factor.
+_ALL_GIVE_WAY = 0.25
 #: Loss factor at which a spring's own damping is looked for.
 _LOSS = 0.02
 _LEAST_SHARE, _RISK = 0.10, 0.01
@@ -527,9 +529,12 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
 
 def _odds(one: Fitted) -> float:
     """What a cause gives way to a plainer one that says the same: at a clamped end a joint to the support, a damper to a
-    spring where both hold still.
+    spring where both hold still, all masses to the calibration of the load.
     """
-    return _GIVES_WAY.get(one.trial.changes[-1][0].kind, 0.0)
+    candidate = one.trial.changes[-1][0]
+    if candidate.kind == "held" and len(candidate.where) > 1:
+        return _ALL_GIVE_WAY
+    return _GIVES_WAY.get(candidate.kind, 0.0)
 
 
 def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:
