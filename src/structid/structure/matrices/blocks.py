@@ -162,7 +162,8 @@ class Pattern:
         return found.reshape(size, size)
 
     def _data(self, weights: np.ndarray) -> FloatArray:
-        return np.bincount(self.place, self.value * weights[self.element], len(self.indices))
+        summed = np.bincount(self.place, self.value * weights[self.element], len(self.indices))
+        return np.asarray(summed, dtype=np.float64)
 
     @cached_property
     def _flat(self) -> IntArray:
