@@ -23,6 +23,7 @@ from structid.criticism.verdict import (
     noise_ratio,
     not_found,
 )
+from structid.dynamics.receptance import DENSE_UP_TO
 from structid.errors import StructidError
 from structid.estimation import Estimate
 from structid.estimation.search.work import ALONE, Work
