@@ -35,7 +35,7 @@ _CONTRADICTS, _CONTRADICTS_GROSSLY = 0.2, 0.125
 _LEAVES = 4.0
 #: Chi-square per degree of freedom, in parts of what is expected, from where on intervals from the misfit are not relied on: a
 #: length that is drawn wrongly moves values by seven of their deviations, whatever part of the data they come from.
-_FAR_BEYOND = 9.0
+FAR_BEYOND = 9.0
 #: Part of the responses, and of shapes, that the errors must be for that (root mean square); of frequencies a tenth of it.
 _LARGE = 0.02
 #: Degrees of freedom below which a residual hardly tests a model.
@@ -45,7 +45,7 @@ _MOST = 0.5
 #: Of causes of small misfits: part of what goes beyond the noise.
 _NEARLY_ALL = 0.85
 #: Misfit, in parts of the expected one, from where on two changes that leave noise alone are causes, whatever each removes.
-OF_A_PAIR = 4.0
+_OF_A_PAIR = 4.0
 #: By what part elements of one group differ though nothing is wrong.
 _SCATTER = 0.02
 #: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
@@ -254,7 +254,7 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
     if not causes or _is_scatter(causes[0]):
         return False
     return _explains(causes[0], misfit, expected, is_hidden) or (
-        misfit > OF_A_PAIR * expected and _completing(causes, expected) is not None
+        misfit > _OF_A_PAIR * expected and _completing(causes, expected) is not None
     )
 
 
@@ -397,7 +397,7 @@ def _judged(
             words += _with_second(found, causes)
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(found) else _off(found)
-    is_far = estimate.chi_square_per_dof > _FAR_BEYOND * expected_misfit(found)
+    is_far = estimate.chi_square_per_dof > FAR_BEYOND * expected_misfit(found)
     if away:
         if estimate.status is Status.CONVERGED or off or is_far:
             words = f"Wrong model: {misfit}, and {away[0]}: do not use the values. {_searched(n_tried)}"

@@ -14,7 +14,7 @@ from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import DATA_KINDS, extra_modes, outlying_lines
 from structid.criticism.pool import pool
 from structid.criticism.screen import Asked, Screened
-from structid.criticism.verdict import OF_A_PAIR
+from structid.criticism.verdict import FAR_BEYOND
 from structid.dof import parse_dof
 from structid.errors import StructidError
 from structid.estimation.diagnostics.residual_tests import misfit_probability
@@ -153,8 +153,8 @@ def _is_clear(found: Explanation) -> bool:
 
 
 def _is_far(fitted: Fitted) -> bool:
-    """Whether the misfit is such that two changes are its causes whatever each removes."""
-    return fitted.cost > OF_A_PAIR * max(fitted.trial.target.n_data - n_parameters(fitted.trial), 1)
+    """Whether the misfit is beyond what intervals may carry."""
+    return fitted.cost > FAR_BEYOND * max(fitted.trial.target.n_data - n_parameters(fitted.trial), 1)
 
 
 def _of_two(found: Explanation, work: Work, room: float, tried: Sequence[Fitted] = ()) -> tuple[Explanation, float]:
