@@ -426,6 +426,12 @@ def test_two_changes_that_leave_noise_alone_are_causes_whatever_each_removes(mis
     assert are_causes([first, Cause("joint", ("a:1/2RZ",), "", 0.8, left, is_second=True)], misfit) is is_cause
 
 
+@pytest.mark.parametrize("leaves_noise", [True, False])
+def test_of_few_values_a_pair_may_leave_what_chance_makes_of_noise(leaves_noise):
+    second = Cause("joint", ("a:1/2RZ",), "", 0.8, 1.4, is_second=True, leaves_noise=leaves_noise)
+    assert are_causes([Cause("polarity", ("9X",), "", 0.3, 20.0), second], 30.0) is leaves_noise
+
+
 @pytest.mark.parametrize(
     ("kind", "left", "is_cause"), [("channel", 1.2, True), ("channel", 29.0, False), ("mass", 29.0, True)]
 )

@@ -110,7 +110,7 @@ def test_other_pairs_are_looked_for_as_long_as_there_is_room_for_one_more(base, 
     """Each pair takes 10 s, one of them that of the second cause; noise is never all that is left, and nothing is better."""
     first = Explanation(base, (base, base, base), (0.0, 0.0, 0.0), 3)
     second, rooms = Explanation(base, (base,), (0.0,), 3, spent=10.0), []
-    monkeypatch.setattr(explain, "_is_misfit", lambda one: True)
+    monkeypatch.setattr(explain, "is_misfit", lambda one: True)
     monkeypatch.setattr(explain, "_is_far", lambda one: False)
     monkeypatch.setattr(explain, "_beside", lambda *arguments: second)
     monkeypatch.setattr(explain, "_from_second", lambda *arguments: rooms.append(arguments[-1]))

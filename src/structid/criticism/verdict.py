@@ -130,6 +130,8 @@ class Cause:
         In which that differs, with + or - before each.
     rest_per_dof : float
         Where it leaves data out: chi-square per degree of freedom of the others alone.
+    leaves_noise : bool
+        Whether what it leaves is no more than chance makes of noise: of few values that may be well above the expected one.
     """
 
     kind: str
@@ -144,6 +146,7 @@ class Cause:
     study: str = ""
     lines: tuple[str, ...] = ()
     rest_per_dof: float = 1.0
+    leaves_noise: bool = False
 
     @property
     def line(self) -> str:
@@ -269,7 +272,9 @@ def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> 
 def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
     """The second cause that leaves nothing but noise beside the first; None where there is none."""
     second = next((one for one in causes if one.is_second), None)
-    return None if second is None or second.chi_square_per_dof > _TOLERANCE * expected else second
+    if second is None or not (second.leaves_noise or second.chi_square_per_dof <= _TOLERANCE * expected):
+        return None
+    return second
 
 
 def _is_scatter(cause: Cause) -> bool:

@@ -27,7 +27,7 @@ from structid.dynamics.receptance import DENSE_UP_TO
 from structid.errors import StructidError
 from structid.estimation import Estimate
 from structid.estimation.search.work import ALONE, Work
-from structid.explanation.explain import ALIKE, Explanation, asked_for, explained, with_freed
+from structid.explanation.explain import ALIKE, Explanation, asked_for, explained, is_misfit, with_freed
 from structid.explanation.held import held_values
 from structid.explanation.refits import Fitted
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
@@ -273,6 +273,7 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
         is_second=len(changes) > 1,
         study=f"{FOLDER}/{suggestion_name(number, changes)}",
         lines=suggestion_text(result.study, changes)[1],
+        leaves_noise=not is_misfit(fitted),
     )
 
 

@@ -138,12 +138,12 @@ def explained(base: Fitted, work: Work = ALONE, room: float = np.inf) -> Explana
     if base.trial.is_large:
         return _of_records(base, work)
     other = _from_elsewhere(base)
-    if other is not None and not _is_misfit(other):
+    if other is not None and not is_misfit(other):
         return Explanation(base, (), (), 0, better=other)
     base = other or base
     found = _once(base, work, "", room / 2)
     if _is_clear(found):
-        return _paired(found, work, room - found.spent) if _is_misfit(found.causes[0]) else found
+        return _paired(found, work, room - found.spent) if is_misfit(found.causes[0]) else found
     return _of_two(found, work, room - found.spent)[0] if _is_far(base) else found
 
 
@@ -174,7 +174,7 @@ def _of_two(found: Explanation, work: Work, room: float, tried: Sequence[Fitted]
             continue
         room -= further.spent
         pair = _led_by(found, first, further)
-        if pair is not None and pair.further is not None and not _is_misfit(pair.further.causes[0]):
+        if pair is not None and pair.further is not None and not is_misfit(pair.further.causes[0]):
             return pair, room
     return found, room
 
@@ -203,7 +203,7 @@ def _paired(found: Explanation, work: Work, room: float) -> Explanation:
     others, is_from_second = list(found.causes[1:]), True
     for _ in range(_MORE_PAIRS):
         second = pair.further or second
-        if not second.causes or not _is_misfit(second.causes[0]) or not (is_from_second or others):
+        if not second.causes or not is_misfit(second.causes[0]) or not (is_from_second or others):
             break
         if room < second.spent:
             pair = replace(pair, is_single=True)
@@ -219,10 +219,10 @@ def _paired(found: Explanation, work: Work, room: float) -> Explanation:
 
 def _second_alone(found: Explanation, pair: Explanation, work: Work) -> Explanation | None:
     """The second cause as the only one, where it explains as much without the first: one that had only looked like it."""
-    if pair.further is None or not pair.further.causes or _is_misfit(pair.further.causes[0]):
+    if pair.further is None or not pair.further.causes or is_misfit(pair.further.causes[0]):
         return None
     alone = _alone(found, pair.further.causes[0], work)
-    if alone is None or _is_misfit(alone):
+    if alone is None or is_misfit(alone):
         return None
     return _weighed(found.base, [alone, *(one for one in found.causes if one is not alone)], found.tried)
 
@@ -261,7 +261,7 @@ def _led_by(found: Explanation, first: Fitted, further: Explanation) -> Explanat
 
     None where the first removes little alone, and noise is not all that is left beside it.
     """
-    if not further.causes or (first.cost > _CLEAR * found.base.cost and _is_misfit(further.causes[0])):
+    if not further.causes or (first.cost > _CLEAR * found.base.cost and is_misfit(further.causes[0])):
         return None
     own = _criterion(found.base, first, _scale(found.base, [first]))
     return replace(found, causes=(first,), criteria=(own,), near=(first,), further=further)
@@ -290,11 +290,6 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
         return None
     cost = float(found.costs[-1])
     return Fitted(base.trial, found.theta, cost) if cost < _CLEARLY_BETTER * base.cost else None
-
-
-def _is_misfit(fitted: Fitted) -> bool:
-    dof = fitted.trial.target.n_data - n_parameters(fitted.trial)
-    return dof > 0 and misfit_probability(fitted.trial.target, fitted.cost, dof) < MISFIT
 
 
 def _once(base: Fitted, work: Work, which: str, room: float = np.inf) -> Explanation:
@@ -441,12 +436,7 @@ def _plainer(base: Fitted, one: Fitted) -> list[Item]:
 def _lossy(base: Fitted, one: Fitted) -> list[Item]:
     """A spring that is most of the cause but not all, with damping of its own, to be refitted."""
     candidate, strength = one.trial.changes[-1]
-    if (
-        candidate.kind not in WITH_LOSS
-        or base.trial.is_of_modes
-        or one.cost > _CLEAR * base.cost
-        or not _is_misfit(one)
-    ):
+    if candidate.kind not in WITH_LOSS or base.trial.is_of_modes or one.cost > _CLEAR * base.cost or not is_misfit(one):
         return []
     lossy = replace(candidate, detail={**candidate.detail, "loss_factor": _LOSS})
     return _begun(base.trial, [(lossy, strength)], {**base.values, **one.values})
@@ -564,6 +554,12 @@ def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
         return True
     ratio = (base.cost - one.cost) * left / (out * (one.cost - one.aside))
     return ratio >= _TELLING and float(special.fdtrc(out, left, ratio)) * max(tried, 1) < _RISK
+
+
+def is_misfit(fitted: Fitted) -> bool:
+    """Whether what a fit leaves is more than chance makes of noise."""
+    dof = fitted.trial.target.n_data - n_parameters(fitted.trial)
+    return dof > 0 and misfit_probability(fitted.trial.target, fitted.cost, dof) < MISFIT
 
 
 def n_parameters(trial: Trial) -> int:
