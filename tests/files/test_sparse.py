@@ -55,16 +55,17 @@ def test_coordinates_outside_are_refused(tmp_path):
         read_matrix(path)
 
 
-def test_every_byte_of_a_sparse_mat_file_may_change(tmp_path):
-    """Of an uncompressed sparse matrix, as SciPy itself follows without looking."""
+@pytest.mark.parametrize("step", [3, pytest.param(1, marks=pytest.mark.slow)])
+def test_any_byte_of_a_sparse_mat_file_may_change(tmp_path, step):
+    """Of an uncompressed sparse matrix, as SciPy itself follows without looking; every third by default."""
     scipy.io.savemat(tmp_path / "whole.mat", {"K": sparse.csc_matrix(DENSE)})
     data = (tmp_path / "whole.mat").read_bytes()
     path, refused = tmp_path / "k.mat", 0
-    for at in range(124, len(data)):
+    for at in range(124, len(data), step):
         for value in (0xFF, data[at] ^ 1):
             path.write_bytes(data[:at] + bytes([value]) + data[at + 1 :])
             with suppress(FileError):
                 assert read_matrix(path).matrix.shape[0] >= 1
                 refused -= 1
             refused += 1
-    assert refused > 200
+    assert refused > 180 / step

@@ -47,7 +47,8 @@ def test_truncated(tmp_path, suffix, content, request):
     options = BARE if suffix == ".npy" else None
     data = path.read_bytes()
     assert not refused(path, options)
-    for cut in np.linspace(0, len(data) - 1, 60).astype(int)[:-1]:
+    count = 20 if suffix in (".mat", ".h5") else 60  # these are read in a process of their own
+    for cut in np.linspace(0, len(data) - 1, count).astype(int)[:-1]:
         path.write_bytes(data[:cut])
         # a table cut between its lines is a shorter table: nothing in it tells
         if suffix != ".csv" or not data[:cut].endswith(b"\n"):

@@ -40,7 +40,6 @@ def test_operations_equal_dense_sums(seed, kind):
     expected = np.einsum("e,eij->ij", weights * [1, 0, 1, 1, 1], dense) + 2 * dense[4]
     assert both.toarray() == pytest.approx(expected, abs=1e-12)
     assert both.nnz == np.count_nonzero(both.toarray())
-    assert family.apply(x[0, :, 0]).toarray() == pytest.approx(np.einsum("eij,j->ie", dense, x[0, :, 0]), abs=1e-12)
     expected = np.einsum("fia,eij,fjb->feab", y, dense, x)
     assert family.bilinear(y, x) == pytest.approx(expected, abs=1e-11)
     some = np.array([3, 0])

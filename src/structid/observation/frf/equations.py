@@ -12,6 +12,7 @@ from structid.observation.sensitive import weight_slope
 from structid.records import FrfRecord
 from structid.structure import Structure
 from structid.structure.matrices.assembly import structure_laws
+from structid.structure.matrices.blocks import ElementMatrices
 from structid.unknowns import Parameters
 
 _MOST_ITERATIONS = 20
@@ -89,12 +90,17 @@ def _equations(
     values = unknown.values(physical)
     forces = np.zeros(motion.shape, dtype=np.complex128)
     slopes = np.zeros((*motion.shape, unknown.n_params), dtype=np.complex128)
+    by_dof = np.moveaxis(motion, 1, 0).reshape(motion.shape[1], -1)
+
+    def under(blocks: ElementMatrices, weights: FloatArray) -> ComplexArray:
+        """What the weighted sum of element matrices makes of the motion."""
+        summed = blocks.assemble(weights) @ by_dof
+        return np.moveaxis(summed.reshape(motion.shape[1], motion.shape[0], motion.shape[2]), 0, 1)
+
     for part in structure.contributions:
-        weights, change = part.weights(values), weight_slope(part, unknown, values)
-        law = coefficients[:, laws.index(part.law)]
-        for line, load in np.ndindex(motion.shape[0], motion.shape[2]):
-            columns = part.blocks.apply(motion[line, :, load])
-            forces[line, :, load] += law[line] * (columns @ weights)
-            if change.nnz:
-                slopes[line, :, load] += law[line] * (columns @ change).toarray()
+        weights, change = part.weights(values), weight_slope(part, unknown, values).tocsc()
+        law = coefficients[:, laws.index(part.law), None, None]
+        forces += law * under(part.blocks, weights)
+        for k in np.flatnonzero(np.diff(change.indptr)):
+            slopes[..., k] += law * under(part.blocks, change[:, [k]].toarray()[:, 0])
     return forces, slopes

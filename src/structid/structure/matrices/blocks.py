@@ -42,10 +42,6 @@ class ElementMatrices(Protocol):
         """The sum of weights[e] B_e, (n_dofs, n_dofs)."""
         ...
 
-    def apply(self, x: np.ndarray) -> sparse.csc_array:
-        """The columns B_e x for one field x (n_dofs,), as a sparse (n_dofs, n_elements) array."""
-        ...
-
     def bilinear(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """y' B_e x (no conjugate): y (..., n_dofs, n_y), x (..., n_dofs, n_x) to (..., n_elements, n_y, n_x)."""
         ...
@@ -112,14 +108,6 @@ class Blocks:
         row, column, element, value = self.entries()
         summed = sparse.coo_array((value * np.asarray(weights)[element], (row, column)), (self.n_dofs, self.n_dofs))
         return summed.tocsc()
-
-    def apply(self, x: np.ndarray) -> sparse.csc_array:
-        """The columns B_e x for one field x (n_dofs,), as a sparse (n_dofs, n_elements) array."""
-        products = np.einsum("eij,ej->ei", self.local, self._gather(x[:, None])[..., 0])
-        keep = self.dofs >= 0
-        element = np.broadcast_to(np.arange(self.n_elements)[:, None], self.dofs.shape)
-        columns = sparse.coo_array((products[keep], (self.dofs[keep], element[keep])), (self.n_dofs, self.n_elements))
-        return columns.tocsc()
 
     def bilinear(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """y' B_e x (no conjugate): y (..., n_dofs, n_y), x (..., n_dofs, n_x) to (..., n_elements, n_y, n_x)."""
@@ -226,10 +214,6 @@ class MatrixBlocks:
         for weight, matrix in zip(np.asarray(weights), self.matrices, strict=True):
             total = total + weight * matrix
         return total
-
-    def apply(self, x: np.ndarray) -> sparse.csc_array:
-        """The columns B_e x for one field x (n_dofs,), as a sparse (n_dofs, n_elements) array."""
-        return sparse.csc_array(np.stack([matrix @ x for matrix in self.matrices], axis=1))
 
     def bilinear(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
         """y' B_e x (no conjugate): y (..., n_dofs, n_y), x (..., n_dofs, n_x) to (..., n_elements, n_y, n_x)."""
