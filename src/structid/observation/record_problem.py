@@ -83,11 +83,14 @@ class DataRows:
         See `Problem`.
     names : tuple of str
         What each of `series` stands for, in their order.
+    quantities : (n_data,) int array, optional
+        See `Data`.
     """
 
     lines: IntArray
     series: IntArray
     names: tuple[str, ...]
+    quantities: IntArray | None = None
 
 
 def complex_rows(n_lines: int, names: Sequence[str]) -> DataRows:
@@ -146,6 +149,10 @@ class OfRows(ABC):
     @property
     def series(self) -> IntArray:
         return self.rows.series
+
+    @property
+    def quantities(self) -> IntArray | None:
+        return self.rows.quantities
 
 
 class Undecided:

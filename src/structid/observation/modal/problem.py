@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import FloatArray, IntArray
+from structid.arrays import FloatArray
 from structid.errors import InputError
 from structid.estimation.linearization import Linearization
 from structid.estimation.problem import Stages
@@ -129,7 +129,7 @@ class ModalProblem(MeasuredProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Of each mode: its known channels; frequencies, damping ratios and mixing have channels of their own.
+        """Of each mode, which is their line and quantity: its known channels; frequencies, damping ratios and mixing have own ones.
 
         Channels without a row have no name: those that are unknown in all modes, or in one of every group.
         """
@@ -137,7 +137,7 @@ class ModalProblem(MeasuredProblem):
         if self.settings.form == "dynamic":
             mode, place = np.nonzero(self.record.known.T[self.data.measured])
             forces = tuple(f"force for the shape at {self.record.channels[c]}" for c in np.unique(place))
-            return DataRows(self.data.measured[mode], 2 * place, forces)
+            return DataRows(self.data.measured[mode], 2 * place, forces, self.data.measured[mode])
         lines, series = [], []
         for group in self.data.groups:
             m = len(group.members)
@@ -148,12 +148,8 @@ class ModalProblem(MeasuredProblem):
         scalars = ("frequency", "damping ratio") if self.settings.use_damping else ("frequency",)
         lines.append(np.tile(self.data.measured, len(scalars)))
         series.append(np.repeat(2 * n + 2 * np.arange(1, len(scalars) + 1), len(self.data.measured)))
-        return DataRows(np.concatenate(lines), np.concatenate(series), (*shapes, "mixing of close modes", *scalars))
-
-    @property
-    def quantities(self) -> IntArray:
-        """The modes, by their place in the record."""
-        return self.rows.lines
+        modes, names = np.concatenate(lines), (*shapes, "mixing of close modes", *scalars)
+        return DataRows(modes, np.concatenate(series), names, modes)
 
     def stage_plans(self) -> Sequence[Stages]:
         """Ways to the answer: straight, by modes in their order, and by the dynamic residual, which needs no pairing.
