@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import sparse
 
 from structid.arrays import ComplexArray, FloatArray, stack_real
 from structid.errors import InputError
+from structid.observation.frf.channels import read
 from structid.observation.frf.friction import sliding_amplitudes
 from structid.observation.frf.laws import law_coefficients
 from structid.observation.sensitive import weight_slope
 from structid.records import FrfRecord
 from structid.structure import Structure
 from structid.structure.matrices.assembly import structure_laws
-from structid.structure.matrices.blocks import ElementMatrices
 from structid.unknowns import Parameters
 
 _MOST_ITERATIONS = 20
@@ -90,17 +91,11 @@ def _equations(
     values = unknown.values(physical)
     forces = np.zeros(motion.shape, dtype=np.complex128)
     slopes = np.zeros((*motion.shape, unknown.n_params), dtype=np.complex128)
-    by_dof = np.moveaxis(motion, 1, 0).reshape(motion.shape[1], -1)
-
-    def under(blocks: ElementMatrices, weights: FloatArray) -> ComplexArray:
-        """What the weighted sum of element matrices makes of the motion."""
-        summed = blocks.assemble(weights) @ by_dof
-        return np.moveaxis(summed.reshape(motion.shape[1], motion.shape[0], motion.shape[2]), 0, 1)
-
     for part in structure.contributions:
         weights, change = part.weights(values), weight_slope(part, unknown, values).tocsc()
         law = coefficients[:, laws.index(part.law), None, None]
-        forces += law * under(part.blocks, weights)
+        forces += law * read(sparse.csr_array(part.blocks.assemble(weights)), motion)
         for k in np.flatnonzero(np.diff(change.indptr)):
-            slopes[..., k] += law * under(part.blocks, change[:, [k]].toarray()[:, 0])
+            slope = part.blocks.assemble(change[:, [k]].toarray()[:, 0])
+            slopes[..., k] += law * read(sparse.csr_array(slope), motion)
     return forces, slopes
