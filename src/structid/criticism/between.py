@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.criticism.candidate import Candidate
+from structid.criticism.candidate import Candidate, of_channel, picked_by
 from structid.criticism.fields import Fields
 from structid.dof import DIRECTIONS, Dof
 from structid.structure import Bar, Beam, SpaceBeam
@@ -64,11 +64,11 @@ def between_nodes(fields: Fields, number: int) -> Iterator[Candidate]:
     """Every translation that a channel of a record stands for, part of the way to each next node."""
     record, active = fields.problem.record, fields.structure.active or ()
     loads = record.inputs if fields.problem.facts.measures_force else ()
-    for kind, dofs, effect in (("between", record.outputs, _read), ("load_between", loads, _pushed)):
+    for kind, axis, dofs in (("between", 1, record.outputs), ("load_between", 2, loads)):
         for i, dof in enumerate(dofs):
             for other, line in _lines(fields, dof):
                 yield Candidate(
-                    kind, (dof.place, other.place), partial(effect, i, dof.sign, line), _PARTS, (0.0, 1.0), number,
+                    kind, (dof.place, other.place), partial(_moved, axis, i, dof.sign, line), _PARTS, (0.0, 1.0), number,
                     active, detail={"bends": float(line.bends)},
                 )  # fmt: skip
 
@@ -90,19 +90,7 @@ def _lines(fields: Fields, dof: Dof) -> Iterator[tuple[Dof, _Line]]:
             yield other, _Line(codes, ends, dof.axis, is_beam)
 
 
-def _read(i: int, sign: int, line: _Line, fields: Fields, strengths: FloatArray) -> ComplexArray:
-    """Of a sensor."""
-    picked = sign * line.weights(strengths) @ fields.reached(line.codes)
-    read = np.swapaxes(picked @ fields.under_loads, 0, 1) * np.broadcast_to(fields.factor, fields.frf.shape)[:, i]
-    found = np.zeros((len(strengths), *fields.frf.shape), complex)
-    found[:, :, i] = read - fields.frf[:, i]
-    return found
-
-
-def _pushed(j: int, sign: int, line: _Line, fields: Fields, strengths: FloatArray) -> ComplexArray:
-    """Of a load."""
-    picked = sign * line.weights(strengths) @ fields.reached(line.codes)
-    answer = np.swapaxes(picked @ fields.under_sensors, 0, 1) * np.broadcast_to(fields.factor, fields.frf.shape)[..., j]
-    found = np.zeros((len(strengths), *fields.frf.shape), complex)
-    found[..., j] = answer - fields.frf[..., j]
-    return found
+def _moved(axis: int, i: int, sign: int, line: _Line, fields: Fields, strengths: FloatArray) -> ComplexArray:
+    """Of a channel that is so far on its way."""
+    ways = sign * line.weights(strengths) @ fields.reached(line.codes)
+    return of_channel(fields, axis, i, picked_by(fields, axis, i, ways) - fields.frf.take(i, axis))

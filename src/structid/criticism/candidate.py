@@ -199,3 +199,27 @@ def replaced(make: Callable[[ComplexArray, float], ComplexArray]) -> Effect:
         return np.stack([make(fields.frf, float(q)) for q in strengths]) - fields.frf
 
     return effect
+
+
+def picked_by(fields: Fields, axis: int, i: int, ways: FloatArray) -> ComplexArray:
+    """The FRFs of one channel if it picked the motion in other `ways` (n, n_dofs): (n, n_lines, channels of the other side).
+
+    Parameters
+    ----------
+    fields : Fields
+    axis, i : int
+        The i-th output for 1, the i-th input for 2.
+    ways : (n, n_dofs) float array
+    """
+    under = fields.under_loads if axis == 1 else fields.under_sensors
+    found: ComplexArray = np.swapaxes(ways @ under, 0, 1) * np.broadcast_to(fields.factor, fields.frf.shape).take(
+        i, axis
+    )
+    return found
+
+
+def of_channel(fields: Fields, axis: int, i: int, change: ComplexArray) -> ComplexArray:
+    """Changes of one channel as changes of all FRFs; see `picked_by`."""
+    found = np.zeros((len(change), *fields.frf.shape), dtype=np.complex128)
+    np.moveaxis(found, axis + 1, 0)[i] = change
+    return found

@@ -16,6 +16,8 @@ from structid.criticism.candidate import (
     Candidate,
     Places,
     added,
+    of_channel,
+    picked_by,
     place_of,
     rearranged,
     released,
@@ -431,11 +433,11 @@ def _channels(fields: Fields, number: int) -> Iterator[Candidate]:
     angles = (_ANGLES, (-np.pi, np.pi))
     for i, dof in enumerate(record.outputs):
         for place, column in _other_directions(fields, dof):
-            seen = partial(_seen, i, column)
+            seen = partial(_aimed, 1, i, column)
             yield Candidate("direction", (dof.place, place), seen, *angles, number)
     for j, dof in enumerate(record.inputs if fields.problem.facts.measures_force else ()):
         for place, column in _other_directions(fields, dof):
-            pushed, held = partial(_pushed, j, dof.sign * column), fields.structure.active or ()
+            pushed, held = partial(_aimed, 2, j, dof.sign * column), fields.structure.active or ()
             yield Candidate("load_direction", (dof.place, place), pushed, *angles, record=number, others=held)
     yield from between_nodes(fields, number)
 
@@ -471,19 +473,8 @@ def _swapped(axis: int, i: int, k: int, h: ComplexArray, q: float) -> ComplexArr
     return h + q * (np.take(h, order, axis) - h)
 
 
-def _seen(i: int, column: FloatArray, fields: Fields, strengths: FloatArray) -> ComplexArray:
-    """A sensor that is turned by angles, rad, towards another direction of its node."""
-    read = (column @ fields.under_loads) * np.broadcast_to(fields.factor, fields.frf.shape)[:, i]
-    angles = strengths[:, None, None]
-    found = np.zeros((len(strengths), *fields.frf.shape), complex)
-    found[:, :, i] = (np.cos(angles) - 1) * fields.frf[:, i] + np.sin(angles) * read
-    return found
-
-
-def _pushed(j: int, column: FloatArray, fields: Fields, strengths: FloatArray) -> ComplexArray:
-    """A load that is turned by angles, rad, towards another direction of its node."""
-    answer = (column @ fields.under_sensors) * np.broadcast_to(fields.factor, fields.frf.shape)[:, :, j]
-    angles = strengths[:, None, None]
-    found = np.zeros((len(strengths), *fields.frf.shape), complex)
-    found[..., j] = (np.cos(angles) - 1) * fields.frf[:, :, j] + np.sin(angles) * answer
-    return found
+def _aimed(axis: int, i: int, column: FloatArray, fields: Fields, strengths: FloatArray) -> ComplexArray:
+    """A channel that is turned by angles, rad, towards another direction of its node."""
+    angles, own = strengths[:, None, None], fields.frf.take(i, axis)
+    turned = (np.cos(angles) - 1) * own + np.sin(angles) * picked_by(fields, axis, i, column[None])
+    return of_channel(fields, axis, i, turned)
