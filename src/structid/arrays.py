@@ -50,6 +50,11 @@ def require_finite(name: str, array: AnyArray, hint: str = "remove or repair the
     )
 
 
+def spread_over(n: int, most: int) -> IntArray:
+    """Numbers below `n`, all or as many as `most`, evenly."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
+
+
 def stack_real(values: NumberArray) -> FloatArray:
     """Real numbers from complex ones along the first axis: all real parts, then all imaginary parts."""
     return np.concatenate([values.real, values.imag], axis=0)

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.arrays import ComplexArray, FloatArray, spread_over
 from structid.errors import InputError
 from structid.identification.fits.resonances import Resonance, resonances
 from structid.records import FrfRecord
@@ -52,8 +52,7 @@ class ResponsesCorrelation:
     @cached_property
     def map_lines(self) -> np.ndarray:
         """Places of the lines of `fdac`, evenly spread, (n_shown,)."""
-        count = len(self.record.frequency)
-        return np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).round().astype(int))
+        return spread_over(len(self.record.frequency), _MOST_LINES)
 
     @cached_property
     def fdac(self) -> FloatArray | None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.arrays import ComplexArray, FloatArray, IntArray, spread_over
 from structid.dof import Dof
 from structid.observation import FrfProblem
 from structid.observation.frf.response import driving_bases
@@ -200,12 +200,7 @@ class Fields:
         return np.asarray(self.structure.numbering.matrix.toarray())
 
 
-def spread_over(n: int, most: int) -> IntArray:
-    """Numbers below `n`, all or as many as `most`, evenly."""
-    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
-
-
-def fields_at(problem: FrfProblem, theta: FloatArray, most_lines: float = MOST_LINES) -> Fields:
+def fields_at(problem: FrfProblem, theta: FloatArray, most_lines: int = MOST_LINES) -> Fields:
     """The fields of a problem at free variables, on so many of its lines as memory allows.
 
     Parameters
@@ -213,13 +208,11 @@ def fields_at(problem: FrfProblem, theta: FloatArray, most_lines: float = MOST_L
     problem : FrfProblem
     theta : (n_params,) float array
         Of this problem.
-    most_lines : float
+    most_lines : int
         No more than these, for the time that they take.
     """
     n_lines = len(problem.frequency)
-    room = int(
-        np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, min(most_lines, n_lines + _FEWEST_LINES))
-    )
+    room = int(np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, most_lines))
     if n_lines > room:
         problem = problem.with_lines(spread_over(n_lines, room))
     own, rest = np.split(problem.physical(theta), [problem.parameters.n_params])

@@ -9,8 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.criticism.fields import spread_over
+from structid.arrays import ComplexArray, FloatArray, spread_over
 from structid.identification.fits.modal_fit import damping_ratios, paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup

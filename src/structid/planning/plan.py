@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.arrays import FloatArray, spread_over
 from structid.estimation.diagnostics.design import (
     effective_independence,
     exchanged,
@@ -237,7 +237,7 @@ def _best_lines(
         return None, None
     options = ground.options
     best = optimal(lines, ground.known, count, options.criterion, ground.of_interest)
-    even = tuple(int(i) for i in np.unique(np.rint(np.linspace(0, len(lines) - 1, count)).astype(int)))
+    even = tuple(spread_over(len(lines), count).tolist())
     return (
         _at_lines(ground, chosen, f"chosen, best {count} lines", lines, best),
         _at_lines(ground, chosen, f"chosen, {len(even)} lines spread evenly", lines, even),
