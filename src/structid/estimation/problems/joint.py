@@ -60,12 +60,14 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
     def residual(self, theta: FloatArray) -> FloatArray:
         if self._is_one:
             return self.problems[0].residual(theta)
-        return self._stacked([problem.residual(theta[index]) for problem, index in _members(self)])
+        return self._stacked(
+            [problem.residual(own) for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)]
+        )
 
     def linearize(self, theta: FloatArray) -> Linearization:
         if self._is_one:
             return self.problems[0].linearize(theta)
-        parts = [problem.linearize(theta[index]) for problem, index in _members(self)]
+        parts = [problem.linearize(own) for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)]
         n_params = len(self.names)
         wide = [
             _widened(part.jacobian, index, n_params) for part, index in zip(parts, self.unknowns.columns, strict=True)
@@ -78,7 +80,10 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
         return next((p.matrix_free_obstacle for p in self.problems if p.matrix_free_obstacle), "")
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
-        parts = [problem.linearize_operator(theta[index]) for problem, index in _members(self)]
+        parts = [
+            problem.linearize_operator(own)
+            for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)
+        ]
         pairs, n_params = list(zip(parts, self.unknowns.columns, strict=True)), len(self.names)
         ends = np.cumsum([part.n_data for part in parts])[:-1]
         priors = [
@@ -131,7 +136,10 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
     @cached_property
     def _kept_priors(self) -> tuple[IntArray, ...]:
         """Of each problem the rows of those priors that no earlier problem states."""
-        priors = [problem.prior_rows(self.theta_start[index]) for problem, index in _members(self)]
+        priors = [
+            problem.prior_rows(own)
+            for problem, own in zip(self.problems, self.unknowns.split(self.theta_start), strict=True)
+        ]
         kept = _kept_prior_rows(priors, self.unknowns.columns, self.names, self.first_prior_counts)
         return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
 
@@ -170,11 +178,6 @@ def _widened(jacobian: FloatArray, index: IntArray, n_params: int) -> FloatArray
 def _widened_rows(rows: sparse.csr_array, index: IntArray, n_params: int) -> sparse.csr_array:
     """`rows` of the parameters at `index` as rows of all `n_params`."""
     return sparse.csr_array((rows.data, index[rows.indices], rows.indptr), (rows.shape[0], n_params))
-
-
-def _members(joint: JointProblem) -> list[tuple[Problem, IntArray]]:
-    """Every problem with the places of its free variables."""
-    return list(zip(joint.problems, joint.unknowns.columns, strict=True))
 
 
 def _kept_prior_rows(

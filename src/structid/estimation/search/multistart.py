@@ -138,7 +138,7 @@ def searched_minima(
     doubtful = good and _is_doubtful(problem, method, best, start, search)
     count = most if doubtful else search.uniqueness_starts
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
-    found = work.map("uniqueness starts", _search, (problem, method, shared[2]), more, progress) if more else []
+    found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
     return minima + [_found(problem, method, task) for task in found]
 
 
