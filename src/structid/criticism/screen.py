@@ -98,11 +98,11 @@ class Point:
         kinds = defaultdict[str, list[int]](list)
         for k in sorted(range(len(keys)), key=lambda k: known[keys[k]].promised):
             kinds[candidates[k].kind].append(k)
+        closer = {k for kind in kinds.values() for k in kind[:_CLOSER]}
         nearer: dict[_Key, _Look] = {}
-        for k in (k for kind in kinds.values() for k in kind[:_CLOSER]):
+        for k in sorted(closer):
             if keys[k] not in nearer:
                 nearer[keys[k]] = self._closer(candidates[k], known[keys[k]])
-        closer = {k for kind in kinds.values() for k in kind[:_CLOSER]}
         return [
             (nearer if k in closer else known)[key].best(candidate)
             for k, (candidate, key) in enumerate(zip(candidates, keys, strict=True))
@@ -193,13 +193,11 @@ def _squares(off: FloatArray) -> FloatArray:
 
 
 def point_at(
-    problems: Sequence[FrfProblem], theta: FloatArray, undamped: Collection[int] = (), most_lines: float = MOST_LINES
+    problems: Sequence[FrfProblem], theta: FloatArray, undamped: Collection[int] = (), most_lines: int = MOST_LINES
 ) -> Point:
     """Problems at free variables of all their parameters together, on at most so many of their lines; see `Point`."""
-    columns = JointProblem(tuple(problems), first_prior_counts=True).unknowns.columns
-    records = tuple(
-        fields_at(problem, theta[index], most_lines) for problem, index in zip(problems, columns, strict=True)
-    )
+    own = JointProblem(tuple(problems), first_prior_counts=True).unknowns.split(theta)
+    records = tuple(fields_at(problem, at, most_lines) for problem, at in zip(problems, own, strict=True))
     whole = JointProblem(tuple(fields.problem for fields in records), first_prior_counts=True)
     at = whole.linearize(theta)
     return Point(records, at.residual, np.linalg.qr(at.jacobian)[0], undamped)

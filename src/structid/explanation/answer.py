@@ -23,7 +23,6 @@ from structid.criticism.verdict import (
     noise_ratio,
     not_found,
 )
-from structid.dynamics.receptance import DENSE_UP_TO
 from structid.errors import StructidError
 from structid.estimation import Estimate
 from structid.estimation.search.work import ALONE, Work
@@ -31,7 +30,7 @@ from structid.explanation.explain import ALIKE, Explanation, asked_for, explaine
 from structid.explanation.held import held_values
 from structid.explanation.refits import Fitted
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
-from structid.explanation.trial import base_trial
+from structid.explanation.trial import are_small, base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
 from structid.identification.identified import Identification
@@ -141,17 +140,18 @@ def _sound(
             explanation = asked_for(_base(ready, found), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             return _without_causes(result, f"it could not be held against single changes: {error}", work, held)
-        if any(_cause(result, explanation, one, 1, is_alike=False).moves > MATTERS for one in explanation.causes):
+        if any(
+            one.distance > MATTERS for fitted in explanation.causes for one in _moved(result, explanation.base, fitted)
+        ):
             return _told(ready, result, explanation, held, work, is_search=False)
     return replace(result, criticism=Criticism(judged(found), held=held)), ()
 
 
 def _can_be_asked(ready: Start, found: Identification) -> bool:
     """Whether a linear look at all single changes is one at the data themselves, and takes less than the answer did."""
-    is_small = all(setup.structure.n_dofs <= DENSE_UP_TO for setup in ready.setups)
     are_frfs = all(isinstance(problem, FrfProblem) for problem in found.problems)
     is_whole = found.target is not None and found.estimate.uncertainty.has_matrix
-    return is_small and are_frfs and is_whole and ready.study.structure.has_matrices
+    return are_small(ready.setups) and are_frfs and is_whole and ready.study.structure.has_matrices
 
 
 def _told(
@@ -241,21 +241,11 @@ def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
 
 
 def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number: int, is_alike: bool) -> Cause:
-    base, estimate = explanation.base, result.identification.estimate
+    base, before, after, target = explanation.base, explanation.base.values, fitted.values, fitted.trial.target
     candidate, _ = fitted.trial.changes[-1]
-    before, after, ends = base.values, fitted.values, intervals_of(fitted, result.identification.intervals.level)
-    target = fitted.trial.target
     added = tuple(
         (name, after[name], unit) for name, unit in zip(target.names, target.units, strict=True) if name not in before
     )
-    std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
-    moved = sorted(
-        (
-            Moved(name, unit, before[name], after[name], ends[name], _distance(after[name] - before[name], std[name]))
-            for name, unit in zip(target.names, target.units, strict=True) if name in before
-        ),
-        key=lambda one: -one.distance,
-    )  # fmt: skip
     changes = fitted.trial.changes
     first = base if len(changes) == 1 else explanation.causes[0]
     own = [value for name, value, _ in added if name not in first.values]
@@ -268,13 +258,26 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
         chi_square_per_dof=fitted.cost / max(base.trial.target.n_data - len(target.names), 1),
         rest_per_dof=(fitted.cost - fitted.aside) / max(target.n_data - len(target.names), 1),
         found=added,
-        moved=tuple(moved),
+        moved=_moved(result, base, fitted),
         is_alike=is_alike,
         is_second=len(changes) > 1,
         study=f"{FOLDER}/{suggestion_name(number, changes)}",
         lines=suggestion_text(result.study, changes)[1],
         leaves_noise=not is_misfit(fitted),
     )
+
+
+def _moved(result: StudyResult, base: Fitted, fitted: Fitted) -> tuple[Moved, ...]:
+    """The values that a changed study has otherwise, the farthest first."""
+    estimate, target = result.identification.estimate, fitted.trial.target
+    before, after, ends = base.values, fitted.values, intervals_of(fitted, result.identification.intervals.level)
+    std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
+    moved = (
+        Moved(name, unit, before[name], after[name], ends[name], _distance(after[name] - before[name], std[name]))
+        for name, unit in zip(target.names, target.units, strict=True)
+        if name in before
+    )
+    return tuple(sorted(moved, key=lambda one: -one.distance))
 
 
 def _places(candidate: Candidate) -> tuple[str, ...]:

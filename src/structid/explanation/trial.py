@@ -120,7 +120,7 @@ class Trial:
     @property
     def is_small(self) -> bool:
         """Whether a linear look beside a change takes little."""
-        return all(setup.structure.n_dofs <= DENSE_UP_TO for setup in self.setups)
+        return are_small(self.setups)
 
     @property
     def is_of_modes(self) -> bool:
@@ -170,7 +170,7 @@ class Trial:
         """The views in the form of the anchored fit."""
         return tuple(replace(one, form="log", model_error=_MODEL_ERROR) for one in self.seen)
 
-    def looked_at(self, problems: Sequence[FrfProblem], theta: FloatArray, most_lines: float = MOST_LINES) -> Point:
+    def looked_at(self, problems: Sequence[FrfProblem], theta: FloatArray, most_lines: int = MOST_LINES) -> Point:
         """Views in some form where changes are screened; modes whose damping is not fitted say nothing of damping."""
         silent = [
             k for k, one in enumerate(self.problems) if isinstance(one, ModalProblem) and not one.settings.use_damping
@@ -223,10 +223,14 @@ def started_at(problem: RecordProblem, known: Mapping[str, float]) -> RecordProb
 
 def base_trial(study: Study, setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: FloatArray) -> Trial:
     """The study as it is, with free variables of all its parameters at which its records are looked at as FRFs."""
-    columns = JointProblem(tuple(problems), first_prior_counts=True).unknowns.columns
-    own = [theta[index] for index in columns]
+    own = JointProblem(tuple(problems), first_prior_counts=True).unknowns.split(theta)
     shown = views(setups, problems, own, study.options)
     return Trial(study, tuple(setups), tuple(problems), shown)
+
+
+def are_small(setups: Sequence[AnySetup]) -> bool:
+    """Whether all models are small enough that linear looks take little."""
+    return all(setup.structure.n_dofs <= DENSE_UP_TO for setup in setups)
 
 
 def read_study(
