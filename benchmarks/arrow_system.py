@@ -20,7 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.observation.frf.response import response
+from structid.forward.frf.response import response
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "published"))
 from arrow_system import ArrowSystem

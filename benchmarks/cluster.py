@@ -30,14 +30,14 @@ import psutil
 from threadpoolctl import ThreadpoolController
 
 import structid as sid
-from structid.estimation import Bootstrap
-from structid.estimation.intervals.bootstrap import bootstrap
-from structid.estimation.search.work import Tools
-from structid.observation.frf.response import response
-from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
-from structid.observation.motion.stream import motion_solution
+from structid.forward.frf.response import response
+from structid.forward.motion.fit import RecursiveMotionFit, motion_fit
+from structid.forward.motion.stream import motion_solution
+from structid.inversion import Bootstrap
+from structid.inversion.intervals.bootstrap import bootstrap
+from structid.inversion.regression.local_reduction import Kernels
+from structid.inversion.search.work import Tools
 from structid.records.on_disk import open_record
-from structid.regression.local_reduction import Kernels
 from structid.study.run import workers as workers_module
 from structid.study.run.cluster import Cluster
 from structid.study.run.long_run import LongRun

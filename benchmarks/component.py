@@ -14,8 +14,8 @@ import numpy as np
 
 import structid as sid
 from structid.dynamics.factorization import factorizer
-from structid.observation import FrfProblem
-from structid.structure import Component, Structure
+from structid.fem import Component, Structure
+from structid.forward import FrfProblem
 
 TRUE = np.array([2e4, 3e4, 1e4, 1.5e4])
 SIZE, BAND, LINES = (1.2, 0.9), (4.0, 100.0), 100

@@ -12,9 +12,9 @@ from time import perf_counter, process_time
 import numpy as np
 
 from structid import ModalRecord, SpaceBeam, Structure
-from structid.dof import DIRECTIONS, Dof
+from structid.core.dof import DIRECTIONS, Dof
 from structid.dynamics.modes import modes
-from structid.modal.files.files import write_modes
+from structid.modal.formats.files import write_modes
 
 N_MODES, N_SENSORS = 40, 100
 _BEAM = """
@@ -74,7 +74,7 @@ def written(folder: Path) -> Path:
 
 
 def main() -> None:
-    from structid.correlation.correlating import correlate
+    from structid.compare.correlation.correlating import correlate
     from structid.report.correlation import correlation_page
     from structid.study.schema.study import load_study
 

@@ -32,8 +32,8 @@ from structid.dynamics.factorization import factorizer, installed_factorizers
 from structid.dynamics.modes import modes
 from structid.dynamics.receptance import single_blas
 from structid.dynamics.reduced_sweep import reduced_sweep
-from structid.observation.frf.lines.large import LargeLines
-from structid.observation.frf.response import Models, Response, response
+from structid.forward.frf.lines.large import LargeLines
+from structid.forward.frf.response import Models, Response, response
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "published"))

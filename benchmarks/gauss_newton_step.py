@@ -16,7 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.observation.frf.response import response
+from structid.forward.frf.response import response
 
 N_ELEMENTS, N_GROUPS, N_LINES, PAIRS = 300, 30, 200, 9
 

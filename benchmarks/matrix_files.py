@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy import sparse
 
-from structid.structure.importers import (
+from structid.fem.importers import (
     ElementEntries,
     ImportedMatrix,
     Op4Options,

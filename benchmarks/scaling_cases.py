@@ -20,11 +20,11 @@ import numpy as np
 from scipy import signal
 
 import structid as sid
+from structid.forward.motion.stream import identify_motion_by_chunks
+from structid.inversion.regression.local_reduction import Kernels
 from structid.modal import ModalOptions, modal_identification
 from structid.modal.full_field import shared_motions
-from structid.observation.motion.stream import identify_motion_by_chunks
 from structid.records.on_disk import OnDiskRecord
-from structid.regression.local_reduction import Kernels
 
 RATE = 1000.0
 PROPERTIES = ("mass", "mass_damping", "bending_stiffness")

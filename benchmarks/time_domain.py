@@ -24,9 +24,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy import sparse
 
-from structid.regression import no_rows
-from structid.regression.block_least_squares import block_solution
-from structid.regression.local_reduction import Kernels, row_maker
+from structid.inversion.regression import no_rows
+from structid.inversion.regression.block_least_squares import block_solution
+from structid.inversion.regression.local_reduction import Kernels, row_maker
 from time_domain_cases import PASS_IN_A_PROCESS, chain_rows, dense_rows, mesh_rows
 
 ONE, TWO, NUMPY = Kernels("numba"), Kernels("numba", 2), Kernels("numpy")

@@ -33,8 +33,8 @@ SIDE = """
 import json, resource, sys, time
 import numpy as np
 import time_domain_cases as cases
-from structid.regression import no_rows
-from structid.regression.local_reduction import Kernels, row_maker
+from structid.inversion.regression import no_rows
+from structid.inversion.regression.local_reduction import Kernels, row_maker
 (name, size), n_times, motion, threads = json.loads(sys.argv[1])
 columns, operator, n_params = getattr(cases, name)(tuple(size) if isinstance(size, list) else size)
 rng = np.random.default_rng(0)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 
 import structid as sid
-from structid.observation.motion.equations import TimeEquations, time_equations
+from structid.forward.motion.equations import TimeEquations, time_equations
 
 Rows = tuple[np.ndarray, sparse.csr_array, int]
 PROPERTIES = ("mass", "mass_damping", "bending_stiffness")
@@ -96,10 +96,10 @@ PASS_IN_A_PROCESS = """
 import ctypes, gc, sys, threading, time
 import numpy as np
 from structid import Beam, Structure, TimeRecord, Unknown, parameters
-from structid.regression.local_reduction import Kernels
-from structid.observation import motion_fit
-from structid.observation.motion.stream import motion_solution, reduced_by_chunks
-from structid.records.io import ReadOptions
+from structid.inversion.regression.local_reduction import Kernels
+from structid.forward import motion_fit
+from structid.forward.motion.stream import motion_solution, reduced_by_chunks
+from structid.records.formats import ReadOptions
 from structid.records.on_disk import MemoryRecord, open_record
 n, path = int(sys.argv[1]), sys.argv[2]
 beam = Beam("beam", np.stack([np.arange(n), np.arange(1, n + 1)], axis=1), 1.0, 1.0, mass_damping=1.0)

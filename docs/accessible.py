@@ -13,7 +13,7 @@ import sys
 import threading
 from pathlib import Path
 
-AXE = Path(__file__).parents[1] / "tests" / "app" / "axe" / "axe.min.js"
+AXE = Path(__file__).parents[1] / "tests" / "workbench" / "axe" / "axe.min.js"
 PAGES = (
     "index.html",
     "first-bridge.html",

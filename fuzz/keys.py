@@ -20,11 +20,11 @@ import tomlkit
 
 from fuzz.__main__ import Reader, Tally
 from fuzz.seeds import CHAIN, Seed, write_chain
-from structid.dof import parse_dof
+from structid.core.dof import parse_dof
 from structid.modal import ModalRecord
-from structid.modal.files.files import write_modes
+from structid.modal.formats.files import write_modes
 from structid.records import TimeRecord
-from structid.records.io import write_record
+from structid.records.formats import write_record
 from structid.study.json_schema import study_schema
 
 #: Written as they stand in the place of a value.

@@ -18,12 +18,7 @@ import scipy.io.wavfile
 from scipy import sparse
 
 from fuzz.mutations import ARCHIVE, BINARY, COMPRESSED, STUDY, TEXT, Mutation
-from structid.modal import ModalRecord
-from structid.modal.files.files import write_modes
-from structid.records import FrfRecord, TimeRecord
-from structid.records.io import LOGGERS, Geometry, write_record
-from structid.records.io.layout import fields_of
-from structid.structure.importers import (
+from structid.fem.importers import (
     ElementEntries,
     ImportedMatrix,
     Op4Options,
@@ -32,6 +27,11 @@ from structid.structure.importers import (
     write_matrix,
     write_op4,
 )
+from structid.modal import ModalRecord
+from structid.modal.formats.files import write_modes
+from structid.records import FrfRecord, TimeRecord
+from structid.records.formats import LOGGERS, Geometry, write_record
+from structid.records.formats.layout import fields_of
 from structid.study.run.checkpoint import Checkpoint
 
 EXAMPLES = Path(__file__).parent.parent / "examples"

@@ -11,13 +11,13 @@ from typer.main import get_command
 
 from structid.cli.app import app
 from structid.cli.base import DONE, EXIT_CODES, UNUSABLE_INPUT
-from structid.comparison.state import stored_state
-from structid.errors import InputError
-from structid.modal.files.files import read_modes
-from structid.records.io import ReadOptions, read_geometry, read_record
+from structid.compare.states.state import stored_state
+from structid.core.errors import InputError
+from structid.fem.importers import dofs_of, read_matrices, read_numbering
+from structid.fem.meshes import read_mesh, require_sound
+from structid.modal.formats.files import read_modes
+from structid.records.formats import ReadOptions, read_geometry, read_record
 from structid.records.on_disk import open_record
-from structid.structure.importers import dofs_of, read_matrices, read_numbering
-from structid.structure.meshes import read_mesh, require_sound
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.start import started
 from structid.study.schema.study import load_study

@@ -10,7 +10,7 @@ import traceback
 import warnings
 from pathlib import Path
 
-from structid.errors import StructidError
+from structid.core.errors import StructidError
 
 BYTES = 4 * 2**30
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from structid import Beam, FrfRecord, MeasuredComponent, Spring, Structure
-from structid.dof import parse_dofs
+from structid.core.dof import parse_dofs
 
 FREQUENCY = np.linspace(2.0, 120.0, 140)
 NODES = {k: [0.3 * k, 0.0] for k in range(5)} | {11: [0.6, 0.1], 12: [1.2, 0.1]}

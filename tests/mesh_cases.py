@@ -6,7 +6,7 @@ from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 import structid as sid
-from structid.structure.elements.element import (
+from structid.fem.elements.element import (
     LOSS_FACTOR,
     ElementSet,
     Layer,

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import linalg
 
 from structid import Dashpot, Friction, PointMass, Spring, Structure, TimeRecord, Unknown, parameters
-from structid.dof import parse_dofs
+from structid.core.dof import parse_dofs
 
 RATE, DURATION = 40.0, 20.0
 SENSORS = ("4X", "2X")

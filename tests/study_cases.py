@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.records import FrfRecord
-from structid.records.io import write_record
+from structid.records.formats import write_record
 
 TRUE = {
     "mass[mass 1]": 2.0,

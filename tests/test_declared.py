@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 import pytest
 
-from structid.declared import Count, Limits, NotNegative, Positive, declared_words, require_declared, type_words
-from structid.errors import InputError
+from structid.core.constraints import Count, Limits, NotNegative, Positive, declared_words, require_declared, type_words
+from structid.core.errors import InputError
 
 
 @pytest.mark.parametrize(

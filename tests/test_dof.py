@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from structid.dof import DIRECTIONS, Dof, parse_dof, parse_dofs, renamed
-from structid.errors import InputError
+from structid.core.dof import DIRECTIONS, Dof, parse_dof, parse_dofs, renamed
+from structid.core.errors import InputError
 
 dofs = st.builds(Dof, st.integers(0, 10**9), st.sampled_from(DIRECTIONS), st.sampled_from((1, -1)))
 

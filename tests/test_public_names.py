@@ -63,7 +63,7 @@ def test_a_name_loads_what_it_needs_only():
     loaded = modules_after("from structid import FrfRecord, Structure, read_record")
     assert "numpy" in loaded
     assert {"scipy.optimize", "scipy.signal", "h5py", "matplotlib", "plotly", "typer", "rich"}.isdisjoint(loaded)
-    assert {"structid.observation", "structid.identification", "structid.modal"}.isdisjoint(loaded)
+    assert {"structid.forward", "structid.identification", "structid.modal"}.isdisjoint(loaded)
 
 
 def test_the_help_needs_no_command():
@@ -71,7 +71,7 @@ def test_the_help_needs_no_command():
     assert "typer" in loaded
     assert {"numpy", "scipy", "rich.table"}.isdisjoint(loaded)
     assert {name for name in loaded if name.startswith("structid.")} == {
-        "structid._version", "structid.lazy", "structid.errors", "structid.cli", "structid.cli.app", "structid.cli.base",
+        "structid._version", "structid.lazy", "structid.core.errors", "structid.cli", "structid.cli.app", "structid.cli.base",
         "structid.cli.commands", "structid.cli.flags",
     }  # fmt: skip
 

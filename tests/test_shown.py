@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as sid
-from structid.shown import first_warnings
+from structid.core.display import first_warnings
 
 
 def structure():

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from structid.errors import InputError
-from structid.units import parse_frf_unit, parse_unit
+from structid.core.errors import InputError
+from structid.core.units import parse_frf_unit, parse_unit
 
 CHANNELS = [
     ("m", "displacement", 1, False), ("mm", "displacement", 1e-3, False), ("um", "displacement", 1e-6, False),

@@ -21,9 +21,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from structid import Base, Dashpot, PointMass, Spring, Structure, TimeRecord, Unknown, estimate, parameters
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
+from structid.forward import SpectraProblem
 from structid.identification.fits.ratios import ratios
-from structid.observation import SpectraProblem
 from structid.records.transforms.finite_spectra import finite_spectra
 from structid.unknowns import Parameters
 

@@ -32,10 +32,10 @@ from broad_band_cases import FINE, Case, case, measured
 from scipy import special
 
 import structid as sid
-from structid.arrays import FloatArray
-from structid.errors import SingularModelError
-from structid.estimation import minimize
-from structid.observation.frf.continuation import START_ERROR, thinned_lines
+from structid.core.arrays import FloatArray
+from structid.core.errors import SingularModelError
+from structid.forward.frf.continuation import START_ERROR, thinned_lines
+from structid.inversion import minimize
 
 TARGETS = {("cantilever", 50): 99, ("cantilever", 80): 90, ("free_beam", 30): 99, ("free_beam", 50): 90}
 #: Beyond these, the last steps go stretch by stretch to spare memory and time.

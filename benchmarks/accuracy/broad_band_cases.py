@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 
 import structid as sid
-from structid.arrays import FloatArray
-from structid.dof import parse_dofs
+from structid.core.arrays import FloatArray
+from structid.core.dof import parse_dofs
 from structid.reproduce.chapter_3.data import ACTUAL
 from structid.reproduce.chapter_4.cantilever import CASE_1
 

@@ -22,8 +22,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.estimation import LevenbergMarquardt, minimize
 from structid.identification.options import IdentifyOptions
+from structid.inversion import LevenbergMarquardt, minimize
 from structid.reproduce.chapter_4.cantilever import (
     CASE_2,
     DEFLECTIONS,

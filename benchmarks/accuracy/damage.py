@@ -26,12 +26,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.comparison.state import carried, unchanged_parameters
+from structid.compare.states.state import carried, unchanged_parameters
 from structid.dynamics.modes import modes
-from structid.estimation.comparison.comparison import Comparison, compare_states
-from structid.estimation.comparison.multiple_tests import detectable
-from structid.estimation.covariance import inverse_information
-from structid.estimation.estimate import estimate
+from structid.inversion.comparison.comparison import Comparison, compare_states
+from structid.inversion.comparison.multiple_tests import detectable
+from structid.inversion.covariance import inverse_information
+from structid.inversion.estimate import estimate
 from structid.reproduce.chapter_3.data import ACTUAL, N_ELEMENTS, beam
 
 SENSORS, LOAD, N_LINES, LOSS, NOISE = (1, 5, 9, 13, 16), 1, 200, 0.1, 0.01

@@ -13,9 +13,9 @@ import numpy as np
 from scipy import linalg, sparse
 
 from structid import SpaceBeam, Structure
-from structid.arrays import FloatArray
-from structid.correlation.expansion import expand
-from structid.dof import DIRECTIONS, Dof
+from structid.compare.correlation.expansion import expand
+from structid.core.arrays import FloatArray
+from structid.core.dof import DIRECTIONS, Dof
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
 

@@ -25,8 +25,8 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 import structid as sid
-from structid.observation import Motion, Oscillation, TimeOptions, identify_motion, output_error_problem
-from structid.observation.time.identify_time import identify_time
+from structid.forward import Motion, Oscillation, TimeOptions, identify_motion, output_error_problem
+from structid.forward.time.identify_time import identify_time
 from structid.reproduce.chapter_3.data import ACTUAL, beam, driven
 
 LOAD = "7Y"

@@ -25,7 +25,7 @@ from scipy.linalg import eigh
 from structid.criticism.verdict import is_sound
 from structid.explanation.answer import criticized
 from structid.modal import ModalRecord
-from structid.modal.files.files import write_modes
+from structid.modal.formats.files import write_modes
 from structid.modal.modal_record import independent_errors
 from structid.study.run.run import run_started
 from structid.study.run.start import started

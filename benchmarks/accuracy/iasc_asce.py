@@ -34,7 +34,7 @@ from scipy import linalg, signal
 from scipy.stats import chi2
 
 import structid as sid
-from structid.observation.time.spectra import spectra_problem
+from structid.forward.time.spectra import spectra_problem
 
 CASES, PATTERNS = (1, 3, 4), (0, 1, 2, 3, 4, 6)
 STOREYS, HEIGHT, HALF = 4, 0.9, 1.25

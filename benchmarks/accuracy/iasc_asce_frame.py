@@ -1,6 +1,6 @@
 """Storey losses of the IASC-ASCE benchmark, cases 2 and 5, with the frame that generated them: 120 degrees of freedom.
 
-The frame of `tests/structure/test_iasc_asce_frame.py` (rigid floors, nine columns a storey, braces), 1 % of damping in every
+The frame of `tests/fem/test_iasc_asce_frame.py` (rigid floors, nine columns a storey, braces), 1 % of damping in every
 mode of the frame as it is found. Histories are fitted as they are, 2 to 30 Hz; case 5 is shaken along the diagonal, case 2 along y,
 which leaves the braces along x unseen. Unknown is the stiffness of the braces: of each storey and direction, or of each
 face where single braces are missing. The search begins where braces taken away, or halved, one group after another, leave the
@@ -20,7 +20,7 @@ from itertools import product
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "structure"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "fem"))
 
 import numpy as np
 from test_iasc_asce_frame import BRACE, E, frame, node
@@ -36,7 +36,7 @@ from structid import (
     estimate,
     parameters,
 )
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.records.transforms.finite_spectra import finite_spectra
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "iasc_asce_phase_1"

@@ -21,10 +21,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.estimation import BaseProblem, Linearization
-from structid.estimation.intervals.bootstrap import bootstrap, bootstrap_repeats
-from structid.estimation.intervals.profile import profile
-from structid.estimation.intervals.sampling import sample
+from structid.inversion import BaseProblem, Linearization
+from structid.inversion.intervals.bootstrap import bootstrap, bootstrap_repeats
+from structid.inversion.intervals.profile import profile
+from structid.inversion.intervals.sampling import sample
 from structid.records import with_coherence_noise
 from structid.unknowns.transforms import Transforms
 

@@ -19,9 +19,9 @@ from scipy import linalg
 from scipy.signal import lfilter
 
 import structid as sid
+from structid.forward import ModalProblem
 from structid.modal.merging import merged_setups
 from structid.modal.method import ModalOptions
-from structid.observation import ModalProblem
 
 N_MASSES, STIFFNESS, DAMPING_RATIO, RATE, NOISE = 8, 400.0, 0.01, 15.0, 0.03
 SETUPS = (("3X", "8X", "1X", "2X"), ("3X", "8X", "4X", "5X"), ("3X", "8X", "6X", "7X"))

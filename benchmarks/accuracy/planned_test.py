@@ -30,7 +30,7 @@ from typer.testing import CliRunner
 
 import structid as sid
 from structid.cli.app import app
-from structid.dof import parse_dofs
+from structid.core.dof import parse_dofs
 from structid.planning.plan import Plan, PlannedTest, PlanOptions, plan
 from structid.reproduce.chapter_4.cantilever import (
     CASE_2,

@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from structid import Beam, ModalProblem, ModalRecord, ModalSettings, Structure, Unknown, estimate, parameters
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.dynamics.modes import modes
 
 TRUTH, START, ERROR = 1.37, 1.0, 1e-3

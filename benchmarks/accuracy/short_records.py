@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.observation.time.spectra import spectra_problem
+from structid.forward.time.spectra import spectra_problem
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from short_record_cases import SENSORS, chain, record, unknowns  # one chain and one exact record for both

@@ -22,11 +22,11 @@ from scipy import sparse
 from scipy.sparse.linalg import norm
 
 import structid as sid
-from structid.dof import parse_dofs
+from structid.core.dof import parse_dofs
 from structid.dynamics.modes import modes
-from structid.structure.importers import dofs_of, total_mass
+from structid.fem.importers import dofs_of, total_mass
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "structure" / "importers"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "fem" / "importers"))
 from matrix_cases import FORMULATIONS, SIERRA, block, cube, sierra
 
 TRUTH = {"stiffness[block 1]": 0.9, "stiffness[block 2]": 1.15, "mass[block 2]": 1.05}

@@ -20,14 +20,14 @@ import numpy as np
 from scipy import linalg
 
 import structid as sid
-from structid.estimation import Linearization
-from structid.estimation.comparison.comparison import Comparison, compare_jointly
-from structid.estimation.comparison.states import LATER, states_problem
-from structid.estimation.search.work import ALONE
+from structid.forward import RecordProblem
+from structid.forward.record_problem import DataRows
 from structid.identification.search import Answer, answered
 from structid.identification.together import alike
-from structid.observation import RecordProblem
-from structid.observation.record_problem import DataRows
+from structid.inversion import Linearization
+from structid.inversion.comparison.comparison import Comparison, compare_jointly
+from structid.inversion.comparison.states import LATER, states_problem
+from structid.inversion.search.work import ALONE
 from structid.unknowns import NamedUnknowns
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "beam_six_masses_frf" / "frf.npz"

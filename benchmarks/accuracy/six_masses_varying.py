@@ -16,8 +16,8 @@ import numpy as np
 from six_masses_model import ERROR, LENGTH, MASSES, STATES, Model, ResonanceProblem, answer, loss, problems, shared
 
 import structid as sid
-from structid.estimation.comparison.states import LATER
 from structid.identification.search import Answer
+from structid.inversion.comparison.states import LATER
 
 CHOICES = {
     "nothing": (),

@@ -22,8 +22,8 @@ import numpy as np
 from scipy import linalg
 
 import structid as sid
-from structid.observation import Oscillation, TimeOptions, output_error_problem
-from structid.observation.time.identify_time import identify_time
+from structid.forward import Oscillation, TimeOptions, output_error_problem
+from structid.forward.time.identify_time import identify_time
 
 MASS = [8.4, 1.6, 2.3, 4.8, 6.3, 5.2, 7.1, 4.2, 6.3, 1.6, 1.1, 2.4, 3.5, 4.6, 7.3]
 STIFFNESS = [3.3, 2.3, 1.2, 1.3, 3.3, 4.2, 1.8, 1.4, 4.1, 3.6, 5.2, 3.4, 6.6, 2.5, 5.3]

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import linalg
 
 from structid import TimeRecord, identify_modes
-from structid.modal.files.files import write_modes
+from structid.modal.formats.files import write_modes
 
 MASS = np.array([5000.0, 5000.0, 5000.0, 4200.0])
 STIFFNESS = np.array([2.4e6, 2.0e6, 1.5e6, 1.1e6])

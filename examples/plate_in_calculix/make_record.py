@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.dof import parse_dofs
+from structid.core.dof import parse_dofs
 from structid.dynamics.modes import modes
+from structid.fem import Structure
+from structid.fem.elements import Solid
+from structid.fem.meshes import read_mesh
 from structid.modal import ModalRecord
-from structid.modal.files.files import write_modes
-from structid.structure import Structure
-from structid.structure.elements import Solid
-from structid.structure.meshes import read_mesh
+from structid.modal.formats.files import write_modes
 
 HERE = Path(__file__).parent
 #: N/m^2, of the steel and the aluminium half.

@@ -9,9 +9,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from structid.fem import Structure
     from structid.identification.identified import Identification
     from structid.modal.survey.survey import ModesResult
-    from structid.structure import Structure
 
 
 class IdentificationPlots:

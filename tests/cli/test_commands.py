@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 import structid
 from structid.cli import app as cli
-from structid.errors import SingularModelError
-from structid.records.io import read_record, write_record
+from structid.core.errors import SingularModelError
+from structid.records.formats import read_record, write_record
 from study_cases import (
     CHAIN,
     RIGID,

@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
-from structid.modal.files.files import read_modes
+from structid.modal.formats.files import read_modes
 from study_cases import write_chain
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "correlation"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "compare" / "correlation"))
 import mast
 
 RUN = CliRunner()

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.cli.progress import RunProgress, clock
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.records import FrfRecord
 from structid.study.run import needs as needs_module
 from structid.study.run.doctor import installation

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from structid.cli.app import COMMANDS, JOBS, app
 from structid.cli.base import EXIT_CODES
 from structid.cli.flags import command
-from structid.errors import InputError, NoModesError
+from structid.core.errors import InputError, NoModesError
 from structid.modal.survey.options import ModesOptions
 from structid.records import CsvLayout, ReadOptions
 

@@ -11,15 +11,15 @@ from typer.testing import CliRunner
 
 from modes_cases import FREQUENCY, RATIO, SHAPES, ambient, frfs
 from structid.cli import app as cli
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.modal import METHODS, ModalIdentification, ModalRecord, Poles
-from structid.modal.files.files import read_modes
+from structid.modal.formats.files import read_modes
 from structid.modal.poles.stabilization import Cluster
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
 from structid.modal.survey.survey import modes_of_file, record_geometry
 from structid.records import Geometry, TimeRecord, write_record
-from structid.records.io.uff import uff
+from structid.records.formats.uff import uff
 from structid.similarity import mac
 
 RUN = CliRunner()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import linalg
 
+from structid.core.errors import SingularModelError
 from structid.dynamics import dense_fields, modal_fields
 from structid.dynamics.dense_fields import DenseFields, solved_few
-from structid.errors import SingularModelError
 
 LINES = np.linspace(0.02, 0.9, 400)
 

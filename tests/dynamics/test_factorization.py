@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from structid.core.errors import InputError, SingularModelError
 from structid.dynamics import factorization, factorization_mumps, factorization_pardiso
 from structid.dynamics.factorization import (
     FACTORIZERS,
@@ -15,7 +16,6 @@ from structid.dynamics.factorization import (
     usable_threads,
 )
 from structid.dynamics.receptance import DynamicStiffness
-from structid.errors import InputError, SingularModelError
 
 needs_mkl = pytest.mark.skipif(
     bool(factorization_pardiso.mkl_problem()), reason=f"no MKL here: {factorization_pardiso.mkl_problem()}"

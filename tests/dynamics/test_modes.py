@@ -5,10 +5,10 @@ import pytest
 from scipy import linalg, sparse
 from scipy.sparse.linalg import eigsh
 
+from structid.core.errors import SingularModelError
 from structid.dynamics.factorization import installed_factorizers
 from structid.dynamics.modes import _low_shift, modes
-from structid.errors import SingularModelError
-from structid.structure import Beam, Plate, Structure
+from structid.fem import Beam, Plate, Structure
 
 
 def cantilever(n):

@@ -6,8 +6,8 @@ from scipy import sparse
 from scipy.integrate import solve_ivp
 
 from structid import Beam, InputError, Structure
+from structid.core.errors import SingularModelError
 from structid.dynamics import harmonic_transient, sampled_transient
-from structid.errors import SingularModelError
 
 TIME = np.linspace(0.1, 6.0, 23)
 

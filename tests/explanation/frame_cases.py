@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.dof import parse_dofs
+from structid.core.dof import parse_dofs
 from structid.dynamics.modes import modes
 from structid.modal import ModalRecord
-from structid.modal.files.files import write_modes
+from structid.modal.formats.files import write_modes
 from structid.modal.modal_record import independent_errors
 from structid.records import FrfRecord, TimeRecord
-from structid.records.io import write_record
+from structid.records.formats import write_record
 from structid.study.run.start import study_problems
 from structid.study.schema.study import load_study
 

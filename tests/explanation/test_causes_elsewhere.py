@@ -5,7 +5,7 @@ import pytest
 
 from structid.explanation.answer import criticized
 from structid.records import FrfRecord
-from structid.records.io import write_record
+from structid.records.formats import write_record
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study

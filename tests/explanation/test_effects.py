@@ -7,18 +7,18 @@ import pytest
 from frame_cases import FREQUENCY, STUDY, shaken, written, written_histories, written_shaken, written_with_machine
 
 from structid import Beam, FrfRecord, PointMass, RigidLink, RotaryInertia, Spring, Structure, Unknown, parameters
+from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate
 from structid.criticism.fields import fields_at
 from structid.criticism.pool import pool
 from structid.criticism.screen import point_at
-from structid.errors import StructidError
 from structid.explanation.by_study import study_candidates
 from structid.explanation.edits import _EDITS, edit
 from structid.explanation.explain import _plainer
 from structid.explanation.refits import Fitted
 from structid.explanation.trial import base_trial
-from structid.observation import FrfProblem, SpectraProblem
-from structid.records.io import read_record, write_record
+from structid.forward import FrfProblem, SpectraProblem
+from structid.records.formats import read_record, write_record
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
 

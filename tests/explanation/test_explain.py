@@ -9,10 +9,10 @@ from frame_cases import BASE, STUDY, of_histories, off, shaken, written, written
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
+from structid.core.dof import parse_dof
 from structid.criticism.candidate import Candidate
 from structid.criticism.data import scaled_misfit
 from structid.criticism.verdict import Cause, Moved, are_causes, judged
-from structid.dof import parse_dof
 from structid.explanation.answer import criticized
 from structid.explanation.refits import Fitted
 from structid.explanation.screening import _told
@@ -20,7 +20,7 @@ from structid.explanation.suggestions import suggestion_text
 from structid.explanation.trial import base_trial
 from structid.explanation.words import cause_kind, cause_words
 from structid.identification.before.channels import ChannelWarnings
-from structid.records.io import read_record, write_record
+from structid.records.formats import read_record, write_record
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study

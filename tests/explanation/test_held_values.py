@@ -15,7 +15,7 @@ from structid.explanation.refits import Fitted
 from structid.explanation.trial import base_trial
 from structid.explanation.union import widened
 from structid.modal import ModalRecord
-from structid.modal.files.files import write_modes
+from structid.modal.formats.files import write_modes
 from structid.modal.modal_record import independent_errors
 from structid.study.results.folder import estimate_summary
 from structid.study.run.run import run_started

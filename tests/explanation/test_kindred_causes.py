@@ -17,7 +17,7 @@ from structid.explanation.refits import Fitted
 from structid.explanation.trial import base_trial
 from structid.explanation.words import cause_words
 from structid.records import FrfRecord
-from structid.records.io import read_record, write_record
+from structid.records.formats import read_record, write_record
 from structid.study.run.start import started, study_problems
 from structid.study.schema.study import load_study
 

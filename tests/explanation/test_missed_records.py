@@ -9,7 +9,7 @@ from frame_cases import STUDY, off, written, written_modes
 from structid.criticism.verdict import Cause, are_causes
 from structid.explanation.answer import criticized
 from structid.identification.fits.missed import missed_parts
-from structid.modal.files.files import read_modes, write_modes
+from structid.modal.formats.files import read_modes, write_modes
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study

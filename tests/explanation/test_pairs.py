@@ -7,13 +7,13 @@ import pytest
 from frame_cases import STUDY, off, written
 
 from structid.criticism.candidate import Candidate
-from structid.estimation.search.work import ALONE, PLAIN_TOOLS
 from structid.explanation import explain
 from structid.explanation.explain import Explanation, explained
 from structid.explanation.pairs import promising
 from structid.explanation.refits import Fitted, approached
 from structid.explanation.trial import base_trial
-from structid.records.io import read_record, write_record
+from structid.inversion.search.work import ALONE, PLAIN_TOOLS
+from structid.records.formats import read_record, write_record
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study

@@ -5,12 +5,12 @@ import pytest
 from frame_cases import STUDY, off, written
 
 from structid.criticism.candidate import Candidate
-from structid.estimation.search.work import ALONE, PLAIN_TOOLS
 from structid.explanation import explain, refits
 from structid.explanation.answer import criticized, unlooked
 from structid.explanation.explain import Explanation, explained
 from structid.explanation.refits import Fitted, approached, likewise
 from structid.explanation.trial import base_trial
+from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.study.run.checkpoint import Checkpoint, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import run_started

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files import contained as module
 from structid.files.contained import ReaderError, contained
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, hdf5_part

@@ -2,9 +2,9 @@
 
 import pytest
 
-from structid.errors import FileError
-from structid.structure.importers import read_numbering
-from structid.structure.meshes import read_mesh
+from structid.core.errors import FileError
+from structid.fem.importers import read_numbering
+from structid.fem.meshes import read_mesh
 
 
 def test_sets_of_nastran_and_abaqus_have_a_longest_range(tmp_path):

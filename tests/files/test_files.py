@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files import atomic_write, damage_told, digest, require_readable
 
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files import atomic_write, claim, claimed, release
 
 HOLD = "import sys, time; from pathlib import Path; from structid.files import claim; claim(Path(sys.argv[1])); print('held', flush=True); time.sleep(60)"  # noqa: E501

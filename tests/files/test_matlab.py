@@ -7,7 +7,7 @@ import pytest
 import scipy.io
 from scipy import sparse
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files.matlab import matlab_variables
 
 RANDOM = np.random.default_rng(2)

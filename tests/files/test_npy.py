@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files.npy import npy_array, npz_arrays
 
 ARRAYS = [

@@ -7,8 +7,8 @@ import pytest
 import scipy.io
 from scipy import sparse
 
-from structid.errors import FileError
-from structid.structure.importers import read_matrix
+from structid.core.errors import FileError
+from structid.fem.importers import read_matrix
 
 DENSE = np.array([[4.0, -2, 0, 0], [-2, 5, -1.5, 0], [0, -1.5, 3, 1], [0, 0, 1, 2]])
 

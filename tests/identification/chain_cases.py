@@ -3,7 +3,7 @@
 import numpy as np
 
 from structid import FrfProblem, FrfRecord, identify, parameters, with_declared_noise
-from structid.structure import PointMass, Spring, Structure
+from structid.fem import PointMass, Spring, Structure
 from structid.unknowns import Unknown
 
 STIFFNESS = (1000.0, 800.0, 1200.0, 900.0)

@@ -5,7 +5,7 @@ import pytest
 
 from structid import Dashpot, FrfRecord, PointMass, Spring, Structure, Unknown, identify, parameters
 from structid.criticism.verdict import judged
-from structid.estimation import Status
+from structid.inversion import Status
 
 MASS, STIFFNESS, DAMPING = np.array([100.0, 100, 100, 80]), np.array([2e5, 1.8e5, 1.6e5, 1.5e5]), 120.0
 FREQUENCY = np.arange(0.5, 15, 0.1)

@@ -6,9 +6,9 @@ from chain_cases import bounded, chain, found, record
 
 from structid import FrfProblem, Status
 from structid.criticism.verdict import judged
-from structid.estimation import LevenbergMarquardt
-from structid.estimation.problems.wrapped import Held
-from structid.estimation.search.least_squares import minimize
+from structid.inversion import LevenbergMarquardt
+from structid.inversion.problems.wrapped import Held
+from structid.inversion.search.least_squares import minimize
 
 
 def profiled(value, answer):
@@ -88,7 +88,7 @@ def test_a_truth_at_the_bound_is_sound_and_one_beyond_it_is_not():
 def test_what_the_data_leave_open_over_its_whole_range_is_not_at_a_bound():
     """No force reaches beyond a joint that carries none: a spring between two masses that the record does not see."""
     from structid import identify, parameters
-    from structid.structure import PointMass, Spring, Structure
+    from structid.fem import PointMass, Spring, Structure
     from structid.unknowns import Unknown
 
     base = chain()

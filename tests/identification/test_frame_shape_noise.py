@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from structid import IdentifyOptions, ModalSettings, Status, identify_together
-from structid.estimation import LevenbergMarquardt
-from structid.estimation.search.least_squares import minimize
-from structid.estimation.search.multistart import staged
-from structid.observation.modal.problem import of_form
+from structid.forward.modal.problem import of_form
+from structid.inversion import LevenbergMarquardt
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.multistart import staged
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks" / "accuracy"))
 from frame_shape_noise import problem

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import structid as sid
-from structid.dof import parse_dof
+from structid.core.dof import parse_dof
+from structid.fem.places import together, with_joint_forces
+from structid.forward import Models
 from structid.identification.options import IdentifyOptions
-from structid.observation import Models
 from structid.records import TimeRecord
-from structid.structure.places import together, with_joint_forces
 
 RATE, ANGLE = 128.0, 0.5
 LOADS = tuple(parse_dof(name) for name in ("3X", "3Y-"))

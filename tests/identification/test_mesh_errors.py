@@ -7,9 +7,9 @@ import pytest
 
 from structid import Bar, Base, Beam, Joint, MatrixGroup, Plate, PointMass, Solid, SpaceBeam, Spring, Structure
 from structid.dynamics.modes import modes
+from structid.fem.elements import Membrane
 from structid.identification.before.mesh import mesh_errors
 from structid.identification.before.refining import refined
-from structid.structure.elements import Membrane
 
 #: (beta L) of a cantilever; Blevins (1979), Formulas for Natural Frequency and Mode Shape, table 8-1.
 CANTILEVER = np.array([1.87510407, 4.69409113, 7.85475744, 10.99554073])

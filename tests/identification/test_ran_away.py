@@ -8,8 +8,8 @@ from chain_cases import STIFFNESS, chain, record
 
 from structid import FrfProblem, Prior, Status, identify, parameters
 from structid.criticism.verdict import judged
-from structid.estimation import LevenbergMarquardt
-from structid.estimation.estimate import estimate
+from structid.inversion import LevenbergMarquardt
+from structid.inversion.estimate import estimate
 from structid.unknowns import Unknown
 
 RIGID = (1000.0, 800.0, 1e12, 900.0)

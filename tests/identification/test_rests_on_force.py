@@ -17,8 +17,8 @@ from structid import (
     estimate,
     parameters,
 )
+from structid.forward import simulated_record
 from structid.identification.fits.ratios import rests_on_force
-from structid.observation import simulated_record
 
 _ALL = (Unknown("mass", "floors", each=True), Unknown("stiffness", "storeys"), Unknown("loss_factor", "storeys"))
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from structid import ChannelUnknown, FrfProblem, channel_errors, parameters, with_declared_noise
-from structid.estimation import JointProblem, Status
+from structid.fem import PointMass, Spring, Structure
 from structid.identification.search import searched, together
+from structid.inversion import JointProblem, Status
 from structid.records import FrfRecord
-from structid.structure import PointMass, Spring, Structure
 from structid.unknowns import Unknown
 
 

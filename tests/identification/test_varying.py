@@ -14,15 +14,15 @@ from typer.testing import CliRunner
 import structid as sid
 from structid.cli import app as cli
 from structid.criticism.verdict import judged
-from structid.estimation.search.work import ALONE
 from structid.explanation.answer import criticized
 from structid.explanation.suggestions import suggestion_text
+from structid.forward import RecordProblem
+from structid.forward.record_problem import DataRows
 from structid.identification.search import answered
 from structid.identification.together import alike, together
 from structid.identification.varying import _chances
-from structid.observation import RecordProblem
-from structid.observation.record_problem import DataRows
-from structid.records.io import write_record
+from structid.inversion.search.work import ALONE
+from structid.records.formats import write_record
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid import InputError
-from structid.dof import Dof
+from structid.core.dof import Dof
 from structid.modal import ModalOptions, full_field_modes
 from structid.modal import full_field as full_field_module
 from structid.modal.full_field import covariance, shared_motions

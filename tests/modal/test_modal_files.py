@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import pyuff
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.modal import ModalRecord
-from structid.modal.files.files import read_modes, write_modes
+from structid.modal.formats.files import read_modes, write_modes
 from structid.modal.modal_record import unit_largest
 from structid.records import Geometry, read_geometry
 

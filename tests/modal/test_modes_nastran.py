@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from structid import InputError
-from structid.errors import FileError
-from structid.modal.files.files import read_modes, write_modes
-from structid.modal.files.nastran import read_modes_nastran
-from structid.solver.shapes import read_shapes
+from structid.core.errors import FileError
+from structid.external.shapes import read_shapes
+from structid.modal.formats.files import read_modes, write_modes
+from structid.modal.formats.nastran import read_modes_nastran
 
 NODES = [1, 2, 15, 101]
 FREQUENCY = [0.0, 12.5, 47.25]

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from structid import InputError, PointMass, SpaceBeam, Structure, TimeRecord
-from structid.dof import Dof
+from structid.core.dof import Dof
 from structid.dynamics.free_decay import free_decay
 from structid.dynamics.modes import modes
+from structid.fem import Membrane
 from structid.modal import ModalRecord, stationary_values
 from structid.modal.rayleigh.free_motion import sample_weights
 from structid.modal.rayleigh.pseudo_rayleigh import _omega, _real_where_close, pseudo_rayleigh
 from structid.reproduce.chapter_5.simple_beam import free_record
 from structid.similarity import mac, subspace_angles
-from structid.structure import Membrane
 
 OMEGA = np.array([2.0, 3.1, 4.5, 7.0])
 EXACT = {

@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 import structid as sid
 from structid import InputError
 from structid.cli.app import app
-from structid.dof import parse_dofs
-from structid.errors import SingularModelError
+from structid.core.dof import parse_dofs
+from structid.core.errors import SingularModelError
 from structid.planning.plan import PlanOptions, plan
-from structid.records.io import read_record, write_record
+from structid.records.formats import read_record, write_record
 from structid.reproduce.chapter_4.cantilever import CASE_2, GRID, TIP, Reading, cantilever, in_rad_per_s
 from structid.reproduce.chapter_4.noise import Noise, noisy_record
 from structid.study.schema.plan import load_plan, planned

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.estimation import BaseProblem, Linearization
+from structid.inversion import BaseProblem, Linearization
 
 #: Extended precision where there is any: the residuals of Lanczos1 are below the rounding of double precision.
 DATA = json.loads((Path(__file__).parent / "nist_strd.json").read_text(), parse_float=np.longdouble)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from nist_problems import DATA, NistProblem
 
-from structid.estimation import LevenbergMarquardt, minimize
-from structid.estimation.covariance import inverse_information
+from structid.inversion import LevenbergMarquardt, minimize
+from structid.inversion.covariance import inverse_information
 
 SEARCH = LevenbergMarquardt(max_iterations=2000, gain_tolerance=1e-16)
 EXTENDED = np.finfo(np.longdouble).eps < 1e-18

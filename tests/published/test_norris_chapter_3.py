@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from structid.observation.motion.fit import motion_fit
+from structid.forward.motion.fit import motion_fit
 from structid.reproduce.chapter_3.chapter import figure_3_2, items, natural_frequencies, table_3_1, table_3_4
 from structid.reproduce.chapter_3.data import (
     ACTUAL,

@@ -8,9 +8,9 @@ import pytest
 
 from arrow_system import ArrowSystem
 from structid import Beam, FrfProblem, FrfRecord, GaussNewton, Structure, Unknown, parameters
-from structid.estimation import minimize
-from structid.observation import one_step_values
-from structid.observation.frf.response import response
+from structid.forward import one_step_values
+from structid.forward.frf.response import response
+from structid.inversion import minimize
 
 ACTUAL = np.array([0.92, 1.28, 1.17, 0.63, 1.11, 0.98, 1.38, 0.68, 1.24, 0.56, 0.76, 1.12])  # Table 4.1
 POSTULATED = np.array([0.90, 1.15, 1.20, 0.50, 1.20, 0.90, 1.30, 0.60, 1.10, 0.50, 0.90, 1.20])

@@ -22,9 +22,9 @@ from structid import (
     simulated_record,
     with_declared_noise,
 )
-from structid.estimation import minimize
-from structid.observation import one_step_values
-from structid.observation.frf.response import response
+from structid.forward import one_step_values
+from structid.forward.frf.response import response
+from structid.inversion import minimize
 
 
 def membrane_with_a_hole(n=6):

@@ -7,7 +7,7 @@ import pytest
 
 from structid import ModalRecord, PointMass, Spring, Structure, Unknown, estimate, parameters
 from structid.dynamics.modes import modes
-from structid.observation import ModalProblem, ModalSettings
+from structid.forward import ModalProblem, ModalSettings
 
 FRAMES = Path(__file__).parents[3] / "shared" / "data" / "smu_shear_frames"
 pytestmark = pytest.mark.skipif(

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from structid.errors import FileError, InputError
+from structid.core.errors import FileError, InputError
 from structid.records import CsvLayout, ReadOptions, read_record
-from structid.records.io import keep_records
-from structid.records.io.csv.table import read_table
+from structid.records.formats import keep_records
+from structid.records.formats.csv.table import read_table
 
 ROWS = np.array([[0.5, -1.25, 100.0], [1.5, 2.25, 110.0], [-2.5, 3.25, 120.0], [0.25, 0.75, 130.0], [1.0, -0.5, 90.0]])
 RATE = 512.0
@@ -354,7 +354,7 @@ def test_all_lines_at_once_are_read_as_one_by_one(tmp_path, monkeypatch, text):
             return str(error)
 
     quick = outcome()
-    monkeypatch.setattr("structid.records.io.csv.table._at_once", lambda *_: None)
+    monkeypatch.setattr("structid.records.formats.csv.table._at_once", lambda *_: None)
     slow = outcome()
     if isinstance(slow, str):
         assert quick == slow
@@ -368,7 +368,7 @@ def test_plain_tables_are_read_at_once(tmp_path, monkeypatch, text):
     def slow(*_):
         raise AssertionError("line by line")
 
-    monkeypatch.setattr("structid.records.io.csv.table._one_by_one", slow)
+    monkeypatch.setattr("structid.records.formats.csv.table._one_by_one", slow)
     (tmp_path / "lab.csv").write_text(text, encoding="utf-8")
     assert len(read_table(tmp_path / "lab.csv").values) == text.count("\n") - 1
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from logger_cases import FILE_NAMES, NAMES, RATE, SAYS_UNITS, STARTS, UNITS, VALUES, WRITERS, is_there, write
 
-from structid.errors import FileError, InputError
+from structid.core.errors import FileError, InputError
 from structid.files.loggers import PACKAGES
 from structid.records import ReadOptions, read_record, write_record
-from structid.records.io import LOGGERS
+from structid.records.formats import LOGGERS
 
 BY_KIND = {one.kind: one for one in LOGGERS}
 FACTORS = np.array([9.80665, 1.0, 1.0])
@@ -92,7 +92,7 @@ def test_damage_is_refused(kind, tmp_path):
 def test_a_missing_library_is_named_with_its_extra(kind, tmp_path, monkeypatch):
     path = tmp_path / f"a{BY_KIND[kind].SUFFIXES[0]}"
     path.write_bytes(b"x")
-    monkeypatch.setattr("structid.records.io.loggers.find_spec", lambda name: None)
+    monkeypatch.setattr("structid.records.formats.loggers.find_spec", lambda name: None)
     with pytest.raises(FileError, match=rf"need the package \w+; pip install structid\[{kind}\]"):
         read_record(path, options(kind))
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from structid import FileError, InputError, TimeRecord
-from structid.records.io import ReadOptions, write_record
+from structid.records.formats import ReadOptions, write_record
 from structid.records.on_disk import MemoryRecord, open_record
 
 CHANNELS, QUANTITIES = ("1X", "2X-", "1X"), ("acceleration", "velocity", "force")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from structid.errors import FileError, InputError
+from structid.core.errors import FileError, InputError
 from structid.records import ReadOptions, read_record
 
 FRF = ReadOptions(
@@ -176,7 +176,7 @@ def test_options_refuse(bad):
 
 def test_structid_layout_saved_again_as_73(tmp_path, frf):
     """structid's fields as MATLAB's `save -v7.3` stores them: texts as codes, lists of texts as references."""
-    from structid.records.io.layout import fields_of
+    from structid.records.formats.layout import fields_of
 
     path = tmp_path / "a.mat"
     with h5py.File(path, "w", userblock_size=512) as file:

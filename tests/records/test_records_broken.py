@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from structid.errors import FileError, InputError
+from structid.core.errors import FileError, InputError
 from structid.records import ReadOptions, read_record, write_record
-from structid.records.io import FORMATS
+from structid.records.formats import FORMATS
 
 #: One of every format; NPY files are read only.
 EVERY = tuple(module.SUFFIXES[0] for module in FORMATS)
@@ -95,7 +95,7 @@ def test_junk(tmp_path, suffix, junk):
 )
 def test_damaged_field(tmp_path, suffix, field, value, word, frf):
     """Files in structid's layout with one field spoiled, written past the checks of the record."""
-    from structid.records.io import layout
+    from structid.records.formats import layout
 
     fields = layout.fields_of(frf)
     fields[field] = value
@@ -103,8 +103,8 @@ def test_damaged_field(tmp_path, suffix, field, value, word, frf):
         del fields[field]
     path = tmp_path / f"a{suffix}"
     with pytest.MonkeyPatch.context() as patch:
-        module = sys.modules[{".npz": "structid.records.io.npz", ".h5": "structid.records.io.hdf5"}.get(
-            suffix, "structid.records.io.mat")]  # fmt: skip
+        module = sys.modules[{".npz": "structid.records.formats.npz", ".h5": "structid.records.formats.hdf5"}.get(
+            suffix, "structid.records.formats.mat")]  # fmt: skip
         patch.setattr(module, "fields_of", lambda record: fields)
         write_record(path, frf)
     with pytest.raises(InputError, match=word) as caught:
@@ -121,7 +121,7 @@ def test_missing_file_suggests(tmp_path, suffix, frf):
 
 FULL_DISK = """
 import os, resource, signal, sys
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.records import FrfRecord, TimeRecord, write_record
 import numpy as np
 import h5py, pyuff, scipy.io
@@ -168,12 +168,12 @@ def test_import_is_light():
 @pytest.mark.parametrize("suffix", [".npz", ".h5", ".mat"])
 def test_complex_histories_are_refused(tmp_path, suffix, history):
     """Their imaginary part was lost with a warning of Python."""
-    from structid.records.io import layout
+    from structid.records.formats import layout
 
     fields = {**layout.fields_of(history), "values": history.values * (1 + 1j)}
     with pytest.MonkeyPatch.context() as patch:
         name = {".npz": "npz", ".h5": "hdf5", ".mat": "mat"}[suffix]
-        patch.setattr(sys.modules[f"structid.records.io.{name}"], "fields_of", lambda record: fields)
+        patch.setattr(sys.modules[f"structid.records.formats.{name}"], "fields_of", lambda record: fields)
         write_record(tmp_path / f"a{suffix}", history)
     with pytest.raises(FileError, match="must hold real numbers, got complex"):
         read_record(tmp_path / f"a{suffix}")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.records import ReadOptions, read_record, write_record
-from structid.records.io import CsvLayout
+from structid.records.formats import CsvLayout
 
 TIME = "time_s,12Z+ [mm/s^2],3Z- [kN]\n0.0,1,2\n0.1,3,4\n0.2,5,6\n"
 FRF = (

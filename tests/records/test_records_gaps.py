@@ -5,7 +5,7 @@ import pytest
 
 from structid import FileError, InputError
 from structid.records import ReadOptions, TimeRecord, read_record, write_record
-from structid.records.io.uff import uff
+from structid.records.formats.uff import uff
 
 N, RATE = 400, 100.0
 TIME = np.arange(N) / RATE

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from structid.dof import DIRECTIONS, Dof
-from structid.errors import FileError, InputError
-from structid.records import FrfRecord, ReadOptions, TimeRecord, io, read_record, write_record
-from structid.records.io import FORMATS
+from structid.core.dof import DIRECTIONS, Dof
+from structid.core.errors import FileError, InputError
+from structid.records import FrfRecord, ReadOptions, TimeRecord, formats, read_record, write_record
+from structid.records.formats import FORMATS
 
 #: What each kind of file loses by its nature, as its documentation says.
 LOST = {
@@ -192,9 +192,9 @@ import json
 
 import numpy as np
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files import atomic_write
-from structid.records.io.layout import fields_of, record_from
+from structid.records.formats.layout import fields_of, record_from
 
 SUFFIXES = (".mine",)
 
@@ -227,7 +227,7 @@ def write(path, record):
 def test_a_new_format_is_a_module_and_a_line_in_the_registry(tmp_path, monkeypatch, frf, history):
     (tmp_path / "mine.py").write_text(NEW_FORMAT)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(io, "FORMATS", (*FORMATS, importlib.import_module("mine")))
+    monkeypatch.setattr(formats, "FORMATS", (*FORMATS, importlib.import_module("mine")))
     for record in (frf, history):
         assert differences(record, through(".mine", record)) == set()
     write_record(tmp_path / "a.mine", frf)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.records import TimeRecord, effective_averages, frf_from_time, with_coherence_noise
 
 NUMERATOR, DENOMINATOR = [0.2, 0.1], [1, -1.2, 0.8]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import pyuff
 
-from structid.errors import FileError, InputError
+from structid.core.errors import FileError, InputError
 from structid.records import Geometry, ReadOptions, read_geometry, read_record
-from structid.records.io.uff import uff
+from structid.records.formats.uff import uff
 
 FREQUENCY = np.arange(4, 14) * 0.25
 

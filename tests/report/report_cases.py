@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 import structid as si
+from structid.forward.frf.response import response
 from structid.identification.identify import Identification, IdentifyOptions, identify
-from structid.observation.frf.response import response
 from structid.records import FrfRecord
 
 

@@ -23,8 +23,8 @@ from page_parts import as_array, pieces, read_figures
 from written_reports import Report
 
 from modes_cases import ambient
-from structid.comparison.comparing import CompareOptions, compare
-from structid.correlation.correlating import correlate
+from structid.compare.correlation.correlating import correlate
+from structid.compare.states.comparing import CompareOptions, compare
 from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
 from structid.report.comparison import comparison_page
@@ -42,7 +42,7 @@ from structid.study.schema.plan import load_plan, planned
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "correlation"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "compare" / "correlation"))
 import mast
 
 ROOT = Path(__file__).parents[2]

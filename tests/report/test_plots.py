@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from report_cases import cantilever
 
 from modes_cases import ambient
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import write_record
 

@@ -14,7 +14,7 @@ import report_cases
 from page_parts import figures, unpacked, words
 from written_reports import PROVENANCE, TITLE, Report
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.identification.identified import Identification
 from structid.report import write_report
 from structid.report.identification.page import report_page

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid import FrfProblem, GaussNewton
-from structid.estimation import minimize
+from structid.inversion import minimize
 from structid.reproduce.chapter_4.cantilever import (
     ALL_AT_ALL,
     ALL_AT_HALF,

@@ -11,7 +11,7 @@ from matplotlib import image
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
-from structid.errors import FileError, InputError
+from structid.core.errors import FileError, InputError
 from structid.report.figures.reproduction import panels_figure
 from structid.report.rendering.plot import Area
 from structid.report.rendering.plot import Curve as Drawn

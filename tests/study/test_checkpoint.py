@@ -15,9 +15,9 @@ import pytest
 from typer.testing import CliRunner
 
 from structid.cli import app as cli
-from structid.errors import FileError
-from structid.estimation import BaseProblem, GaussNewton, LevenbergMarquardt, Linearization, minimize
-from structid.records.io import write_record
+from structid.core.errors import FileError
+from structid.inversion import BaseProblem, GaussNewton, LevenbergMarquardt, Linearization, minimize
+from structid.records.formats import write_record
 from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import run_study

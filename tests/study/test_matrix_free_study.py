@@ -17,9 +17,9 @@ from test_checkpoint import RUN, command, signalled_when
 
 import structid as sid
 from structid.cli import app as cli
-from structid.errors import InputError
-from structid.estimation.search import matrix_free
+from structid.core.errors import InputError
 from structid.identification import search
+from structid.inversion.search import matrix_free
 from structid.study.run.check import check_study
 from structid.study.run.checkpoint import checkpoint_folder
 from structid.study.run.run import is_matrix_free, run_study

@@ -8,7 +8,7 @@ import pytest
 from test_study_file import WRONG_VALUES, inline, places
 
 from structid import InputError, Structure
-from structid.structure.importers import (
+from structid.fem.importers import (
     ElementEntries,
     ImportedMatrix,
     write_abaqus,

@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from test_study_motion import STUDY, act, written
 
-from structid.errors import InputError
-from structid.observation.motion.checkpoint import load_motion_fit
-from structid.observation.motion.fit import motion_fit
-from structid.observation.motion.stream import motion_solution
+from structid.core.errors import InputError
+from structid.forward.motion.checkpoint import load_motion_fit
+from structid.forward.motion.fit import motion_fit
+from structid.forward.motion.stream import motion_solution
+from structid.inversion.regression.local_reduction import Kernels
 from structid.records import TimeRecord
-from structid.records.io import read_record, write_record
+from structid.records.formats import read_record, write_record
 from structid.records.on_disk import open_record
-from structid.regression.local_reduction import Kernels
 from structid.study.run import motion_parts
 from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on, stretches, unusable
 from structid.study.run.workers import InProcess, Processes, workers_for

@@ -16,13 +16,13 @@ from test_study_time import sampled_record, write_study
 from short_record_cases import RATE, chain, unknowns
 from structid import TimeRecord
 from structid.dynamics.transient import sampled_transient
-from structid.estimation import BaseProblem, Linearization
-from structid.estimation.estimate import estimate
-from structid.estimation.intervals.nuts import begun, continued
-from structid.estimation.intervals.sampling import sample
-from structid.observation import TimeOptions
-from structid.observation.time.identify_time import identify_time
-from structid.observation.time.output_error_search import _furthest, _Start, _tried
+from structid.forward import TimeOptions
+from structid.forward.time.identify_time import identify_time
+from structid.forward.time.output_error_search import _furthest, _Start, _tried
+from structid.inversion import BaseProblem, Linearization
+from structid.inversion.estimate import estimate
+from structid.inversion.intervals.nuts import begun, continued
+from structid.inversion.intervals.sampling import sample
 from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import run_study
@@ -117,7 +117,7 @@ def test_instruments_stopped_anywhere_go_on_to_the_same_bits(tmp_path, monkeypat
     options = TimeOptions(method="instrumental", first_samples=30)
     whole = identify_time(structure, unknown, record, options)
     assert whole.status.value == "converged"
-    from structid.observation.time.instrumental import InstrumentalFit
+    from structid.forward.time.instrumental import InstrumentalFit
 
     made, rows = [], InstrumentalFit.rows
     monkeypatch.setattr(InstrumentalFit, "rows", lambda fit, values: made.append(1) or rows(fit, values))

@@ -16,10 +16,10 @@ from typer.testing import CliRunner
 
 from structid import GaussNewton, InputError, LevenbergMarquardt, load_study
 from structid.cli.app import app
-from structid.declared import Count, Limits, NotNegative, problem_of
-from structid.estimation.search.least_squares import Method
-from structid.structure import ELEMENT_TYPES
-from structid.structure.elements.element import declarations
+from structid.core.constraints import Count, Limits, NotNegative, problem_of
+from structid.fem import ELEMENT_TYPES
+from structid.fem.elements.element import declarations
+from structid.inversion.search.least_squares import Method
 from structid.study.json_schema import study_schema, study_table
 from structid.study.schema.kinds import kind_of
 from structid.study.schema.method import _made, method_table

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from structid import AimedSensor, InputError, Structure, load_study, nearest_nodes
-from structid.dof import Dof
+from structid.core.dof import Dof
 from structid.study.run.check import check_study
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "correlation"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "compare" / "correlation"))
 import mast
 
 

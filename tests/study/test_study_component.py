@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from structid import FrfRecord, Unknown, parameters, simulated_record, with_declared_noise
 from structid.cli.app import app
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.records import write_record
 from structid.study.results.folder import estimate_summary
 from structid.study.run.check import check_study

@@ -14,9 +14,9 @@ import pytest
 import scipy.io
 from scipy import sparse
 
-from structid.errors import InputError
-from structid.estimation import GaussNewton, LevenbergMarquardt
-from structid.structure import ELEMENT_TYPES, Beam, Structure
+from structid.core.errors import InputError
+from structid.fem import ELEMENT_TYPES, Beam, Structure
+from structid.inversion import GaussNewton, LevenbergMarquardt
 from structid.study.json_schema import study_schema
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, line_of, replaced, write_chain

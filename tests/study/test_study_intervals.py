@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from structid import identify
-from structid.errors import InputError
-from structid.plain import json_text
+from structid.core.errors import InputError
+from structid.core.json_types import json_text
 from structid.report.identification.page import report_page
 from structid.report.identification.tables import span_text
 from structid.study.results.folder import estimate_summary

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from structid import run_study
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.study.run.check import check_study
 from structid.study.schema.study import load_study
 

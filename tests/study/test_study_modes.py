@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from structid import InputError, ModalRecord
 from structid.cli import app as cli
 from structid.dynamics.modes import modes
-from structid.modal.files.files import read_modes, write_modes
-from structid.records.io import write_record
+from structid.modal.formats.files import read_modes, write_modes
+from structid.records.formats import write_record
 from structid.report.identification.modal_tables import modal_facts
 from structid.report.identification.page import report_page
 from structid.study.run.check import check_study

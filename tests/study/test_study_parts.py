@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import structid as sid
-from structid.modal.files.files import write_modes
+from structid.modal.formats.files import write_modes
 from structid.records import write_record
 from structid.report.drawing.drawing import structure_picture
 from structid.report.identification.tables import element_table

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from structid import InputError, load_study, run_study
-from structid.records.io import write_record
+from structid.records.formats import write_record
 from structid.report.identification.page import report_page
 from structid.report.rendering.png import pictures
 from structid.study.results.folder import write_results

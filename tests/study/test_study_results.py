@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 import pytest
 
-from structid.errors import FileError
+from structid.core.errors import FileError
+from structid.core.json_types import json_text
 from structid.files import digest
-from structid.plain import json_text
 from structid.study.results.folder import staged_folder, write_results
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study

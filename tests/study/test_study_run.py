@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from structid.errors import InputError, SingularModelError
-from structid.estimation import Status
+from structid.core.errors import InputError, SingularModelError
+from structid.inversion import Status
 from structid.records import TimeRecord
-from structid.records.io import write_record
+from structid.records.formats import write_record
 from structid.study.run.check import check_study
 from structid.study.run.run import run_study
 from structid.study.run.start import started

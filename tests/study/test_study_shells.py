@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from structid import FrfRecord, Structure, parameters, run_study, simulated_record, write_record
-from structid.errors import InputError
-from structid.structure import PointMass
+from structid.core.errors import InputError
+from structid.fem import PointMass
 from structid.study.run.check import check_study
 from structid.study.schema.study import load_study
 

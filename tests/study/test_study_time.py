@@ -21,7 +21,7 @@ from structid import (
 )
 from structid.cli.app import app
 from structid.dynamics.transient import sampled_transient
-from structid.observation import TimeOptions
+from structid.forward import TimeOptions
 from structid.study.run.run import run_study
 from structid.study.run.start import started
 from structid.study.schema.study import load_study

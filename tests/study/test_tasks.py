@@ -20,10 +20,10 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import structid as sid
 from structid import estimate
-from structid.errors import InputError
-from structid.estimation.intervals.bootstrap import bootstrap
-from structid.estimation.intervals.profile import profiles
-from structid.estimation.search.work import Tools
+from structid.core.errors import InputError
+from structid.inversion.intervals.bootstrap import bootstrap
+from structid.inversion.intervals.profile import profiles
+from structid.inversion.search.work import Tools
 from structid.study.run import workers as workers_module
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.long_run import LongRun

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from structid.errors import InputError
-from structid.structure import Beam, Structure
+from structid.core.errors import InputError
+from structid.fem import Beam, Structure
 from structid.unknowns import Coupling, Smoothness, Unknown, penalties, penalty
 from structid.unknowns.parameters import parameters
 

@@ -4,10 +4,10 @@ import numpy as np
 from wrong_models.faults import Fault
 from wrong_models.study_files import Case, written
 
-from structid.estimation.search.work import ALONE
 from structid.explanation.refits import Fitted, approached
 from structid.explanation.screening import shortlisted
 from structid.explanation.trial import base_trial
+from structid.inversion.search.work import ALONE
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
 

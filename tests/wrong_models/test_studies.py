@@ -17,10 +17,10 @@ from wrong_models.study_files import MODES_COMMAND, Case, written
 from wrong_models.telling_apart import can_look_into, told_apart
 
 from structid.cli import app as cli
+from structid.forward import simulated_record
 from structid.identification.setups.histories_as_frfs import frfs_of
-from structid.modal.files.files import read_modes
-from structid.observation import simulated_record
-from structid.records.io import ReadOptions, read_record
+from structid.modal.formats.files import read_modes
+from structid.records.formats import ReadOptions, read_record
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import structid as sid
-from structid.estimation import profile
+from structid.inversion import profile
 
 
 def beam(clamp):

@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 from typer.models import OptionInfo
 
-from structid.errors import NoAnswerError, StructidError
+from structid.core.errors import NoAnswerError, StructidError
 
 DONE, NOT_DETERMINED, UNUSABLE_INPUT, WRONG_MODEL, INTERRUPTED = 0, 1, 2, 3, 130
 #: What each exit code means, in the words of the help.

@@ -9,12 +9,12 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.cli.tables import groups, heading, new_table
+from structid.core.display import MOST_WARNINGS, figures
 from structid.criticism.held import resting_words
-from structid.estimation.intervals.intervals import span_digits
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
-from structid.shown import MOST_WARNINGS, figures
+from structid.inversion.intervals.intervals import span_digits
 from structid.study.results.changes import PARAMETERS, largest_changes
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import UPDATED

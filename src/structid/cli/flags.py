@@ -53,7 +53,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 def _inner(kind: object) -> type | None:
     """The dataclass that a field holds, or None."""
-    from structid.declared import alternatives  # not needed until a command is loaded
+    from structid.core.constraints import alternatives  # not needed until a command is loaded
 
     return next((part for part in alternatives(kind) if isinstance(part, type) and is_dataclass(part)), None)
 
@@ -72,7 +72,7 @@ def _made(options: type[T], told: Mapping[str, object]) -> T:
 
 def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
     """One parameter for each field of a dataclass, and each field of a dataclass that it holds."""
-    from structid.declared import declared_words
+    from structid.core.constraints import declared_words
 
     kinds, words = get_type_hints(options), declared_words(options)
     for field in fields(options):

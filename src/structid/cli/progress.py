@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
-from structid.plain import Entry
+from structid.core.json_types import Entry
 
 _LINE_SECONDS = 60.0
 #: Of a file of progress: parameters whose values it holds at most, lines until it leaves some out, and the time between them

@@ -8,8 +8,8 @@ from rich.console import Console, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from structid.estimation import Identifiability
-from structid.shown import MOST_WARNINGS, first_warnings
+from structid.core.display import MOST_WARNINGS, first_warnings
+from structid.inversion import Identifiability
 
 _WIDTH_OF_FILES = 1000
 _MOST_GROUPS = 3

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.dof import DIRECTIONS, Dof
 from structid.criticism.candidate import Candidate, of_channel, picked_by
 from structid.criticism.fields import Fields
-from structid.dof import DIRECTIONS, Dof
-from structid.structure import Bar, Beam, SpaceBeam
-from structid.structure.elements.element import dof_code
+from structid.fem import Bar, Beam, SpaceBeam
+from structid.fem.elements.element import dof_code
 
 #: Where between two nodes a channel may be, in parts of their distance.
 _PARTS = np.array([0.1, 0.25, 0.5, 0.75, 0.9])

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.dof import Dof
 from structid.criticism.fields import Fields
-from structid.dof import Dof
-from structid.structure.elements.element import dof_code
+from structid.fem.elements.element import dof_code
 
 #: Change of the FRF for some strengths, (n_strengths, n_lines, n_outputs, n_inputs).
 Effect = Callable[[Fields, FloatArray], ComplexArray]

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from scipy import ndimage
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.criticism.candidate import Candidate
-from structid.observation import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
+from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
 
 #: A line is outlying where its misfit is so many times that of the lines about it.
 _OUTLYING = 8.0

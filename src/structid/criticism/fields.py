@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, spread_over
-from structid.dof import Dof
-from structid.observation import FrfProblem
-from structid.observation.frf.response import driving_bases
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, spread_over
+from structid.core.dof import Dof
+from structid.fem import Base, Structure
+from structid.fem.elements.element import dof_code, dof_of_code
+from structid.fem.measured import joined_receptance
+from structid.forward import FrfProblem
+from structid.forward.frf.response import driving_bases
 from structid.records.record import DERIVATIVES
-from structid.structure import Base, Structure
-from structid.structure.elements.element import dof_code, dof_of_code
-from structid.structure.measured import joined_receptance
 
 #: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
 _MOST_ENTRIES = 2e7

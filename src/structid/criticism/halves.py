@@ -9,13 +9,13 @@ from typing import TypedDict
 import numpy as np
 from scipy import special
 
-from structid.arrays import FloatArray
-from structid.errors import StructidError
-from structid.estimation import LevenbergMarquardt, Problem, Search
-from structid.estimation.estimate import estimate
-from structid.estimation.search.work import ALONE, Tools, Work
+from structid.core.arrays import FloatArray
+from structid.core.errors import StructidError
+from structid.forward import FrfProblem, RecordProblem
 from structid.identification.together import together
-from structid.observation import FrfProblem, RecordProblem
+from structid.inversion import LevenbergMarquardt, Problem, Search
+from structid.inversion.estimate import estimate
+from structid.inversion.search.work import ALONE, Tools, Work
 
 _METHOD = LevenbergMarquardt(max_iterations=30, gain_tolerance=1e-6)
 _RISK = 0.001

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from structid.arrays import FloatArray
-from structid.estimation.linearization import triangle_of
-from structid.shown import counted
+from structid.core.arrays import FloatArray
+from structid.core.display import counted
+from structid.inversion.linearization import triangle_of
 
 #: Chance that any held value of a right model is doubted.
 _RISK = 0.05

@@ -10,7 +10,9 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.dof import DIRECTIONS, Dof
+from structid.core.units import MISTAKEN_FORCES, mistaken_motions
 from structid.criticism.between import between_nodes
 from structid.criticism.candidate import (
     Candidate,
@@ -27,10 +29,8 @@ from structid.criticism.candidate import (
 )
 from structid.criticism.data import misfit_of_lines
 from structid.criticism.fields import ElementMatrix, Fields
-from structid.dof import DIRECTIONS, Dof
-from structid.structure import PointMass, Spring
-from structid.structure.elements.element import dof_code, dof_of_code
-from structid.units import MISTAKEN_FORCES, mistaken_motions
+from structid.fem import PointMass, Spring
+from structid.fem.elements.element import dof_code, dof_of_code
 
 T = TypeVar("T")
 

@@ -10,12 +10,12 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.criticism.candidate import OF_DAMPING, Candidate
 from structid.criticism.data import scaled_misfit
 from structid.criticism.fields import MOST_LINES, Fields, fields_at
-from structid.estimation import JointProblem
-from structid.observation import FrfProblem
+from structid.forward import FrfProblem
+from structid.inversion import JointProblem
 
 _SMALL = 1e-4
 #: Candidates of each kind that are tried at more strengths.

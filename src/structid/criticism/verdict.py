@@ -8,18 +8,18 @@ from typing import Literal
 
 import numpy as np
 
+from structid.core.display import counted
 from structid.criticism.data import DATA_KINDS, misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.criticism.held import MATTERS, SHIFTS, HeldValue, doubted
-from structid.estimation import Status
-from structid.estimation.averaging import expected_square
-from structid.estimation.search.work import ALONE, Work
 from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
 from structid.identification.warning_words import ran_away_words
-from structid.shown import counted
+from structid.inversion import Status
+from structid.inversion.averaging import expected_square
+from structid.inversion.search.work import ALONE, Work
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
 

@@ -9,13 +9,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, spread_over
+from structid.core.arrays import ComplexArray, FloatArray, spread_over
+from structid.forward import FrfProblem, ModalProblem, RecordProblem
+from structid.forward.frf.continuation import LEVELS
 from structid.identification.fits.modal_fit import damping_ratios, paired_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup
 from structid.identification.setups.time import TimeSetup
-from structid.observation import FrfProblem, ModalProblem, RecordProblem
-from structid.observation.frf.continuation import LEVELS
 from structid.records import FrfRecord
 
 #: Of FRFs made of modes: error of each value beside those of the modes, decay of the lines in parts of their frequency, lines,

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.modal_fields import ModalFields, modal_fields, worthwhile
 from structid.dynamics.receptance import singular_model
 

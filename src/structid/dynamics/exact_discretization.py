@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 
 _LARGEST_NORM = 0.5
 _TAYLOR_ORDER = 14  # 0.5^15 / 15! = 2e-17

@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import IntArray, NumberArray
-from structid.errors import InputError
+from structid.core.arrays import IntArray, NumberArray
+from structid.core.errors import InputError
 
 #: Names of the factorizers; the first that is installed is used, MUMPS by name alone: its speed is that of its BLAS.
 FACTORIZERS = ("pardiso", "superlu", "mumps")

@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import IntArray, NumberArray
+from structid.core.arrays import IntArray, NumberArray
 from structid.dynamics.factorization import SingularMatrixError
 
 _BEGIN, _ANALYSE, _FACTORIZE, _SOLVE, _END = -1, 1, 2, 3, -2

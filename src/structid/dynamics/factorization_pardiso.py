@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import FloatArray, IntArray, NumberArray
+from structid.core.arrays import FloatArray, IntArray, NumberArray
 from structid.dynamics.factorization import SingularMatrixError, usable_threads
 
 _REAL, _COMPLEX = -2, 6

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from structid.arrays import IntArray, NumberArray
+from structid.core.arrays import IntArray, NumberArray
 from structid.dynamics.factorization import SingularMatrixError
 
 #: Diagonal pivots are kept unless they are smaller than this part of the largest entry of their column.

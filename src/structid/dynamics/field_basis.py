@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import linalg, sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.receptance import DynamicStiffness, LineFactor
 
 #: Products with Z^-1 M that follow the solutions of one factorization into the basis: so many real fields in all, if few.

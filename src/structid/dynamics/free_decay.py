@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 
 
 class FreeDecay(NamedTuple):

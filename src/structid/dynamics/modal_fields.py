@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
 
 #: Largest difference to the direct solution where both are computed, in parts of the field, or in parts of what the last
 #: digit of the matrices and the order of the unknowns change in the direct solution.

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy import linalg, sparse
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
+from structid.core.errors import SingularModelError
 from structid.dynamics.factorization import factorizer
-from structid.errors import SingularModelError
 
 _DENSE_UP_TO = 600
 #: Vectors, and times the shifted inverse is applied to them, that show where the lowest eigenvalues lie.

@@ -10,9 +10,9 @@ from functools import cache, cached_property
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from structid.arrays import ComplexArray, FloatArray, NumberArray
+from structid.core.arrays import ComplexArray, FloatArray, NumberArray
+from structid.core.errors import SingularModelError
 from structid.dynamics.factorization import Analysis, Factor, SingularMatrixError, factorizer
-from structid.errors import SingularModelError
 
 #: Models of up to so many degrees of freedom are solved as dense matrices, all lines together.
 DENSE_UP_TO = 64

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.core.errors import SingularModelError
 from structid.dynamics.field_basis import FieldBasis
 from structid.dynamics.receptance import DynamicStiffness, LineFactor
-from structid.errors import SingularModelError
 
 #: Fewer lines than this are solved one by one.
 FEWEST_LINES = 20

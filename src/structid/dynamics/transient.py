@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg, sparse
 
-from structid.arrays import FloatArray, require_finite, require_shape
-from structid.errors import InputError, SingularModelError
+from structid.core.arrays import FloatArray, require_finite, require_shape
+from structid.core.errors import InputError, SingularModelError
 
 Matrix: TypeAlias = sparse.sparray | np.ndarray
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from structid.core.display import counted
+from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate
 from structid.criticism.held import MATTERS, HeldValue, doubted, is_clear
 from structid.criticism.pool import MOST_DOFS
@@ -23,9 +25,6 @@ from structid.criticism.verdict import (
     noise_ratio,
     not_found,
 )
-from structid.errors import StructidError
-from structid.estimation import Estimate
-from structid.estimation.search.work import ALONE, Work
 from structid.explanation.explain import ALIKE, Explanation, asked_for, explained, is_misfit, with_freed
 from structid.explanation.held import held_values
 from structid.explanation.refits import Fitted
@@ -33,10 +32,11 @@ from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion
 from structid.explanation.trial import are_small, base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
+from structid.forward import FrfProblem
+from structid.forward.frf.lines.solved import NO_MATRICES
 from structid.identification.identified import Identification
-from structid.observation import FrfProblem
-from structid.observation.frf.lines.solved import NO_MATRICES
-from structid.shown import counted
+from structid.inversion import Estimate
+from structid.inversion.search.work import ALONE, Work
 from structid.study.results.result import StudyResult
 from structid.study.run.start import Start
 from structid.study.run.workers import threads_for

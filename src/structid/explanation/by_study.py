@@ -9,12 +9,12 @@ import numpy as np
 
 from structid.criticism.candidate import Candidate
 from structid.explanation.trial import Trial
-from structid.observation import FrfProblem
-from structid.observation.scatter import scatter_problems
-from structid.structure import Spring, Structure
-from structid.structure.elements import ElementSet
-from structid.structure.elements.element import declarations
-from structid.structure.matrices.contribution import Property
+from structid.fem import Spring, Structure
+from structid.fem.elements import ElementSet
+from structid.fem.elements.element import declarations
+from structid.fem.matrices.contribution import Property
+from structid.forward import FrfProblem
+from structid.forward.scatter import scatter_problems
 from structid.unknowns import Parameters
 from structid.unknowns.varying import BEGUN
 

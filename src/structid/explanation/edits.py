@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.core.errors import InputError
+from structid.core.json_types import Plain
 from structid.criticism.between import following
 from structid.criticism.candidate import Candidate
-from structid.dof import DIRECTIONS, Dof, parse_dof
-from structid.errors import InputError
-from structid.plain import Plain
 from structid.study.schema.kinds import as_list
 from structid.study.schema.model.structure import dofs_of_text
 from structid.study.schema.section import Tables

@@ -10,15 +10,13 @@ from types import MappingProxyType
 import numpy as np
 from scipy import special
 
+from structid.core.dof import parse_dof
+from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import DATA_KINDS, extra_modes, outlying_lines
 from structid.criticism.pool import pool
 from structid.criticism.screen import Asked, Screened
 from structid.criticism.verdict import FAR_BEYOND
-from structid.dof import parse_dof
-from structid.errors import StructidError
-from structid.estimation.diagnostics.residual_tests import misfit_probability
-from structid.estimation.search.work import ALONE, Task, Work
 from structid.explanation.edits import WITH_LOSS
 from structid.explanation.kindred import kindred
 from structid.explanation.pairs import promising
@@ -37,6 +35,8 @@ from structid.explanation.refits import (
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.trial import Trial
 from structid.identification.setups.setup import titles
+from structid.inversion.diagnostics.residual_tests import misfit_probability
+from structid.inversion.search.work import ALONE, Task, Work
 
 #: A change with its strength, and free variables where its fit begins.
 _FINALISTS = 8

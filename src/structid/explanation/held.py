@@ -7,19 +7,19 @@ from copy import deepcopy
 
 import numpy as np
 
+from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate
 from structid.criticism.held import HeldValue, influences
 from structid.criticism.pool import MOST_DOFS
 from structid.criticism.verdict import fits_noise
-from structid.errors import StructidError
-from structid.estimation import Problem
-from structid.estimation.uncertainty import relative_steps
 from structid.explanation.by_study import held_candidates
 from structid.explanation.edits import edit
 from structid.explanation.trial import read_study, started_at, weighed_like
+from structid.forward.scatter import scatter_problems
 from structid.identification.identified import Identification
 from structid.identification.together import together
-from structid.observation.scatter import scatter_problems
+from structid.inversion import Problem
+from structid.inversion.uncertainty import relative_steps
 from structid.study.run.start import Start
 
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from structid.core.dof import Dof
+from structid.core.errors import InputError
 from structid.criticism.candidate import Candidate
 from structid.criticism.screen import Screened
-from structid.dof import Dof
-from structid.errors import InputError
 from structid.explanation.refits import Fitted
 from structid.explanation.screening import Shortlist
-from structid.structure import Structure
+from structid.fem import Structure
 
 #: Ratio of delays up to which they are one, and factors on a lever that is looked at.
 _SAME_TIME, _OTHER_LEVERS = 1.5, (-1.0, 0.25, -0.25)

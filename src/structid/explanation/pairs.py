@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from structid.core.errors import StructidError
 from structid.criticism.pool import pool
-from structid.errors import StructidError
-from structid.estimation.search.work import Tools, Work
 from structid.explanation.refits import Fitted, Item
 from structid.identification.setups.setup import titles
+from structid.inversion.search.work import Tools, Work
 
 #: Changes that are looked at, and of each kind.
 _MOST, _OF_EACH_KIND = 12, 2

@@ -8,19 +8,19 @@ from typing import TypedDict
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
+from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate
 from structid.criticism.data import DATA_KINDS, changed_rows, outlying, scaled_misfit, tones
-from structid.errors import StructidError
-from structid.estimation import Problem
-from structid.estimation.search.least_squares import minimize
-from structid.estimation.search.minimum import Minimum
-from structid.estimation.search.work import Task, Tools
-from structid.estimation.uncertainty import dense_uncertainty
 from structid.explanation.trial import FINAL, Trial
 from structid.explanation.words import unit_of
+from structid.forward import FrfProblem, SpectraProblem
 from structid.identification.together import places, together
-from structid.observation import FrfProblem, SpectraProblem
+from structid.inversion import Problem
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.minimum import Minimum
+from structid.inversion.search.work import Task, Tools
+from structid.inversion.uncertainty import dense_uncertainty
 
 #: Probability of a misfit below which noise alone is not its cause.
 MISFIT = 1e-3

@@ -8,21 +8,21 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
+from structid.core.dof import parse_dof
+from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate, bare
 from structid.criticism.data import changed_rows, data_candidates, scaled_misfit
 from structid.criticism.pool import exchanges, pool
 from structid.criticism.screen import Point, Screened
-from structid.dof import parse_dof
-from structid.errors import StructidError
-from structid.estimation import JointProblem
-from structid.estimation.search.least_squares import minimize
-from structid.estimation.search.work import Tools, Work
 from structid.explanation.by_study import study_candidates
 from structid.explanation.refits import Change, Fitted
 from structid.explanation.trial import QUICK
+from structid.forward import FrfProblem, ModalProblem
 from structid.identification.setups.setup import titles
-from structid.observation import FrfProblem, ModalProblem
+from structid.inversion import JointProblem
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.work import Tools, Work
 
 _FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 38
 #: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.

@@ -10,28 +10,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
+from structid.core.errors import StructidError
+from structid.core.json_types import Plain
 from structid.criticism.candidate import Candidate
 from structid.criticism.fields import MOST_LINES
 from structid.criticism.pool import MOST_DOFS
 from structid.criticism.screen import Point, point_at
 from structid.criticism.views import View, views
 from structid.dynamics.receptance import DENSE_UP_TO
-from structid.errors import StructidError
-from structid.estimation import JointProblem, LevenbergMarquardt, Problem
-from structid.estimation.search.least_squares import minimize
-from structid.estimation.search.levenberg_marquardt import Raced
-from structid.estimation.search.minimum import Minimum
 from structid.explanation.edits import edit
+from structid.forward import FrfProblem, ModalProblem, Models, RecordProblem
+from structid.forward.frf.continuation import LEVELS
+from structid.forward.frf.problem import smooth_stage
+from structid.forward.scatter import ScatterProblem, scatter_problems
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
 from structid.identification.together import alike, together
 from structid.identification.varying import with_scatters
-from structid.observation import FrfProblem, ModalProblem, Models, RecordProblem
-from structid.observation.frf.continuation import LEVELS
-from structid.observation.frf.problem import smooth_stage
-from structid.observation.scatter import ScatterProblem, scatter_problems
-from structid.plain import Plain
+from structid.inversion import JointProblem, LevenbergMarquardt, Problem
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.levenberg_marquardt import Raced
+from structid.inversion.search.minimum import Minimum
 from structid.records import FrfRecord
 from structid.study.run.start import loaded
 from structid.study.schema.study import Study, edited_study

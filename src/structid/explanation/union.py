@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from structid.estimation.uncertainty import DenseCovariance
+from structid.core.display import listed
 from structid.explanation.refits import Fitted
 from structid.identification.identified import Identification
 from structid.identification.identify import total_mass
 from structid.identification.warning_words import estimate_warnings
-from structid.shown import listed
+from structid.inversion.uncertainty import DenseCovariance
 
 Ends = dict[str, tuple[float, float]]
 

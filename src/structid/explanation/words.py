@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from structid.core.display import listed
+from structid.core.dof import parse_dof
+from structid.core.units import MISTAKEN_FORCES, mistaken_motions, mistaken_unit
 from structid.criticism.candidate import Candidate
-from structid.dof import parse_dof
-from structid.shown import listed
-from structid.units import MISTAKEN_FORCES, mistaken_motions, mistaken_unit
 
 #: Difference of a gain's logarithm from that of another unit within which it is taken for it.
 _UNIT = 0.05

@@ -21,10 +21,10 @@ from typing import IO, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from structid.errors import FileError
+from structid.core.errors import FileError
+from structid.core.json_types import Plain
 from structid.files.worker import __file__ as _SCRIPT
 from structid.files.worker import filled
-from structid.plain import Plain
 
 T = TypeVar("T")
 

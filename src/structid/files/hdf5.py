@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files.contained import ReaderError, contained
 from structid.files.reading import require_readable
 

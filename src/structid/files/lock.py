@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 
 try:
     import fcntl

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 
 
 class Channel(NamedTuple):

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy import sparse
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files.contained import ReaderError, contained
 from structid.files.hdf5 import matlab_73_fields
 from structid.files.reading import damage_told, require_readable

@@ -9,7 +9,7 @@ from typing import IO, NamedTuple
 
 import numpy as np
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files.reading import damage_told, require_readable
 
 _MAGIC = 8

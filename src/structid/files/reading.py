@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from structid.errors import FileError, InputError
+from structid.core.errors import FileError, InputError
 
 #: What Python, NumPy and SciPy raise on content that is not as its format says.
 DAMAGE = (

@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # it starts without them
     import h5py
     from scipy import sparse
 
-    from structid.plain import Entry, Plain
+    from structid.core.json_types import Entry, Plain
 
 _DENSEST = 1032  # bytes that deflate can make of one
 _HEADROOM = 2**30

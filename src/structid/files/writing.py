@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 
 
 @contextmanager

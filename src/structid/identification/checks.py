@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from structid.arrays import FloatArray
-from structid.errors import SingularModelError
+from structid.core.arrays import FloatArray
+from structid.core.errors import SingularModelError
+from structid.fem import Structure
 from structid.records import FrfRecord
-from structid.structure import Structure
 
 _DENSE_UP_TO = 600
 _NULL = 1e-12

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from structid.arrays import FloatArray, IntArray
-from structid.dof import Dof
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.display import Overview, Shown
+from structid.core.dof import Dof
 from structid.dynamics import Modes
-from structid.estimation import Estimate, Problem
-from structid.estimation.intervals.intervals import Intervals
+from structid.fem import Structure
+from structid.forward import FrfProblem, RecordProblem
 from structid.identification.before.reduction import Truncation
 from structid.identification.fits.missed import Missed
 from structid.identification.fits.modal_fit import ModalFit
@@ -18,11 +19,10 @@ from structid.identification.fits.resonances import Resonance
 from structid.identification.regularizing import Held
 from structid.identification.together import places
 from structid.identification.varying import Varied
-from structid.observation import FrfProblem, RecordProblem
+from structid.inversion import Estimate, Problem
+from structid.inversion.intervals.intervals import Intervals
 from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
-from structid.shown import Overview, Shown
-from structid.structure import Structure
 from structid.unknowns import Parameters
 
 

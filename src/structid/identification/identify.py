@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.errors import InputError
-from structid.estimation import Estimate
-from structid.estimation.intervals.intervals import intervals
-from structid.estimation.search.work import ALONE, StageProgress, Work
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward import ChannelUnknown, RecordProblem
+from structid.forward.scatter import scatter_problems
 from structid.identification.fits.missed import missed_parts
 from structid.identification.fits.ratios import ratios, rests_on_force
 from structid.identification.fits.record_fit import Own
@@ -22,10 +22,10 @@ from structid.identification.setups.frf import Setup
 from structid.identification.setups.setup import AnySetup, prefixes, prepared_warnings, titles
 from structid.identification.together import alike, by_name, places
 from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_words, unused_damping
-from structid.observation import ChannelUnknown, RecordProblem
-from structid.observation.scatter import scatter_problems
+from structid.inversion import Estimate
+from structid.inversion.intervals.intervals import intervals
+from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.records import FrfRecord
-from structid.structure import Structure
 from structid.unknowns import Parameters
 
 __all__ = ["Identification", "IdentifyOptions", "Setup", "identify", "identify_together"]

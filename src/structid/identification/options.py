@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from structid.declared import Count, Limits, NotNegative, Positive
-from structid.estimation import LevenbergMarquardt, Method
-from structid.estimation.intervals.intervals import IntervalKind
-from structid.observation.frf.continuation import START_ERROR
+from structid.core.constraints import Count, Limits, NotNegative, Positive
+from structid.forward.frf.continuation import START_ERROR
+from structid.inversion import LevenbergMarquardt, Method
+from structid.inversion.intervals.intervals import IntervalKind
 from structid.unknowns import Regularization
 
 
@@ -104,7 +104,7 @@ class IdentifyOptions(SearchOptions, ResidualOptions, LineOptions):
     ----------
     intervals : {"laplace", "profile", "bootstrap", "sampling"}
         How the 95 % interval of each parameter is found, in rising order of cost; see
-        `structid.estimation.intervals.intervals`.
+        `structid.inversion.intervals.intervals`.
     direction : str, optional
         Translation of the total mass; the first that has mass by default.
     n_modes : int

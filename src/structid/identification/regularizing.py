@@ -9,10 +9,16 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, locked
-from structid.estimation import Estimate, JointProblem, Linearization, Method, Problem
-from structid.estimation.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
-from structid.estimation.regularization.strengths import (
+from structid.core.arrays import FloatArray, locked
+from structid.core.display import listed
+from structid.forward import RecordProblem
+from structid.forward.scatter import ScatterProblem, scatter_problems
+from structid.identification.options import IdentifyOptions
+from structid.identification.together import places, together
+from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
+from structid.inversion import Estimate, JointProblem, Linearization, Method, Problem
+from structid.inversion.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
+from structid.inversion.regularization.strengths import (
     LocalModel,
     Strengths,
     absolute_strengths,
@@ -23,14 +29,8 @@ from structid.estimation.regularization.strengths import (
     settled,
     sparse_strengths,
 )
-from structid.estimation.search.multistart import named
-from structid.estimation.search.work import StageProgress, Work
-from structid.identification.options import IdentifyOptions
-from structid.identification.together import places, together
-from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
-from structid.observation import RecordProblem
-from structid.observation.scatter import ScatterProblem, scatter_problems
-from structid.shown import listed
+from structid.inversion.search.multistart import named
+from structid.inversion.search.work import StageProgress, Work
 from structid.unknowns import Coupling, Regularization, penalty, term_name
 
 #: Where the magnitude of a logarithm is rounded off: changes below 0.1 % count as none.

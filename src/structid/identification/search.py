@@ -8,17 +8,17 @@ from itertools import product
 
 import numpy as np
 
-from structid.errors import InputError
-from structid.estimation import Estimate, MatrixFree, Method, Problem, Search, Status
-from structid.estimation.estimate import estimate
-from structid.estimation.search.matrix_free import dense_search_fits
-from structid.estimation.search.work import StageProgress, Work
+from structid.core.errors import InputError
+from structid.forward import RecordProblem
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held, regularized, takes_matrix_free
 from structid.identification.setups.setup import AnySetup
 from structid.identification.together import places, together
 from structid.identification.varying import Varied, varied, widened_estimate
-from structid.observation import RecordProblem
+from structid.inversion import Estimate, MatrixFree, Method, Problem, Search, Status
+from structid.inversion.estimate import estimate
+from structid.inversion.search.matrix_free import dense_search_fits
+from structid.inversion.search.work import StageProgress, Work
 
 _MOST_TRIED = 3
 #: More searches where an answer is doubted; of modes, one that moved a parameter by more than this factor. Of a frame with

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray, locked
-from structid.errors import InputError
-from structid.estimation import JointProblem, Problem
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.errors import InputError
+from structid.forward import RecordProblem
+from structid.forward.scatter import scatter_problems
 from structid.identification.varying import varying
-from structid.observation import RecordProblem
-from structid.observation.scatter import scatter_problems
+from structid.inversion import JointProblem, Problem
 from structid.unknowns.named_unknowns import N, NamedUnknowns
 from structid.unknowns.priors import Prior, priors_of
 

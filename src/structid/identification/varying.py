@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from structid.arrays import FloatArray, locked
-from structid.errors import InputError
-from structid.estimation import Estimate
-from structid.estimation.comparison.multiple_tests import adjusted_p_values
-from structid.estimation.comparison.states import OF_RECORD
-from structid.estimation.regularization.strengths import LocalModel, log_evidence
-from structid.estimation.uncertainty import DenseCovariance
-from structid.observation import RecordProblem
-from structid.observation.scatter import ScatterProblem, scatter_problems
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import InputError
+from structid.forward import RecordProblem
+from structid.forward.scatter import ScatterProblem, scatter_problems
+from structid.inversion import Estimate
+from structid.inversion.comparison.multiple_tests import adjusted_p_values
+from structid.inversion.comparison.states import OF_RECORD
+from structid.inversion.regularization.strengths import LocalModel, log_evidence
+from structid.inversion.uncertainty import DenseCovariance
 from structid.unknowns import own_values, with_scatter
 
 #: Fewer records say nothing of a scatter.

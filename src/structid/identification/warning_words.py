@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from structid.estimation import Estimate, Status
+from structid.core.display import listed
+from structid.forward import RecordProblem
 from structid.identification.together import by_name
-from structid.observation import RecordProblem
-from structid.shown import listed
+from structid.inversion import Estimate, Status
 from structid.unknowns.named_unknowns import DAMPING, MAY_VANISH
 
 #: Times its start, or parts of it, from where on a value is no longer taken for an answer. Starts that were 50 times off

@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.dof import Dof
-from structid.errors import InputError
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError
 from structid.records import TimeRecord
 from structid.records.record import Quantity
 

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from structid.arrays import FloatArray
-from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
 from structid.modal.identification import modal_identification
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import unit_largest

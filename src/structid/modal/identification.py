@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.modal.frf.modes import lscf
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord

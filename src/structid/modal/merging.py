@@ -14,11 +14,11 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.display import listed
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
 from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries, unscaled_shape_std
-from structid.shown import listed
 from structid.similarity import mac
 from structid.similarity.pairing import assigned, pairing_worth
 

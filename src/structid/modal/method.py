@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.errors import InputError, NoModesError
+from structid.core.errors import InputError, NoModesError
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles.poles import HardCriteria, Poles
 from structid.modal.poles.stabilization import Cluster

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, NumberArray, locked, require_finite, require_shape
-from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
-from structid.shown import Overview, Shown, counted, data_frame, figures, listed
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray, locked, require_finite, require_shape
+from structid.core.display import Overview, Shown, counted, data_frame, figures, listed
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.arrays import require_finite
-from structid.declared import require_declared
-from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
+from structid.core.arrays import require_finite
+from structid.core.constraints import require_declared
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
+from structid.fem import Friction, Structure
 from structid.planning.planned import PlanOptions
-from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
 
 _DEFAULT_SENSORS = 4

@@ -7,8 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import FloatArray, spread_over
-from structid.estimation.diagnostics.design import (
+from structid.core.arrays import FloatArray, spread_over
+from structid.fem import Structure
+from structid.identification.checks import require_sound_model
+from structid.identification.fits.model_modes import structure_modes
+from structid.inversion.diagnostics.design import (
     effective_independence,
     exchanged,
     gains,
@@ -19,13 +22,10 @@ from structid.estimation.diagnostics.design import (
     optimal,
     relative_std,
 )
-from structid.estimation.diagnostics.identifiability import identifiability
-from structid.identification.checks import require_sound_model
-from structid.identification.fits.model_modes import structure_modes
+from structid.inversion.diagnostics.identifiability import identifiability
 from structid.planning.options import positions, resolved, wanted_parameters
 from structid.planning.planned import Enough, Plan, PlannedTest, PlanOptions
 from structid.planning.rows import Candidates, line_roots, pair_roots
-from structid.structure import Structure
 from structid.unknowns import Parameters
 
 __all__ = ["Enough", "Plan", "PlanOptions", "PlannedTest", "plan"]
@@ -65,7 +65,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Pla
     --------
     >>> import numpy as np
     >>> from structid.unknowns import Unknown, parameters
-    >>> from structid.structure import Beam, Structure
+    >>> from structid.fem import Beam, Structure
     >>> beam = Beam("beam", [[i, i + 1] for i in range(3)], mass=2.0, bending_stiffness=500.0)
     >>> cantilever = Structure({i: float(i) for i in range(4)}, [beam], fixed=["0Y", "0RZ"])
     >>> unknown = parameters(cantilever, [Unknown("bending_stiffness", "beam", each=True)])

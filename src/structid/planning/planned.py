@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.declared import Count, Positive
-from structid.dof import Dof
-from structid.estimation import Identifiability
-from structid.estimation.diagnostics.design import Criterion
+from structid.core.arrays import FloatArray
+from structid.core.constraints import Count, Positive
+from structid.core.dof import Dof
+from structid.fem import Structure
+from structid.inversion import Identifiability
+from structid.inversion.diagnostics.design import Criterion
 from structid.records.record import FrfKind
-from structid.structure import Structure
 from structid.unknowns import Parameters
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.dof import Dof
-from structid.errors import InputError
-from structid.estimation.diagnostics.design import information_root
-from structid.observation.frf.response import response
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError
+from structid.fem import Friction, Structure
+from structid.forward.frf.response import response
+from structid.inversion.diagnostics.design import information_root
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
-from structid.structure import Friction, Structure
 from structid.unknowns import Parameters
 
 _CHUNK_BYTES = 48_000_000

@@ -1,11 +1,11 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
-from structid.records.io import CsvLayout as CsvLayout
-from structid.records.io import Geometry as Geometry
-from structid.records.io import ReadOptions as ReadOptions
-from structid.records.io import read_geometry as read_geometry
-from structid.records.io import read_record as read_record
-from structid.records.io import write_record as write_record
+from structid.records.formats import CsvLayout as CsvLayout
+from structid.records.formats import Geometry as Geometry
+from structid.records.formats import ReadOptions as ReadOptions
+from structid.records.formats import read_geometry as read_geometry
+from structid.records.formats import read_record as read_record
+from structid.records.formats import write_record as write_record
 from structid.records.quality.findings import Finding as Finding
 from structid.records.quality.preparation import Preparation as Preparation
 from structid.records.quality.preparation import Prepared as Prepared

@@ -14,15 +14,15 @@ from typing import Literal, NamedTuple, Protocol, cast
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.dof import Dof, parse_dof
-from structid.errors import FileError, InputError
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof, parse_dof
+from structid.core.errors import FileError, InputError
 from structid.files import DAMAGE, require_readable
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, hdf5_part, texts_of
 from structid.files.npy import npy_header
-from structid.records.io.bare import channel_units, require_option
-from structid.records.io.layout import MARK
-from structid.records.io.options import ReadOptions, option_words
+from structid.records.formats.bare import channel_units, require_option
+from structid.records.formats.layout import MARK
+from structid.records.formats.options import ReadOptions, option_words
 from structid.records.record import QUANTITY_UNITS, Quantity, TimeRecord
 
 _NPY, _HDF5 = (".npy",), (".h5", ".hdf5")

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
-from structid.dof import Dof, parse_dofs
-from structid.errors import InputError, NoLinesError
+from structid.core.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
+from structid.core.display import Overview, Shown, counted, data_array, figures, listed
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError, NoLinesError
+from structid.core.units import FrfKind, Quantity
 from structid.records.repeats import require_shared
-from structid.shown import Overview, Shown, counted, data_array, figures, listed
-from structid.units import FrfKind, Quantity
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -93,7 +93,7 @@ class FrfRecord(Shown):
         (see `structid.records.transforms.half_plane`). None on the imaginary axis, where FRFs are measured.
     segment : float, optional
         Duration, s, of the segments of random motion under a Hann window that were averaged: each line reads what leaks
-        from its neighbours, see `structid.observation.frf.leakage`. None where nothing leaks.
+        from its neighbours, see `structid.forward.frf.leakage`. None where nothing leaks.
     relative : same shape as `values`, optional
         The part of the noise that goes with each value's size: its standard deviation as a part of that size. `variance`
         holds it with the sizes that were measured.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 
-from structid.errors import InputError
-from structid.shown import listed
+from structid.core.display import listed
+from structid.core.errors import InputError
 
 
 def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Sequence[str]) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.comparison.comparing import COMPARE_PAGE, ComparisonResult
+from structid.compare.states.comparing import COMPARE_PAGE, ComparisonResult
+from structid.core.display import first_warnings
 from structid.report.figures.comparison import comparison_figures
 from structid.report.page import Page
 from structid.report.tables import Table, printed
 from structid.report.text import number, percent, unit_text, with_std
-from structid.shown import first_warnings
 
 _HEADER = (
     "Parameter", "Unit", "Baseline", "Later", "Change", "Std", "p", "p corrected", "Declared", "Detection limit",

@@ -9,9 +9,15 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.correlation.correlating import CORRELATION_PAGE, StudyCorrelation, before_and_after, expansion_sizes
-from structid.correlation.modes import ModesCorrelation
-from structid.correlation.responses import ResponsesCorrelation
+from structid.compare.correlation.correlating import (
+    CORRELATION_PAGE,
+    StudyCorrelation,
+    before_and_after,
+    expansion_sizes,
+)
+from structid.compare.correlation.modes import ModesCorrelation
+from structid.compare.correlation.responses import ResponsesCorrelation
+from structid.core.display import counted, first_warnings
 from structid.identification.identified import Identification
 from structid.report.figures.correlation import (
     ALONE,
@@ -26,7 +32,6 @@ from structid.report.page import Page
 from structid.report.rendering import plot
 from structid.report.tables import Table, printed, provenance_facts
 from structid.report.text import NOTHING, likeness, number, percent
-from structid.shown import counted, first_warnings
 
 #: Modes of a basis that are named at most.
 _MOST_NAMED = 8

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from rich.console import RenderableType
 from rich.text import Text
 
+from structid.core.display import counted, first_warnings
 from structid.modal.merging import Merging
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult
 from structid.records import FrfRecord
@@ -23,7 +24,6 @@ from structid.report.figures.survey import (
 from structid.report.page import Page
 from structid.report.tables import Table, printed, provenance_facts
 from structid.report.text import exact, percent, value_words, with_std
-from structid.shown import counted, first_warnings
 from structid.similarity import mac
 
 _HEADER = ("mode", "frequency (Hz)", "damping ratio (%)", "MPC", "poles in the cluster", "cluster (Hz)", "remarks")

@@ -7,14 +7,14 @@ import math
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.dof import Dof
-from structid.estimation.diagnostics.collinearity import percent_text
+from structid.core.display import counted, listed
+from structid.core.dof import Dof
+from structid.inversion.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan
 from structid.records.record import FRF_UNITS
 from structid.report.figures.plan import compared, plan_figures
 from structid.report.page import Page
 from structid.report.tables import Table, printed
-from structid.shown import counted, listed
 from structid.study.results.plan import PLAN_PAGE
 
 _MOST_GROUPS, _MOST_PLACES, _MOST_LINES = 5, 12, 40

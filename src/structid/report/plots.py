@@ -8,8 +8,9 @@ from dataclasses import replace
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Picture
 
-from structid.dof import parse_dof
-from structid.errors import InputError
+from structid.core.dof import parse_dof
+from structid.core.errors import InputError
+from structid.fem import Structure
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.modal.survey.survey import ModesResult
@@ -23,7 +24,6 @@ from structid.report.figures.structure import structure_figure
 from structid.report.figures.survey import stabilization_figure
 from structid.report.rendering.plot import Figure
 from structid.report.rendering.png import plotted
-from structid.structure import Structure
 
 Where = Axes | Sequence[Axes] | None
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from structid._version import __version__
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
+from structid.core.json_types import Plain, json_text, plain
 from structid.files import atomic_write, made_folder
-from structid.plain import Plain, json_text, plain
 from structid.report.figures.reproduction import panels_figure
 from structid.report.page import Page
 from structid.report.text import MINUS, NOTHING, number, unit_text

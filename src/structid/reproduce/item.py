@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from structid.arrays import FloatArray, locked, require_shape
+from structid.core.arrays import FloatArray, locked, require_shape
 
 
 class Verdict(Enum):

@@ -8,7 +8,7 @@ from types import ModuleType
 
 from threadpoolctl import threadpool_limits
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.reproduce.item import Item, Progress
 
 CHAPTERS = (3, 4, 5)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from structid.arrays import FloatArray, IntArray
-from structid.errors import InputError
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import InputError
 from structid.similarity.shapes import mac, subspace_angles
 
 #: Part of the worth of a pair that another must reach to be as good a choice.

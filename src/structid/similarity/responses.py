@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from structid.arrays import FloatArray, require_finite
-from structid.errors import InputError
+from structid.core.arrays import FloatArray, require_finite
+from structid.core.errors import InputError
 
 
 def frac(first: ArrayLike, second: ArrayLike) -> FloatArray:

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
-from structid.arrays import FloatArray, require_finite
-from structid.errors import InputError
+from structid.core.arrays import FloatArray, require_finite
+from structid.core.errors import InputError
 from structid.similarity.responses import energies
 
 
@@ -122,7 +122,7 @@ def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = 
     Parameters
     ----------
     mass : (n_channels, n_channels) array
-        Reduced to the channels; see `structid.correlation.expansion`.
+        Reduced to the channels; see `structid.compare.correlation.expansion`.
     first : (n_channels, n_first) array, real or complex
     second : (n_channels, n_second) array, optional
         By default `first` against itself.

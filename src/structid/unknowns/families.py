@@ -11,9 +11,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
-from structid.errors import InputError
-from structid.structure import Property, Structure
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import InputError
+from structid.fem import Property, Structure
 from structid.unknowns.unknown import Unknown, field_functions
 
 Entry = TypeVar("Entry")

@@ -9,8 +9,8 @@ from typing import Self, TypeVar
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, locked, require_shape
-from structid.errors import InputError
+from structid.core.arrays import FloatArray, locked, require_shape
+from structid.core.errors import InputError
 from structid.unknowns.priors import Coupling, Priors
 from structid.unknowns.transforms import Transforms
 

@@ -11,9 +11,9 @@ from typing import TypeVar
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, locked
-from structid.errors import InputError
-from structid.structure import Structure
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import InputError
+from structid.fem import Structure
 from structid.unknowns.families import Family, element_sets, family, label_of, require_distinct
 from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns
 from structid.unknowns.priors import Coupling, no_priors, priors_of
@@ -94,7 +94,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
 
     Examples
     --------
-    >>> from structid.structure import Beam, Structure
+    >>> from structid.fem import Beam, Structure
     >>> beam = Beam("beam", [[0, 1], [1, 2]], mass=2.0, bending_stiffness=5.0)
     >>> cantilever = Structure({0: 0.0, 1: 1.0, 2: 2.0}, [beam], fixed=["0Y", "0RZ"])
     >>> parameters(cantilever, [Unknown("mass", "beam", each=True)]).names

@@ -9,11 +9,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, IntArray
-from structid.declared import Positive, declared_types, problem_of
-from structid.errors import InputError
-from structid.estimation.regularization.strengths import StrengthRule
-from structid.structure import Structure
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.constraints import Positive, declared_types, problem_of
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.inversion.regularization.strengths import StrengthRule
 from structid.unknowns.families import named_members
 from structid.unknowns.parameters import Parameters
 from structid.unknowns.priors import Coupling

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray, IntArray, locked, require_finite, require_shape
-from structid.errors import InputError
+from structid.core.arrays import FloatArray, IntArray, locked, require_finite, require_shape
+from structid.core.errors import InputError
 
 PriorKind = Literal["normal", "lognormal"]
 

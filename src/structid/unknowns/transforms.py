@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
-from structid.arrays import FloatArray, IntArray, locked
+from structid.core.arrays import FloatArray, IntArray, locked
 
 Transform = Literal["log", "linear", "interval"]
 #: How many times its start a parameter may become in a search: answers beyond a thousand times are doubted already.

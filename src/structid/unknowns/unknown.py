@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray
-from structid.declared import Count, Positive
-from structid.errors import InputError
+from structid.core.arrays import FloatArray
+from structid.core.constraints import Count, Positive
+from structid.core.errors import InputError
 from structid.unknowns.priors import Prior
 
 _LARGEST_DEGREE = 5

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import locked
-from structid.estimation.comparison.states import OF_RECORD
+from structid.core.arrays import locked
+from structid.inversion.comparison.states import OF_RECORD
 from structid.unknowns.priors import no_priors
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 
 _NEEDED = ("starlette", "uvicorn")
 
@@ -30,6 +30,6 @@ def app(
     missing = [name for name in _NEEDED if find_spec(name) is None]
     if missing:
         raise InputError(f"the workbench needs {' and '.join(missing)}; install them with: pip install 'structid[app]'")
-    from structid.app.server import serve
+    from structid.workbench.server import serve
 
     serve(folder, port, browser)

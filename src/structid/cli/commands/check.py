@@ -10,9 +10,9 @@ from rich.text import Text
 
 from structid.cli.base import NOT_DETERMINED, StudyPath, fail
 from structid.cli.tables import groups, heading, new_table, show
-from structid.estimation import Status
-from structid.records.io import keep_records
-from structid.shown import figures
+from structid.core.display import figures
+from structid.inversion import Status
+from structid.records.formats import keep_records
 from structid.study.run.check import CheckResult, check_study
 from structid.study.schema.study import load_study
 

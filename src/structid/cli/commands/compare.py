@@ -10,8 +10,8 @@ import typer
 from structid.cli.base import NOT_DETERMINED, WRONG_MODEL, Png, Report, check_png, fail, results_folder
 from structid.cli.progress import run_progress
 from structid.cli.tables import show
-from structid.comparison import comparing
-from structid.plain import json_text
+from structid.compare.states import comparing
+from structid.core.json_types import json_text
 from structid.report.comparison import comparison_page, comparison_text
 from structid.study.results.folder import staged_folder
 

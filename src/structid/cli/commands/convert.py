@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files import claimed
 from structid.records import FrfRecord, ReadOptions, Record, read_record, write_record
-from structid.records.io import how_read
+from structid.records.formats import how_read
 
 
 def convert(

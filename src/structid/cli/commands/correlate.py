@@ -9,11 +9,11 @@ import typer
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, check_png, fail, results_folder
 from structid.cli.tables import show
-from structid.correlation.correlating import CORRELATION_PAGE, correlation_summary, expanded_record
-from structid.correlation.correlating import correlate as correlated
-from structid.correlation.options import CorrelateOptions
-from structid.modal.files.files import write_modes
-from structid.plain import json_text
+from structid.compare.correlation.correlating import CORRELATION_PAGE, correlation_summary, expanded_record
+from structid.compare.correlation.correlating import correlate as correlated
+from structid.compare.correlation.options import CorrelateOptions
+from structid.core.json_types import json_text
+from structid.modal.formats.files import write_modes
 from structid.report.correlation import correlation_page, correlation_text
 from structid.study.results.folder import staged_folder
 from structid.study.schema.study import load_study

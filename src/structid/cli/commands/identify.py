@@ -27,8 +27,8 @@ from structid.cli.base import (
 from structid.cli.console import identification_summary
 from structid.cli.progress import ProgressFile, run_progress
 from structid.cli.tables import show
-from structid.estimation import Status
 from structid.explanation.answer import criticized, write_suggestions
+from structid.inversion import Status
 from structid.study.results.folder import staged_folder, write_results
 from structid.study.results.result import StudyResult
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint

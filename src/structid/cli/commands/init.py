@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.study.templates import TEMPLATES, Asked, Template, asked_of, asked_value, template_with, write_study
 
 

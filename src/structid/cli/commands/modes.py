@@ -9,14 +9,14 @@ import typer
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, check_png, fail, results_folder
 from structid.cli.tables import show
-from structid.errors import InputError
-from structid.modal.files.files import read_modes
+from structid.core.display import file_names
+from structid.core.errors import InputError
+from structid.modal.formats.files import read_modes
 from structid.modal.merging import merged_setups
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
-from structid.records.io import ReadOptions, read_geometry
+from structid.records.formats import ReadOptions, read_geometry
 from structid.report.modes import merged_text, modes_page, modes_text
-from structid.shown import file_names
 from structid.study.results.folder import staged_folder
 from structid.study.results.modes import write_merged, write_modes_results
 

@@ -10,7 +10,7 @@ import typer
 
 from structid.cli.base import INTERRUPTED, NOT_DETERMINED, Scheduler, StudyPath, Workers, fail, results_folder
 from structid.files import claimed
-from structid.regression.local_reduction import Engine, Kernels
+from structid.inversion.regression.local_reduction import Engine, Kernels
 from structid.study.results.folder import staged_folder
 from structid.study.run.motion import (
     MOTION_SUMMARY,

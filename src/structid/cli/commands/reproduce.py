@@ -12,10 +12,10 @@ from rich.console import RenderableType
 from structid.cli.base import Png
 from structid.cli.progress import run_progress
 from structid.cli.tables import new_table, show
+from structid.core.display import figures
 from structid.report.reproduce import write_reproduction
 from structid.reproduce import run
 from structid.reproduce.item import Item
-from structid.shown import figures
 
 
 def reproduce(

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.forward import FrfProblem
 from structid.identification.fits.resonances import peaks
-from structid.observation import FrfProblem
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.similarity import mac

@@ -13,11 +13,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.dof import Dof
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import Dof
+from structid.core.units import MISTAKEN_FORCES, STANDARD_GRAVITY, mistaken_motions, mistaken_unit
 from structid.identification.before.aligned import Aligned, accord, median
 from structid.records import FrfRecord
-from structid.units import MISTAKEN_FORCES, STANDARD_GRAVITY, mistaken_motions, mistaken_unit
 
 #: Accord that the others must reach, and well; below which a channel is turned round, or does not go with the model.
 _GOES, _GOES_WELL, _TURNED, _APART = 0.7, 0.9, -0.4, 0.4

@@ -7,13 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.dynamics import Modes
+from structid.fem import Structure
 from structid.identification.before.refining import Refined, n_split, obstacle, refined, split_power
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.similarity.pairing import assigned
-from structid.structure import Structure
 
 #: Degrees of freedom of the finest model that is solved, and modes that are looked at.
 _MOST_DOFS, _MOST_MODES = 20_000, 40

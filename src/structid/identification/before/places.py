@@ -9,12 +9,12 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from structid.arrays import FloatArray, IntArray
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.display import listed
+from structid.fem import Structure
+from structid.fem.matrices.assembly import structure_laws
 from structid.identification.before.mesh import MeshErrors
 from structid.identification.fits.model_modes import structure_modes
-from structid.shown import listed
-from structid.structure import Structure
-from structid.structure.matrices.assembly import structure_laws
 
 #: Energy of a rigid motion, in parts of what the stiffness could take, below which nothing holds against it.
 _ROUNDING = 1e-9

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.dynamics.reduced_sweep import reading_error
+from structid.fem import Structure
+from structid.forward import FrfProblem, Models
 from structid.identification.fits.model_modes import structure_modes
-from structid.observation import FrfProblem, Models
-from structid.structure import Structure
 
 #: Lines over the band, and at the highest peaks, at which FRFs are compared; modes that are.
 _SPREAD, _PEAKS, _MOST_MODES = 3, 2, 40

@@ -8,13 +8,13 @@ from itertools import product
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
-from structid.dof import DIRECTIONS, Dof
-from structid.structure import Structure
-from structid.structure.elements import ElementSet
-from structid.structure.elements.element import declarations
-from structid.structure.places import MeshPoint
-from structid.structure.structure import MOST_PIECES
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.dof import DIRECTIONS, Dof
+from structid.fem import Structure
+from structid.fem.elements import ElementSet
+from structid.fem.elements.element import declarations
+from structid.fem.places import MeshPoint
+from structid.fem.structure import MOST_PIECES
 
 #: Nodes of a child by the corners of its parent that each lies in the middle of.
 Child = tuple[tuple[int, ...], ...]

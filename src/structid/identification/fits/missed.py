@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from structid.arrays import FloatArray
-from structid.estimation import Estimate
-from structid.estimation.averaging import expected_square
+from structid.core.arrays import FloatArray
+from structid.core.display import counted
+from structid.forward import ModalProblem, RecordProblem
+from structid.forward.modal.problem import row_kinds
 from structid.identification.together import places
-from structid.observation import ModalProblem, RecordProblem
-from structid.observation.modal.problem import row_kinds
-from structid.shown import counted
+from structid.inversion import Estimate
+from structid.inversion.averaging import expected_square
 
 #: Probability, of all parts together, below which noise is not why a part is missed.
 _RISK = 1e-3

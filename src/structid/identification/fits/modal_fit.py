@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.dynamics import Modes
+from structid.forward import ModalProblem
+from structid.forward.modal.output import ModelState
+from structid.forward.modal.paired import pairing
+from structid.forward.modal.problem import shape_residual
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.record_fit import Own
 from structid.modal import ModalRecord
-from structid.observation import ModalProblem
-from structid.observation.modal.output import ModelState
-from structid.observation.modal.paired import pairing
-from structid.observation.modal.problem import shape_residual
 from structid.similarity import subspace_angles
 from structid.similarity.pairing import likenesses
 

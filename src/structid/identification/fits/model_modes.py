@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
-from structid.solver.model import SolverModel
-from structid.structure import Structure
+from structid.external.model import SolverModel
+from structid.fem import Structure
 
 #: Relative error of a frequency that is worth a word.
 _ROUNDING = 1e-3

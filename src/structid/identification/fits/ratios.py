@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import FloatArray, locked
-from structid.estimation import Estimate, Problem
-from structid.estimation.uncertainty import relative_jacobian
-from structid.observation import FrfProblem
+from structid.core.arrays import FloatArray, locked
+from structid.forward import FrfProblem
+from structid.inversion import Estimate, Problem
+from structid.inversion.uncertainty import relative_jacobian
 
 _NULL = 1e-10
 _SEEN = 1e-6

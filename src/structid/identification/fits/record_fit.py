@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.core.arrays import ComplexArray, FloatArray
 from structid.dynamics import Modes
+from structid.forward import FrfProblem
 from structid.identification.fits.model_modes import rounding_warnings, structure_modes
 from structid.identification.fits.resonances import Resonance, resonances
 from structid.identification.options import IdentifyOptions
-from structid.observation import FrfProblem
 from structid.records import FrfRecord
 
 

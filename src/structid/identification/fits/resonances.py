@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
 

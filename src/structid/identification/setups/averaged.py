@@ -7,13 +7,13 @@ from functools import cached_property
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.dof import Dof
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
+from structid.fem import Structure
+from structid.fem.places import together, with_joint_forces
 from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import Quantity
-from structid.structure import Structure
-from structid.structure.places import together, with_joint_forces
 
 _FORCE: Quantity = "force"
 #: Distance of the label of a joint force's node from those of the structure, which may get some more.

@@ -7,21 +7,21 @@ from dataclasses import InitVar, dataclass, field
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.dof import Dof
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.dynamics.reduced_sweep import FEWEST_LINES
-from structid.errors import InputError, NoLinesError, SingularModelError
+from structid.fem import Structure
+from structid.forward import ChannelUnknown, FrfProblem, Models, measures_everything, one_step_values
+from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.channel_unknowns import channel_errors
 from structid.identification.before.reduction import Truncation, frf_truncation
 from structid.identification.checks import record_warnings
 from structid.identification.fits.record_fit import Own, RecordFit, record_fit
 from structid.identification.options import IdentifyOptions, LineOptions
 from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
-from structid.observation import ChannelUnknown, FrfProblem, Models, measures_everything, one_step_values
-from structid.observation.channel_errors import ChannelErrors, Measured
-from structid.observation.channel_unknowns import channel_errors
 from structid.records import FrfRecord
 from structid.records.quality.findings import Finding
-from structid.structure import Structure
 from structid.unknowns import Parameters
 
 _RELATIVE_WEIGHT = 0.1

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
-from structid.dof import Dof
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.dof import Dof
 from structid.records import FrfRecord, TimeRecord, frf_from_time
 from structid.records.record import LOADS, Quantity
 from structid.records.transforms.spectra import KINDS

@@ -8,18 +8,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.dof import Dof
-from structid.errors import InputError
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward import ChannelUnknown, ModalProblem, ModalSettings, channel_errors
+from structid.forward.channel_errors import ChannelErrors, Measured
 from structid.identification.before.aligned import ResonancePair
 from structid.identification.fits.modal_fit import ModalFit, modal_fit, paired_modes
 from structid.identification.fits.record_fit import Own
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import Look, Prepared, RecordSetup
 from structid.modal import ModalRecord
-from structid.observation import ChannelUnknown, ModalProblem, ModalSettings, channel_errors
-from structid.observation.channel_errors import ChannelErrors, Measured
-from structid.structure import Structure
 from structid.unknowns import Parameters
 
 _BY_MAC = (

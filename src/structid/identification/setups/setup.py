@@ -9,23 +9,23 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.dof import Dof
-from structid.errors import InputError
-from structid.estimation import Estimate
-from structid.estimation.search.work import StageProgress, Work
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
+from structid.forward.channel_errors import Measured
 from structid.identification.before.aligned import ResonancePair, aligned
 from structid.identification.before.channels import ChannelWarnings, channel_warnings
 from structid.identification.before.reduction import Truncation, modes_truncation
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import Own, RecordFit
 from structid.identification.options import IdentifyOptions
+from structid.inversion import Estimate
+from structid.inversion.search.work import StageProgress, Work
 from structid.modal import ModalRecord
-from structid.observation import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
-from structid.observation.channel_errors import Measured
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.findings import Finding
-from structid.structure import Structure
 from structid.unknowns import Parameters
 
 P = TypeVar("P", bound=RecordProblem)

@@ -9,19 +9,12 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.declared import Positive
-from structid.dof import Dof
-from structid.errors import InputError
-from structid.estimation import Estimate
-from structid.estimation.search.work import StageProgress, Work
-from structid.identification.checks import record_warnings
-from structid.identification.fits.record_fit import Own, RecordFit, record_fit
-from structid.identification.options import IdentifyOptions
-from structid.identification.setups.averaged import AveragedHistories
-from structid.identification.setups.frf import inside, used_lines
-from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
-from structid.observation import (
+from structid.core.arrays import FloatArray
+from structid.core.constraints import Positive
+from structid.core.dof import Dof
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward import (
     ChannelUnknown,
     FrfProblem,
     Models,
@@ -32,14 +25,21 @@ from structid.observation import (
     identify_time,
     output_error_problem,
 )
-from structid.observation.channel_errors import ChannelErrors, Measured
-from structid.observation.time.options import Hold, Initial, TimeMethod
-from structid.observation.time.spectra import NO_WINDOW, transient_order
+from structid.forward.channel_errors import ChannelErrors, Measured
+from structid.forward.time.options import Hold, Initial, TimeMethod
+from structid.forward.time.spectra import NO_WINDOW, transient_order
+from structid.identification.checks import record_warnings
+from structid.identification.fits.record_fit import Own, RecordFit, record_fit
+from structid.identification.options import IdentifyOptions
+from structid.identification.setups.averaged import AveragedHistories
+from structid.identification.setups.frf import inside, used_lines
+from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
+from structid.inversion import Estimate
+from structid.inversion.search.work import StageProgress, Work
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.findings import Finding
 from structid.records.record import LOADS, Quantity
 from structid.records.transforms.finite_spectra import finite_spectra
-from structid.structure import Structure
 from structid.unknowns import Parameters
 
 TimeWay = Literal["spectra", TimeMethod]

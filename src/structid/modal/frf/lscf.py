@@ -26,8 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.errors import InputError
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.errors import InputError
 from structid.modal.frf.residues import residue_shapes
 from structid.modal.poles.poles import HardCriteria, Poles
 from structid.records.record import DERIVATIVES, FrfRecord

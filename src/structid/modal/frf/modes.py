@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
-from structid.errors import InputError, NoModesError
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import InputError, NoModesError
 from structid.modal.frf.lscf import FrfBand, PoleSweep, frf_band, pole_sweep
 from structid.modal.frf.refinement import FrfData, PolesAndParticipation, misfit, refined, residuals
 from structid.modal.frf.spread import (

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.modal.frf.residues import OUTSIDE, slopes, terms, weighted
 
 _MAX_STEPS = 60

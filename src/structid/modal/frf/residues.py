@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, stack_real
+from structid.core.arrays import ComplexArray, FloatArray, stack_real
 
 OUTSIDE = (-2, 0)  # powers of s that stand for the modes outside the band at least
 _RANK = 1e-10  # of a column that is left after those before it, below which it says nothing new

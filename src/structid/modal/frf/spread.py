@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.modal.frf.refinement import FrfData, PolesAndParticipation, output_blocks, residuals
 from structid.modal.poles.poles import frequency_damping_slope
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
-from structid.errors import InputError
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
+from structid.core.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.modal.poles.poles import HardCriteria, Poles
 
 _STILL = 1e-3  # poles that move less from order to order are equally stable, those of noise-free motion included

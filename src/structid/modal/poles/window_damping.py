@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.errors import InputError
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError
 from structid.modal.modal_record import ModalRecord, by_frequency
 from structid.modal.poles.poles import frequency_damping_slope
 

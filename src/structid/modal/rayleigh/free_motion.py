@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.dof import Dof
-from structid.errors import InputError
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError
 from structid.modal.correlations import ORDER
 from structid.records import TimeRecord
 

@@ -17,9 +17,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from structid.arrays import FloatArray, NumberArray, locked, require_finite
-from structid.dof import Dof
-from structid.errors import InputError
+from structid.core.arrays import FloatArray, NumberArray, locked, require_finite
+from structid.core.dof import Dof
+from structid.core.errors import InputError
 from structid.modal.modal_record import ModalRecord, unit_largest
 from structid.modal.rayleigh.free_motion import RULES, FreeMotion, free_motion
 from structid.records import TimeRecord

@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.dof import Dof
-from structid.errors import InputError, NoModesError
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, outputs
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord, by_frequency, joined

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.core.arrays import ComplexArray, FloatArray
 
 _PARALLEL = 1e-6  # least eigenvalue of the Gram matrix of shapes that its inverse may have
 

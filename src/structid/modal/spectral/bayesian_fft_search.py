@@ -8,7 +8,7 @@ from itertools import permutations
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.modal.spectral.bayesian_fft_likelihood import (
     BandLines,
     BandModes,

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.errors import InputError, NoModesError
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs
 from structid.modal.method import ModalOptions
 

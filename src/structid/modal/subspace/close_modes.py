@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.modal.modal_record import ModalRecord
 from structid.similarity import mac
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.core.arrays import ComplexArray, FloatArray
 from structid.modal.correlations import Outputs, displacement_rows
 from structid.modal.modal_record import ModalRecord, by_frequency
 from structid.modal.poles.poles import frequency_damping_slope

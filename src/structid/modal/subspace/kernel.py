@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from structid.arrays import FloatArray, IntArray
-from structid.errors import InputError
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import InputError
 from structid.modal.correlations import Outputs, Piece
 from structid.modal.poles.poles import Poles, state_poles
 

@@ -25,7 +25,7 @@ from functools import partial
 import numpy as np
 from scipy import linalg
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.modal.correlations import (
     Outputs,
     Piece,

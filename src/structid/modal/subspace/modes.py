@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.errors import InputError, NoModesError
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalChanges, ModalRecord

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.core.arrays import ComplexArray, FloatArray
 from structid.modal.correlations import Outputs, Piece
 from structid.modal.poles.poles import oscillating
 from structid.modal.subspace.kernel import Subspace

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.modal.method import ModalOptions
 from structid.modal.poles.poles import HardCriteria
 

@@ -11,9 +11,11 @@ import numpy as np
 import scipy
 
 from structid._version import __version__
-from structid.arrays import FloatArray
-from structid.dof import Dof
-from structid.errors import InputError, NoModesError, UnnamedChannelsError
+from structid.core.arrays import FloatArray
+from structid.core.display import file_names
+from structid.core.dof import Dof
+from structid.core.errors import InputError, NoModesError, UnnamedChannelsError
+from structid.core.provenance import Provenance
 from structid.files import digest
 from structid.modal.correlations import outputs
 from structid.modal.full_field import SharedMotions, at_all_channels, shared_motions
@@ -26,7 +28,6 @@ from structid.modal.spectral.peaks import singular_spectrum
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
 from structid.plotting import ModesPlots
-from structid.provenance import Provenance
 from structid.records import (
     Finding,
     FrfRecord,
@@ -40,10 +41,9 @@ from structid.records import (
     read_geometry,
     read_record,
 )
-from structid.records.io import how_read
-from structid.records.io.uff.blocks import dataset_lines
-from structid.records.io.uff.uff import SUFFIXES
-from structid.shown import file_names
+from structid.records.formats import how_read
+from structid.records.formats.uff.blocks import dataset_lines
+from structid.records.formats.uff.uff import SUFFIXES
 
 #: Name of the page that is written beside modes.json.
 MODES_PAGE = "report.html"

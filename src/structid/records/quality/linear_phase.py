@@ -12,8 +12,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.errors import InputError
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError
 
 #: Part of the new Nyquist frequency that passes a decimation unchanged.
 PASS = 0.8

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
 from structid.records.quality.findings import Finding, channel_name
 from structid.records.quality.linear_phase import (
     PASS,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from structid.arrays import FloatArray, IntArray
+from structid.core.arrays import FloatArray, IntArray
 
 Flags = NDArray[np.bool_]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.records.quality.findings import Finding, channel_name
 from structid.records.quality.sample_faults import clipped_samples, drop_outs, spikes
 from structid.records.quality.spectral_checks import spectral_checks

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.errors import InputError
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError
 from structid.records.quality.findings import Finding, channel_name
 from structid.records.record import TimeRecord
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.records.record import TimeRecord
 from structid.records.transforms.spectra import Window, window_weights
 

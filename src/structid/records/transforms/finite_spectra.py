@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
-from structid.dof import Dof, parse_dofs
-from structid.errors import InputError, NoLinesError
+from structid.core.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError, NoLinesError
 from structid.records.record import LOADS, TimeRecord
 
 #: Time derivatives between displacement and each measured quantity.

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.errors import InputError
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.errors import InputError
 from structid.records.record import DERIVATIVES, FrfKind, FrfRecord
 
 #: Share of |H| that an error may reach before the value counts for nothing.

@@ -7,9 +7,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
 from structid.records.record import DERIVATIVES, FrfKind, FrfRecord, Quantity, TimeRecord
 from structid.records.repeats import require_shared
 

@@ -8,15 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.dof import DIRECTIONS, Dof
-from structid.report.drawing import palette, symbols
-from structid.report.drawing.faces import cell_faces, hidden_nodes, is_cells, labelled_marks
-from structid.report.drawing.labels import Label, place
-from structid.report.drawing.picture import Mark, Picture, curve, is_spatial, paper_axes, points
-from structid.report.rendering import plot
-from structid.shown import counted
-from structid.structure import (
+from structid.core.arrays import FloatArray
+from structid.core.display import counted
+from structid.core.dof import DIRECTIONS, Dof
+from structid.fem import (
     Bar,
     Beam,
     Dashpot,
@@ -28,8 +23,13 @@ from structid.structure import (
     Spring,
     Structure,
 )
-from structid.structure.elements import ElementSet
-from structid.structure.supports import Constraint, RigidLink
+from structid.fem.elements import ElementSet
+from structid.fem.supports import Constraint, RigidLink
+from structid.report.drawing import palette, symbols
+from structid.report.drawing.faces import cell_faces, hidden_nodes, is_cells, labelled_marks
+from structid.report.drawing.labels import Label, place
+from structid.report.drawing.picture import Mark, Picture, curve, is_spatial, paper_axes, points
+from structid.report.rendering import plot
 
 _Connector, _Line = Spring | Dashpot | Friction, Bar | Beam | SpaceBeam
 _Ring = RotaryInertia | Joint

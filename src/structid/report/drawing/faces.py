@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
+from structid.core.arrays import FloatArray, IntArray
+from structid.fem import Membrane, Plane, Plate, Shell, Solid, Structure
+from structid.fem.elements import ElementSet
 from structid.report.drawing.picture import Mark, is_spatial, sight
-from structid.structure import Membrane, Plane, Plate, Shell, Solid, Structure
-from structid.structure.elements import ElementSet
 
 #: Corners of the faces of a solid cell by its number of corners, each in order round the face.
 SOLID_FACES = {

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

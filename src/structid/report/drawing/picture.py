@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
+from structid.fem import Structure
 from structid.report.rendering import plot
-from structid.structure import Structure
 
 _AZIMUTH, _ELEVATION = np.radians(-62.0), np.radians(22.0)
 #: Paper's directions of the global axes, one a row, of structures that fill space.

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 
 _LIFT = np.array([[np.nan, np.nan]])
 #: Lines of connectors: along from the start over the body, which goes from 0 to 1, to the end; and across.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.comparison.comparing import ComparisonResult
-from structid.comparison.state import Drawn
-from structid.estimation.comparison.comparison import Comparison
+from structid.compare.states.comparing import ComparisonResult
+from structid.compare.states.state import Drawn
+from structid.inversion.comparison.comparison import Comparison
 from structid.report.drawing import palette
 from structid.report.drawing.changes import (
     KINDS,

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.correlation.modes import ModesCorrelation
-from structid.correlation.responses import ResponsesCorrelation
+from structid.compare.correlation.modes import ModesCorrelation
+from structid.compare.correlation.responses import ResponsesCorrelation
+from structid.core.arrays import FloatArray
 from structid.report.drawing import palette
 from structid.report.rendering import plot
 

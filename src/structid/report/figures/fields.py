@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.drawing.changes import Change, Shading, round_limit, shading

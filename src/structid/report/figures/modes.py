@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.identification.identified import Identification, RecordFit
 from structid.identification.setups.modal import ModalFit
 from structid.report.drawing import palette

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.rendering import plot

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.dof import Dof
-from structid.estimation.diagnostics.collinearity import percent_text
+from structid.core.display import counted
+from structid.core.dof import Dof
+from structid.inversion.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan, PlannedTest
 from structid.report.drawing import palette
 from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.structure import structure_figure
 from structid.report.rendering import plot
-from structid.shown import counted
 
 _SYMBOLS = ("square", "circle", "diamond", "triangle-up")
 _COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
@@ -98,7 +98,7 @@ def lines_figure(found: Plan, chosen: PlannedTest) -> plot.Figure:
 
 
 def _response(found: Plan, sensors: tuple[Dof, ...], loads: tuple[Dof, ...]) -> tuple[np.ndarray, np.ndarray]:
-    from structid.observation.frf.response import response
+    from structid.forward.frf.response import response
     from structid.records import FrfRecord
 
     frequency = np.asarray(found.options.frequency)

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.report.drawing import palette, symbols
 from structid.report.rendering import plot
 from structid.reproduce.item import Curve, Panel

@@ -7,8 +7,8 @@ from itertools import product
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.dof import Dof
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import Dof
 from structid.identification.identified import RecordFit
 from structid.report.drawing import palette
 from structid.report.rendering import plot

@@ -8,8 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
-from structid.dof import DIRECTIONS, Dof
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import DIRECTIONS, Dof
 from structid.modal import ModalRecord
 from structid.modal.survey.survey import ModesResult
 from structid.records import Geometry

@@ -7,17 +7,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
-from structid.correlation.modes import ModesCorrelation
-from structid.dof import DIRECTIONS
+from structid.compare.correlation.modes import ModesCorrelation
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.dof import DIRECTIONS
+from structid.fem import Structure
+from structid.fem.places import AimedSensor
+from structid.fem.supports import RigidLink
 from structid.report.drawing import palette
 from structid.report.drawing.faces import cell_edges, is_cells
 from structid.report.figures.survey import MOST_SHAPES
 from structid.report.rendering import plot
 from structid.report.text import likeness, number
-from structid.structure import Structure
-from structid.structure.places import AimedSensor
-from structid.structure.supports import RigidLink
 
 #: Largest displacement, and gap between the two, in parts of the diagonal.
 _AMPLITUDE, _GAP = 0.1, 0.3

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.report.drawing import palette, symbols
 from structid.report.drawing.changes import Look, Shading, look
 from structid.report.drawing.drawing import PANEL_INCHES, WIDE_INCHES

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.core.arrays import ComplexArray, FloatArray
 from structid.modal.poles.poles import modal_phase_collinearity
 from structid.modal.survey.survey import ModesResult
 from structid.records import FrfRecord

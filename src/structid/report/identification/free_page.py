@@ -6,7 +6,8 @@ from dataclasses import asdict
 
 import numpy as np
 
-from structid.estimation import Status
+from structid.core.display import counted
+from structid.inversion import Status
 from structid.report.correlation import side_by_side_chapter
 from structid.report.figures.fields import field_figures
 from structid.report.figures.modes import band_used, mode_rows
@@ -16,7 +17,6 @@ from structid.report.identification.tables import mode_table
 from structid.report.page import Page
 from structid.report.tables import Table, provenance_facts
 from structid.report.text import NOTHING, number, percent, with_std, with_unit
-from structid.shown import counted
 from structid.study.results.changes import largest_changes, search_reason
 from structid.study.results.result import StudyResult
 

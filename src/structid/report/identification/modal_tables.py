@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from structid.core.display import counted
+from structid.forward.modal.problem import pull
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
-from structid.observation.modal.problem import pull
 from structid.report.tables import Table
 from structid.report.text import NOTHING, likeness, number, percent, with_std
-from structid.shown import counted
 
 _FORMS = {
     "output": "frequencies and shapes of paired modes over their standard deviations",

@@ -6,10 +6,11 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from structid.core.display import counted
 from structid.criticism.held import HeldValue, resting
 from structid.criticism.verdict import Cause, Criticism
-from structid.estimation import Status
 from structid.identification.identified import Identification
+from structid.inversion import Status
 from structid.report.correlation import side_by_side_chapter
 from structid.report.drawing.changes import shadings
 from structid.report.drawing.drawing import structure_picture
@@ -23,7 +24,6 @@ from structid.report.page import Page
 from structid.report.rendering import plot
 from structid.report.tables import Table, provenance_facts
 from structid.report.text import NOTHING, number, percent, with_unit
-from structid.shown import counted
 
 #: Endings that introduce a warning which repeats what the table of parameters says for each parameter.
 _REPEATED = re.compile(r"is not identified: (at the initial values )?its standard deviation is larger than its value$")

@@ -7,18 +7,18 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.estimation import Estimate
-from structid.estimation.intervals.intervals import span_digits
+from structid.core.arrays import FloatArray
+from structid.core.display import counted
+from structid.fem import Structure
+from structid.fem.elements import ElementSet
 from structid.identification.fits.resonances import Resonance
 from structid.identification.identified import Identification
 from structid.identification.varying import Varied
+from structid.inversion import Estimate
+from structid.inversion.intervals.intervals import span_digits
 from structid.report.figures.modes import ModeRows
 from structid.report.tables import Table
 from structid.report.text import DASH, NOTHING, TIMES, exact, number, percent, prefixed, unit_text, with_std, with_unit
-from structid.shown import counted
-from structid.structure import Structure
-from structid.structure.elements import ElementSet
 
 _FORMS = {
     "output": "difference of measured and modelled FRF over its standard deviation (maximum likelihood)",

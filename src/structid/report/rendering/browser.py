@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from markupsafe import Markup
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.report.drawing import palette
 from structid.report.rendering.plot import (
     NUMBERS,

@@ -13,7 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from structid.arrays import ComplexArray, FloatArray
+from structid.core.arrays import ComplexArray, FloatArray
 from structid.report.drawing import palette
 from structid.report.text import unit_text
 

@@ -21,7 +21,7 @@ from matplotlib.font_manager import findfont, get_font
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import NullLocator
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.files import atomic_write, made_folder
 from structid.report.drawing import palette
 from structid.report.rendering.plot import (

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.dynamics.modes import modes
-from structid.observation.motion.fit import motion_fit
+from structid.fem import Structure
+from structid.forward.motion.fit import motion_fit
 from structid.reproduce.chapter_3.data import (
     ACTUAL,
     ESTIMATED,
@@ -27,7 +28,6 @@ from structid.reproduce.chapter_3.data import (
 )
 from structid.reproduce.chapter_3.noise import claims, noisy_table
 from structid.reproduce.item import Curve, Item, Panel, Progress, Step, Table, Verdict, made, unprinted
-from structid.structure import Structure
 
 #: Seeds 0, 1, ... of the random studies of Tables 3.2 and 3.3.
 N_SEEDS = 500

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.dof import Dof
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
 from structid.dynamics.transient import Transient, harmonic_transient
-from structid.observation.motion.motion import Motion
-from structid.structure import Beam, Structure
+from structid.fem import Beam, Structure
+from structid.forward.motion.motion import Motion
 from structid.unknowns import Parameters, Unknown
 from structid.unknowns.parameters import parameters
 

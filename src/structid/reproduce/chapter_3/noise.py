@@ -9,11 +9,11 @@ from functools import cache
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from structid.arrays import FloatArray
-from structid.observation.motion.equations import TimeEquations, time_equations
-from structid.observation.motion.fit import least_squares_bias
-from structid.observation.motion.motion import Motion
-from structid.regression.streaming_qr import folded_triangle, stacked_triangles
+from structid.core.arrays import FloatArray
+from structid.forward.motion.equations import TimeEquations, time_equations
+from structid.forward.motion.fit import least_squares_bias
+from structid.forward.motion.motion import Motion
+from structid.inversion.regression.streaming_qr import folded_triangle, stacked_triangles
 from structid.reproduce.chapter_3.data import (
     ACTUAL,
     ESTIMATED,

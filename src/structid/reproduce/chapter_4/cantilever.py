@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.dof import parse_dofs
-from structid.errors import SingularModelError
-from structid.observation import FrfProblem, one_step_values
-from structid.observation.frf.response import response
+from structid.core.arrays import FloatArray
+from structid.core.dof import parse_dofs
+from structid.core.errors import SingularModelError
+from structid.fem import Beam, Structure
+from structid.forward import FrfProblem, one_step_values
+from structid.forward.frf.response import response
 from structid.records import FrfRecord
-from structid.structure import Beam, Structure
 from structid.unknowns import Parameters, Unknown
 from structid.unknowns.parameters import parameters
 

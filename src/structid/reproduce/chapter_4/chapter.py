@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.reproduce.chapter_4.cantilever import (
     ALL_AT_ALL,
     ALL_AT_HALF,

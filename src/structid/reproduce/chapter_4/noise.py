@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.records import FrfRecord
 from structid.reproduce.chapter_4.cantilever import (
     ALL_AT_ALL,

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from structid.arrays import FloatArray, locked
-from structid.dof import Dof
+from structid.core.arrays import FloatArray, locked
+from structid.core.dof import Dof
 from structid.dynamics.free_decay import FreeDecay, free_decay
 from structid.modal import StationaryValues, stationary_values
 from structid.modal.rayleigh.pseudo_rayleigh import Form, Pair, Rule

@@ -13,18 +13,18 @@ from functools import cache
 import numpy as np
 from scipy import linalg
 
-from structid.arrays import FloatArray, locked
-from structid.dof import Dof
+from structid.core.arrays import FloatArray, locked
+from structid.core.dof import Dof
 from structid.dynamics import Modes
 from structid.dynamics.free_decay import free_decay
 from structid.dynamics.modes import modes
+from structid.fem import Membrane, Structure
 from structid.modal import StationaryValues, stationary_values
 from structid.modal.rayleigh.pseudo_rayleigh import Form, Rule
 from structid.records import TimeRecord
 from structid.reproduce.chapter_5.simple_beam import free_record
 from structid.reproduce.item import Curve, Item, Panel, Table, Verdict, unprinted
 from structid.similarity import mac, subspace_angles
-from structid.structure import Membrane, Structure
 
 #: Table 5.2, free square membrane, labelled rad/s.
 MEMBRANE_ACTUAL = locked(

@@ -7,10 +7,10 @@ import io
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.estimation import Estimate
-from structid.estimation.search.matrix_free import dense_search_fits
-from structid.plain import Entry
+from structid.core.arrays import FloatArray
+from structid.core.json_types import Entry
+from structid.inversion import Estimate
+from structid.inversion.search.matrix_free import dense_search_fits
 
 PARAMETERS = "parameters.csv"
 #: How many of the largest changes estimate.json names.

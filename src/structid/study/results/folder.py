@@ -11,15 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
+from structid.core.errors import FileError
+from structid.core.json_types import Entry, json_text
 from structid.criticism.held import HeldValue
 from structid.criticism.verdict import Criticism
-from structid.errors import FileError
-from structid.estimation.diagnostics.bounds import AtBound
 from structid.files import claimed, require_no_file
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.regularizing import Held
-from structid.plain import Entry, json_text
+from structid.inversion.diagnostics.bounds import AtBound
 from structid.study.results.changes import PARAMETERS, changes_summary, changes_table, search_summary
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.modal import modal_summary

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from structid.dynamics import Modes
-from structid.estimation import Estimate
+from structid.fem import Structure
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
-from structid.structure import Structure
+from structid.inversion import Estimate
 from structid.study.results.result import StudyResult
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from structid.core.json_types import Entry
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
-from structid.plain import Entry
 
 
 def modal_summary(found: Identification) -> dict[str, Entry]:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.modal.files.files import modal_fields, write_modes
+from structid.core.json_types import Entry, json_text
+from structid.modal.formats.files import modal_fields, write_modes
 from structid.modal.modal_record import ModalRecord
 from structid.modal.survey.survey import ModesResult
-from structid.plain import Entry, json_text
 from structid.records import FrfRecord, Geometry
 
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from structid._version import __version__
-from structid.dof import Dof
-from structid.plain import Entry, json_text
+from structid.core.dof import Dof
+from structid.core.json_types import Entry, json_text
 from structid.planning.planned import Enough, Plan, PlannedTest
 from structid.study.schema.plan import PlanStudy
 

@@ -9,12 +9,12 @@ import numpy as np
 import scipy
 
 from structid._version import __version__
+from structid.core.display import Overview, Shown
+from structid.core.provenance import Provenance
 from structid.criticism.verdict import Criticism
 from structid.dynamics.receptance import factorizer_words
-from structid.estimation import Estimate
 from structid.identification.identified import Identification
-from structid.provenance import Provenance
-from structid.shown import Overview, Shown
+from structid.inversion import Estimate
 from structid.study.results.solver import SolverAnswer
 from structid.study.schema.study import Study
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from structid.plain import Entry
+from structid.core.json_types import Entry
 
 #: Folder of the updated deck, inside that of the results.
 UPDATED = "updated"

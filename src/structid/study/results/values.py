@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.errors import FileError
+from structid.core.errors import FileError
 from structid.files.hdf5 import hdf5_fields, texts_of
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.dynamics import Modes
-from structid.estimation.averaging import expected_square
+from structid.forward import ModalProblem, RecordProblem
 from structid.identification.before.aligned import ResonancePair
 from structid.identification.before.mesh import MeshErrors, mesh_errors
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.setups.setup import AnySetup, Look
-from structid.observation import ModalProblem, RecordProblem
+from structid.inversion.averaging import expected_square
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.signal_checks import signal_checks
 from structid.records.quality.spectral_checks import drifts

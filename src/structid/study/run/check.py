@@ -7,13 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arrays import FloatArray
+from structid.core.arrays import FloatArray
 from structid.dynamics import Modes
-from structid.estimation import Covariance, DenseCovariance, Identifiability, Linearization, Problem
-from structid.estimation.covariance import inverse_information
-from structid.estimation.diagnostics.identifiability import identifiability
-from structid.estimation.posterior_draws import counted_draws, drawn_covariance
-from structid.estimation.uncertainty import relative_jacobian
+from structid.fem.places import AimedSensor, MeshPoint
+from structid.forward import RecordProblem
 from structid.identification.before.mesh import MeshErrors
 from structid.identification.before.places import PlacedFinding, coarse_elements, structure_findings
 from structid.identification.fits.model_modes import rounding_warnings, structure_modes
@@ -22,8 +19,11 @@ from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups.setup import AnySetup, prefixes
 from structid.identification.together import by_name, places, together
 from structid.identification.warning_words import unused_damping
-from structid.observation import RecordProblem
-from structid.structure.places import AimedSensor, MeshPoint
+from structid.inversion import Covariance, DenseCovariance, Identifiability, Linearization, Problem
+from structid.inversion.covariance import inverse_information
+from structid.inversion.diagnostics.identifiability import identifiability
+from structid.inversion.posterior_draws import counted_draws, drawn_covariance
+from structid.inversion.uncertainty import relative_jacobian
 from structid.study.run.before import RecordCheck, checked_mesh, checked_record
 from structid.study.run.run import is_matrix_free
 from structid.study.run.start import Start, started

@@ -16,12 +16,12 @@ from typing import Any, TypedDict
 import numpy as np
 
 from structid._version import __version__
-from structid.errors import FileError
-from structid.estimation.search.minimum import State
+from structid.core.errors import FileError
+from structid.core.json_types import Entry, Plain
 from structid.files import atomic_write, claim, damage_told, made_folder, release
 from structid.files.npy import npz_arrays
 from structid.files.worker import filled, plain
-from structid.plain import Entry, Plain
+from structid.inversion.search.minimum import State
 from structid.study.schema.study import Study
 
 _LAYOUT = "structid checkpoint 1"

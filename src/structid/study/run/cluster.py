@@ -17,8 +17,8 @@ from distributed import Client, KilledWorker, Worker, WorkerPlugin, get_worker
 from distributed.core import rpc
 from threadpoolctl import ThreadpoolController
 
-from structid.errors import InputError
-from structid.estimation.search.work import Found, Item, Shared, Task
+from structid.core.errors import InputError
+from structid.inversion.search.work import Found, Item, Shared, Task
 from structid.study.run.workers import (
     Answer,
     Batch,

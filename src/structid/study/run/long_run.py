@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from structid.arrays import FloatArray
-from structid.estimation import Minimum, Problem, minimize
-from structid.estimation.search.least_squares import Method
-from structid.estimation.search.minimum import Keeper, Progress, State
-from structid.estimation.search.work import (
+from structid.core.arrays import FloatArray
+from structid.core.json_types import Entry
+from structid.inversion import Minimum, Problem, minimize
+from structid.inversion.search.least_squares import Method
+from structid.inversion.search.minimum import Keeper, Progress, State
+from structid.inversion.search.work import (
     Found,
     Item,
     Shared,
@@ -21,7 +22,6 @@ from structid.estimation.search.work import (
     restored_minimum,
     stored_minimum,
 )
-from structid.plain import Entry
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.spread_lines import spread
 from structid.study.run.workers import InProcess, Workers
@@ -97,7 +97,7 @@ class LongRun:
     def minimize(
         self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
     ) -> Minimum:
-        """As `structid.estimation.minimize`, from where the checkpoint is."""
+        """As `structid.inversion.minimize`, from where the checkpoint is."""
         return self._search("", problem, method, theta, progress)
 
     def keeper(self, problem: Problem) -> Keeper:

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.estimation import Status
-from structid.observation.motion.checkpoint import load_motion_fit
-from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
-from structid.observation.motion.stream import MotionSolution, Progress, motion_solution
-from structid.plain import Entry, json_text
+from structid.core.json_types import Entry, json_text
+from structid.forward.motion.checkpoint import load_motion_fit
+from structid.forward.motion.fit import RecursiveMotionFit, motion_fit
+from structid.forward.motion.stream import MotionSolution, Progress, motion_solution
+from structid.inversion import Status
+from structid.inversion.regression.local_reduction import Kernels
 from structid.records.on_disk import OnDiskRecord, open_record
-from structid.regression.local_reduction import Kernels
 from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on
 from structid.study.run.workers import Workers, workers_for
 from structid.study.schema.study import Study, load_study

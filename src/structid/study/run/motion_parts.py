@@ -15,14 +15,14 @@ from typing import TypedDict
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.errors import InputError
-from structid.estimation.search.work import Tools
-from structid.observation.motion.fit import RecursiveMotionFit, motion_fit
-from structid.observation.motion.stream import FitKeeper, Progress, RecordRows, record_rows, reduced_by_chunks
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward.motion.fit import RecursiveMotionFit, motion_fit
+from structid.forward.motion.stream import FitKeeper, Progress, RecordRows, record_rows, reduced_by_chunks
+from structid.inversion.regression.local_reduction import Kernels, has_numba
+from structid.inversion.search.work import Tools
 from structid.records.on_disk import OnDiskRecord
-from structid.regression.local_reduction import Kernels, has_numba
-from structid.structure import Structure
 from structid.study.run.workers import Workers
 from structid.unknowns import Parameters
 

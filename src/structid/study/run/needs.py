@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 import psutil
 
+from structid.core.errors import InputError, StructidError
 from structid.criticism.verdict import is_sound
-from structid.errors import InputError, StructidError
-from structid.estimation import Method
+from structid.forward import RecordProblem
+from structid.forward.frf.products import STORED_BYTES
 from structid.identification.identify import identify_together
 from structid.identification.search import chosen_method
-from structid.observation import RecordProblem
-from structid.observation.frf.products import STORED_BYTES
-from structid.records.io.kept import record_bytes
+from structid.inversion import Method
+from structid.records.formats.kept import record_bytes
 from structid.study.run.start import started
 from structid.study.schema.study import Study
 

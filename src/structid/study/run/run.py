@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.errors import NoAnswerError, SingularModelError
-from structid.estimation.search.work import ALONE, StageProgress, Work
+from structid.core.errors import NoAnswerError, SingularModelError
 from structid.identification.identify import identify_together
 from structid.identification.search import chosen_method
 from structid.identification.together import places
+from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.before import mesh_warnings
 from structid.study.run.needs import require_room

@@ -8,11 +8,11 @@ from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.estimation import JointProblem, Linearization, Problem
-from structid.estimation.problems.wrapped import Wrapped
-from structid.estimation.search.work import Tools
-from structid.observation import FrfProblem
+from structid.core.arrays import FloatArray
+from structid.forward import FrfProblem
+from structid.inversion import JointProblem, Linearization, Problem
+from structid.inversion.problems.wrapped import Wrapped
+from structid.inversion.search.work import Tools
 from structid.study.run.workers import Workers
 
 #: Degrees of freedom times lines from which a sweep takes so long (about half a second) that it is worth sending.

@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.dof import Dof
-from structid.errors import InputError, NoLinesError, SingularModelError
+from structid.core.dof import Dof
+from structid.core.errors import InputError, NoLinesError, SingularModelError
+from structid.external.model import SolverModel
+from structid.fem import Structure
+from structid.forward import Models, RecordProblem
 from structid.identification.checks import require_sound_model
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.modal import ModalSetup
 from structid.identification.setups.setup import AnySetup, Look, Prepared, prefixes, prepared_warnings, titles
 from structid.identification.setups.time import TimeSetup
 from structid.identification.together import alike, together
-from structid.observation import Models, RecordProblem
 from structid.records import FrfRecord, TimeRecord
-from structid.solver.model import SolverModel
-from structid.structure import Structure
 from structid.study.schema.records.record import faults, load_histories, load_record, read_files
 from structid.study.schema.records.setups import SetupSource
 from structid.study.schema.section import Section

@@ -24,10 +24,10 @@ from uuid import uuid4
 
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
+from structid.core.errors import InputError, StructidError
 from structid.dynamics.factorization import THREADS_VARIABLE
-from structid.errors import InputError, StructidError
-from structid.estimation import Problem
-from structid.estimation.search.work import PLAIN_TOOLS, Found, Item, Shared, Task, Tools
+from structid.inversion import Problem
+from structid.inversion.search.work import PLAIN_TOOLS, Found, Item, Shared, Task, Tools
 from structid.study.run.piped import PipedProcesses, ProcessLostError
 
 #: Wall time of a batch, s: an answer costs some milliseconds on its way.

@@ -8,14 +8,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, TypedDict, TypeVar, get_args, get_origin, overload
 
-from structid.declared import Limits, alternatives
-from structid.dof import Dof
-from structid.plain import Plain
-from structid.structure.elements.connector import Ends, OtherEnds
-from structid.structure.elements.element import Nodes, OptionalValues, Values, Vector
-from structid.structure.elements.friction import End, OtherEnd
-from structid.structure.elements.inertia import Translations
-from structid.structure.elements.joint import At
+from structid.core.constraints import Limits, alternatives
+from structid.core.dof import Dof
+from structid.core.json_types import Plain
+from structid.fem.elements.connector import Ends, OtherEnds
+from structid.fem.elements.element import Nodes, OptionalValues, Values, Vector
+from structid.fem.elements.friction import End, OtherEnd
+from structid.fem.elements.inertia import Translations
+from structid.fem.elements.joint import At
 
 T = TypeVar("T")
 _LARGEST = 1e100  # its square is still finite, and that of its reciprocal no zero

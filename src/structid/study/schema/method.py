@@ -7,9 +7,9 @@ import re
 from dataclasses import fields, is_dataclass
 from typing import TypeVar
 
-from structid.declared import declared_types, declared_words
-from structid.estimation import GaussNewton, LevenbergMarquardt
+from structid.core.constraints import declared_types, declared_words
 from structid.identification.options import IdentifyOptions
+from structid.inversion import GaussNewton, LevenbergMarquardt
 from structid.study.schema.kinds import choice
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Given, Key, Table, table_of

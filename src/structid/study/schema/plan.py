@@ -9,20 +9,20 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from structid.declared import NotNegative
-from structid.dof import Dof, parse_dofs, renamed
-from structid.errors import SingularModelError
-from structid.estimation.search.work import ALONE, Work
+from structid.core.constraints import NotNegative
+from structid.core.display import listed
+from structid.core.dof import Dof, parse_dofs, renamed
+from structid.core.errors import SingularModelError
+from structid.fem import Structure
+from structid.fem.places import AimedSensor
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
+from structid.inversion.search.work import ALONE, Work
 from structid.planning.options import resolved
 from structid.planning.plan import plan
 from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
-from structid.shown import listed
-from structid.structure import Structure
-from structid.structure.places import AimedSensor
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
 from structid.study.schema.model.structure import read_structure

@@ -7,10 +7,10 @@ import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from structid.estimation.search.work import ALONE, Work
+from structid.external.solved import Solved
+from structid.fem import MeasuredComponent
 from structid.files import digest, require_readable
-from structid.solver.solved import Solved
-from structid.structure import MeasuredComponent
+from structid.inversion.search.work import ALONE, Work
 from structid.study.schema.kinds import TEXT
 from structid.study.schema.section import Section, StudyError, StudyText
 from structid.study.schema.tables import Key, Table

@@ -12,8 +12,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
-from structid.errors import InputError
-from structid.plain import Plain
+from structid.core.errors import InputError
+from structid.core.json_types import Plain
 from structid.study.schema.kinds import Kind
 from structid.study.schema.tables import Given, Key, Table, own_table
 from structid.study.schema.toml_lines import KeyPath, toml_lines

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from structid.estimation.search.work import ALONE, Work
+from structid.core.json_types import Entry, Plain
+from structid.external.solved import Solved
+from structid.fem import MeasuredComponent, Structure
 from structid.identification.options import IdentifyOptions
-from structid.plain import Entry, Plain
-from structid.solver.solved import Solved
-from structid.structure import MeasuredComponent, Structure
+from structid.inversion.search.work import ALONE, Work
 from structid.study.schema.method import read_method
 from structid.study.schema.records.record import RecordSource
 from structid.study.schema.records.setups import SetupSource, read_setups

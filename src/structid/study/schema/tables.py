@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, is_dataclass
 from functools import cache
 from typing import Annotated, Any, TypeAlias, get_args, get_origin
 
-from structid.declared import alternatives, declared_types, declared_words
-from structid.dof import Dof
+from structid.core.constraints import alternatives, declared_types, declared_words
+from structid.core.dof import Dof
 from structid.study.schema.kinds import Kind, Schema, kind_of
 
 #: Values of the keys of a table, each as its kind makes it.

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
-from structid.declared import Positive
-from structid.errors import InputError
-from structid.observation import ChannelUnknown
-from structid.structure import Structure
+from structid.core.constraints import Positive
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward import ChannelUnknown
 from structid.study.schema.kinds import as_list, choice
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, table_of

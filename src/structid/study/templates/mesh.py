@@ -10,9 +10,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from structid.errors import InputError
-from structid.structure.meshes import LENGTH_UNITS, Mesh, read_mesh
-from structid.structure.meshes.mesh import CELL_DIMENSIONS, orphan_nodes
+from structid.core.errors import InputError
+from structid.fem.meshes import LENGTH_UNITS, Mesh, read_mesh
+from structid.fem.meshes.mesh import CELL_DIMENSIONS, orphan_nodes
 from structid.study.templates.template import NO_RECORD, Template, asked, number, unknown
 
 _FLAT = 1e-9

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import ClassVar, TypeVar
 
-from structid.errors import FileError, InputError
+from structid.core.errors import FileError, InputError
 from structid.files import atomic_write, made_folder
 
 T = TypeVar("T")

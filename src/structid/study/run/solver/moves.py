@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.estimation.search.work import Work
+from structid.core.arrays import FloatArray
+from structid.external.solved import Solved
+from structid.forward import RecordProblem
 from structid.identification.identified import Identification
 from structid.identification.together import by_name
-from structid.observation import RecordProblem
-from structid.solver.solved import Solved
+from structid.inversion.search.work import Work
 from structid.study.schema.section import Tables
 from structid.study.schema.study import Study, edited_study
 from structid.unknowns.named_unknowns import begun_at

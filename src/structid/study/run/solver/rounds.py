@@ -7,17 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.errors import InputError, NoAnswerError, SingularModelError
-from structid.estimation.search.work import ALONE, StageProgress, Work
+from structid.core.errors import InputError, NoAnswerError, SingularModelError
+from structid.external.frfs.model import SolvedFrfs
+from structid.external.runs import point_words
+from structid.external.solved import Checked, Solved
+from structid.forward import FrfProblem, RecordProblem
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.identify import identify_together
 from structid.identification.options import IdentifyOptions
 from structid.identification.together import places, together
-from structid.observation import FrfProblem, RecordProblem
-from structid.solver.frfs.model import SolvedFrfs
-from structid.solver.runs import point_words
-from structid.solver.solved import Checked, Solved
+from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import SolverAnswer
 from structid.study.run.solver.moves import about, deck_std, deck_values, tables, within

@@ -16,20 +16,20 @@ from functools import partial
 
 import numpy as np
 
-from structid.arrays import ComplexArray, FloatArray, IntArray
-from structid.estimation import LevenbergMarquardt
-from structid.estimation.search.least_squares import minimize
-from structid.estimation.search.minimum import residual_at, squared
-from structid.estimation.search.work import Work
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.external.frfs.model import FrfRuns, SolvedFrfs, SolverFrfs
+from structid.external.runs import RunFailedError
+from structid.fem import Structure
+from structid.forward import FrfProblem, RecordProblem
+from structid.forward.frf.continuation import level_frequencies, start_deviation
 from structid.identification.together import together
-from structid.observation import FrfProblem, RecordProblem
-from structid.observation.frf.continuation import level_frequencies, start_deviation
+from structid.inversion import LevenbergMarquardt
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.minimum import residual_at, squared
+from structid.inversion.search.work import Work
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.records.transforms.half_plane import poisson_weights
-from structid.solver.frfs.model import FrfRuns, SolvedFrfs, SolverFrfs
-from structid.solver.runs import RunFailedError
-from structid.structure import Structure
 from structid.study.run.solver.moves import about, deck_values, within
 from structid.study.run.start import Start, started
 from structid.study.schema.study import Study

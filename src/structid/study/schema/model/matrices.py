@@ -11,13 +11,13 @@ from typing import Annotated, Any
 import numpy as np
 from scipy import sparse
 
-from structid.arrays import IntArray
-from structid.declared import NotNegative, Positive
-from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
-from structid.plain import Plain
-from structid.structure import MatrixGroup
-from structid.structure.importers import (
+from structid.core.arrays import IntArray
+from structid.core.constraints import NotNegative, Positive
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
+from structid.core.json_types import Plain
+from structid.fem import MatrixGroup
+from structid.fem.importers import (
     ImportedMatrix,
     dof_table,
     dofs_of,
@@ -28,9 +28,9 @@ from structid.structure.importers import (
     read_matrices,
     read_numbering,
 )
-from structid.structure.importers.definite import require_semidefinite
-from structid.structure.importers.exports import FORCES, LENGTHS
-from structid.structure.importers.imported import codes_of, completed, tables_of
+from structid.fem.importers.definite import require_semidefinite
+from structid.fem.importers.exports import FORCES, LENGTHS
+from structid.fem.importers.imported import codes_of, completed, tables_of
 from structid.study.schema.kinds import (
     BOOLEAN,
     INTEGER,

@@ -7,13 +7,13 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from structid.arrays import FloatArray, IntArray
-from structid.dof import Dof
-from structid.errors import InputError
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.display import listed
+from structid.core.dof import Dof
+from structid.core.errors import InputError
+from structid.fem import MeasuredComponent
 from structid.records import FrfRecord
-from structid.records.io import ReadOptions
-from structid.shown import listed
-from structid.structure import MeasuredComponent
+from structid.records.formats import ReadOptions
 from structid.study.schema.kinds import TEXTS, as_list
 from structid.study.schema.records.record import load_record, read_source, record_table
 from structid.study.schema.root import InputFiles

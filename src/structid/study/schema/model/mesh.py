@@ -6,11 +6,11 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
-from structid.arrays import IntArray
-from structid.dof import DIRECTIONS, Dof
-from structid.structure.elements import ElementSet
-from structid.structure.meshes import LENGTH_UNITS, Mesh, read_mesh, require_sound, unassigned
-from structid.structure.places import MeshPoint, mesh_points
+from structid.core.arrays import IntArray
+from structid.core.dof import DIRECTIONS, Dof
+from structid.fem.elements import ElementSet
+from structid.fem.meshes import LENGTH_UNITS, Mesh, read_mesh, require_sound, unassigned
+from structid.fem.places import MeshPoint, mesh_points
 from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either, flat
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section

@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from structid.declared import Limits, Positive
-from structid.dof import parse_dofs
-from structid.errors import InputError
-from structid.modal.files.nastran import PUNCH_SUFFIXES
-from structid.plain import Plain
-from structid.solver.deck import Deck, DeckParameter, deck_texts, with_lines
-from structid.solver.differences import solved_modes
-from structid.solver.frfs.model import solved_frfs
-from structid.solver.frfs.output import FrfsOut
-from structid.solver.marks import CardField, DeckMark, KeywordEntry, Place, value_at, with_marks
-from structid.solver.matrices import solved_matrices
-from structid.solver.outputs import MatricesOut, MatrixFile, ModesOut
-from structid.solver.runs import Solver
-from structid.solver.solved import Solved, Units
-from structid.structure.importers.exports import FORCES, LENGTHS
-from structid.structure.meshes import read_mesh
+from structid.core.constraints import Limits, Positive
+from structid.core.dof import parse_dofs
+from structid.core.errors import InputError
+from structid.core.json_types import Plain
+from structid.external.deck import Deck, DeckParameter, deck_texts, with_lines
+from structid.external.differences import solved_modes
+from structid.external.frfs.model import solved_frfs
+from structid.external.frfs.output import FrfsOut
+from structid.external.marks import CardField, DeckMark, KeywordEntry, Place, value_at, with_marks
+from structid.external.matrices import solved_matrices
+from structid.external.outputs import MatricesOut, MatrixFile, ModesOut
+from structid.external.runs import Solver
+from structid.external.solved import Solved, Units
+from structid.fem.importers.exports import FORCES, LENGTHS
+from structid.fem.meshes import read_mesh
+from structid.modal.formats.nastran import PUNCH_SUFFIXES
 from structid.study.schema.kinds import (
     BOOLEAN,
     NUMBER,

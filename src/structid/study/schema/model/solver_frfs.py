@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.dof import Dof
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
 from structid.records import FrfRecord

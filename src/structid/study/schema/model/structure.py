@@ -9,11 +9,11 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Annotated
 
-from structid.declared import Limits, Positive
-from structid.dof import DIRECTIONS, Dof, parse_dof
-from structid.errors import InputError
-from structid.solver.solved import Solved
-from structid.structure import (
+from structid.core.constraints import Limits, Positive
+from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.core.errors import InputError
+from structid.external.solved import Solved
+from structid.fem import (
     ELEMENT_TYPES,
     Base,
     Component,
@@ -23,11 +23,11 @@ from structid.structure import (
     RigidLink,
     Structure,
 )
-from structid.structure.elements import ElementSet
-from structid.structure.importers import require_total_mass
-from structid.structure.meshes import Mesh
-from structid.structure.structure import MOST_PIECES
-from structid.structure.supports import Tie
+from structid.fem.elements import ElementSet
+from structid.fem.importers import require_total_mass
+from structid.fem.meshes import Mesh
+from structid.fem.structure import MOST_PIECES
+from structid.fem.supports import Tie
 from structid.study.schema.kinds import (
     DOF,
     DOFS,

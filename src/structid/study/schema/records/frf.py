@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from structid.declared import Limits
-from structid.dof import Dof, parse_dofs
-from structid.errors import InputError
+from structid.core.constraints import Limits
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
 from structid.records import FrfRecord, TimeRecord
 from structid.records.record import LOADS
 from structid.records.transforms.spectra import frf_from_time, require_repeated

@@ -9,14 +9,14 @@ from typing import Annotated
 
 import numpy as np
 
-from structid.declared import Positive
-from structid.dof import Dof, parse_dofs, renamed
-from structid.errors import InputError
+from structid.core.constraints import Positive
+from structid.core.dof import Dof, parse_dofs, renamed
+from structid.core.errors import InputError
+from structid.forward import ModalSettings
 from structid.identification.setups.modal import chosen_modes
 from structid.modal import ModalRecord
-from structid.modal.files.files import read_modes
+from structid.modal.formats.files import read_modes
 from structid.modal.modal_record import independent_errors, largest_entries
-from structid.observation import ModalSettings
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
 from structid.study.schema.records.sensors import used_names
 from structid.study.schema.root import InputFiles

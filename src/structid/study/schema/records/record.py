@@ -9,12 +9,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from structid.declared import Count, NotNegative, Positive
-from structid.dof import Dof, parse_dofs, renamed
-from structid.errors import InputError
+from structid.core.constraints import Count, NotNegative, Positive
+from structid.core.dof import Dof, parse_dofs, renamed
+from structid.core.errors import InputError
 from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
-from structid.records.io import CsvLayout, ReadOptions, how_read, read_record
+from structid.records.formats import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
 from structid.records.quality.signal_checks import channel_checks
 from structid.records.record import LOADS, Quantity, as_recorded

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import numpy as np
 
-from structid.declared import Positive
-from structid.dof import DIRECTIONS, Dof, parse_dof
-from structid.errors import InputError
-from structid.structure import Structure
-from structid.structure.elements import ElementSet
-from structid.structure.places import AimedSensor, nearest_nodes, unit_direction
+from structid.core.constraints import Positive
+from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.fem.elements import ElementSet
+from structid.fem.places import AimedSensor, nearest_nodes, unit_direction
 from structid.study.schema.kinds import POSITION, VECTOR, Kind
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, table_of

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from structid.fem import Structure
+from structid.forward import ChannelUnknown
 from structid.identification.setups.setup import AnySetup
-from structid.observation import ChannelUnknown
-from structid.structure import Structure
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.records.record import RecordSource, read_source
 from structid.study.schema.records.sensors import channel_names

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.arrays import FloatArray
-from structid.errors import InputError
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError
 from structid.identification.setups.time import TimeFit
 from structid.records import TimeRecord
 from structid.study.schema.kinds import NUMBERS, as_list

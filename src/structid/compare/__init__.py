@@ -1,0 +1,1 @@
+"""Two states of a structure, and a test beside a model."""

@@ -1,0 +1,273 @@
+"""Test and model of a study side by side, at its start values or at those of a results folder; and correlation.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from structid.compare.correlation.modes import ModesCorrelation, correlated_modes
+from structid.compare.correlation.options import DEFAULT, CorrelateOptions
+from structid.compare.correlation.responses import ResponsesCorrelation, correlated_responses
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError, SingularModelError
+from structid.core.json_types import Entry
+from structid.core.provenance import Provenance
+from structid.forward import Models
+from structid.identification.fits.modal_fit import ModalFit
+from structid.identification.fits.record_fit import Own
+from structid.identification.identified import Identification
+from structid.identification.setups.setup import AnySetup, titles
+from structid.modal import ModalRecord
+from structid.study.results.result import provenance
+from structid.study.results.values import stored_values
+from structid.study.run.check import ChannelCheck, channel_checks
+from structid.study.run.start import loaded, placed_mechanism
+from structid.study.schema.records.modes import ModesSource
+from structid.study.schema.study import Study
+
+Correlation: TypeAlias = ModesCorrelation | ResponsesCorrelation
+CORRELATION_PAGE = "correlation.html"
+
+
+@dataclass(frozen=True, eq=False)
+class StudyCorrelation:
+    """Each record of a study beside the model.
+
+    Attributes
+    ----------
+    study : Study
+    at : Path, optional
+        Results folder whose values the model has; those of the study's start without one.
+    modes : tuple of ModesCorrelation
+    responses : tuple of ResponsesCorrelation
+    channels : tuple of ChannelCheck
+        What each sensor sees of the model, and how far the nearest node is.
+    warnings : tuple of str
+    provenance : Provenance
+    """
+
+    study: Study
+    at: Path | None
+    modes: tuple[ModesCorrelation, ...]
+    responses: tuple[ResponsesCorrelation, ...]
+    channels: tuple[ChannelCheck, ...]
+    warnings: tuple[str, ...]
+    provenance: Provenance
+
+    @property
+    def is_paired(self) -> bool:
+        """Whether a measured mode has a pair, or responses are held against each other."""
+        return bool(self.responses) or any(part.n_paired for part in self.modes)
+
+
+def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None = None) -> StudyCorrelation:
+    """The records of `study` beside its model at the start values, or at the values that the folder `at` holds.
+
+    Raises
+    ------
+    InputError
+        If a record or its sensors cannot be used, or the folder holds no value of the study's parameters.
+    SingularModelError
+        If the model has a mechanism.
+    """
+    known = {} if at is None else stored_values(at)
+    models = Models()
+    setups = [loaded(source, models) for source in study.setups]
+    names = titles(setups) if len(setups) > 1 else [""] * len(setups)
+    modal: list[ModesCorrelation] = []
+    responses: list[ResponsesCorrelation] = []
+    warnings: list[str] = []
+    for name, setup, source in zip(names, setups, study.setups, strict=True):
+        part: Correlation
+        with placed_mechanism(study.section("structure")), source.section.located():
+            if source.record.modes is not None:
+                part = _modes(name, setup, source.record.modes, known, options)
+                modal.append(part)
+            else:
+                part = _responses(name, setup, study, known)
+                responses.append(part)
+        warnings += [f"{name}: {words}" if name else words for words in part.warnings]
+    channels = tuple(
+        one
+        for name, setup in zip(names, setups, strict=True)
+        for one in channel_checks(f"{name}: " if name else "", setup)
+    )
+    return StudyCorrelation(study, at, tuple(modal), tuple(responses), channels, tuple(warnings), provenance(study))
+
+
+def _modes(
+    name: str, setup: AnySetup, source: ModesSource, known: Mapping[str, float], options: CorrelateOptions
+) -> ModesCorrelation:
+    unknown = setup.parameters
+    values = unknown.values(values_at(unknown.names, unknown.start, known))
+    return correlated_modes(setup.structure, values, source.load(), options, source.settings, name)
+
+
+def _responses(name: str, setup: AnySetup, study: Study, known: Mapping[str, float]) -> ResponsesCorrelation:
+    problem = setup.prepared(study.options).problem
+    values = values_at(problem.names, problem.unknowns.start, known)
+    fit = setup.response_fit(name, problem, Own(problem.theta_start, values, values), study.options)
+    if fit is None:
+        raise InputError("the record has neither modes nor responses to hold against the model")
+    return correlated_responses(fit.evaluation, fit.evaluation_predicted, name)
+
+
+def values_at(names: tuple[str, ...], start: FloatArray, known: Mapping[str, float]) -> FloatArray:
+    """`start` with the values that are known.
+
+    Raises
+    ------
+    InputError
+        If values are known, and none of them is of these names.
+    """
+    if known and not any(name in known for name in names):
+        raise InputError("the results folder holds none of the study's parameters; give the folder of this study's run")
+    return np.array([known.get(name, own) for name, own in zip(names, start.tolist(), strict=True)])
+
+
+def before_and_after(
+    found: Identification,
+) -> tuple[
+    tuple[tuple[ModesCorrelation, ModesCorrelation], ...], tuple[tuple[ResponsesCorrelation, ResponsesCorrelation], ...]
+]:
+    """Each record of modes, and each of responses, beside the initial and beside the identified model.
+
+    A record whose model cannot be evaluated, as after a search that failed, is left out.
+    """
+    modal, responses = [], []
+    for one in found.modal_fits:
+        with suppress(InputError, SingularModelError):
+            values = one.initial_values, one.problem.physical(one.theta)
+            before, after = (_fitted_modes(one, physical) for physical in values)
+            modal.append((before, after))
+    for fit in found.fits:
+        with suppress(InputError):
+            record, both = fit.evaluation, (fit.evaluation_initial, fit.evaluation_predicted)
+            first, last = (correlated_responses(record, model, fit.name) for model in both)
+            responses.append((first, last))
+    return tuple(modal), tuple(responses)
+
+
+def _fitted_modes(fit: ModalFit, physical: FloatArray) -> ModesCorrelation:
+    problem = fit.problem
+    values = problem.property_values(physical)
+    return correlated_modes(problem.structure, values, fit.measured, DEFAULT, problem.settings, fit.name)
+
+
+def correlation_summary(found: StudyCorrelation) -> dict[str, Entry]:
+    """The content of correlation.json, before what is not finite becomes null. Modes count from 1."""
+    return {
+        "title": found.study.title,
+        "at": "start values" if found.at is None else found.at.name,
+        "modal_records": [_modes_summary(part) for part in found.modes],
+        "response_records": [_responses_summary(part) for part in found.responses],
+        "channels": [asdict(channel) for channel in found.channels],
+        "warnings": found.warnings,
+        "provenance": asdict(found.provenance),
+    }
+
+
+def _modes_summary(part: ModesCorrelation) -> dict[str, Entry]:
+    pairing, expanded = part.pairing, part.expanded
+    number = pairing.number
+    rows = [
+        {
+            "measured": i + 1,
+            "frequency_hz": part.measured.frequency[i],
+            "model_mode": int(number[i]) + 1 if number[i] >= 0 else None,
+            "model_frequency_hz": part.model.frequency[number[i]] if number[i] >= 0 else None,
+            "relative_difference": part.frequency_difference[i],
+            "mac": pairing.mac[i, number[i]] if number[i] >= 0 else None,
+            "likeness": pairing.likeness[i] if number[i] >= 0 else None,
+            "model_modes_together": [k + 1 for k in pairing.partners(i)],
+            "ambiguous_with": [k + 1 for k in pairing.ambiguous.get(i, ())],
+            "remark": part.remark(i),
+        }
+        for i in range(part.measured.n_modes)
+    ]
+    channels = [
+        {"channel": str(dof), "comac": part.comac[c], "ecomac": part.ecomac[c]}
+        for c, dof in enumerate(part.measured.channels)
+    ]
+    return {
+        "name": part.name,
+        "source": part.measured.source,
+        "modes": rows,
+        "missing": [int(i) + 1 for i in pairing.missing],
+        "surplus_model_modes": [k + 1 for k in pairing.surplus],
+        "model_frequency_hz": part.model.frequency,
+        "mac": pairing.mac,
+        "channels": channels,
+        "reduction": part.options.reduction,
+        "self_orthogonality": part.self_orthogonality,
+        "cross_orthogonality": part.cross_orthogonality,
+        "expansion": None
+        if expanded is None
+        else {
+            "method": part.options.expansion,
+            "model_error": part.options.model_error,
+            "modes": [
+                {
+                    "measured": i + 1,
+                    "model_modes": [k + 1 for k in expanded.basis[i]],
+                    "relative_residual": residual,
+                    "median_std": median,
+                }
+                for i, (residual, median) in enumerate(expansion_sizes(part))
+            ],
+        },
+    }
+
+
+def expansion_sizes(part: ModesCorrelation) -> list[tuple[float, float]]:
+    """Of every expanded shape: residual at the sensors in parts of the measured shape, and the median standard deviation
+    in parts of the largest entry.
+    """
+    expanded = part.expanded
+    if expanded is None:
+        return []
+    size = np.abs(expanded.shapes).max(axis=0)
+    left, whole = (np.nansum(values**2, axis=0) for values in (expanded.residual, part.shapes))
+    residual = np.sqrt(np.divide(left, whole, out=np.full(len(whole), np.nan), where=whole > 0))
+    median = np.median(expanded.std, axis=0) / np.where(size > 0, size, np.nan)
+    return list(zip(residual.tolist(), median.tolist(), strict=True))
+
+
+def _responses_summary(part: ResponsesCorrelation) -> dict[str, Entry]:
+    record = part.record
+    pairs = [
+        {"output": str(output), "input": str(load), "frac": part.frac[o, i]}
+        for o, output in enumerate(record.outputs)
+        for i, load in enumerate(record.inputs)
+    ]
+    return {
+        "name": part.name,
+        "source": record.source,
+        "kind": record.kind,
+        "band_hz": [record.frequency[0], record.frequency[-1]],
+        "frac": pairs,
+        "fdac_hz": record.frequency[part.map_lines],
+        "fdac": [] if part.fdac is None else part.fdac,
+        "resonances": [{"measured_hz": one.measured, "model_hz": one.predicted} for one in part.resonances],
+    }
+
+
+def expanded_record(part: ModesCorrelation) -> ModalRecord | None:
+    """The measured modes with shapes at every degree of freedom of the model; None where there is no expansion."""
+    if part.expanded is None:
+        return None
+    inside = np.array([dof.node in part.structure.nodes for dof in part.structure.dofs])
+    std = part.expanded.std[inside]
+    return replace(
+        part.measured,
+        mode_shapes=part.expanded.shapes[inside],
+        channels=tuple(dof for dof, is_own in zip(part.structure.dofs, inside, strict=True) if is_own),
+        shape_std=std if np.isfinite(std[~np.isnan(part.expanded.shapes[inside])]).all() else None,
+        changes=None,
+        source=f"{part.measured.source}, expanded to the model by {part.options.expansion}",
+    )

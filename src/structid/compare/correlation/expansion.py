@@ -1,0 +1,233 @@
+"""Between sensors and all degrees of freedom: the model seen from its sensors, and measured shapes carried on to the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError, SingularModelError
+from structid.dynamics import Modes
+
+Reduction: TypeAlias = Literal["guyan", "serep"]
+#: Part of the largest singular value that counts as none.
+_RANK = 1e-8
+Method: TypeAlias = Literal["serep", "dynamic"]
+#: Condition of the modes at the sensors beyond which they are not told apart.
+_WORST = 100.0
+
+
+def constrained_shapes(dynamic_stiffness: sparse.csc_array, sensors: sparse.csc_array) -> FloatArray:
+    """The motion without force elsewhere that each sensor at 1 and all others at 0 makes, (n_dofs, n_channels).
+
+    The solution x of Z x = S f, S' x = e for every unit vector e: with Z = K it is Guyan's (1965) reduction, with
+    Z = K - omega^2 M the dynamic expansion of Kidder (1973). Sensors may read sums of degrees of freedom.
+
+    Parameters
+    ----------
+    dynamic_stiffness : (n_dofs, n_dofs) sparse array
+        Z, symmetric; singular where the structure is free, as long as the sensors hold it.
+    sensors : (n_dofs, n_channels) sparse array
+        S, see `Structure.selection`.
+
+    Raises
+    ------
+    InputError
+        If sensors read the same.
+    SingularModelError
+        If the sensors leave a motion without stiffness free.
+
+    References
+    ----------
+    Guyan (1965), AIAA Journal 3(2), 380; Kidder (1973), AIAA Journal 11(6), 892-893.
+    """
+    n, count = sensors.shape
+    values = np.linalg.eigvalsh((sensors.T @ sensors).toarray())
+    if not count or values[0] <= _RANK * values[-1]:
+        raise InputError("sensors read the same motion more than once; leave one of them out with `channels_used`")
+    size = float(np.abs(dynamic_stiffness.diagonal()).mean()) or 1.0
+    border = size * sensors
+    whole = sparse.block_array([[dynamic_stiffness, border], [border.T, None]], format="csc")
+    right = np.zeros((n + count, count))
+    right[n:] = size * np.eye(count)
+    try:
+        found = np.asarray(splu(whole).solve(right)[:n])
+    except RuntimeError as error:
+        raise SingularModelError(
+            "the model can move without force while every sensor stands still; add supports or sensors"
+        ) from error
+    return found
+
+
+def serep_basis(seen: FloatArray, mode_shapes: FloatArray) -> FloatArray:
+    """The combination of modes that each sensor at 1 and all others at 0 makes, T = Phi (S' Phi)^+, (n_dofs, n_channels).
+
+    Parameters
+    ----------
+    seen : (n_channels, n_modes) float array
+        The modes at the sensors, S' Phi.
+    mode_shapes : (n_dofs, n_modes) float array
+        Phi.
+
+    References
+    ----------
+    O'Callahan, Avitabile and Riemer (1989), System equivalent reduction expansion process (SEREP), Proc. 7th IMAC.
+    """
+    return np.asarray(mode_shapes @ np.linalg.pinv(seen, rcond=_RANK))
+
+
+def reduced_mass(mass: sparse.csc_array, basis: FloatArray) -> FloatArray:
+    """T' M T, (n_channels, n_channels), of a basis T of `constrained_shapes` or `serep_basis`."""
+    return np.asarray(basis.T @ (mass @ basis))
+
+
+@dataclass(frozen=True, eq=False)
+class ExpandedShapes:
+    """Measured shapes on all degrees of freedom.
+
+    Attributes
+    ----------
+    shapes : (n_dofs, n_modes) float array
+        In the scale of the measured shapes; NaN of a mode without a known entry, as are all others of it.
+    std : (n_dofs, n_modes) float array
+        From noise of the shapes and, where stated, error of the model; NaN where neither is known.
+    residual : (n_channels, n_modes) float array
+        Expanded less measured, at the sensors; zero of a dynamic expansion, which keeps what was measured; NaN where an
+        entry is unknown.
+    noise : (n_channels, n_modes) float array
+        Standard deviation of the measured entries that was counted on: stated, or from the residual.
+    basis : tuple of tuple of int
+        Modes of the model that each shape is made of; () of a dynamic expansion, and where no entry is known.
+    """
+
+    shapes: FloatArray
+    std: FloatArray
+    residual: FloatArray
+    noise: FloatArray
+    basis: tuple[tuple[int, ...], ...]
+
+
+def expand(
+    measured: FloatArray,
+    frequency: FloatArray,
+    sensors: sparse.csc_array,
+    modes: Modes,
+    basis: Sequence[Sequence[int]],
+    *,
+    shape_std: FloatArray | None = None,
+    model_error: float = 0.0,
+    dynamic: tuple[sparse.csc_array, sparse.csc_array] | None = None,
+) -> ExpandedShapes:
+    """Shapes psi = S' x + n measured at sensors as shapes x = G psi of all degrees of freedom.
+
+    SEREP takes G = Phi_b (S' Phi_b)^+ with the modes b of `basis`: shapes are sums of those modes. The dynamic expansion
+    takes the motion at the measured frequency without force where no sensor is, see `constrained_shapes`.
+
+    The error of x is (I - G S') e - G n. Noise n has the covariance diag(`shape_std`)^2. An error of the model turns its
+    mode r towards the others, e = q sum_j c_j phi_j; with a `model_error` of eps its stiffness errs between two modes by
+    phi_j' dK phi_r = E_jr omega_j omega_r, E_jr of standard deviation eps, so that std(c_j) = eps omega_j omega_r /
+    |omega_j^2 - omega_r^2|, and never above 1, to first order. Far above r it is c = -(I + E)^-1 E_r, whose variance n modes
+    together raise by 1 + 3 n eps^2, to second order. q is the part of phi_r in x.
+
+    Parameters
+    ----------
+    measured : (n_channels, n_modes) float array
+        Real shapes psi, see `structid.similarity.shapes.most_real`; NaN where an entry is unknown: each shape is carried on
+        from the sensors at which it is known.
+    frequency : (n_modes,) float array
+        Measured, Hz.
+    sensors : (n_dofs, n_channels) sparse array
+        S, see `Structure.selection`.
+    modes : Modes
+        Of the model; those that an error of the model may bring in.
+    basis : sequence of sequence of int
+        Of each shape the modes b, counted from 0, first the one that it is: as many as the sensors tell apart are used.
+    shape_std : (n_channels, n_modes) float array, optional
+        Standard deviation of every entry; from the residual of SEREP where sensors are more than modes, else unknown.
+    model_error : float
+        eps, 1. Elements that are each off by 10 % on their own make about 0.1 over the root of their number. The error is
+        taken to second order: n eps^2, the variance that a stiffness errs by in parts of its own, is to stay below 0.1.
+    dynamic : (mass, stiffness), optional
+        Matrices (n_dofs, n_dofs) for the dynamic expansion; without them it is SEREP.
+
+    Raises
+    ------
+    InputError
+        If sizes disagree, or no mode of the basis moves the sensors.
+
+    References
+    ----------
+    O'Callahan, Avitabile and Riemer (1989), Proc. 7th IMAC; Kidder (1973), AIAA Journal 11(6), 892-893; Brincker,
+    Skafte, Lopez-Aenlle, Sestieri, D'Ambrogio and Canteli (2014), Mech. Syst. Signal Process. 45, 91-104, for few modes
+    near the measured one as the basis; Fox and Kapoor (1968), AIAA Journal 6(12), 2426-2429, Eq. (24) for the turning.
+    """
+    n_channels, n_modes = measured.shape
+    if sensors.shape[1] != n_channels or len(frequency) != n_modes or len(basis) != n_modes or not all(map(len, basis)):
+        raise InputError(
+            f"`measured` is {measured.shape}, and `sensors` has {sensors.shape[1]} channels, `frequency` {len(frequency)} and"
+            f" `basis` {len(basis)} modes; they must agree, and every shape needs a mode"
+        )
+    everywhere = np.asarray(sensors.T @ modes.mode_shapes)
+    shapes, std = (np.full((sensors.shape[0], n_modes), np.nan) for _ in range(2))
+    residual, noise = (np.full(measured.shape, np.nan) for _ in range(2))
+    used: list[tuple[int, ...]] = []
+    for r in range(n_modes):
+        own = np.flatnonzero(~np.isnan(measured[:, r]))
+        if not len(own):
+            used.append(())
+            continue
+        seen, given = everywhere[own], measured[own, r]
+        if dynamic is None:
+            chosen = _told_apart(seen, basis[r])
+            carry = modes.mode_shapes[:, chosen] @ np.linalg.pinv(seen[:, chosen])
+        else:
+            mass, stiffness = dynamic
+            omega = 2 * np.pi * float(frequency[r])
+            chosen, carry = (), constrained_shapes(sparse.csc_array(stiffness - omega**2 * mass), sensors[:, own])
+        shapes[:, r] = carry @ given
+        residual[own, r] = (sensors.T @ shapes[:, r])[own] - given
+        if shape_std is not None:
+            noise[own, r] = shape_std[own, r]
+        elif chosen and len(own) > len(chosen):
+            noise[own, r] = np.sqrt((residual[own, r] ** 2).sum() / (len(own) - len(chosen)))
+        variance = np.square(carry) @ np.square(noise[own, r])
+        if model_error > 0:
+            left = modes.mode_shapes - carry @ seen
+            near = chosen or _told_apart(seen, basis[r])
+            part = float((np.linalg.pinv(seen[:, near]) @ given)[0])
+            variance = variance + np.square(left) @ (part**2 * _turning(modes, near[0], model_error))
+        std[:, r] = np.sqrt(variance)
+        used.append(chosen)
+    return ExpandedShapes(shapes, std, residual, noise, tuple(used))
+
+
+def _told_apart(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
+    """The first of `modes` as far as the sensors tell them apart."""
+    size = np.abs(seen).max(axis=0)
+    found: list[int] = []
+    for k in modes:
+        wanted = [*found, k]
+        values = np.linalg.svd(seen[:, wanted] / np.maximum(size[wanted], 1e-300), compute_uv=False)
+        if size[k] > 0 and len(wanted) <= len(seen) and values[0] <= _WORST * values[-1]:
+            found.append(k)
+    if not found:
+        raise InputError("no mode of the model that a shape could be made of moves the sensors; check the channels")
+    return tuple(found)
+
+
+def _turning(modes: Modes, own: int, model_error: float) -> FloatArray:
+    """Variance of the part that every mode of the model has in a measured one, in parts of that of the mode `own`, (n_modes,).
+
+    The part of the mode `own` is known; it counts where an expansion does not keep it.
+    """
+    squares = (2 * np.pi * modes.frequency) ** 2
+    together = model_error**2 * (1 + 3 * len(squares) * model_error**2)
+    between = together * squares[own] * squares
+    variance = between / ((squares - squares[own]) ** 2 + between + np.finfo(float).tiny)
+    variance[own] = 1.0
+    return np.asarray(variance)

@@ -1,0 +1,96 @@
+"""Measured response functions beside a model's: FRAC of every function, FDAC of every load, resonances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray, spread_over
+from structid.core.errors import InputError
+from structid.identification.fits.resonances import Resonance, resonances
+from structid.records import FrfRecord
+from structid.similarity import fdac, frac
+
+#: Lines of an FDAC map at most, on either axis.
+_MOST_LINES = 90
+#: Lines that a function needs to be told from another.
+_LEAST_LINES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class ResponsesCorrelation:
+    """Measured response functions beside a model's at the same lines.
+
+    Attributes
+    ----------
+    name : str
+    record : FrfRecord
+    model : (n_frequencies, n_outputs, n_inputs) complex array
+    """
+
+    name: str
+    record: FrfRecord
+    model: ComplexArray
+
+    @cached_property
+    def frac(self) -> FloatArray:
+        """Of every function, (n_outputs, n_inputs); NaN where one is zero throughout."""
+        x, y = self.record.values, self.model
+        moving = (np.abs(x).max(axis=0) > 0) & (np.abs(y).max(axis=0) > 0)
+        found = np.full(moving.shape, np.nan)
+        if moving.any():
+            found[moving] = frac(x[:, moving], y[:, moving])
+        return found
+
+    @cached_property
+    def resonances(self) -> tuple[Resonance, ...]:
+        """Peaks of the record, and the model's nearest."""
+        return resonances(self.record, self.model)
+
+    @cached_property
+    def map_lines(self) -> np.ndarray:
+        """Places of the lines of `fdac`, evenly spread, (n_shown,)."""
+        return spread_over(len(self.record.frequency), _MOST_LINES)
+
+    @cached_property
+    def fdac(self) -> FloatArray | None:
+        """Measured lines by the model's, of every load, (n_inputs, n_shown, n_shown); None with a single output."""
+        if self.record.values.shape[1] < 2:
+            return None
+        return fdac(self.record.values[self.map_lines], self.model[self.map_lines])
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Resonances that the model has not."""
+        lost = [f"{one.measured:.5g}" for one in self.resonances if np.isnan(one.predicted)]
+        if not lost:
+            return ()
+        return (f"the model has no resonance within 15 % of those measured at {', '.join(lost[:6])} Hz",)
+
+
+def correlated_responses(record: FrfRecord, model: ComplexArray, name: str = "") -> ResponsesCorrelation:
+    """The functions of `record` beside those of a model.
+
+    Parameters
+    ----------
+    record : FrfRecord
+    model : (n_frequencies, n_outputs, n_inputs) complex array
+        At the same lines, of the same kind.
+    name : str
+
+    Raises
+    ------
+    InputError
+        If the shapes differ, there are fewer than three lines, or the model's response is not finite.
+    """
+    if model.shape != record.values.shape:
+        raise InputError(f"the model's response must be {record.values.shape} like the record's, got {model.shape}")
+    if len(record.frequency) < _LEAST_LINES:
+        raise InputError(
+            f"the record has {len(record.frequency)} lines in the band, of which any two functions are alike; widen the band"
+        )
+    if not np.isfinite(model).all():
+        raise InputError("the model's response is not finite; check its masses, stiffnesses and supports")
+    return ResponsesCorrelation(name, record, model)

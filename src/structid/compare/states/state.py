@@ -1,0 +1,240 @@
+"""States as a comparison takes them: of a study that is run, or of an earlier run's results; of two, what stays unchanged."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import FileError, InputError
+from structid.criticism.verdict import NOT_TRIED, Judgement, Verdict, judged
+from structid.fem import Structure
+from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
+from structid.inversion import Estimate, Status
+from structid.inversion.comparison.comparison import Identified
+from structid.study.results.result import StudyResult
+from structid.study.schema.model.structure import read_structure
+from structid.study.schema.root import InputFiles, read_study_text
+from structid.study.schema.section import Section
+from structid.study.schema.unknowns import read_parameters
+from structid.unknowns import Parameters, joint_prior
+
+
+@dataclass(frozen=True, eq=False)
+class StoredEstimate:
+    """What a results folder tells of an estimate; the attributes are those of `Estimate`."""
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    status: Status
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What a drawing of the state needs.
+
+    Attributes
+    ----------
+    structure : Structure
+    parameters : Parameters
+    outputs, inputs : tuple of Dof
+    """
+
+    structure: Structure
+    parameters: Parameters
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One side of a comparison.
+
+    Attributes
+    ----------
+    title : str
+    path : Path
+        Study file or results folder.
+    estimate : Estimate or StoredEstimate
+    inputs : mapping of str to str
+        SHA-256 of the input files.
+    result : StudyResult or None
+        Of a study that was run just now.
+    held : tuple of str
+        Names of the regularizations that hold its parameters.
+    drawn : Drawn or None
+        None where the study of a results folder cannot be read without the files beside it.
+    judgement : Judgement
+        The verdict, and its words.
+    """
+
+    title: str
+    path: Path
+    estimate: Estimate | StoredEstimate
+    inputs: Mapping[str, str]
+    result: StudyResult | None
+    held: tuple[str, ...]
+    drawn: Drawn | None
+    judgement: Judgement
+
+    @property
+    def doubt(self) -> str:
+        """The verdict in words, where the answer is not sound."""
+        return "" if self.judgement.verdict == "sound" else self.judgement.words
+
+    @property
+    def is_wrong(self) -> bool:
+        """Whether the model does not explain the record."""
+        return self.judgement.verdict == "wrong_model"
+
+
+def state_of(result: StudyResult) -> State:
+    """The state that a run of a study found."""
+    found = result.identification
+    drawn = Drawn(found.structure, found.parameters, found.sensors, found.loads)
+    study = result.study
+    held = tuple(item.name for item in found.held)
+    judgement = judged(found, untried=NOT_TRIED)
+    return State(study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn, judgement)
+
+
+def stored_state(folder: Path) -> State:
+    """The state that the results folder of `structid identify` holds.
+
+    Raises
+    ------
+    InputError
+        If estimate.json or estimate.h5 is missing, or is none of structid's.
+    """
+    texts = {}
+    for name in ("estimate.json", "estimate.h5"):
+        if not (folder / name).is_file():
+            raise FileError(f"{folder}: holds no {name}; give a results folder of `structid identify`, or a study file")
+    try:
+        texts = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))
+        if texts.get("search") == "matrix_free":
+            raise FileError(
+                f"{folder}: is of search 'matrix_free', which gives no covariance matrix to compare by; group the unknowns"
+                " and identify again without it"
+            )
+        estimate, channels = _stored_estimate(
+            folder / "estimate.h5", Status(texts["status"]), texts["covariance_basis"]
+        )
+        inputs = dict(texts["provenance"]["inputs"])
+        held = tuple(str(item["name"]) for item in texts.get("regularization", ()))
+    except FileError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"{folder}: its estimate.json and estimate.h5 cannot be used ({error}); write them again with"
+            " `structid identify`"
+        ) from error
+    title, drawn = str(texts.get("title", folder.name)), _drawn(folder, channels)
+    judgement = Judgement(cast(Verdict, texts.get("verdict", "sound")), str(texts.get("verdict_text", "")))
+    return State(title, folder, estimate, inputs, None, held, drawn, judgement)
+
+
+def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:
+    """The estimate in estimate.h5, and the names of its channels."""
+    names, matrix = ("names", "kinds", "units"), f"covariance_{basis}"
+    record = "frf/" if "frf/outputs" in hdf5_datasets(path) else "modal_record_1/"
+    places = ("outputs", "inputs") if record == "frf/" else ("channels",)
+    wanted = [record + name for name in places] + [f"parameters/{name}" for name in (*names, "values", matrix)]
+    found = hdf5_fields(path, wanted)
+    texts = {name: texts_of(found[f"parameters/{name}"]) for name in names}
+    values = np.asarray(found["parameters/values"], dtype=float)
+    covariance = np.asarray(found[f"parameters/{matrix}"], dtype=float)
+    channels = {"outputs": texts_of(found[record + places[0]]), "inputs": ()}
+    if record == "frf/":
+        channels["inputs"] = texts_of(found["frf/inputs"])
+    n = len(values)
+    if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
+        raise ValueError("parameters of different numbers")
+    estimate = StoredEstimate(
+        texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status
+    )
+    return estimate, channels
+
+
+def _drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:
+    """Structure and parameters of the study in `folder`; None where files that it names are elsewhere."""
+    try:
+        source = read_study_text(folder / "study.toml")
+        root = Section(source, (), source.table)
+        section = root.section("structure")
+        if section is None:
+            return None
+        structure = read_structure(section, InputFiles(folder))
+        unknown = read_parameters(root, structure)
+        return Drawn(structure, unknown, parse_dofs(channels["outputs"]), parse_dofs(channels["inputs"]))
+    except InputError:
+        return None
+
+
+def unchanged_parameters(baseline: Identified, later: Parameters, patterns: Sequence[str]) -> tuple[str, ...]:
+    """Names of both states that `patterns` choose: a full name, a kind such as ``mass``, or a pattern with ``*``.
+
+    Raises
+    ------
+    InputError
+        If a pattern chooses nothing that both states identify.
+    """
+    common = [(n, k) for n, k in zip(baseline.names, baseline.kinds, strict=True) if n in later.names]
+    chosen: list[str] = []
+    for pattern in patterns:
+        like = re.compile(".*".join(map(re.escape, pattern.split("*"))))
+        found = [n for n, k in common if pattern == k or like.fullmatch(n)]
+        if not found:
+            have = ", ".join(dict.fromkeys(k for _, k in common)) or "none"
+            raise InputError(
+                f"`unchanged` must name parameters that both states identify, got {pattern!r}; kinds that both have:"
+                f" {have}"
+            )
+        chosen += found
+    return tuple(dict.fromkeys(chosen))
+
+
+def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -> Parameters:
+    """The later state's parameters, started at the baseline, with its result as the prior of the unchanged ones.
+
+    Parameters
+    ----------
+    baseline : Estimate or StoredEstimate
+    later : Parameters
+    unchanged : sequence of str
+        Names; see `unchanged_parameters`. Their prior is the Gaussian of the baseline with all its correlations, so
+        that what the baseline does not know of them is not known later either. Pass the same names to
+        `compare_states` as `carried`.
+
+    Raises
+    ------
+    InputError
+        If the baseline does not determine one of them.
+    """
+    place = {name: i for i, name in enumerate(baseline.names)}
+    start = np.array([baseline.values[place[n]] if n in place else later.start[i] for i, n in enumerate(later.names)])
+    inside = (start > later.transforms.lower) & (start < later.transforms.upper)
+    later = later.started_at(np.where(inside, start, later.start))
+    if not unchanged:
+        return later
+    rows = [place[name] for name in unchanged]
+    return later.coupled(
+        joint_prior(
+            "baseline",
+            later.names,
+            tuple(unchanged),
+            baseline.values[rows],
+            baseline.covariance[np.ix_(rows, rows)],
+            logarithmic=bool((baseline.values[rows] > 0).all()),
+        )
+    )

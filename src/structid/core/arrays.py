@@ -1,0 +1,60 @@
+"""Array hygiene: locked copies, shape checks, and complex numbers stacked as real ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from structid.core.errors import InputError
+
+FloatArray = NDArray[np.floating]
+ComplexArray = NDArray[np.complexfloating]
+IntArray = NDArray[np.integer]
+#: Real or complex.
+NumberArray = NDArray[np.inexact]
+#: Whatever a caller brings or a file holds.
+AnyArray = NDArray[Any]
+
+# The C library of Linux keeps from now on, instead of asking the system page by page each time, what arrays up to this size
+# leave behind: it learns that from the largest one that was given back, 32 MB at most.
+np.empty((32 << 20) - (64 << 10), dtype=np.uint8)
+
+
+def locked(values: ArrayLike, dtype: DTypeLike | None = None) -> AnyArray:
+    """A read-only copy of `values`, so that a frozen object stays what it was."""
+    array = np.array(values, dtype=dtype, copy=True)
+    array.setflags(write=False)
+    return array
+
+
+def require_shape(name: str, array: AnyArray, shape: Sequence[int | None], hint: str = "") -> None:
+    """Raise `InputError` unless `array.shape` matches `shape`, where None stands for any length."""
+    same_rank = array.ndim == len(shape)
+    if same_rank and all(want is None or want == got for want, got in zip(shape, array.shape, strict=True)):
+        return
+    wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+    raise InputError(f"`{name}` must have shape {wanted}, got {array.shape}" + (f"; {hint}" if hint else ""))
+
+
+def require_finite(name: str, array: AnyArray, hint: str = "remove or repair these entries") -> None:
+    """Raise `InputError` that names the first NaN or infinite entry of `array`."""
+    bad = ~np.isfinite(array)
+    if not bad.any():
+        return
+    first = tuple(int(i) for i in np.argwhere(bad)[0])
+    raise InputError(
+        f"`{name}` must be finite, got {int(bad.sum())} NaN or infinite entries, the first at index {first}; {hint}"
+    )
+
+
+def spread_over(n: int, most: int) -> IntArray:
+    """Numbers below `n`, all or as many as `most`, evenly."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
+
+
+def stack_real(values: NumberArray) -> FloatArray:
+    """Real numbers from complex ones along the first axis: all real parts, then all imaginary parts."""
+    return np.concatenate([values.real, values.imag], axis=0)

@@ -1,0 +1,128 @@
+"""What fields and arguments are declared to hold: limits and choices in their annotations, words in docstrings."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from numbers import Real
+from types import MappingProxyType, UnionType
+from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
+
+from structid.core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Between which numbers a value lies; `least` and `most` are allowed, `above` and `below` are not."""
+
+    least: float | None = None
+    above: float | None = None
+    most: float | None = None
+    below: float | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether both ends are open."""
+        return self.above is not None and self.below is not None
+
+    @property
+    def words(self) -> str:
+        """Such as ``at least 0``, ``above 0 and at most 1`` or ``between -1 and 0.5``."""
+        if self.is_open:
+            return f"between {self.above:g} and {self.below:g}"
+        alone = self.most is None and self.below is None
+        low = "" if self.least is None else f"at least {self.least:g}"
+        low = low if self.above is None else f"{'greater than' if alone else 'above'} {self.above:g}"
+        high = "" if self.most is None else f"at most {self.most:g}"
+        high = high if self.below is None else f"less than {self.below:g}"
+        return " and ".join(part for part in (low, high) if part)
+
+    def hold(self, value: float) -> bool:
+        """Whether `value` lies within them."""
+        return (
+            (self.least is None or value >= self.least)
+            and (self.above is None or value > self.above)
+            and (self.most is None or value <= self.most)
+            and (self.below is None or value < self.below)
+        )
+
+
+Positive = Annotated[float, Limits(above=0)]
+NotNegative = Annotated[float, Limits(least=0)]
+Count = Annotated[int, Limits(least=1)]
+#: A whole number of at least 0.
+Number = Annotated[int, Limits(least=0)]
+
+
+def _types(owner: Callable[..., object]) -> Mapping[str, object]:
+    return MappingProxyType(get_type_hints(owner, include_extras=True))
+
+
+#: Annotation of every field of a dataclass, or argument of a function, by its name.
+declared_types: Callable[[Callable[..., object]], Mapping[str, object]] = cache(_types)
+
+
+def declared_words(owner: Callable[..., object]) -> dict[str, str]:
+    """What docstrings in the form of numpydoc, of a function or of a class and its bases, say of each parameter."""
+    found: dict[str, str] = {}
+    for part in reversed(owner.__mro__) if isinstance(owner, type) else (owner,):
+        text = inspect.cleandoc(part.__doc__ or "")
+        for section in re.findall(r"^(?:Parameters|Attributes)\n-+\n((?:.+\n?)*)", text, re.MULTILINE):
+            names: list[str] = []
+            for line in section.splitlines():
+                if line.startswith(" "):
+                    found.update({name: f"{found[name]} {line.strip()}".strip() for name in names})
+                else:
+                    names = line.partition(" : ")[0].split(", ")
+                    found.update(dict.fromkeys(names, ""))
+    return found
+
+
+def alternatives(annotation: object) -> tuple[object, ...]:
+    """The parts of a union without None; the annotation itself where it is none."""
+    if get_origin(annotation) in (Union, UnionType):
+        return tuple(part for part in get_args(annotation) if part is not type(None))
+    return (annotation,)
+
+
+def type_words(annotation: object) -> str:
+    """An annotation as docstrings say it."""
+    if get_origin(annotation) is Annotated:
+        inner, *marks = get_args(annotation)
+        return next((mark for mark in marks if isinstance(mark, str)), type_words(inner))
+    if get_origin(annotation) is Literal:
+        return "{" + ", ".join(f'"{name}"' for name in get_args(annotation)) + "}"
+    parts = [getattr(part, "__name__", str(part)) for part in alternatives(annotation)]
+    return " or ".join(parts)
+
+
+def problem_of(annotation: object, value: object) -> str:
+    """What choices and limits that `annotation` declares say against `value`; "" where they say nothing, as of None."""
+    if value is None:
+        return ""
+    choices: list[object] = []
+    others: list[type] = []
+    for part in alternatives(annotation):
+        inner, *marks = get_args(part) if get_origin(part) is Annotated else (part,)
+        limits = next((mark for mark in marks if isinstance(mark, Limits)), None)
+        if limits is not None and isinstance(value, Real) and not limits.hold(float(value)):
+            return f"must {'lie' if limits.is_open else 'be'} {limits.words}, got {float(value):g}"
+        if get_origin(inner) is Literal:
+            choices += get_args(inner)
+        elif isinstance(inner, type):
+            others.append(Real if inner in (int, float) else inner)
+    if choices and value not in choices and not isinstance(value, tuple(others)):
+        named = [*map(str, choices), *("a number" if one is Real else one.__name__ for one in others)]
+        return f"must be one of {', '.join(named)}, got {value!r}"
+    return ""
+
+
+def require_declared(thing: object) -> None:
+    """Raise `InputError` at the first field of a dataclass whose value its annotation does not allow; see `problem_of`."""
+    for name, annotation in declared_types(type(thing)).items():
+        problem = problem_of(annotation, getattr(thing, name))
+        if problem:
+            raise InputError(f"`{name}` {problem}")

@@ -1,0 +1,134 @@
+"""What Python and notebooks show of an object: a line and a short table instead of all its arrays."""
+
+from __future__ import annotations
+
+import html
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
+
+from structid.core.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+#: Rows that are shown; the table says how many more there are.
+_MOST_ROWS = 30
+#: Warnings that a terminal shows at once.
+MOST_WARNINGS = 5
+
+
+@dataclass(frozen=True)
+class Overview:
+    """A line, and a table below it.
+
+    Attributes
+    ----------
+    words : str
+    header : sequence of str
+    rows : sequence of sequences of str
+    """
+
+    words: str
+    header: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+
+
+class Shown(ABC):
+    """An object with an `overview`: its ``repr``, its table in notebooks, and `summary` as text."""
+
+    @abstractmethod
+    def overview(self) -> Overview:
+        """What is shown."""
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.overview().words}>"
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def summary(self) -> str:
+        """The line and the table as text, all rows."""
+        shown = self.overview()
+        lines = [list(shown.header), *map(list, shown.rows)] if shown.rows else []
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        table = ["  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)) for line in lines]
+        return "\n".join([shown.words, *(line.rstrip() for line in table)])
+
+    def _repr_html_(self) -> str:
+        shown = self.overview()
+        first, more = shown.rows[:_MOST_ROWS], len(shown.rows) - _MOST_ROWS
+        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in shown.header)
+        body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in first)
+        table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if first else ""
+        rest = f"<p>and {more} more</p>" if more > 0 else ""
+        return f"<p><b>{type(self).__name__}</b>: {html.escape(shown.words)}</p>{table}{rest}"
+
+
+def figures(value: float, digits: int = 5) -> str:
+    """A number with so many significant digits; nothing where there is none."""
+    return f"{value:.{digits}g}" if math.isfinite(value) else "-" if math.isnan(value) else str(value)
+
+
+def counted(count: int, noun: str) -> str:
+    """`count` and `noun`, in the plural where needed."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def listed(items: Sequence[object], most: int = 6) -> str:
+    """The first few, and how many more."""
+    more = len(items) - most
+    return ", ".join(map(str, items[:most])) + (f" and {more} more" if more > 0 else "")
+
+
+def file_names(paths: Sequence[str | Path]) -> list[str]:
+    """What to call files: by their names, or by their paths where two have one name."""
+    names = [Path(path).name for path in paths]
+    return names if len(set(names)) == len(names) else [str(path) for path in paths]
+
+
+def first_warnings(warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[str]:
+    """What a terminal shows of warnings, which stand in the order of their weight: the first few, and how many more."""
+    told = list(warnings)
+    more = len(told) - most
+    left = [f"{counted(more, 'more warning')}: in the results"] if more > 0 else []
+    return [*(f"warning: {words}" for words in told[:most]), *left]
+
+
+def data_array(
+    values: ArrayLike, axes: Mapping[str, Iterable[object]], name: str, about: Mapping[str, object]
+) -> xr.DataArray:
+    """Values as an ``xarray.DataArray`` with the labels of its axes.
+
+    Raises
+    ------
+    InputError
+        If xarray is missing.
+    """
+    try:
+        import xarray
+    except ImportError as error:
+        raise InputError("`xarray` must be installed for labelled arrays; `pip install xarray`") from error
+    labels = {axis: list(given) for axis, given in axes.items()}
+    return xarray.DataArray(values, labels, tuple(axes), name, dict(about))
+
+
+def data_frame(columns: Mapping[str, Iterable[object]], index: str) -> pd.DataFrame:
+    """Columns as a ``pandas.DataFrame`` with one of them as the index.
+
+    Raises
+    ------
+    InputError
+        If pandas is missing.
+    """
+    try:
+        import pandas
+    except ImportError as error:
+        raise InputError("`pandas` must be installed for data frames; `pip install pandas`") from error
+    return pandas.DataFrame(dict(columns)).set_index(index)

@@ -1,0 +1,165 @@
+"""Degrees of freedom by name: a node label, a direction and a sense, written `12Z+`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from structid.core.errors import InputError
+
+DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
+
+_WORD = re.compile(
+    r"^\s*(?P<node>\d{1,15})\s*[:_ ]?\s*(?P<before>[+-]?)\s*(?P<direction>R?[XYZ])\s*(?P<after>[+-]?)\s*$",
+    re.IGNORECASE,
+)
+_LOAD = "load "
+_NUMBER = re.compile(r"^\s*(?P<node>\d{1,15})\.0?(?P<component>[1-6])\s*(?P<after>[+-]?)\s*$")
+
+
+@dataclass(frozen=True, order=True)
+class Dof:
+    """One direction at one node, with the sense in which a sensor or a load counts as positive.
+
+    Parameters
+    ----------
+    node : int
+        Label of the node, as the user numbers it.
+    direction : str
+        One of ``X Y Z`` (translations, m) and ``RX RY RZ`` (rotations, rad).
+    sign : int
+        +1, or -1 for a sensor or load that points against the axis.
+    """
+
+    node: int
+    direction: str
+    sign: int = 1
+
+    def __post_init__(self) -> None:
+        if self.direction not in DIRECTIONS:
+            raise InputError(f"`direction` must be one of {' '.join(DIRECTIONS)}, got {self.direction!r}")
+        if self.sign not in (1, -1):
+            raise InputError(f"`sign` must be 1 or -1, got {self.sign!r}")
+
+    @property
+    def axis(self) -> int:
+        """0 to 5 for X Y Z RX RY RZ."""
+        return DIRECTIONS.index(self.direction)
+
+    @property
+    def is_rotation(self) -> bool:
+        return self.direction.startswith("R")
+
+    @property
+    def unsigned(self) -> Dof:
+        """The same place and direction, counted positive along the axis."""
+        return self if self.sign > 0 else Dof(self.node, self.direction)
+
+    @property
+    def place(self) -> str:
+        """Where it is, without a sense: ``12Z``."""
+        return f"{self.node}{self.direction}"
+
+    def __str__(self) -> str:
+        return f"{self.place}{'+' if self.sign > 0 else '-'}"
+
+
+def parse_dof(text: str | Dof) -> Dof:
+    """The degree of freedom named by `text`: `12Z+`, `12Z`, `12:+Z`, `12_z`, `3RX-` or `12.03`.
+
+    In the dotted form the digits after the point are 1 to 3 for translations, 4 to 6 for rotations.
+    The sense is never lost: `12:-Z` is `12Z-`.
+
+    Raises
+    ------
+    InputError
+        If `text` is none of these forms.
+
+    Examples
+    --------
+    >>> str(parse_dof("12_z"))
+    '12Z+'
+    >>> str(parse_dof("12:-Z")), str(parse_dof("12.04"))
+    ('12Z-', '12RX+')
+    """
+    if isinstance(text, Dof):
+        return text
+    word = _WORD.match(text) if isinstance(text, str) else None
+    if word:
+        senses = word["before"] + word["after"]
+        if len(senses) > 1:
+            raise InputError(f"degree of freedom {text!r} has two signs; write one, as in 12Z- or 12:-Z")
+        return Dof(int(word["node"]), word["direction"].upper(), -1 if senses == "-" else 1)
+    number = _NUMBER.match(text) if isinstance(text, str) else None
+    if number:
+        direction = DIRECTIONS[int(number["component"]) - 1]
+        return Dof(int(number["node"]), direction, -1 if number["after"] == "-" else 1)
+    raise InputError(
+        f"cannot read {text!r} as a degree of freedom; write node, direction and sense, as in 12Z+ or 3RX-"
+    )
+
+
+def as_dof(text: str) -> Dof | None:
+    """The degree of freedom that `text` names; None where it names none."""
+    try:
+        return parse_dof(text)
+    except InputError:
+        return None
+
+
+def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
+    """Every text of `texts` as a `Dof`, in order."""
+    return tuple(parse_dof(text) for text in texts)
+
+
+def renamed(
+    sensors: Sequence[Dof], loads: Sequence[Dof], names: Mapping[str, str]
+) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
+    """`sensors` and `loads` under other names.
+
+    Parameters
+    ----------
+    sensors, loads : sequence of Dof
+        As a record calls them.
+    names : mapping of str to str
+        What each of them is in truth, by its name in the record: the sensors of that name whatever their sense, or the
+        loads where no sensor has it; ``load 3Z`` is the load in any case. A name such as ``3Z-`` turns the sense round.
+
+    Raises
+    ------
+    InputError
+        If there is no channel of a name, or two would have the same one.
+
+    Examples
+    --------
+    >>> sensors, loads = renamed(parse_dofs(["3Z-", "5Z"]), parse_dofs(["3Z"]), {"3Z": "5Z", "5Z": "3Z"})
+    >>> [str(dof) for dof in (*sensors, *loads)]
+    ['5Z-', '3Z+', '3Z+']
+    """
+    of_sensors, of_loads = {dof.unsigned for dof in sensors}, {dof.unsigned for dof in loads}
+    wanted: tuple[dict[Dof, Dof], dict[Dof, Dof]] = ({}, {})
+    for text, other in names.items():
+        is_load = text.startswith(_LOAD)
+        old, new = parse_dof(text.removeprefix(_LOAD)), parse_dof(other)
+        if old.unsigned not in of_loads and (is_load or old.unsigned not in of_sensors):
+            known = ", ".join(dict.fromkeys(str(own) for own in (*sensors, *loads)))
+            raise InputError(f"there is no {'load' if is_load else 'channel'} {old.place}; the record has {known}")
+        chosen = wanted[is_load or old.unsigned not in of_sensors]
+        if old.unsigned in chosen:
+            raise InputError(f"{text} is renamed twice; give it one name")
+        chosen[old.unsigned] = Dof(new.node, new.direction, new.sign * old.sign)
+    return _renamed(sensors, wanted[0]), _renamed(loads, wanted[1])
+
+
+def _renamed(dofs: Sequence[Dof], names: Mapping[Dof, Dof]) -> tuple[Dof, ...]:
+    before: dict[Dof, Dof] = {}
+    for dof in dict.fromkeys(dof.unsigned for dof in dofs):
+        new = names.get(dof, dof).unsigned
+        other = before.setdefault(new, dof)
+        if other != dof:
+            raise InputError(
+                f"{other.place} and {dof.place} would both be called {new.place}; give one of them another name"
+            )
+    now = [names.get(dof.unsigned, dof.unsigned) for dof in dofs]
+    return tuple(Dof(new.node, new.direction, new.sign * dof.sign) for new, dof in zip(now, dofs, strict=True))

@@ -1,0 +1,140 @@
+"""Cards of Nastran and keywords of Abaqus in the text of a deck, with the characters where each field stands."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import NamedTuple
+
+from structid.core.errors import InputError
+from structid.fem.meshes.abaqus import keyword_options
+
+#: Columns of a small field; a large one has two. Continuations begin the fields 12, 22, ... of a card.
+_SMALL, ROW = 8, 10
+
+
+class Field(NamedTuple):
+    """A field of a card.
+
+    Attributes
+    ----------
+    line, start, end : int
+        Line, first character, and that behind the last.
+    width : int
+        Characters that a number may have.
+    text, whole : str
+        What it holds, and its line.
+    """
+
+    line: int
+    start: int
+    end: int
+    width: int
+    text: str
+    whole: str
+
+
+#: A keyword with what is below it, comments too.
+_KEYWORD = re.compile(r"^[ \t]*\*(?!\*).*(?:\n(?![ \t]*\*(?!\*)).*)*", re.MULTILINE)
+
+
+def _blocks(pattern: re.Pattern[str], text: str) -> Iterator[list[tuple[int, int, str]]]:
+    """Number, first character and text of every line of each match."""
+    number, counted = 1, 0
+    for found in pattern.finditer(text):
+        number, counted = number + text.count("\n", counted, found.start()), found.start()
+        start, lines = found.start(), []
+        for at, line in enumerate(found[0].split("\n"), number):
+            lines.append((at, start, line.removesuffix("\r")))
+            start += len(line) + 1
+        yield lines
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """A card of bulk data, with its fields by number."""
+
+    file: str
+    line: int
+    name: str
+    fields: dict[int, Field]
+
+    @property
+    def first(self) -> str:
+        """What field 2 holds."""
+        return self.fields[2].text.upper() if 2 in self.fields else ""
+
+    @property
+    def said(self) -> str:
+        """As messages name it."""
+        return f"{self.name} {self.first} (line {self.line})"
+
+
+def cards_in(file: str, text: str, name: str) -> Iterator[Card]:
+    """The cards of bulk data that are called `name`; an `InputError` where tabs move their columns."""
+    pattern = re.compile(rf"^{re.escape(name)}\b.*(?:\n(?![A-Z]).*)*", re.MULTILINE | re.IGNORECASE)
+    for lines in _blocks(pattern, text):
+        fields: dict[int, Field] = {}
+        row, half, is_open = -ROW, 0, False
+        for number, start, whole in lines:
+            line = whole.partition("$")[0]
+            if not line.strip():
+                continue
+            is_free = "," in line
+            if "\t" in line and not is_free:
+                raise InputError(f"{file}, line {number}: tabs move the columns of this {name}; write blanks")
+            is_large = "*" in (line.partition(",")[0] if is_free else line[:_SMALL])
+            row, half = (row, 1) if is_large and is_open else (row + ROW, 0)
+            is_open = is_large and half == 0
+            n_fields, width = (4, 2 * _SMALL) if is_large else (8, _SMALL)
+            for k, (at, text_of) in enumerate(_split(line, is_free, width)[:n_fields]):
+                size = max(width, len(text_of.strip())) if is_free else width
+                end = start + at + len(text_of)
+                fields[row + 2 + 4 * half + k] = Field(number, start + at, end, size, text_of.strip(), whole)
+        yield Card(file, lines[0][0], name, fields)
+
+
+def _split(line: str, is_free: bool, width: int) -> list[tuple[int, str]]:
+    """First character and text of the fields of a line behind its name."""
+    if not is_free:
+        return [(at, line[at : at + width]) for at in range(_SMALL, min(len(line), ROW * _SMALL - _SMALL), width)]
+    words = line.split(",")
+    ends = accumulate(len(word) + 1 for word in words)
+    return list(zip(ends, words[1:], strict=False))
+
+
+@dataclass(frozen=True, eq=False)
+class Keyword:
+    """A keyword with its options, and its data lines: number, first character and text."""
+
+    file: str
+    line: int
+    name: str
+    options: dict[str, str]
+    data: list[tuple[int, int, str]]
+
+    def is_called(self, words: str, with_options: bool = True) -> bool:
+        """Whether it is this keyword, with these options."""
+        name, options = called(words)
+        known = {key: value.upper() for key, value in self.options.items()}
+        return self.name == name and (
+            not with_options or all(known.get(key) == value.upper() for key, value in options.items())
+        )
+
+
+def called(words: str) -> tuple[str, dict[str, str]]:
+    """Name and options of a keyword line."""
+    name, *options = words.split(",")
+    return " ".join(name.replace("*", " ").upper().split()), keyword_options(options)
+
+
+def keywords_in(file: str, text: str) -> Iterator[Keyword]:
+    """All keywords of an input file of Abaqus or CalculiX; lines that go on behind a comma are joined, comments left out."""
+    for lines in _blocks(_KEYWORD, text):
+        told = [line for line in lines if line[2].strip() and not line[2].lstrip().startswith("**")]
+        words, below = told[0][2].strip(), told[1:]
+        while words.endswith(",") and below:
+            words, below = words + below[0][2].strip(), below[1:]
+        yield Keyword(file, told[0][0], *called(words), below)

@@ -1,0 +1,237 @@
+"""A deck with marked numbers, and the text of it for given values."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from structid.core.constraints import Positive
+from structid.core.errors import FileError, InputError
+
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+#: ``{{name}}`` in a deck, or ``{{name:8}}`` for a field of eight characters.
+_MARK = re.compile(r"\{\{\s*(" + _NAME.pattern + r")\s*(?::\s*(\d+)\s*)?\}\}")
+_ANY_MARK = re.compile(r"\{\{[^}\n]*\}?\}?")
+#: Characters of a number where the mark does not say it: a large field of Nastran, and less than the 20 that CalculiX reads.
+WIDTH = 16
+_NARROWEST = 5
+#: The file beside a deck that lists the lines at which FRFs are needed, and the mark of a line of the deck that tells them.
+FREQUENCIES = "frequencies.csv"
+_LINE_MARK = re.compile(r"\{\{\s*frequency\s*(?::\s*(\d+)\s*)?\}\}")
+
+
+@dataclass(frozen=True)
+class DeckParameter:
+    """A marked number of a deck.
+
+    Parameters
+    ----------
+    name : str
+        As in the mark.
+    value : float
+        Nominal value, in the units of the deck.
+    unit : str
+        For results and pages.
+    step : float, optional
+        Change for differences, as a part of the value (in its unit where that is 0): 0.01 at first for modes, 0.002 for
+        FRFs, 0.5 for matrices.
+    bounds : (float, float), optional
+        Beyond which the solver is never asked.
+    at : float, optional
+        Where differences of modes or FRFs are taken; the nominal value by default.
+    """
+
+    name: str
+    value: float
+    unit: str = "1"
+    step: Positive | None = None
+    bounds: tuple[float, float] | None = None
+    at: float | None = None
+
+    def __post_init__(self) -> None:
+        if _NAME.fullmatch(self.name) is None:
+            raise InputError(f"`name` must be made of letters, digits and _, as in E_left, got {self.name!r}")
+        low, high = self.limits
+        for key, value in (("value", self.value), ("at", self.centre)):
+            if not low <= value <= high:
+                raise InputError(
+                    f"`{key}` of {self.name!r} must lie within `bounds`, {low:g} to {high:g}, got {value:g}"
+                )
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Least and greatest value that the solver may be asked for."""
+        return (-math.inf, math.inf) if self.bounds is None else self.bounds
+
+    @property
+    def centre(self) -> float:
+        """Where differences of modes or FRFs are taken."""
+        return self.value if self.at is None else self.at
+
+
+@dataclass(frozen=True, eq=False)
+class Deck:
+    """Text files of a solver with marks in place of numbers; the first is the one that the solver is given.
+
+    Parameters
+    ----------
+    texts : mapping of str to str
+        Text by name of the file, as it stands in the folder of a run.
+    parameters : sequence of DeckParameter
+
+    Raises
+    ------
+    InputError
+        If a parameter has no mark, or a mark no parameter.
+    """
+
+    texts: Mapping[str, str]
+    parameters: tuple[DeckParameter, ...]
+
+    def __init__(self, texts: Mapping[str, str], parameters: Sequence[DeckParameter]) -> None:
+        object.__setattr__(self, "texts", dict(texts))
+        object.__setattr__(self, "parameters", tuple(parameters))
+        names = [one.name for one in self.parameters]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"two parameters of the deck are called {name!r}; give each a name of its own")
+        marked: set[str] = set()
+        for file, text in self.texts.items():
+            for mark in _ANY_MARK.finditer(text):
+                marked.add(_require_known(file, text, mark, names))
+        for name in names:
+            if name not in marked:
+                raise InputError(
+                    f"{', '.join(self.texts)}: nothing is marked {{{{{name}}}}}; write it in the deck in place of the number"
+                    f" that parameter {name!r} is, say by `mark` where this stands, or take the parameter out"
+                )
+
+    @property
+    def main(self) -> str:
+        """Name of the file that the solver is given."""
+        return next(iter(self.texts))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(one.name for one in self.parameters)
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Nominal value of each parameter, as the deck shows it."""
+        return self.shown({one.name: one.value for one in self.parameters})
+
+    def shown(self, values: Mapping[str, float]) -> dict[str, float]:
+        """The values as the deck shows them: those of its narrowest field for each, which are what the solver sees."""
+        width = dict.fromkeys(self.names, WIDTH)
+        for text in self.texts.values():
+            for mark in _MARK.finditer(text):
+                width[mark[1]] = min(width[mark[1]], int(mark[2] or WIDTH))
+        return {name: float(number_text(float(values[name]), width[name])) for name in self.names}
+
+    def written(self, values: Mapping[str, float]) -> dict[str, str]:
+        """Text of each file with `values` (by name) in place of the marks.
+
+        A field keeps its width, so that columns stay where they are: numbers are written to the left, blanks after them.
+        """
+
+        def number(mark: re.Match[str]) -> str:
+            if mark[2] is None:
+                return number_text(exact[mark[1]], WIDTH)
+            return number_text(exact[mark[1]], int(mark[2])).ljust(int(mark[2]))
+
+        exact = self.shown(values)
+        return {file: _MARK.sub(number, text) for file, text in self.texts.items()}
+
+
+def with_lines(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str, str]:
+    """A deck that says at which lines to compute: in a file `FREQUENCIES` beside it, and where ``{{frequency}}`` stands.
+
+    A line of the deck that holds the mark is written once for each frequency, Hz.
+    """
+
+    def number(mark: re.Match[str], value: float) -> str:
+        return number_text(value, int(mark[1])).ljust(int(mark[1])) if mark[1] else number_text(value)
+
+    def written(line: str) -> str:
+        return "".join(_LINE_MARK.sub(partial(number, value=f), line) for f in frequency)
+
+    found = {}
+    for file, text in texts.items():
+        lines = text.splitlines(keepends=True)
+        lines = (
+            [one if one.endswith(("\n", "\r")) else f"{one}\n" for one in lines] if _LINE_MARK.search(text) else lines
+        )
+        found[file] = "".join(written(line) if _LINE_MARK.search(line) else line for line in lines)
+    if FREQUENCIES in found:
+        raise InputError(f"a file of the deck is called {FREQUENCIES}, as is the list of lines; give it another name")
+    return found | {FREQUENCIES: "".join(f"{number_text(f)}\n" for f in frequency)}
+
+
+def number_text(value: float, width: int = WIDTH) -> str:
+    """`value` in at most `width` characters, always with a decimal point, with as many digits as fit.
+
+    Raises
+    ------
+    InputError
+        If it is not finite, or not even one digit fits.
+    """
+    if not math.isfinite(value):
+        raise InputError(f"a number of a deck must be finite, got {value}")
+    for digits in range(17, 0, -1):
+        candidates = []
+        for text in (f"{value:.{digits}g}", f"{value:.{digits - 1}e}"):
+            mantissa, _, exponent = text.partition("e")
+            mantissa = mantissa if "." in mantissa else mantissa + "."
+            mantissa = mantissa.rstrip("0") if "." in mantissa else mantissa
+            mantissa = mantissa.replace("-0.", "-.") if len(mantissa) > width else mantissa
+            candidates.append(mantissa + (f"E{int(exponent)}" if exponent else ""))
+        short = min(candidates, key=len)
+        if len(short) <= width:
+            return short
+    raise InputError(f"{value:g} does not fit in {width} characters; widen the mark to {{{{name:{WIDTH}}}}}")
+
+
+def deck_texts(paths: Sequence[Path]) -> dict[str, str]:
+    """Text of each file of a deck, by its name.
+
+    Raises
+    ------
+    FileError
+        If a file is no text, or two have one name.
+    """
+    texts: dict[str, str] = {}
+    for path in paths:
+        if path.name in texts:
+            raise FileError(f"{path}: two files of the deck are called {path.name}; give each a name of its own")
+        content = path.read_bytes()
+        try:
+            texts[path.name] = content.decode("utf-8")
+        except UnicodeDecodeError:
+            texts[path.name] = content.decode("latin-1")
+        if "\0" in texts[path.name]:
+            raise FileError(f"{path}: must be a deck in text, is binary; write it as text")
+    return texts
+
+
+def _require_known(file: str, text: str, mark: re.Match[str], names: Sequence[str]) -> str:
+    """The name in a mark."""
+    line = text.count("\n", 0, mark.start()) + 1
+    known = _MARK.fullmatch(mark[0])
+    if known is None:
+        raise InputError(
+            f"{file}, line {line}: {mark[0]!r} is no mark; write {{{{name}}}}, or {{{{name:8}}}} with a width"
+        )
+    if known[1] not in names:
+        near = difflib.get_close_matches(known[1], names, 1, 0.0)
+        raise InputError(
+            f"{file}, line {line}: {mark[0]} has no parameter; add [[structure.solver.parameter]] with"
+            f" name = {known[1]!r}" + (f" (the nearest is {near[0]!r})" if near else "")
+        )
+    if known[2] is not None and int(known[2]) < _NARROWEST:
+        raise InputError(f"{file}, line {line}: {mark[0]} is too narrow; give it {_NARROWEST} characters or more")
+    return known[1]

@@ -1,0 +1,97 @@
+"""A model of a solver's modes by differences: exact about the values of its parameters where they are taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import eigh
+
+from structid.core.arrays import FloatArray
+from structid.external.expansion import Point, Powers, shifted
+from structid.external.model import Part, SolverModel
+from structid.external.outputs import ModesOut
+from structid.external.runs import Solver, needed_runs, point_words, run_words
+from structid.external.shapes import Shapes, require_same_dofs
+from structid.external.solved import Checked, Solved, Units, model_parameters
+from structid.external.steps import StepRules, taken
+from structid.external.tangent import tangent
+from structid.fem.importers.exports import LENGTHS
+from structid.inversion.search.work import Work
+
+_RULES = StepRules(first=0.01, least=1e-5, most=0.1, no_effect=2e-7, what="frequency")
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedModes(Solved):
+    """Of modes.
+
+    Attributes
+    ----------
+    out : ModesOut
+    n_modes : int
+        Modes that the model has.
+    """
+
+    model: SolverModel
+    out: ModesOut
+    n_modes: int
+
+    @property
+    def is_exact(self) -> bool:
+        return False
+
+    def checked(self, values: Point, work: Work) -> Checked:
+        [folder], _ = needed_runs(self.solver, [values], work)
+        given = self.out.read(folder).frequency[: self.n_modes]
+        squared = eigh(*(self.model.matrix(key, values).toarray() for key in ("stiffness", "mass")), eigvals_only=True)
+        own = np.sqrt(np.maximum(squared[: len(given)], 0.0)) / (2 * np.pi)
+        moves = given > 1e-3 * given.max()
+        worst = float(np.abs(own[moves] / given[moves] - 1).max())
+        return Checked(
+            worst, f"the solver with the updated deck gives the model's frequencies to {worst:.2g} of their value"
+        )
+
+
+def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: Work) -> SolvedModes:
+    """The model of modes about the centre of each parameter, from differences.
+
+    Raises
+    ------
+    InputError
+        If a run fails, gives other nodes than the first, or a parameter changes no frequency.
+    """
+    own = taken(solver, out.read, _change, _RULES, work)
+    at, centre = own.centre, own.at
+    turned = [replace(d, runs=(_shapes_in_si(d.runs[0], units), _shapes_in_si(d.runs[1], units))) for d in own.pairs]
+    small = tangent(f"shapes of {name}", _shapes_in_si(at, units), turned)
+    references = {one.name: centre[one.name] or 1.0 for one in solver.deck.parameters}
+    parts = []
+    for key, table in (("mass", small.mass), ("stiffness", small.stiffness)):
+        about_zero: dict[Powers, FloatArray] = {}
+        for powers, matrix in table.items():
+            for shift, factor in shifted(powers, centre, references):
+                about_zero[shift] = about_zero.get(shift, 0.0) + factor * matrix
+        parts += [Part(key, shift, sparse.csc_array(matrix)) for shift, matrix in about_zero.items()]
+    model = SolverModel(name, small.masters, tuple(parts), model_parameters(solver, references), small.n_modes)
+    frequency = ", ".join(f"{f:.5g}" for f in at.frequency[: small.n_modes])
+    fact = f"solver: {run_words(own.counts)}; modes at {frequency} Hz, {len(at.dofs)} degrees of freedom; {own.words}"
+    ties = (small.tie,) if small.tie.dependents else ()
+    return SolvedModes(solver, model, ties, small.held, own.counts, (fact,), centre, units, out, small.n_modes)
+
+
+def _change(centre: Shapes, run: Shapes, point: Point) -> float:
+    """Largest relative change of a frequency; of those that are no rigid motion."""
+    require_same_dofs(centre, run, point_words(point))
+    n = min(len(run.frequency), len(centre.frequency))
+    first = centre.frequency[:n]
+    moves = first > 1e-3 * first.max(initial=0.0)
+    return float(np.abs(run.frequency[:n] / np.where(moves, first, 1.0) - 1)[moves].max(initial=0.0))
+
+
+def _shapes_in_si(shapes: Shapes, units: Units) -> Shapes:
+    """Mass-normalized shapes in kg^-1/2 (translations)."""
+    rotation = shapes.dofs[:, 1] > 3
+    scale = np.where(rotation, 1.0 / LENGTHS[units.length], 1.0) / np.sqrt(units.mass)
+    return replace(shapes, values=shapes.values * scale[:, None])

@@ -1,0 +1,281 @@
+"""How numbers that a solver gives depend on its parameters: polynomials of low order, found and verified at further points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+from math import comb
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError
+from structid.external.deck import Deck, DeckParameter
+
+#: Change of a parameter as a part of its value, over which the dependence is found.
+RANGE = 0.5
+MOST_ORDER = 4
+#: Parts of the range: the first of them gives the slope, the second verifies it, then each verifies those before.
+_PARTS = (1.0, 0.5, -0.5, 0.25, -1.0, 0.75)
+#: Parts of the range at points where all parameters change, in turn.
+_JOINT = (0.37, 0.83, -0.29, 0.61, -0.53)
+#: Entries that change by less than this part of their size are rounding of the file.
+ROUNDING = 1e-11
+_AGREE, _AGREE_OF_CHANGE = 1e-8, 1e-5
+
+Point = dict[str, float]
+#: Numbers at several points, (n_points, n_numbers), and what each is measured by, (n_numbers,). Further points may add numbers
+#: at the end, which are then 0 at all points before; those that were there keep their places.
+Evaluate = Callable[[Sequence[Point]], tuple[FloatArray, FloatArray]]
+#: Powers of parameters, each over its reference; () is the constant.
+Powers = tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """Numbers as a sum of coefficients times powers of the parameters.
+
+    Attributes
+    ----------
+    coefficients : mapping of Powers to (n_numbers,) float array
+        Of powers of value over reference.
+    references : mapping of str to float
+    orders : mapping of str to int
+        Highest power of each parameter.
+    crossed : tuple of (str, str)
+        Parameters that are multiplied with each other.
+    error : float
+        Largest difference at the points that verify it, relative to the size of the numbers.
+    n_points : int
+        Points that it took.
+    """
+
+    coefficients: Mapping[Powers, FloatArray]
+    references: Mapping[str, float]
+    orders: Mapping[str, int]
+    crossed: tuple[tuple[str, str], ...]
+    error: float
+    n_points: int
+
+    def at(self, values: Mapping[str, float]) -> FloatArray:
+        """The numbers at `values`, (n_numbers,)."""
+        total = np.zeros(len(next(iter(self.coefficients.values()))))
+        for powers, coefficient in self.coefficients.items():
+            total = total + coefficient * np.prod([(values[n] / self.references[n]) ** p for n, p in powers])
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class _Axis:
+    """One parameter: u = value / reference - origin runs over its range."""
+
+    name: str
+    reference: float
+    origin: float
+    range: float
+
+    def value(self, part: float) -> float:
+        return self.reference * (self.origin + self.range * part)
+
+    def u(self, value: float) -> float:
+        return value / self.reference - self.origin
+
+
+def axis(parameter: DeckParameter, nominal: float, usual: float) -> _Axis:
+    """The range of a parameter about its nominal value, smaller where its bounds are near.
+
+    Raises
+    ------
+    InputError
+        If the nominal value is 0 and no step is given.
+    """
+    low, high = parameter.limits
+    if not nominal and parameter.step is None:
+        raise InputError(f"parameter {parameter.name!r} is 0; give `step`, by how much it changes, in its unit")
+    reference = nominal or parameter.step or 1.0
+    wide = (usual if parameter.step is None else parameter.step) if nominal else 1.0
+    room = min(nominal - low, high - nominal) / abs(reference)
+    if not room > 0:
+        raise InputError(
+            f"parameter {parameter.name!r} is {nominal:g}, at one of its `bounds`; leave room on both sides"
+        )
+    return _Axis(parameter.name, reference, 1.0 if nominal else 0.0, min(wide, 0.9 * room))
+
+
+def expansion(evaluate: Evaluate, deck: Deck) -> Expansion:
+    """The dependence of what `evaluate` gives on the parameters of `deck`.
+
+    Each parameter changes alone, to a straight line that a third point verifies; where it does not, to a polynomial of up to
+    the fourth order that a further point verifies. One point at which all change then verifies the sum; where that
+    fails, products of pairs of parameters are added and verified.
+
+    Raises
+    ------
+    InputError
+        If a parameter changes nothing, or no polynomial verifies.
+    """
+    axes = [axis(one, deck.nominal[one.name], RANGE) for one in deck.parameters]
+    table = _Table(evaluate, deck, {one.name: one for one in axes})
+    table.need([{}, *({one.name: part} for one in axes for part in _PARTS[:2])])
+    lines = {one.name: (_changes(table, one, 1)) for one in axes}
+    orders = {one.name: _order(table, one) for one in axes}
+    for one in axes:
+        lines[one.name] = _changes(table, one, orders[one.name])
+        _require_effect(table, one, lines[one.name])
+    found: dict[Powers, FloatArray] = {(): table.row({})}
+    for one in axes:
+        found |= _along(one, lines[one.name])
+    crossed: tuple[tuple[str, str], ...] = ()
+    if len(axes) > 1:
+        at = [{one.name: _JOINT[(k + first) % len(_JOINT)] for k, one in enumerate(axes)} for first in range(2)]
+        table.need(at[:1])
+        if not table.agrees(found, at[0]):
+            table.need([_both(a, b, p, q) for a, b in combinations(axes, 2) for p, q in _grid(orders, a, b)])
+            for a, b in combinations(axes, 2):
+                own = _products(table, found, a, b, orders)
+                found |= own
+                crossed += ((a.name, b.name),) if own else ()
+            table.need(at[1:])
+            if not all(table.agrees(found, one) for one in at):
+                raise InputError(
+                    f"what the solver gives is no polynomial in {', '.join(deck.names)} together: it is missed by"
+                    f" {table.misses(found, at[0])[0]:.2g} of its size where all of them change; take fewer parameters, smaller"
+                    ' `step`, or `gives = "modes"`'
+                )
+    error = max(table.misses(found, one)[0] for one in table.points)
+    references = {a.name: a.reference for a in axes}
+    return Expansion(_about_zero(found, table), references, orders, crossed, error, len(table.points))
+
+
+class _Table:
+    """Numbers at points that are given by parts of each parameter's range; each evaluated once."""
+
+    def __init__(self, evaluate: Evaluate, deck: Deck, axes: Mapping[str, _Axis]) -> None:
+        self.evaluate, self.deck, self.axes = evaluate, deck, axes
+        self.rows: FloatArray = np.zeros((0, 0))
+        self.size: FloatArray = np.zeros(0)
+        self.points: list[dict[str, float]] = []
+
+    def need(self, points: Sequence[dict[str, float]]) -> None:
+        """Evaluate those that are new; all are asked for again, as numbers may be added."""
+        new = [one for one in points if one not in self.points]
+        if new:
+            self.points += new
+            self.rows, self.size = self.evaluate([self.values(one) for one in self.points])
+
+    def values(self, point: Mapping[str, float]) -> Point:
+        """Of all parameters, as the deck shows them."""
+        return self.deck.shown({name: one.value(point.get(name, 0.0)) for name, one in self.axes.items()})
+
+    def u(self, point: Mapping[str, float], name: str) -> float:
+        return self.axes[name].u(self.values(point)[name])
+
+    def row(self, point: dict[str, float]) -> FloatArray:
+        own: FloatArray = self.rows[self.points.index(point)]
+        return own
+
+    def misses(self, found: Mapping[Powers, FloatArray], point: dict[str, float]) -> tuple[float, float]:
+        """By how much the polynomial `found` in u misses a point, and how far that is from the nominal one; over sizes."""
+        predicted = np.zeros(self.rows.shape[1])
+        for powers, row in found.items():
+            predicted[: len(row)] += row * np.prod([self.u(point, name) ** k for name, k in powers])
+        change = np.abs(self.row(point) - self.row({})) / self.size
+        return float((np.abs(self.row(point) - predicted) / self.size).max()), float(change.max())
+
+    def agrees(self, found: Mapping[Powers, FloatArray], point: dict[str, float]) -> bool:
+        missed, change = self.misses(found, point)
+        return missed <= _AGREE + _AGREE_OF_CHANGE * change
+
+
+def _order(table: _Table, one: _Axis) -> int:
+    """Least order whose polynomial through its points gives the next point too."""
+    for order in range(1, MOST_ORDER + 1):
+        table.need([{one.name: part} for part in _PARTS[: order + 1]])
+        alone = {(): table.row({})} | _along(one, _changes(table, one, order))
+        if table.agrees(alone, {one.name: _PARTS[order]}):
+            return order
+    missed, change = table.misses(alone, {one.name: _PARTS[MOST_ORDER]})
+    raise InputError(
+        f"what the solver gives is no polynomial in {one.name!r} up to order {MOST_ORDER}: it is missed by"
+        f" {missed / change:.2g} of its change; mark another quantity (of a Poisson's ratio, the shear modulus), give a smaller"
+        ' `step`, or take `gives = "modes"`'
+    )
+
+
+def _along(one: _Axis, rows: Sequence[FloatArray]) -> dict[Powers, FloatArray]:
+    """Coefficients of u, u^2, ... by their powers."""
+    return {((one.name, k),): row for k, row in enumerate(rows, 1)}
+
+
+def _changes(table: _Table, one: _Axis, order: int) -> list[FloatArray]:
+    """Coefficients of u, u^2, ... from as many points; entries that no point changes are zero."""
+    points = [{one.name: part} for part in _PARTS[:order]]
+    u = np.array([table.u(point, one.name) for point in points])
+    changes = np.array([table.row(point) - table.row({}) for point in points])
+    changes[:, np.abs(changes).max(axis=0) <= ROUNDING * table.size] = 0.0
+    return list(np.linalg.solve(u[:, None] ** np.arange(1, order + 1), changes))
+
+
+def _require_effect(table: _Table, one: _Axis, rows: Sequence[FloatArray]) -> None:
+    if not any(row.any() for row in rows):
+        low, high = table.values({}), table.values({one.name: 1.0})
+        raise InputError(
+            f"parameter {one.name!r} has no effect: nothing that the solver gives changes between {low[one.name]:g} and"
+            f" {high[one.name]:g}; look for the mark in a part of the deck that is not used, or take the parameter out"
+        )
+
+
+def _grid(orders: Mapping[str, int], a: _Axis, b: _Axis) -> Iterator[tuple[float, float]]:
+    yield from product(_PARTS[: orders[a.name]], _PARTS[: orders[b.name]])
+
+
+def _both(a: _Axis, b: _Axis, p: float, q: float) -> dict[str, float]:
+    return {a.name: p, b.name: q}
+
+
+def _products(
+    table: _Table, found: Mapping[Powers, FloatArray], a: _Axis, b: _Axis, orders: Mapping[str, int]
+) -> dict[Powers, FloatArray]:
+    """Coefficients of products of powers of two parameters; none where they do not act together."""
+    points = [_both(a, b, p, q) for p, q in _grid(orders, a, b)]
+    powers = list(product(range(1, orders[a.name] + 1), range(1, orders[b.name] + 1)))
+    rests = []
+    for point in points:
+        alone = table.row({}).copy()
+        for key, row in found.items():
+            if len(key) == 1 and key[0][0] in point:
+                alone[: len(row)] += row * table.u(point, key[0][0]) ** key[0][1]
+        rests.append(table.row(point) - alone)
+    rest = np.array(rests)
+    rest[:, np.abs(rest).max(axis=0) <= 10 * ROUNDING * table.size] = 0.0
+    if not rest.any():
+        return {}
+    u = np.array([(table.u(point, a.name), table.u(point, b.name)) for point in points])
+    system = np.array([[x**i * y**j for i, j in powers] for x, y in u])
+    rows = np.linalg.solve(system, rest)
+    return {((a.name, i), (b.name, j)): row for (i, j), row in zip(powers, rows, strict=True)}
+
+
+def _about_zero(found: Mapping[Powers, FloatArray], table: _Table) -> dict[Powers, FloatArray]:
+    """The polynomial in value / reference in place of u; what is rounding only is zero, and left out."""
+    total: dict[Powers, FloatArray] = {}
+    centre = {name: one.origin for name, one in table.axes.items()}
+    for powers, row in found.items():
+        for key, factor in shifted(powers, centre, dict.fromkeys(centre, 1.0)):
+            total.setdefault(key, np.zeros(table.rows.shape[1]))[: len(row)] += factor * row
+    for row in total.values():
+        row[np.abs(row) <= 10 * ROUNDING * table.size] = 0.0
+    return {key: row for key, row in total.items() if row.any()}
+
+
+def shifted(
+    powers: Powers, centre: Mapping[str, float], references: Mapping[str, float]
+) -> Iterator[tuple[Powers, float]]:
+    """Products of powers of (value - centre) as sums of factors times products of powers of value / reference."""
+    for chosen in product(*(range(k + 1) for _, k in powers)):
+        factor = 1.0
+        for (name, k), own in zip(powers, chosen, strict=True):
+            factor *= comb(k, own) * (-centre[name]) ** (k - own) * references[name] ** own
+        if factor:
+            yield tuple((name, own) for (name, _), own in zip(powers, chosen, strict=True) if own), factor

@@ -1,0 +1,200 @@
+"""FRFs in the folder of a run: at the lines and channels that records have, complex and whole, or refused with what is wrong.
+
+A record of any format, or complex motions of points as Nastran punches them (SOL 108, 111), by frequency or by point.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.display import listed
+from structid.core.dof import DIRECTIONS, Dof
+from structid.core.errors import FileError
+from structid.core.units import FrfKind
+from structid.external.deck import FREQUENCIES
+from structid.external.outputs import OneFile, there
+from structid.external.shapes import require_last_line
+from structid.external.solved import Units
+from structid.fem.importers.exports import FORCES, LENGTHS
+from structid.modal.formats.nastran import PUNCH_SUFFIXES, numbers
+from structid.records import FrfRecord, TimeRecord
+from structid.records.formats import read_record
+
+#: Relative difference of frequencies that is rounding of a printed number.
+_SAME_LINE = 1e-5
+_MOST_TOLD = 6
+_KINDS: dict[str, FrfKind] = {
+    "$DISPLACEMENTS": "receptance",
+    "$VELOCITY": "mobility",
+    "$ACCELERATION": "accelerance",
+}
+_HEADER = re.compile(r"^\$(SUBCASE ID|POINT ID|FREQUENCY)\s*=\s*([-+.\dEDed]+)")
+_WIDTH, _CONTINUED, _LINES = 72, "-CONT-", 4
+_RUN_AGAIN = "punch them as in DISPLACEMENT(PUNCH,REAL) = ALL"
+#: Subcase, frequency, point and its six components, in the units of the deck.
+Entry = tuple[int, float, int, ComplexArray]
+
+
+@dataclass(frozen=True, eq=False)
+class FrfsOut(OneFile):
+    """FRFs as a run gives them.
+
+    Attributes
+    ----------
+    path : str
+        A file of FRFs as records are, or as Nastran punches them.
+    frequency : (n_lines,) float array
+        Lines that are needed, Hz.
+    outputs, inputs : tuple of Dof
+        Channels that are needed.
+    loads : tuple of Dof
+        What acts in each subcase of a punch file.
+    units : Units
+        Of a punch file.
+    """
+
+    frequency: FloatArray
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+    loads: tuple[Dof, ...] = ()
+    units: Units = field(default_factory=Units)
+
+    def read(self, folder: Path) -> ComplexArray:
+        """Receptances of a run at the lines and channels that are needed, SI, (n_lines, n_outputs, n_inputs)."""
+        path = there(folder, self.path)
+        require_last_line(path)
+        if path.suffix.lower() in PUNCH_SUFFIXES:
+            record: FrfRecord | TimeRecord = punched_frfs(path, self.loads, self.units.length, self.units.force)
+        else:
+            record = read_record(path)
+        if not isinstance(record, FrfRecord):
+            raise FileError(f"{path}: holds time histories; let the solver write FRFs, real and imaginary parts")
+        if record.is_per_motion:
+            raise FileError(f"{path}: holds transmissibilities; let the solver write motion per force")
+        if not record.values.any():
+            raise FileError(f"{path}: every FRF is 0; look into the log of the solver, and whether the load acts")
+        if not record.values.imag.any():
+            raise FileError(
+                f"{path}: the FRFs have no imaginary part: write real and imaginary parts in place of magnitudes, and give the"
+                " model damping"
+            )
+        lines = self._lines(path, record.frequency)
+        outputs, senses = _places(path, "sensor", self.outputs, record.outputs)
+        inputs, ways = _places(path, "load", self.inputs, record.inputs)
+        values = record.lines(lines).as_kind("receptance").values[:, outputs][:, :, inputs]
+        return values * senses[:, None] * ways
+
+    def _lines(self, path: Path, given: FloatArray) -> IntArray:
+        """Where the lines that are needed are in the file."""
+        after = np.clip(np.searchsorted(given, self.frequency), 1, max(len(given) - 1, 1))
+        before = after - 1
+        after = np.minimum(after, len(given) - 1)
+        near = np.where(np.abs(given[before] - self.frequency) <= np.abs(given[after] - self.frequency), before, after)
+        missing = self.frequency[np.abs(given[near] - self.frequency) > _SAME_LINE * self.frequency]
+        if len(missing):
+            told = listed([f"{line:.7g}" for line in missing], _MOST_TOLD)
+            raise FileError(
+                f"{path}: {len(missing)} of the {len(self.frequency)} lines of the record are missing, {told} Hz; FRFs are"
+                f" not interpolated: let the solver compute the lines that {FREQUENCIES} beside the deck lists, or"
+                " where the deck has {{frequency}}"
+            )
+        return near
+
+
+def _places(path: Path, word: str, wanted: Sequence[Dof], own: Sequence[Dof]) -> tuple[IntArray, FloatArray]:
+    """Where channels are in a file, and their sense against it."""
+    known = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(own)}
+    missing = [str(dof.unsigned) for dof in wanted if dof.unsigned not in known]
+    if missing:
+        shown = ", ".join(str(dof) for dof in own[:_MOST_TOLD]) + (", ..." if len(own) > _MOST_TOLD else "")
+        raise FileError(
+            f"{path}: has no FRF of {word} {', '.join(missing[:_MOST_TOLD])}, which the record has; its {word}s are {shown}: let"
+            " the solver write it under that node and direction, or choose by `channels_used` or `inputs` of [record]"
+        )
+    pairs = [(*known[dof.unsigned], dof.sign) for dof in wanted]
+    return np.array([k for k, _, _ in pairs]), np.array([float(a * b) for _, a, b in pairs])
+
+
+def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> FrfRecord:
+    """The FRFs in a punch file, in SI units.
+
+    Parameters
+    ----------
+    path : Path
+    loads : sequence of Dof
+        What acts in each subcase, in ascending order, with a size of 1.
+    length, force : str
+        Units of the deck.
+
+    Raises
+    ------
+    FileError
+        If there are none, the file is cut short, or subcases are not as many as loads.
+    """
+    lines = path.read_text(encoding="latin-1").splitlines()
+    kind = next((kind for title, kind in _KINDS.items() if any(line.startswith(title) for line in lines)), None)
+    if kind is None:
+        raise FileError(f"{path}: holds no displacements, velocities or accelerations; {_RUN_AGAIN}")
+    table = {(case, frequency, node): values for case, frequency, node, values in _entries(path, lines, kind)}
+    cases, frequency, nodes = (sorted({*found}) for found in zip(*table, strict=True)) if table else ([], [], [])
+    if len(table) != len(cases) * len(frequency) * len(nodes) or not table:
+        raise FileError(
+            f"{path}: points or frequencies are missing in a part of it; the file is cut short, {_RUN_AGAIN}"
+        )
+    if len(cases) != len(loads):
+        raise FileError(
+            f"{path}: holds {len(cases)} subcases, and `loads` names {len(loads)}; name what acts in each, in their order"
+        )
+    outputs = [Dof(int(node), direction) for node in nodes for direction in DIRECTIONS]
+    values = np.array([[np.concatenate([table[case, f, node] for node in nodes]) for case in cases] for f in frequency])
+    motion = np.array([1.0 if dof.is_rotation else LENGTHS[length] for dof in outputs])
+    acting = np.array([dof.sign * FORCES[force] * (LENGTHS[length] if dof.is_rotation else 1.0) for dof in loads])
+    scaled = np.moveaxis(values, 1, 2) * motion[:, None] / acting
+    return FrfRecord(frequency, scaled, outputs, [dof.unsigned for dof in loads], kind)
+
+
+def _entries(path: Path, lines: Sequence[str], wanted: FrfKind) -> Iterator[Entry]:
+    """Points at frequencies, whichever of both is in the header."""
+    kind: FrfKind | None = None
+    known: dict[str, str] = {}
+    polar, begun = False, 0
+    rows: list[list[str]] = []
+    for place, line in enumerate(lines, 1):
+        if line.startswith("$"):
+            title = line[:_WIDTH].split()[0]
+            found = _HEADER.match(line)
+            if title == "$TITLE" or title in _KINDS:
+                kind, known = None if "(SOLUTION" in line else _KINDS.get(title), {}
+            elif line.startswith("$REAL OUTPUT") and kind == wanted:
+                raise FileError(
+                    f"{path}, line {place}: holds real motions; write real and imaginary parts: {_RUN_AGAIN}"
+                )
+            elif "OUTPUT" in line:
+                polar = line.startswith("$MAGNITUDE-PHASE")
+            elif found:
+                known[found[1]] = found[2]
+            continue
+        if kind != wanted or not ("FREQUENCY" in known or "POINT ID" in known):
+            continue
+        words = line[:_WIDTH].split()
+        if (words[:1] == [_CONTINUED]) != bool(rows) or len(words) != (4 if rows else 5):
+            raise FileError(
+                f"{path}, line {place}: is not part of a motion of a point; the file is damaged, {_RUN_AGAIN}"
+            )
+        rows.append(words)
+        begun = place
+        if len(rows) == _LINES:
+            first, rest = rows[0][0], [*rows[0][2:], *(word for row in rows[1:] for word in row[1:])]
+            frequency, node = (known["FREQUENCY"], first) if "FREQUENCY" in known else (first, known["POINT ID"])
+            parts = numbers(path, rest).reshape(2, 6)
+            values = parts[0] * np.exp(1j * np.radians(parts[1])) if polar else parts[0] + 1j * parts[1]
+            yield int(known.get("SUBCASE ID", "1")), float(frequency.replace("D", "E")), int(node), values
+            rows = []
+    if rows:
+        raise FileError(f"{path}, line {begun}: ends within a point; the file is cut short, {_RUN_AGAIN}")

@@ -1,0 +1,233 @@
+"""Numbers of a deck marked by where they stand: field of a Nastran card, or entry of a data line of a keyword.
+
+They become marks ``{{name}}`` in the text, as if the user had written these; see `Deck`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Protocol
+
+from structid.core.constraints import Count, Limits
+from structid.core.errors import InputError
+from structid.external.blocks import ROW, Card, Keyword, called, cards_in, keywords_in
+
+_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+))(?:[EDed]([-+]?\d+)|([-+]\d+))?")
+_MOST_NAMED = 8
+_LISTED = "files that it includes must be listed in `deck` too"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a number stands.
+
+    Attributes
+    ----------
+    file, line : str, int
+    start, end : int
+        Characters of the file that the mark takes the place of.
+    width : int, optional
+        Characters that a number may have, where they are fewer than `WIDTH` or must stay.
+    value : float
+    """
+
+    file: str
+    line: int
+    start: int
+    end: int
+    width: int | None
+    value: float
+
+
+class DeckMark(Protocol):
+    """Where a parameter stands."""
+
+    def place(self, texts: Mapping[str, str]) -> Place:
+        """The one place in the files of a deck; an `InputError` where there is none, or more than one."""
+        ...
+
+
+@dataclass(frozen=True)
+class CardField:
+    """A field of a Nastran card in small, large or free field.
+
+    Parameters
+    ----------
+    card : str
+        Name of the card, such as ``MAT1``.
+    field : int
+        As the manual counts: 1 is the name, 2 to 9 stand on the first line, 12 to 19 on the next.
+    id : int or str, optional
+        What field 2 holds, such as the number of the material; not needed where there is one card of the name.
+    """
+
+    card: str
+    field: Annotated[int, Limits(least=2)]
+    id: int | str | None = None
+
+    @property
+    def _name(self) -> str:
+        return self.card.strip().upper().rstrip("*")
+
+    @property
+    def words(self) -> str:
+        return self._name + ("" if self.id is None else f" {self.id}")
+
+    def place(self, texts: Mapping[str, str]) -> Place:
+        """See `DeckMark`."""
+        if self.field % ROW in (0, 1):
+            raise InputError(
+                f"field {self.field} of a card holds no number; fields are counted as in the manual, 2 to 9 on the first line,"
+                " 12 to 19 on the next"
+            )
+        cards = [one for file, text in texts.items() for one in cards_in(file, text, self._name)]
+        own = [one for one in cards if self.id is None or one.first == str(self.id).upper()]
+        if not own:
+            others = f"; there are {', '.join(one.said for one in cards[:_MOST_NAMED])}" if cards else f"; {_LISTED}"
+            raise InputError(f"{', '.join(texts)}: there is no card {self.words}{others}")
+        if len(own) > 1:
+            remedy = "give `id`, what its field 2 holds" if self.id is None else "leave one"
+            raise InputError(f"the card {self.words} stands {len(own)} times: {_lines_of(own)}; {remedy}")
+        [card] = own
+        where = f"{card.file}, line {card.line}: field {self.field} of {self.words}"
+        if self.field not in card.fields:
+            raise InputError(
+                f"{where} is not there, the card ends before it; write the number there, or correct `field`"
+            )
+        there = card.fields[self.field]
+        where = f"{card.file}, line {there.line}: field {self.field} of {self.words}"
+        if "{{" in there.whole and "," not in there.whole:
+            raise InputError(
+                f"{where}: marks in braces move the columns of its line; mark all of the line by card and field"
+            )
+        value = _value(where, there.text)
+        if "." not in there.text:
+            raise InputError(f"{where} holds the whole number {there.text}, a parameter is a real one; correct `field`")
+        return Place(card.file, there.line, there.start, there.end, there.width, value)
+
+
+@dataclass(frozen=True)
+class KeywordEntry:
+    """An entry of a data line below a keyword of Abaqus or CalculiX.
+
+    Parameters
+    ----------
+    keyword : str
+        With as many of its options as tell it from others, such as ``*SHELL SECTION, ELSET=WEB``.
+    entry : int
+        On the data line, from 1.
+    line : int
+        Data line below the keyword, from 1; comments are not counted.
+    of : str, optional
+        The keyword above that it belongs to, such as ``*MATERIAL, NAME=STEEL``.
+    """
+
+    keyword: str
+    entry: Count
+    line: Count = 1
+    of: str | None = None
+
+    @property
+    def words(self) -> str:
+        return self.keyword + ("" if self.of is None else f" of {self.of}")
+
+    def place(self, texts: Mapping[str, str]) -> Place:
+        """See `DeckMark`."""
+        own: list[Keyword] = []
+        alike: list[Keyword] = []
+        for file, text in texts.items():
+            above: dict[str, Keyword] = {}
+            for block in keywords_in(file, text):
+                above[block.name] = block
+                if not block.is_called(self.keyword, with_options=False):
+                    continue
+                parent = None if self.of is None else above.get(called(self.of)[0])
+                alike.append(block)
+                if block.is_called(self.keyword) and (
+                    self.of is None or (parent is not None and parent.is_called(self.of))
+                ):
+                    own.append(block)
+        if not own:
+            others = f"; {called(self.keyword)[0]} stands in {_lines_of(alike)}" if alike else f"; {_LISTED}"
+            raise InputError(f"{', '.join(texts)}: there is no {self.words}{others}")
+        if len(own) > 1:
+            raise InputError(
+                f"{self.words} stands {len(own)} times: {_lines_of(own)}; say which by an option of it, or by `of`, as in"
+                ' "*MATERIAL, NAME=STEEL"'
+            )
+        [block] = own
+        where = f"{block.file}, line {block.line}: {self.words}"
+        if self.line > len(block.data):
+            raise InputError(f"{where} has {len(block.data)} data lines, no line {self.line}; correct `line`")
+        line, start, text = block.data[self.line - 1]
+        entries = text.split(",")
+        if self.entry > len(entries):
+            raise InputError(
+                f"{block.file}, line {line}: the data line of {self.words} has {len(entries)} entries, no entry {self.entry};"
+                " correct `entry`"
+            )
+        start += sum(len(one) + 1 for one in entries[: self.entry - 1])
+        whole = entries[self.entry - 1]
+        start += len(whole) - len(whole.lstrip())
+        value = _value(f"{block.file}, line {line}: entry {self.entry} of {self.words}", whole.strip())
+        return Place(block.file, line, start, start + len(whole.strip()), None, value)
+
+
+def with_marks(texts: Mapping[str, str], places: Sequence[tuple[str, Place]]) -> dict[str, str]:
+    """The files with ``{{name}}`` where parameters stand.
+
+    Parameters
+    ----------
+    texts : mapping of str to str
+        Text by name of the file.
+    places : sequence of (str, Place)
+        Name of a parameter and where it stands, each as often as there are places.
+
+    Raises
+    ------
+    InputError
+        If two of them are the same number.
+    """
+    made, names = dict(texts), dict[tuple[str, int], str]()
+    for name, place in sorted(places, key=lambda pair: (pair[1].file, pair[1].start), reverse=True):
+        other = names.setdefault((place.file, place.start), name)
+        if made[place.file][place.start :].startswith("{{"):
+            raise InputError(
+                f"{place.file}, line {place.line}: {other!r} and {name!r} are the same number; take one out"
+            )
+        mark = f"{{{{{name}}}}}" if place.width is None else f"{{{{{name}:{place.width}}}}}"
+        made[place.file] = made[place.file][: place.start] + mark + made[place.file][place.end :]
+    return made
+
+
+def value_at(name: str, places: Sequence[Place]) -> float:
+    """What the deck holds for a parameter, the same at all its places; an `InputError` where it is not."""
+    first = places[0]
+    for place in places:
+        if not math.isclose(first.value, place.value, rel_tol=1e-6):
+            raise InputError(
+                f"{place.file}, line {place.line}: {name!r} is {place.value:g} here and {first.value:g} in {first.file}, line"
+                f" {first.line}; give `value`, or make two parameters"
+            )
+    return first.value
+
+
+def _value(where: str, text: str) -> float:
+    """The number in a field, as Nastran, Abaqus and CalculiX write it: also 2.1+11 and 2.1D11."""
+    if text.startswith("{{"):
+        raise InputError(f"{where} is marked by {text}; take this out, or `mark`")
+    found = _NUMBER.fullmatch(text)
+    if found is None:
+        raise InputError(
+            f"{where} holds no number, but {text!r}; correct the place"
+            if text
+            else f"{where} is blank; write the number there"
+        )
+    return float(f"{found[1]}e{found[2] or found[3] or 0}")
+
+
+def _lines_of(found: Sequence[Card] | Sequence[Keyword]) -> str:
+    return ", ".join(f"{one.file} line {one.line}" for one in found[:_MOST_NAMED])

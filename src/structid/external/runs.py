@@ -1,0 +1,321 @@
+"""Runs of a solver: each in a folder of its own that is named by what goes in, made whole or not at all, and kept."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+import shlex
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from structid.core.errors import FileError, InputError
+from structid.external.deck import Deck
+from structid.inversion.search.work import Tools, Work
+
+_LAYOUT = "structid solver run 1"
+_DONE = "run.json"
+_LOG = "solver.log"
+_LOG_BYTES = 4000
+_SHOWN_LINES = 3
+#: Seconds after which a folder of an unfinished run is of a process that is gone.
+_STALE_SECONDS = 7 * 24 * 3600.0
+
+
+class RunFailedError(InputError):
+    """A solver gave no usable result, each time that it was tried."""
+
+
+class Outputs(Protocol):
+    """What a run gives."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files that are kept, in the folder of the run."""
+        ...
+
+    def require_whole(self, folder: Path) -> None:
+        """Raise an `InputError` where one of them is missing or cannot be read to its end."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Solver:
+    """A solver with its deck.
+
+    Attributes
+    ----------
+    deck : Deck
+    command : str
+        With ``{deck}``, ``{stem}`` (without the suffix) and ``{study}`` (folder of the study file); no shell reads it.
+    folder : Path
+        Where runs are kept.
+    study : Path
+        Folder of the study file.
+    linked : mapping of str to Path
+        Further files that the solver reads, by the name that they have in the folder of a run.
+    outputs : Outputs
+    timeout : float
+        Longest time of a run, s.
+    retries : int
+        How often a run that fails is tried again.
+    """
+
+    deck: Deck
+    command: str
+    folder: Path
+    study: Path
+    linked: Mapping[str, Path]
+    outputs: Outputs
+    timeout: float
+    retries: int
+
+    @property
+    def arguments(self) -> list[str]:
+        """The command as the system takes it."""
+        main = self.deck.main
+        known = {"deck": main, "stem": Path(main).stem, "study": str(self.study.resolve())}
+        try:
+            return [word.format(**known) for word in shlex.split(self.command)]
+        except (ValueError, KeyError, IndexError) as error:
+            raise InputError(
+                f"`command` {self.command!r} cannot be read ({error}); it may hold {{deck}}, {{stem}} and {{study}},"
+                " and quotes in pairs"
+            ) from error
+
+    def key(self, values: Mapping[str, float]) -> str:
+        """Name of a run: what it depends on, as SHA-256."""
+        parts = {
+            "layout": _LAYOUT,
+            "command": self.command,
+            "outputs": list(self.outputs.files),
+            "deck": self.deck.written(values),
+            "linked": {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in self.linked.items()},
+        }
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:32]
+
+    def place(self, values: Mapping[str, float]) -> Path:
+        """Folder of a run."""
+        return self.folder / self.key(values)
+
+
+@dataclass(frozen=True)
+class RunCounts:
+    """Runs that a study needed.
+
+    Attributes
+    ----------
+    kept, made : int
+        Found where earlier runs are kept, and made now.
+    """
+
+    kept: int = 0
+    made: int = 0
+
+    def __add__(self, other: RunCounts) -> RunCounts:
+        return RunCounts(self.kept + other.kept, self.made + other.made)
+
+
+def runs(
+    solver: Solver, points: Sequence[Mapping[str, float]], work: Work
+) -> tuple[list[Path | RunFailedError], RunCounts]:
+    """Folder of the run of each point; those that are there already are not run again.
+
+    Parameters
+    ----------
+    solver : Solver
+    points : sequence of mapping of str to float
+        Value of each parameter.
+    work : Work
+        Where they run.
+
+    Returns
+    -------
+    list of Path or RunFailedError
+        The error of a run that failed each time.
+    RunCounts
+
+    Raises
+    ------
+    InputError
+        If the solver is not there, or the folder cannot be written.
+    """
+    keys = [solver.key(one) for one in points]
+    missing = {key: one for key, one in zip(keys, points, strict=True) if not _is_done(solver.folder / key)}
+    failed: dict[str, RunFailedError] = {}
+    if missing:
+        _require_there(solver)
+        try:
+            solver.folder.mkdir(parents=True, exist_ok=True)
+            _sweep(solver.folder)
+        except OSError as error:
+            raise FileError(
+                f"{solver.folder}: cannot hold the runs of the solver ({error.strerror}); give `runs`"
+            ) from error
+        told = work.map("solver runs", run_once, solver, [dict(one) for one in missing.values()])
+        failed = {key: RunFailedError(words) for key, words in zip(missing, told, strict=True) if words}
+    found: list[Path | RunFailedError] = [failed.get(key) or solver.folder / key for key in keys]
+    return found, RunCounts(len(set(keys)) - len(missing), len(missing) - len(failed))
+
+
+def needed_runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Work) -> tuple[list[Path], RunCounts]:
+    """Folders of runs that must all succeed.
+
+    Raises
+    ------
+    RunFailedError
+        With what is kept.
+    """
+    found, counts = runs(solver, points, work)
+    folders = []
+    for one in found:
+        if isinstance(one, RunFailedError):
+            kept = sum(isinstance(other, Path) for other in found)
+            raise RunFailedError(
+                f"{one}; deck and log of it are in {solver.folder / 'failed'}, {kept} finished runs are kept in {solver.folder}"
+            )
+        folders.append(one)
+    return folders, counts
+
+
+def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
+    """Run the solver, again where it fails; "" where there is a result then, else why there is none."""
+    words, place = "", solver.place(values)
+    for _ in range(solver.retries + 1):
+        if _is_done(place):  # made by another process meanwhile
+            return ""
+        words = _tried(solver, values, place)
+        if not words:
+            return ""
+    shown = ", ".join(f"{name} = {value:g}" for name, value in solver.deck.shown(values).items())
+    times = f" {solver.retries + 1} times" if solver.retries else ""
+    return f"the solver failed{times} at {shown}: {words}"
+
+
+def _is_done(place: Path) -> bool:
+    """Whether the run whose folder this is has ended whole."""
+    return (place / _DONE).is_file()
+
+
+def _tried(solver: Solver, values: Mapping[str, float], place: Path) -> str:
+    """One run; "" where it is good and kept in `place`, else what is wrong."""
+    begun, trial = time.perf_counter(), solver.folder / f".{place.name[:12]}.{secrets.token_hex(4)}"
+    try:
+        trial.mkdir()
+        for name, path in solver.linked.items():
+            shutil.copyfile(path, trial / name)
+        for name, text in solver.deck.written(values).items():
+            (trial / name).write_text(text, encoding="utf-8", newline="")
+        words = _executed(solver, trial)
+        if not words:
+            try:
+                solver.outputs.require_whole(trial)
+            except InputError as error:
+                words = f"{str(error).replace(str(trial) + os.sep, '')}{_last_words(trial)}"
+        if words:
+            _keep_failed(solver, trial)
+            return words
+        keep = {*solver.outputs.files, *solver.deck.texts, _LOG}
+        for path in trial.iterdir():
+            if path.name not in keep:
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+        told = {"values": solver.deck.shown(values), "command": solver.command, "seconds": time.perf_counter() - begun}
+        (trial / _DONE).write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+        try:
+            trial.rename(place)
+        except OSError:
+            if not _is_done(place):
+                raise
+        return ""
+    except OSError as error:
+        raise FileError(
+            f"{trial}: the run of the solver cannot be written ({error.strerror or error}); free disk space, or give another"
+            " folder with `runs`"
+        ) from error
+    finally:
+        shutil.rmtree(trial, ignore_errors=True)
+
+
+def _executed(solver: Solver, folder: Path) -> str:
+    """Run the command in `folder`; what is wrong with how it ended."""
+    with (folder / _LOG).open("wb") as log:
+        try:
+            process = subprocess.Popen(
+                solver.arguments, cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+            )
+        except OSError as error:
+            return f"{solver.arguments[0]} cannot be started ({error.strerror or error})"
+        try:
+            code = process.wait(solver.timeout)
+        except subprocess.TimeoutExpired:
+            _end(process)
+            return f"it was still running after {solver.timeout:g} s (`timeout`) and was ended{_last_words(folder)}"
+        except BaseException:
+            _end(process)
+            raise
+    return f"it ended with code {code}{_last_words(folder)}" if code else ""
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a solver and what it started."""
+    if hasattr(os, "killpg"):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.wait()
+
+
+def _last_words(folder: Path) -> str:
+    """The end of what the solver said, in a line."""
+    path = folder / _LOG
+    if not path.is_file():
+        return ""
+    text = path.read_bytes()[-_LOG_BYTES:].decode("utf-8", "replace")
+    lines = [" ".join(line.split()) for line in text.splitlines() if any(letter.isalnum() for letter in line)]
+    words = " / ".join("".join(letter for letter in line if letter.isprintable()) for line in lines[-_SHOWN_LINES:])
+    return f"; its last words: {words}" if words else "; it said nothing"
+
+
+def _keep_failed(solver: Solver, trial: Path) -> None:
+    """The log and deck of the last failure beside the runs, to be looked at."""
+    last = solver.folder / "failed"
+    shutil.rmtree(last, ignore_errors=True)
+    with suppress(OSError):  # another worker's failure was faster
+        trial.rename(last)
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what runs left that were killed long ago."""
+    for path in folder.glob(".*.*"):
+        if path.is_dir() and time.time() - path.stat().st_mtime > _STALE_SECONDS:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _require_there(solver: Solver) -> None:
+    """Refuse a command whose program is not there."""
+    arguments = solver.arguments
+    if not arguments:
+        raise InputError('`command` is empty; give the line that runs the solver, as in "ccx {stem}"')
+    if shutil.which(arguments[0]) is None:
+        raise InputError(
+            f"the solver {arguments[0]!r} is not there: no program of this name can be run; install it, or give its full path in"
+            " `command`"
+        )
+
+
+def point_words(point: Mapping[str, float]) -> str:
+    """The values of a run, as messages say them."""
+    return ", ".join(f"{name} = {value:g}" for name, value in point.items())
+
+
+def run_words(counts: RunCounts) -> str:
+    """How many runs there were."""
+    return f"{counts.kept + counts.made} runs, {counts.kept} of them kept from before"

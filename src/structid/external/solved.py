@@ -1,0 +1,105 @@
+"""What the runs of a solver gave: a model of it, and what it is made of."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from structid.core.dof import Dof
+from structid.external.expansion import Point
+from structid.external.model import ModelParameter
+from structid.external.runs import RunCounts, Solver
+from structid.external.tangent import ShapeTie
+from structid.fem.elements import ElementSet
+from structid.fem.importers.exports import FORCES, LENGTHS
+from structid.inversion.search.work import Work
+
+
+@dataclass(frozen=True)
+class Units:
+    """Of what a solver gives; time is in seconds.
+
+    Attributes
+    ----------
+    length, force : str
+    """
+
+    length: str = "m"
+    force: str = "N"
+
+    @property
+    def mass(self) -> float:
+        """kg."""
+        return FORCES[self.force] / LENGTHS[self.length]
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The solver run once more, beside the model of it.
+
+    Attributes
+    ----------
+    difference : float
+        Largest relative difference: of frequencies, or of entries of matrices to their diagonals.
+    words : str
+    """
+
+    difference: float
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Solved(ABC):
+    """What the runs of a solver gave.
+
+    Attributes
+    ----------
+    solver : Solver
+    model : ElementSet
+        The element set.
+    ties : tuple of ShapeTie
+    held : tuple of Dof
+    counts : RunCounts
+    facts : tuple of str
+        What was found, for the reader.
+    at : mapping of str to float
+        Values of the run that it is made about.
+    units : Units
+    """
+
+    solver: Solver
+    model: ElementSet
+    ties: tuple[ShapeTie, ...]
+    held: tuple[Dof, ...]
+    counts: RunCounts
+    facts: tuple[str, ...]
+    at: Mapping[str, float]
+    units: Units
+
+    @property
+    def nodes(self) -> tuple[int, ...]:
+        """Labels of all nodes of the solver."""
+        followers = [dof.node for dof in (*self.held, *(dof for tie in self.ties for dof in tie.dependents))]
+        return tuple(sorted({*self.model.nodes.ravel().tolist(), *followers}))
+
+    @property
+    @abstractmethod
+    def is_exact(self) -> bool:
+        """Whether it holds at all values; else it is to be made again about the answer."""
+
+    @abstractmethod
+    def checked(self, values: Point, work: Work) -> Checked:
+        """The solver run with `values`, beside the model.
+
+        Raises
+        ------
+        InputError
+            If the run fails.
+        """
+
+
+def model_parameters(solver: Solver, references: Mapping[str, float]) -> tuple[ModelParameter, ...]:
+    """The deck's parameters as the model has them."""
+    nominal = solver.deck.nominal
+    return tuple(ModelParameter(p.name, p.unit, nominal[p.name], references[p.name]) for p in solver.deck.parameters)

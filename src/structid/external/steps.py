@@ -1,0 +1,196 @@
+"""Runs about the centre of each parameter, with steps that are made smaller or larger until their differences can be used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from structid.core.errors import InputError
+from structid.external.deck import DeckParameter
+from structid.external.expansion import Point
+from structid.external.runs import RunCounts, RunFailedError, Solver, needed_runs, point_words, runs
+from structid.inversion.search.work import Work
+
+R = TypeVar("R")
+
+#: How often a step is changed, and between which parts of a value it stays.
+_TRIALS, _SMALLEST_STEP, _LARGEST_STEP = 4, 1e-4, 0.3
+
+
+@dataclass(frozen=True)
+class StepRules:
+    """What steps should do to the results.
+
+    Attributes
+    ----------
+    first : float
+        First step, as a part of the value.
+    least, most : float
+        Relative changes between which differences can be used; steps outside are made larger or smaller.
+    no_effect : float
+        Below this a parameter does nothing, even with the largest step.
+    what : str
+        What changes, for messages.
+    """
+
+    first: float
+    least: float
+    most: float
+    no_effect: float
+    what: str
+
+
+@dataclass(frozen=True, eq=False)
+class Pair(Generic[R]):
+    """Runs on both sides of the centre, or two on one side, for a parameter.
+
+    Attributes
+    ----------
+    name : str
+    changes : (float, float)
+        Two changes of its value.
+    runs : (R, R)
+        Results at the centre with each change.
+    """
+
+    name: str
+    changes: tuple[float, float]
+    runs: tuple[R, R]
+
+
+@dataclass(frozen=True, eq=False)
+class Taken(Generic[R]):
+    """What was run about a centre.
+
+    Attributes
+    ----------
+    at : mapping of str to float
+        The centre, as the deck shows it.
+    centre : R
+    pairs : tuple of Pair
+        One a parameter.
+    counts : RunCounts
+    """
+
+    at: Mapping[str, float]
+    centre: R
+    pairs: tuple[Pair[R], ...]
+    counts: RunCounts
+
+    @property
+    def words(self) -> str:
+        """The centre and the steps."""
+        steps = ", ".join(f"{one.name} {max(map(abs, one.changes)):.2g}" for one in self.pairs)
+        return f"differences about {point_words(self.at)} with steps {steps}"
+
+
+def taken(
+    solver: Solver,
+    read: Callable[[Path], R],
+    change: Callable[[R, R, Point], float],
+    rules: StepRules,
+    work: Work,
+) -> Taken[R]:
+    """Results at the centre of all parameters, and at two steps of each.
+
+    Parameters
+    ----------
+    solver : Solver
+    read : callable
+        The result in the folder of a run.
+    change : callable
+        Relative change from the result at the centre to that at a point.
+    rules : StepRules
+    work : Work
+
+    Raises
+    ------
+    InputError
+        If a run fails, or a parameter has no effect.
+    """
+    centre = solver.deck.shown({one.name: one.centre for one in solver.deck.parameters})
+    folders, counts = needed_runs(solver, [centre], work)
+    at = read(folders[0])
+    pending = {one.name: _Step(one, centre[one.name], rules) for one in solver.deck.parameters}
+    done: dict[str, Pair[R]] = {}
+    for _ in range(_TRIALS):
+        asked = [(key, centre | {key: value}) for key, step in pending.items() for value in step.values(solver, centre)]
+        given, more = runs(solver, [point for _, point in asked], work)
+        counts = counts + more
+        for key, step in list(pending.items()):
+            own = [(p, g) for (k, p), g in zip(asked, given, strict=True) if k == key]
+            errors = [g for _, g in own if isinstance(g, RunFailedError)]
+            if errors and not step.can_shrink:
+                raise errors[0]
+            if errors:
+                step.shrink()
+                continue
+            first, second = (read(folder) for _, folder in own if isinstance(folder, Path))
+            changes = [change(at, run, point) for (point, _), run in zip(own, (first, second), strict=True)]
+            low, high = (point[key] - centre[key] for point, _ in own)
+            if step.settles(max(changes)):
+                done[key] = Pair(key, (low, high), (first, second))
+                del pending[key]
+        if not pending:
+            break
+    else:
+        raise InputError(f"no step of {', '.join(pending)} gives differences that can be used; give `step`")
+    return Taken(centre, at, tuple(done.values()), counts)
+
+
+class _Step:
+    """The step of one parameter's differences, on the way to one that can be used."""
+
+    def __init__(self, parameter: DeckParameter, centre: float, rules: StepRules) -> None:
+        self.parameter, self.centre, self.rules = parameter, centre, rules
+        if not centre and parameter.step is None:
+            raise InputError(f"parameter {parameter.name!r} is 0; give `step`, by how much it changes, in its unit")
+        self.unit = abs(centre) or 1.0
+        self.part = rules.first if parameter.step is None else parameter.step
+        self.tried: set[float] = set()
+
+    @property
+    def can_shrink(self) -> bool:
+        return self.part > _SMALLEST_STEP and len(self.tried) < _TRIALS
+
+    def values(self, solver: Solver, centre: Mapping[str, float]) -> list[float]:
+        """On both sides of the centre; twice on one, where a bound is near."""
+        self.tried.add(self.part)
+        low, high = self.parameter.limits
+        size = self.part * self.unit
+        room_above, room_below = high - self.centre, self.centre - low
+        if min(room_above, room_below) < size:
+            sense = 1.0 if room_above > room_below else -1.0
+            size = min(size, max(room_above, room_below) / 2)
+            values = [self.centre + sense * size, self.centre + 2 * sense * size]
+        else:
+            values = [self.centre + size, self.centre - size]
+        shown = [solver.deck.shown({**centre, self.parameter.name: v})[self.parameter.name] for v in values]
+        if len({*shown, self.centre}) < 3:
+            raise InputError(
+                f"a step of {size:g} of {self.parameter.name!r} does not show in the digits of its mark; widen it, as in"
+                f" {{{{{self.parameter.name}:16}}}}, or give `step`"
+            )
+        return shown
+
+    def shrink(self) -> None:
+        self.part /= 4
+
+    def settles(self, change: float) -> bool:
+        """Whether differences with this relative change of the results can be used; the next step where not."""
+        rules = self.rules
+        if change > rules.most and self.part > _SMALLEST_STEP and self.part / 4 not in self.tried:
+            self.shrink()
+            return False
+        if change < rules.least and self.part < _LARGEST_STEP:
+            self.part = min(10 * self.part, _LARGEST_STEP)
+            return self.part in self.tried
+        if change < rules.no_effect:
+            raise InputError(
+                f"parameter {self.parameter.name!r} has no effect: no {rules.what} changes by more than {change:.1g} of its value"
+                f" where it changes by {self.part:.2g}; look for the mark in a part of the deck that is not used, or take the"
+                " parameter out"
+            )
+        return True

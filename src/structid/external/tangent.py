@@ -1,0 +1,228 @@
+"""A small model with the modes of a solver: exact at the values of its parameters about which differences are taken.
+
+The solver gives frequencies and shapes at a centre and at two points of each parameter. On the span of all these shapes
+there are matrices M and K that have each run's modes exactly, and quadratic through the three of a parameter; so the model has
+the solver's modes at the centre, and their slopes to the second order of the steps, whether modes are close, cross or turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import DIRECTIONS, Dof
+from structid.core.errors import InputError
+from structid.external.expansion import Powers
+from structid.external.shapes import Shapes
+from structid.external.steps import Pair
+from structid.fem.elements.element import dof_code
+from structid.fem.supports import Equations
+
+#: Motions beside the centre's shapes that are smaller than so many times the rounding of printed shapes are left out.
+_ROUNDINGS = 4.0
+#: Multiples of the highest frequency between which what is beside the centre's shapes has its own.
+_BESIDE = (1.5, 10.0)
+#: Least cosine between the lowest modes of two runs, so that they span the same motions.
+_ALIKE = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeTie:
+    """Degrees of freedom that follow others by the shapes that a solver gave.
+
+    Attributes
+    ----------
+    name : str
+    dependents, masters : tuple of Dof
+    matrix : (n_dependents, n_masters) float array
+    """
+
+    name: str
+    dependents: tuple[Dof, ...]
+    masters: tuple[Dof, ...]
+    matrix: FloatArray
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+        """See `Tie.equations`."""
+        codes = [dof_code(dof.node, dof.direction) for dof in self.masters]
+        return {
+            dof_code(dof.node, dof.direction): dict(zip(codes, row, strict=True))
+            for dof, row in zip(self.dependents, self.matrix.tolist(), strict=True)
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """The model on a few degrees of freedom that the others follow.
+
+    Attributes
+    ----------
+    masters : tuple of Dof
+        What its matrices stand on.
+    mass, stiffness : mapping of Powers to (n, n) float array
+        Coefficients of powers of the changes of parameters from the centre; () at the centre.
+    tie : ShapeTie
+    held : tuple of Dof
+        That no mode moves.
+    n_modes : int
+        Modes of the solver that it has.
+    """
+
+    masters: tuple[Dof, ...]
+    mass: Mapping[Powers, FloatArray]
+    stiffness: Mapping[Powers, FloatArray]
+    tie: ShapeTie
+    held: tuple[Dof, ...]
+    n_modes: int
+
+
+def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> Tangent:
+    """The model of the runs.
+
+    Parameters
+    ----------
+    name : str
+        Of the tie.
+    centre : Shapes
+        In SI units, as all runs.
+    differences : sequence of Pair
+
+    Raises
+    ------
+    InputError
+        If the shapes are given at fewer degrees of freedom than there are modes, or no modes are alike between runs.
+
+    Notes
+    -----
+    With the centre's shapes Phi and their frequencies, a run's shapes are Phi C + U D, U spanning what Phi does not; with the
+    masses of U one and its stiffnesses kappa, the run's modes are those of
+
+        M_qq = C^-T (1 - D'D) C^-1,  K_qq = C^-T (Lambda - D'D Lambda - Lambda D'D + kappa D'D) C^-1,
+        K_uq = (D Lambda - kappa D) C^-1.
+    """
+    runs = [run for one in differences for run in one.runs]
+    moved = np.abs(centre.values).max(axis=1) > 0
+    for run in runs:
+        moved |= np.abs(run.values[:, : centre.values.shape[1]]).max(axis=1) > 0
+    n_modes = _alike_modes(centre, runs, int(moved.sum()))
+    phi = centre.values[moved, :n_modes]
+    size = float(np.linalg.norm(phi, axis=0).max())
+    inverse = np.linalg.pinv(phi)
+    coordinates = [inverse @ run.values[moved, :n_modes] for run in runs]
+    rests = [run.values[moved, :n_modes] - phi @ c for run, c in zip(runs, coordinates, strict=True)]
+    u = _span(rests, _ROUNDINGS * size * centre.rounding, int(moved.sum()) - n_modes) * size
+    free = [u.T @ rest / size**2 for rest in rests]
+    if not (centre.has_mass and all(run.has_mass for run in runs)):
+        scales = [np.sqrt((c**2).sum(axis=0) + (d**2).sum(axis=0)) for c, d in zip(coordinates, free, strict=True)]
+        coordinates = [c / s for c, s in zip(coordinates, scales, strict=True)]
+        free = [d / s for d, s in zip(free, scales, strict=True)]
+    stiff = _beside(centre, differences, n_modes, coordinates, free)
+    n = n_modes + u.shape[1]
+    zero = _matrices(centre.frequency[:n_modes], np.eye(n_modes), np.zeros((n - n_modes, n_modes)), stiff)
+    pairs = [_matrices(run.frequency[:n_modes], c, d, stiff) for run, c, d in zip(runs, coordinates, free, strict=True)]
+    basis = np.concatenate([phi, u], axis=1)
+    chosen = np.sort(qr(basis.T, mode="r", pivoting=True)[1][:n])
+    to_masters = np.linalg.inv(basis[chosen])
+    dofs = [Dof(int(node), DIRECTIONS[component - 1]) for node, component in centre.dofs[moved].tolist()]
+    others = np.setdiff1d(np.arange(len(dofs)), chosen)
+    mass: dict[Powers, FloatArray] = {(): to_masters.T @ zero[0] @ to_masters}
+    stiffness: dict[Powers, FloatArray] = {(): to_masters.T @ zero[1] @ to_masters}
+    at = iter(pairs)
+    for one in differences:
+        own = [next(at) for _ in one.changes]
+        for k, table in enumerate((mass, stiffness)):
+            for power, row in enumerate(_parabola(one.changes, [pair[k] - zero[k] for pair in own]), 1):
+                table[(one.name, power),] = to_masters.T @ row @ to_masters
+    masters = tuple(dofs[i] for i in chosen)
+    tie = ShapeTie(name, tuple(dofs[i] for i in others), masters, basis[others] @ to_masters)
+    held = tuple(Dof(int(node), DIRECTIONS[component - 1]) for node, component in centre.dofs[~moved].tolist())
+    return Tangent(masters, _symmetric(mass), _symmetric(stiffness), tie, held, n_modes)
+
+
+def _alike_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) -> int:
+    """How many of the lowest modes span the same motions in all runs: the highest may have left the list."""
+    most = min([len(centre.frequency), *(len(run.frequency) for run in runs)])
+    if n_moved < most:
+        raise InputError(
+            f"the solver gives {most} modes at {n_moved} degrees of freedom that move; let it give the shapes at more nodes, or"
+            " fewer modes"
+        )
+    for count in range(most, 0, -1):
+        first = np.linalg.qr(centre.values[:, :count])[0]
+        cosines = [
+            np.linalg.svd(first.T @ np.linalg.qr(run.values[:, :count])[0], compute_uv=False)[-1] for run in runs
+        ]
+        if min(cosines, default=1.0) > _ALIKE:
+            return count
+    raise InputError(
+        "no modes of the solver are alike before and after a step of its parameters; take smaller steps (`step`)"
+    )
+
+
+def _span(rests: Sequence[FloatArray], least: float, most: int) -> FloatArray:
+    """Orthonormal columns of what the runs' shapes have beside the centre's, of at least this size."""
+    if not rests:
+        return np.zeros((0, 0))
+    left, singular, _ = np.linalg.svd(np.concatenate(rests, axis=1), full_matrices=False)
+    return left[:, : min(int((singular > least).sum()), most)]
+
+
+def _matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: float) -> tuple[FloatArray, FloatArray]:
+    """M and K of a run on the coordinates of the centre's shapes and of what is beside them; see `tangent`."""
+    m, e = c.shape[0], d.shape[0]
+    eigenvalues = (2 * np.pi * frequency) ** 2
+    inverse = np.linalg.inv(c)
+    inner = d.T @ d
+    mass, stiffness = np.eye(m + e), np.zeros((m + e, m + e))
+    mass[:m, :m] = inverse.T @ (np.eye(m) - inner) @ inverse
+    own = np.diag(eigenvalues) - inner * eigenvalues - eigenvalues[:, None] * inner + kappa * inner
+    stiffness[:m, :m] = inverse.T @ own @ inverse
+    stiffness[m:, :m] = (d * eigenvalues - kappa * d) @ inverse
+    stiffness[:m, m:] = stiffness[m:, :m].T
+    stiffness[m:, m:] = kappa * np.eye(e)
+    return mass, stiffness
+
+
+def _parabola(changes: Sequence[float], differences: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Slope and coefficient of the square of the parabola through nothing at no change, and these."""
+    a, b = changes
+    square: FloatArray = (differences[1] / b - differences[0] / a) / (b - a)
+    return differences[0] / a - a * square, square
+
+
+def _beside(
+    centre: Shapes,
+    differences: Sequence[Pair[Shapes]],
+    n_modes: int,
+    coordinates: Sequence[FloatArray],
+    free: Sequence[FloatArray],
+) -> float:
+    """Stiffness of what is beside the centre's shapes: that by which the squares of changes in K_qq are least.
+
+    The squares then come from the motion beside, and so do products of the changes of several parameters.
+    """
+    eigenvalues = [(2 * np.pi * run.frequency[:n_modes]) ** 2 for one in differences for run in one.runs]
+    top = max([float(centre.frequency[:n_modes].max()), *(float(np.sqrt(e.max()) / (2 * np.pi)) for e in eigenvalues)])
+    at = (2 * np.pi * centre.frequency[:n_modes]) ** 2
+    given = [
+        (_matrices(np.sqrt(e) / (2 * np.pi), c, d, 0.0)[1][:n_modes, :n_modes] - np.diag(at), d.T @ d)
+        for e, c, d in zip(eigenvalues, coordinates, free, strict=True)
+    ]
+    product = size = 0.0
+    rows = iter(given)
+    for one in differences:
+        own = [next(rows) for _ in one.changes]
+        bent, moved = (_parabola(one.changes, [pair[k] for pair in own])[1] for k in (0, 1))
+        scale = float(np.abs(moved).max()) or 1.0  # parameters of any unit count alike
+        product += float(np.sum(bent * moved)) / scale**2
+        size += float(np.sum(moved * moved)) / scale**2
+    nearest, farthest = ((2 * np.pi * part * top) ** 2 for part in _BESIDE)
+    return float(np.clip(-product / size, nearest, farthest)) if size else farthest
+
+
+def _symmetric(table: Mapping[Powers, FloatArray]) -> dict[Powers, FloatArray]:
+    return {powers: (matrix + matrix.T) / 2 for powers, matrix in table.items()}

@@ -1,0 +1,51 @@
+"""Bars: straight members that carry axial force only."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.core.arrays import IntArray
+from structid.fem.elements.beam import rod_mass, rod_stiffness
+from structid.fem.elements.element import (
+    LOSS_FACTOR,
+    PER_STRAIN_RATE,
+    PER_VELOCITY,
+    TRANSLATIONS,
+    ElementSet,
+    Layer,
+    Matrices,
+    Nodes,
+    Positions,
+    Values,
+    declared,
+    element,
+    element_vectors,
+    node_codes,
+    node_table,
+    rotated,
+)
+
+
+@element
+class Bar(ElementSet):
+    """Bars between nodes on a line (X), in a plane (X, Y) or in space (X, Y, Z)."""
+
+    is_line = True
+
+    nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
+    mass: Values = declared("Mass per length", "mass", "kg/m")
+    axial_stiffness: Values = declared("EA", "stiffness", "N")
+    loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
+    mass_damping: Values = declared(*PER_VELOCITY, "N s/m^2", "mass", default=0.0)
+    stiffness_damping: Values = declared(*PER_STRAIN_RATE, "N s", "axial_stiffness", default=0.0)
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
+        length, direction = element_vectors(self.name, self.nodes, positions)
+        dimensions = direction.shape[1]
+        codes = node_codes(self.nodes, TRANSLATIONS[:dimensions])
+        along = np.zeros((len(length), 2, 2 * dimensions))
+        along[:, 0, :dimensions] = along[:, 1, dimensions:] = direction
+        stiffness = rotated(rod_stiffness(length), along)
+        mass = np.einsum("nij,kl->nikjl", rod_mass(length), np.eye(dimensions)).reshape(stiffness.shape)
+        return {"mass": (Layer(codes, mass),), "axial_stiffness": (Layer(codes, stiffness),)}

@@ -1,0 +1,241 @@
+"""Beams on a line and in a plane, with Hermite cubics: Euler-Bernoulli, or Timoshenko where they shear."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import InputError
+from structid.fem.elements.element import (
+    LOSS_FACTOR,
+    PER_STRAIN_RATE,
+    PER_VELOCITY,
+    ElementSet,
+    Layer,
+    Matrices,
+    Nodes,
+    OptionalValues,
+    Positions,
+    ShearShare,
+    Values,
+    declared,
+    element,
+    element_vectors,
+    node_codes,
+    node_table,
+    rotated,
+    shear_share,
+)
+
+#: Points and weights by which products of two cubics are integrated from 0 to 1.
+_POINTS, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(4))
+_POINTS = _POINTS + 0.5
+#: What both types of beam say of the rotation of their sections, and of their shear.
+ROTARY_INERTIA = "Mass moment of the sections per length, rho I"
+SHEAR = "G times the shear area; without it, or infinite, the beam does not shear"
+
+
+def hermite_mass(length: FloatArray) -> FloatArray:
+    """Consistent mass of unit mass per length, (n, 4, 4), order w1 theta1 w2 theta2 with theta = dw/dx.
+
+    References
+    ----------
+    Norris (1986), Eqs. (3.19a) and (3.19b).
+    """
+    h, one = length, np.ones_like(length)
+    rows = [
+        [156 * one, 22 * h, 54 * one, -13 * h],
+        [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+        [54 * one, 13 * h, 156 * one, -22 * h],
+        [-13 * h, -3 * h**2, -22 * h, 4 * h**2],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0) * (h / 420)[:, None, None]
+
+
+def hermite_stiffness(length: FloatArray) -> FloatArray:
+    """Bending stiffness of unit EI, (n, 4, 4), order w1 theta1 w2 theta2 with theta = dw/dx.
+
+    References
+    ----------
+    Norris (1986), Eq. (3.20a).
+    """
+    h, one = length, np.ones_like(length)
+    rows = [
+        [12 * one, 6 * h, -12 * one, 6 * h],
+        [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+        [-12 * one, -6 * h, 12 * one, -6 * h],
+        [6 * h, 2 * h**2, -6 * h, 4 * h**2],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0) / (h**3)[:, None, None]
+
+
+@dataclass(frozen=True, eq=False)
+class BendingPlane:
+    """Beams that bend in one plane, and shear in it where `shear` has values: the layers of their matrices.
+
+    A Timoshenko beam that only its ends load has a cubic deflection and a parabolic rotation of its section:
+
+        w = w1 + L (theta1 (x - x^2 / 2) + theta2 x^2 / 2) - a x + s a (x - 3 x^2 + 2 x^3),
+        theta = theta1 (1 - x) + theta2 x - 6 s (a / L) x (1 - x),     x from 0 to 1,
+
+    with a = w1 - w2 + (theta1 + theta2) L / 2 and the share s = 1 / (1 + 12 EI / (G A_s L^2)), which is 1 without shear: then
+    they are Hermite's. Stiffness is exact with these, so that nothing locks; masses are consistent with them, in powers of s.
+
+    Attributes
+    ----------
+    codes : (n, n_codes) int array
+    across : (n, 4, n_codes) float array
+        From the coordinates of the elements to w1 theta1 w2 theta2.
+    length : (n,) float array
+    bending, shear : (str, (n,) float array)
+        Properties EI and G A_s: name and nominal values; None for the second where nothing shears.
+
+    References
+    ----------
+    Przemieniecki (1968), Theory of Matrix Structural Analysis, Eq. (5.116); Friedman and Kosmatka (1993), Comput. Struct.
+    47, 473-481 (masses).
+    """
+
+    codes: IntArray
+    across: FloatArray
+    length: FloatArray
+    bending: tuple[str, FloatArray]
+    shear: tuple[str, FloatArray | None]
+
+    @property
+    def stiffness(self) -> tuple[Layer, ...]:
+        """Of unit EI, less what shear gives way.
+
+        Hermite's matrix is a sum of two: a uniform curvature e = theta2 - theta1 with the stiffness EI / L, and one that
+        grows along the beam, a, with 12 EI / L^3. Of the two only the second goes with a shear force, whose
+        compliance L / GA adds to L^3 / 12 EI.
+        """
+        if self.shear[1] is None:
+            return (self._layer(hermite_stiffness(self.length)),)
+        even, odd = np.array([0.0, -1.0, 0.0, 1.0]), self._odd
+        uniform = np.outer(even, even) / self.length[:, None, None]
+        growing = odd[:, :, None] * odd[:, None, :] * (12 / self.length**3)[:, None, None]
+        return self._layer(uniform), self._layer(growing, 1)
+
+    @property
+    def mass(self) -> tuple[Layer, ...]:
+        """Consistent mass of unit mass per length."""
+        if self.shear[1] is None:
+            return (self._layer(hermite_mass(self.length)),)
+        x, one = _POINTS[:, None], np.ones(len(self.length))
+        plain = [1 + 0 * x * one, (x - x**2 / 2) * self.length, 0 * x * one, x**2 / 2 * self.length]
+        bent = (x - 3 * x**2 + 2 * x**3)[..., None] * self._odd
+        return self._consistent(np.stack(plain, axis=-1) - x[..., None] * self._odd, bent)
+
+    @property
+    def rotary_inertia(self) -> tuple[Layer, ...]:
+        """Of unit inertia of the sections per length."""
+        x, one = _POINTS[:, None], np.ones(len(self.length))
+        plain = np.stack([0 * x * one, (1 - x) * one, 0 * x * one, x * one], axis=-1)
+        bent = (-6 * x * (1 - x) / self.length)[..., None] * self._odd
+        if self.shear[1] is None:
+            return (self._layer(self._product(plain + bent, plain + bent)),)
+        return self._consistent(plain, bent)
+
+    @property
+    def _odd(self) -> FloatArray:
+        """a of w1 theta1 w2 theta2, (n, 4)."""
+        one = np.ones_like(self.length)
+        return np.stack([one, self.length / 2, -one, self.length / 2], axis=1)
+
+    def _consistent(self, plain: FloatArray, bent: FloatArray) -> tuple[Layer, ...]:
+        """Of shapes `plain` + s `bent` at the points, (n_points, n, 4)."""
+        mixed = self._product(plain, bent)
+        return (
+            self._layer(self._product(plain, plain)),
+            self._layer(mixed + np.swapaxes(mixed, 1, 2), 1),
+            self._layer(self._product(bent, bent), 2),
+        )
+
+    def _product(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        """Integral of products of shapes along the beams, (n, 4, 4)."""
+        found: FloatArray = np.einsum("g,gni,gnj,n->nij", _WEIGHTS, first, second, self.length)
+        return found
+
+    def _layer(self, local: FloatArray, power: int = 0) -> Layer:
+        """Matrices (n, 4, 4) that go with a power of the share."""
+        name, values = self.shear
+        if power == 0 or values is None:
+            return Layer(self.codes, rotated(local, self.across))
+        share = ShearShare(self.bending[0], name, 12 / self.length**2, power)
+        left = shear_share(self.bending[1], values, share.ratio) ** power
+        return Layer(self.codes, rotated(local * left[:, None, None], self.across), shear=share)
+
+
+def added(layers: tuple[Layer, ...], local: FloatArray) -> tuple[Layer, ...]:
+    """`layers` with other matrices on the same codes added to the first, which goes with no share."""
+    return replace(layers[0], local=layers[0].local + local), *layers[1:]
+
+
+def rod_mass(length: FloatArray) -> FloatArray:
+    """Consistent mass of a rod of unit mass per length, (n, 2, 2)."""
+    return np.array([[2.0, 1.0], [1.0, 2.0]]) * (length / 6)[:, None, None]
+
+
+def rod_stiffness(length: FloatArray) -> FloatArray:
+    """Stiffness of a rod of unit EA (or GJ), (n, 2, 2)."""
+    return np.array([[1.0, -1.0], [-1.0, 1.0]]) / length[:, None, None]
+
+
+@element
+class Beam(ElementSet):
+    """Straight beams on a line (deflection Y, rotation RZ) or in a plane (X, Y, RZ)."""
+
+    is_line = True
+
+    nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
+    mass: Values = declared("Mass per length", "mass", "kg/m")
+    bending_stiffness: Values = declared("EI", "stiffness", "N m^2")
+    axial_stiffness: Values = declared("EA; in a plane only", "stiffness", "N", default=0.0)
+    loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
+    mass_damping: Values = declared(*PER_VELOCITY, "N s/m^2", "mass", default=0.0)
+    stiffness_damping: Values = declared(*PER_STRAIN_RATE, "N m^2 s", "bending_stiffness", default=0.0)
+    shear_stiffness: OptionalValues = declared(SHEAR, "stiffness", "N", positive=True, unlimited=True, default=None)
+
+    rotary_inertia: OptionalValues = declared(ROTARY_INERTIA, "rotary_inertia", "kg m", optional=True, default=None)
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
+        length, direction = element_vectors(self.name, self.nodes, positions)
+        bending, shear = ("bending_stiffness", self.bending_stiffness), ("shear_stiffness", self.shear_stiffness)
+        if direction.shape[1] == 1:
+            if (direction < 0).any():
+                raise InputError(f"beams of {self.name!r} must run along +X: give the end with the smaller x first")
+            codes = node_codes(self.nodes, ("Y", "RZ"))
+            across: FloatArray = np.broadcast_to(np.eye(4), (len(length), 4, 4))
+            plane, along = BendingPlane(codes, across, length, bending, shear), None
+        elif direction.shape[1] == 3:
+            raise InputError(f"beams of {self.name!r} have 3-D nodes; use the element type `space_beam`")
+        else:
+            codes = node_codes(self.nodes, ("X", "Y", "RZ"))
+            along, across = _plane_maps(direction)
+            plane = BendingPlane(codes, across, length, bending, shear)
+        found = {"mass": plane.mass, "bending_stiffness": plane.stiffness}
+        if along is not None:
+            found["mass"] = added(found["mass"], rotated(rod_mass(length), along))
+            found["axial_stiffness"] = (Layer(codes, rotated(rod_stiffness(length), along)),)
+        if self.shear_stiffness is not None:
+            found["shear_stiffness"] = ()
+        if self.rotary_inertia is not None:
+            found["rotary_inertia"] = plane.rotary_inertia
+        return found
+
+
+def _plane_maps(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Maps from (X Y RZ, X Y RZ) to axial (u1 u2) and bending (w1 theta1 w2 theta2) coordinates of each element."""
+    c, s = direction[:, 0], direction[:, 1]
+    along = np.zeros((len(c), 2, 6))
+    across = np.zeros((len(c), 4, 6))
+    for end in (0, 1):
+        at = 3 * end
+        along[:, end, at], along[:, end, at + 1] = c, s
+        across[:, 2 * end, at], across[:, 2 * end, at + 1] = -s, c
+        across[:, 2 * end + 1, at + 2] = 1.0
+    return along, across

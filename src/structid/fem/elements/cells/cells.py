@@ -1,0 +1,95 @@
+"""Element sets of cells: their positions, types by number of nodes, and matrices of mixed types in one set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.constraints import Limits
+from structid.core.errors import InputError
+from structid.fem.elements.element import ElementSet, Kind, Layer, Positions, Store, element, node_codes
+
+Poisson: TypeAlias = Annotated[float, "float", Limits(above=-1, below=0.5)]
+#: How strains are interpolated; see `elastic_stiffness`.
+Formulation = Literal["incompatible", "full", "mean_dilatation"]
+#: Matrices of cells of one type from the name of the set, labels, positions and the cell type.
+CellMatrices = Callable[[str, IntArray, FloatArray, str], FloatArray]
+
+YOUNGS_MODULUS: tuple[str, Kind, str] = ("Young's modulus", "stiffness", "Pa")
+DENSITY: tuple[str, Kind, str] = ("Density", "mass", "kg/m^3")
+POISSON = "Poisson's ratio, known"
+
+
+def cell_table(cells: Mapping[int, str]) -> Store:
+    """Node labels of cells of these types by number of nodes; rows may end in -1 where a set mixes types."""
+
+    def stored(name: str, nodes: ArrayLike) -> IntArray:
+        table = np.atleast_2d(np.asarray(nodes))
+        if table.ndim != 2 or table.size == 0 or not np.issubdtype(table.dtype, np.integer):
+            raise InputError(f"`nodes` of {name!r} must be a table of whole numbers, got shape {table.shape}")
+        counts = (table >= 0).sum(axis=1)
+        odd = ~np.isin(counts, list(cells))
+        if odd.any():
+            e = int(np.argmax(odd))
+            known = ", ".join(f"{count} ({kind})" for count, kind in cells.items())
+            raise InputError(f"element {e + 1} of {name!r} has {counts[e]} nodes; it can have {known}; mesh with these")
+        return locked(table, np.int64)
+
+    return stored
+
+
+@element
+class CellSet(ElementSet):
+    """Cells of a mesh, possibly of several types, whose nodes all move alike."""
+
+    def layer(
+        self, corners: FloatArray, made: CellMatrices, power: int = 0, directions: Sequence[str] | None = None
+    ) -> Layer:
+        """Matrices that `made` gives on `directions` (all that the nodes move in) of each cell, type by type.
+
+        Those of smaller cells are padded with zeros.
+        """
+        axes = self.moves if directions is None else directions
+        counts = (self.nodes >= 0).sum(axis=1)
+        size = len(axes) * self.nodes.shape[1]
+        total = np.zeros((len(self.nodes), size, size))
+        for count in np.unique(counts).tolist():
+            rows, n = np.flatnonzero(counts == count), len(axes) * count
+            nodes, at = self.nodes[rows, :count], corners[rows, :count]
+            total[rows, :n, :n] = made(self.name, nodes, at, self.cells[count])
+        return Layer(node_codes(self.nodes, axes), total, power)
+
+
+def cell_positions(name: str, nodes: IntArray, positions: Positions, dimensions: int) -> FloatArray:
+    """Positions of the cells' nodes along the first axes, (n_cells, n_nodes, dimensions); zeros where a row has ended."""
+    size = len(next(iter(positions.values())))
+    if size < dimensions:
+        raise InputError(f"{name!r} needs {dimensions}-D nodes, got positions with {size} coordinates")
+    labels, place = np.unique(nodes, return_inverse=True)
+    table = np.array([positions[int(label)] if label >= 0 else np.zeros(size) for label in labels])
+    found = table[place.reshape(nodes.shape)]
+    if size > dimensions:
+        _require_flat(name, nodes, found)
+    flat: FloatArray = found[..., :dimensions]
+    return flat
+
+
+def _require_flat(name: str, nodes: IntArray, found: FloatArray) -> None:
+    """Raise `InputError` at a plane cell that is not parallel to the x-y plane."""
+    used = nodes >= 0
+    high = np.where(used, found[..., 2], -np.inf).max(axis=1)
+    low = np.where(used, found[..., 2], np.inf).min(axis=1)
+    middle = found[:, :1, :2]
+    span = np.where(used, np.linalg.norm(found[..., :2] - middle, axis=2), 0.0).max(axis=1)
+    tilted = high - low > 1e-9 * span
+    if tilted.any():
+        e = int(np.argmax(tilted))
+        labels = ", ".join(map(str, nodes[e][used[e]]))
+        raise InputError(
+            f"element {e + 1} of {name!r} is not parallel to the x-y plane: nodes {labels} have z from {low[e]:g} to"
+            f" {high[e]:g}; turn the model so that it lies in x-y, or make it a shell"
+        )

@@ -1,0 +1,118 @@
+"""Stiffness and mass of isoparametric elastic cells of unit modulus and density, all cells of a type at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.fem.elements.cells.isoparametric import CELLS, CellShape, gradients
+
+#: Cells that take incompatible bending modes.
+BENDING_CELLS = ("quad", "hexahedron")
+
+
+def plane_law(poisson: float, strain: bool) -> FloatArray:
+    """Stress from strain (xx, yy, engineering xy) for unit Young's modulus: plane strain, or plane stress."""
+    if strain:
+        return solid_law(poisson)[np.ix_([0, 1, 3], [0, 1, 3])]
+    law = np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
+    return law / (1 - poisson**2)
+
+
+def solid_law(poisson: float) -> FloatArray:
+    """Stress from strain (xx, yy, zz, engineering xy, yz, zx) for unit Young's modulus."""
+    law = np.zeros((6, 6))
+    law[:3, :3] = poisson
+    law[np.diag_indices(3)] = 1 - poisson
+    law[range(3, 6), range(3, 6)] = 0.5 - poisson
+    return law / ((1 + poisson) * (1 - 2 * poisson))
+
+
+def strain_rows(slopes: FloatArray) -> FloatArray:
+    """Strains from nodal displacements: gradients (..., d, n_nodes) to (..., n_strains, d n_nodes), node by node."""
+    d, n = slopes.shape[-2:]
+    pairs = [(0, 1)] if d == 2 else [(0, 1), (1, 2), (2, 0)]
+    rows = np.zeros((*slopes.shape[:-2], d + len(pairs), n, d))
+    for axis in range(d):
+        rows[..., axis, :, axis] = slopes[..., axis, :]
+    for k, (a, b) in enumerate(pairs, d):
+        rows[..., k, :, a], rows[..., k, :, b] = slopes[..., b, :], slopes[..., a, :]
+    return rows.reshape(*slopes.shape[:-2], d + len(pairs), n * d)
+
+
+def elastic_stiffness(
+    name: str, nodes: IntArray, positions: FloatArray, cell: str, law: FloatArray, formulation: str
+) -> FloatArray:
+    """Stiffness for the stress-strain `law`, (n_cells, n_local, n_local).
+
+    Parameters
+    ----------
+    name : str
+        Of the element set, for messages.
+    nodes : (n_cells, n_nodes) int array
+    positions : (n_cells, n_nodes, n_dimensions) float array
+        m.
+    cell : str
+        Cell type, one of `CELLS`.
+    law : (n_strains, n_strains) float array
+        Stress from strain.
+    formulation : {"incompatible", "full", "mean_dilatation"}
+        ``incompatible``: quadrilaterals and hexahedra with bending modes that are condensed (Taylor, Beresford and
+        Wilson 1976); ``full``: plain interpolation; ``mean_dilatation``: the volume change of a cell is its mean
+        (Hughes 1980), for nearly incompressible material. Other cells are plain but for ``mean_dilatation``.
+    """
+    shape = CELLS[cell]
+    slopes, determinant = gradients(name, nodes, positions, shape, shape.points)
+    measure = shape.weights[:, None] * determinant
+    rows = strain_rows(slopes)
+    if formulation == "mean_dilatation":
+        rows = _with_mean_dilatation(rows, measure, positions.shape[2])
+    stiffness = _products(rows, law, rows, measure)
+    if formulation == "incompatible" and cell in BENDING_CELLS:
+        bending = strain_rows(_bending_slopes(shape, positions, measure, determinant))
+        coupling = _products(bending, law, rows, measure)
+        own = _products(bending, law, bending, measure)
+        stiffness = stiffness - np.swapaxes(coupling, 1, 2) @ np.linalg.solve(own, coupling)
+    return 0.5 * (stiffness + np.swapaxes(stiffness, 1, 2))
+
+
+def _products(left: FloatArray, law: FloatArray, right: FloatArray, measure: FloatArray) -> FloatArray:
+    """Integrals of left' law right over each cell."""
+    total = np.zeros((left.shape[1], left.shape[3], right.shape[3]))
+    for a, b, weight in zip(left, right, measure, strict=True):
+        total += np.swapaxes(a, 1, 2) @ (law @ b * weight[:, None, None])
+    return total
+
+
+def _bending_slopes(
+    shape: CellShape, positions: FloatArray, measure: FloatArray, determinant: FloatArray
+) -> FloatArray:
+    """Gradients of 1 - xi_i^2 by the Jacobian of the cell's centre, (n_points, n_cells, d, d).
+
+    With the determinants' ratio in front, their integrals vanish, as the patch test asks.
+    """
+    d = positions.shape[2]
+    centre = np.einsum("dk,ekc->edc", shape.slopes(np.zeros((1, d)))[0], positions)
+    inverse = np.linalg.inv(centre)
+    slopes = -2 * shape.points[:, None, None, :] * inverse[None]
+    middle = np.abs(np.linalg.det(centre))
+    return slopes * (middle / determinant)[:, :, None, None]
+
+
+def _with_mean_dilatation(rows: FloatArray, measure: FloatArray, d: int) -> FloatArray:
+    """Strain rows whose trace is the mean over the cell."""
+    trace = rows[:, :, :d].sum(axis=2)
+    mean = np.einsum("qe,qen->en", measure, trace) / measure.sum(axis=0)[:, None]
+    changed = rows.copy()
+    changed[:, :, :d] += ((mean - trace) / d)[:, :, None, :]
+    return changed
+
+
+def unit_mass(name: str, nodes: IntArray, positions: FloatArray, cell: str) -> FloatArray:
+    """Consistent mass for unit density, (n_cells, n_local, n_local)."""
+    shape = CELLS[cell]
+    d = positions.shape[2]
+    _, determinant = gradients(name, nodes, positions, shape, shape.mass_points)
+    values = shape.values(shape.mass_points)
+    scalar = np.einsum("q,qe,qi,qj->eij", shape.mass_weights, determinant, values, values, optimize=True)
+    return np.einsum("eij,kl->eikjl", scalar, np.eye(d)).reshape(len(nodes), d * shape.n_nodes, -1)

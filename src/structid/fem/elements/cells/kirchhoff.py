@@ -1,0 +1,127 @@
+"""Bending stiffness and mass of discrete Kirchhoff plates of unit modulus, all cells of a type at once.
+
+Rotations of the normal are quadratic on a cell with straight sides. Along each side the deflection is the cubic of a beam;
+at mid-side the rotation along the side is the slope of that cubic (no shear strain there), and the rotation across it
+the mean of the two corners. What remains are deflection and two rotations at each corner (Batoz, Bathe and Ho 1980 for
+triangles; Batoz and Ben Tahar 1982 for quadrilaterals).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.fem.elements.cells.isoparametric import CELLS, box_rule, gradients, triangle_rule
+
+#: Cell types by number of nodes.
+PLATE_CELLS = {3: "triangle", 4: "quad"}
+#: Cell that interpolates the rotations of a cell.
+_ROTATIONS = {"triangle": "triangle6", "quad": "quad8"}
+
+
+def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str, law: FloatArray) -> FloatArray:
+    """Stiffness for unit modulus and unit thickness cubed, (n_cells, 3 n_corners, 3 n_corners).
+
+    Parameters
+    ----------
+    name : str
+        Of the element set, for messages.
+    nodes : (n_cells, n_corners) int array
+    corners : (n_cells, n_corners, 2) float array
+        m.
+    cell : {"triangle", "quad"}
+    law : (3, 3) float array
+        Plane stress from strain for unit modulus; moments are law / 12 times curvatures.
+    """
+    shape = CELLS[cell]
+    gradients(name, nodes, corners, shape, shape.corners)  # so that a folded cell is told
+    middles = (corners + np.roll(corners, -1, axis=1)) / 2
+    rotations = CELLS[_ROTATIONS[cell]]
+    points, weights = (shape.points, shape.weights) if cell == "quad" else (rotations.points, rotations.weights)
+    slopes, determinant = gradients(name, nodes, np.concatenate([corners, middles], axis=1), rotations, points)
+    tangent = _rotation_map(corners)
+    n = rotations.n_nodes
+    total = np.zeros((len(nodes), 3 * shape.n_nodes, 3 * shape.n_nodes))
+    for dx, weight in zip(slopes, weights[:, None] * determinant, strict=True):
+        rows = np.zeros((len(nodes), 3, n, 2))  # curvatures from (beta_x, beta_y)
+        rows[:, 0, :, 0] = dx[:, 0]
+        rows[:, 1, :, 1] = dx[:, 1]
+        rows[:, 2, :, 0], rows[:, 2, :, 1] = dx[:, 1], dx[:, 0]
+        bending = rows.reshape(len(nodes), 3, 2 * n) @ tangent
+        total += np.swapaxes(bending, 1, 2) @ (law / 12 @ bending * weight[:, None, None])
+    return 0.5 * (total + np.swapaxes(total, 1, 2))
+
+
+def _rotation_map(corners: FloatArray) -> FloatArray:
+    """Rotations (beta_x, beta_y) at corners, then mid-sides, from (w, theta_x, theta_y) at corners.
+
+    beta = -grad w without shear; theta_x = dw/dy = -beta_y and theta_y = -dw/dx = beta_x.
+    """
+    n_cells, n, _ = corners.shape
+    found = np.zeros((n_cells, 2 * n, 2, n, 3))
+    for k in range(n):
+        found[:, k, 0, k, 2] = 1.0
+        found[:, k, 1, k, 1] = -1.0
+    sides = np.roll(corners, -1, axis=1) - corners
+    length = np.linalg.norm(sides, axis=2)
+    along = sides / length[:, :, None]
+    for k in range(n):
+        ends = (k, (k + 1) % n)
+        own = found[:, n + k]
+        mean = (found[:, ends[0]] + found[:, ends[1]]) / 2
+        s = along[:, k]
+        # slope of the cubic at the middle: 1.5 (w2 - w1) / l - (slopes at the ends) / 4, and slope = -beta along s
+        tangential = -np.einsum("ed,edkc->ekc", s, mean) / 2
+        tangential[:, ends[0], 0] += 1.5 / length[:, k]
+        tangential[:, ends[1], 0] -= 1.5 / length[:, k]
+        across = mean - s[:, :, None, None] * np.einsum("ed,edkc->ekc", s, mean)[:, None]
+        own += across + s[:, :, None, None] * tangential[:, None]
+    return found.reshape(n_cells, 4 * n, 3 * n)
+
+
+def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> FloatArray:
+    """Mass for unit mass per area, (n_cells, 3 n_corners, 3 n_corners), of a deflection that is cubic along the sides.
+
+    Triangles take the nine functions of Bazeley, Cheung, Irons and Zienkiewicz (1965), quadrilaterals the twelve of
+    Melosh (1963) on the reference square. Both hold every rigid motion exactly.
+    """
+    shape = CELLS[cell]
+    corner_slopes = np.einsum("qdk,ekc->eqdc", shape.slopes(shape.corners), corners)
+    points, weights = triangle_rule(4) if cell == "triangle" else box_rule(4, 4)
+    _, determinant = gradients(name, nodes, corners, shape, points)
+    functions = _triangle_functions(points) if cell == "triangle" else _square_functions(points)
+    # nodal (w, dw/dxi, dw/deta) from (w, theta_x, theta_y): dw/dx = -theta_y, dw/dy = theta_x
+    turned = np.zeros((*corner_slopes.shape[:2], 3, 3))
+    turned[:, :, 0, 0] = 1.0
+    turned[:, :, 1:, 1] = corner_slopes[..., 1]
+    turned[:, :, 1:, 2] = -corner_slopes[..., 0]
+    values = np.einsum("qka,ekab->eqkb", functions, turned).reshape(len(nodes), len(points), -1)
+    return np.swapaxes(values, 1, 2) @ (values * (weights[:, None] * determinant).T[:, :, None])
+
+
+def _square_functions(at: FloatArray) -> FloatArray:
+    """Values at `at` of the functions of (w, dw/dxi, dw/deta) at each corner of the square, (n_points, 4, 3)."""
+    found = np.empty((len(at), 4, 3))
+    for k, (a, b) in enumerate(CELLS["quad"].corners):
+        x, y = at[:, 0] * a, at[:, 1] * b
+        both = (1 + x) * (1 + y) / 8
+        found[:, k, 0] = both * (2 + x + y - x**2 - y**2)
+        found[:, k, 1] = -a * both * (1 - x**2)
+        found[:, k, 2] = -b * both * (1 - y**2)
+    return found
+
+
+def _triangle_functions(at: FloatArray) -> FloatArray:
+    """The same of the reference triangle, (n_points, 3, 3)."""
+    area = np.column_stack([1 - at.sum(axis=1), at])
+    corners = CELLS["triangle"].corners
+    bubble = area.prod(axis=1)
+    found = np.empty((len(at), 3, 3))
+    for k in range(3):
+        j, m = (k + 1) % 3, (k + 2) % 3
+        lk, lj, lm = area[:, k], area[:, j], area[:, m]
+        found[:, k, 0] = lk + lk**2 * (lj + lm) - lk * (lj**2 + lm**2)
+        to_j = (lk**2 * lj + bubble / 2)[:, None] * (corners[j] - corners[k])
+        to_m = (lk**2 * lm + bubble / 2)[:, None] * (corners[m] - corners[k])
+        found[:, k, 1:] = to_j + to_m
+    return found

@@ -1,0 +1,98 @@
+"""Springs and dashpots between two degrees of freedom, or from one to the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, TypeAlias
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
+from structid.fem.elements.element import (
+    LOSS_FACTOR,
+    Declared,
+    ElementSet,
+    Given,
+    Layer,
+    Matrices,
+    Nodes,
+    Positions,
+    Values,
+    declarations,
+    declared,
+    dof_code,
+    element,
+)
+
+Dofs = Sequence[str | Dof] | str | Dof
+#: Degrees of freedom, one an element, or several of another kind.
+Ends: TypeAlias = Annotated[Given[Dofs, tuple[Dof, ...]], "degree of freedom or sequence of them"]
+OtherEnds: TypeAlias = Annotated[Given[Dofs | None, tuple[Dof, ...] | None], "the same, optional"]
+
+
+def dofs_stored(name: str, given: Dofs) -> tuple[Dof, ...]:
+    """Every degree of freedom in `given`."""
+    return parse_dofs([given] if isinstance(given, str | Dof) else given)
+
+
+@element
+class Connector(ElementSet):
+    """Elements between pairs of degrees of freedom, or from one to the ground."""
+
+    nodes: Nodes = declared("Node labels of the ends; -1 for the ground", init=False)
+    first: Ends = declared("One end of each element, such as ``1X``")
+    second: OtherEnds = declared("The other end; the ground where left out", default=None)
+
+    def __post_init__(self) -> None:
+        for key in ("first", "second"):
+            given = getattr(self, key)
+            object.__setattr__(self, key, given if given is None else dofs_stored(self.name, given))
+        _require_ends(self.name, self.first, self.second)
+        ends = [-1] * len(self.first) if self.second is None else [d.node for d in self.second]
+        object.__setattr__(self, "nodes", locked(np.array([[d.node for d in self.first], ends]).T, np.int64))
+        super().__post_init__()
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """Matrices d d' with d = +1 at the first end and -1 at the second, each times the sense of its `Dof`."""
+        columns = [self.first] if self.second is None else [self.first, self.second]
+        codes = np.array([[dof_code(d.node, d.direction) for d in ends] for ends in columns]).T
+        jump: FloatArray = np.array([[d.sign for d in ends] for ends in columns], dtype=np.float64).T
+        jump[:, 1:] *= -1
+        layers = (Layer(codes, jump[:, :, None] * jump[:, None, :]),)
+        return dict.fromkeys(declarations(self), layers)
+
+    def unit(self, what: Declared) -> str:
+        """The unit that fits all degrees of freedom; both where translations and rotations mix."""
+        units = {what.about_axes or what.unit if dof.is_rotation else what.unit for dof in self.first}
+        return units.pop() if len(units) == 1 else f"{what.unit} or {what.about_axes}"
+
+
+def _require_ends(name: str, first: tuple[Dof, ...], second: tuple[Dof, ...] | None) -> None:
+    if not first:
+        raise InputError(f"`first` of {name!r} must name at least one degree of freedom")
+    if second is None:
+        return
+    if len(second) != len(first):
+        raise InputError(f"`second` of {name!r} must have as many entries as `first` ({len(first)}), got {len(second)}")
+    for a, b in zip(first, second, strict=True):
+        if a.is_rotation != b.is_rotation:
+            raise InputError(f"{name!r} connects a translation with a rotation: {a} and {b}")
+        if a.unsigned == b.unsigned:
+            raise InputError(f"{name!r} connects {a} with itself; leave `second` out for the ground")
+
+
+@element
+class Spring(Connector):
+    """Springs between pairs of degrees of freedom, or to the ground."""
+
+    stiffness: Values = declared("Stiffness", "stiffness", "N/m", about_axes="N m/rad", kw_only=True)
+    loss_factor: Values = declared(*LOSS_FACTOR, default=0.0, kw_only=True)
+
+
+@element
+class Dashpot(Connector):
+    """Viscous dashpots between pairs of degrees of freedom, or to the ground."""
+
+    viscous_damping: Values = declared("Damping", "viscous_damping", "N s/m", about_axes="N m s/rad", kw_only=True)

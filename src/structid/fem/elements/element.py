@@ -1,0 +1,406 @@
+"""What an element type declares, and what a set of elements tells the structure: one matrix an element for each property."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeAlias, TypeVar, dataclass_transform
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.constraints import declared_types, problem_of, type_words
+from structid.core.dof import DIRECTIONS, Dof
+from structid.core.errors import InputError
+
+Kind = Literal[
+    "mass",
+    "rotary_inertia",
+    "viscous_damping",
+    "stiffness",
+    "loss_factor",
+    "friction",
+    "thickness",
+    "position",
+    "parameter",
+    "damping_ratio",
+]
+Positions = Mapping[int, FloatArray]
+
+TRANSLATIONS = DIRECTIONS[:3]
+
+Taken = TypeVar("Taken", contravariant=True)
+Stored = TypeVar("Stored", covariant=True)
+E = TypeVar("E", bound="ElementSet")
+
+
+class Given(Generic[Taken, Stored]):
+    """Type of a field that is given as one type and stored as another, in the words that type checkers understand."""
+
+    def __get__(self, instance: object, owner: type | None = None) -> Stored:
+        raise NotImplementedError
+
+    def __set__(self, instance: object, value: Taken) -> None:
+        raise NotImplementedError
+
+
+#: One number an element, or one for all.
+Values: TypeAlias = Annotated[Given[ArrayLike, FloatArray], "float or (n_elements,) array"]
+#: The same, or none.
+OptionalValues: TypeAlias = Annotated[
+    Given[ArrayLike | None, FloatArray | None], "float or (n_elements,) array, optional"
+]
+#: Node labels.
+Nodes: TypeAlias = Annotated[Given[ArrayLike, IntArray], "(n_elements, n_nodes) int array"]
+#: A direction in space.
+Vector: TypeAlias = Annotated[Given[ArrayLike | None, FloatArray | None], "(3,) array, optional"]
+
+#: Checks a given value and makes what is stored of it; the first argument is the name of the set, for messages.
+Store = Callable[[str, Any], Any]
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What an element type says of one of its fields; limits and choices stand in the annotation.
+
+    Parameters
+    ----------
+    words : str
+        What it is.
+    kind : Kind, optional
+        Of a property, whose numbers weigh a matrix an element. It fixes how the property enters the dynamic stiffness:
+        ``mass`` and ``rotary_inertia`` by -omega^2, ``viscous_damping`` by i omega, ``stiffness`` by 1, ``loss_factor`` by
+        i times the element's stiffness. A ``thickness`` weighs the matrices of the others by its powers, a ``position`` by
+        those of the lengths that it changes. A ``parameter`` weighs
+        matrices that say themselves how they enter.
+    unit : str
+        SI unit.
+    of : str
+        The property whose matrix it weighs too; by default it has one of its own.
+    positive : bool
+        Whether 0 is refused.
+    unlimited : bool
+        Whether leaving it out is the same as one infinite number: nothing gives way there.
+    optional : bool
+        Whether it may be left out, and is no property of the set then.
+    about_axes : str
+        Unit between rotations.
+    stored : Store, optional
+    """
+
+    words: str
+    kind: Kind | None = None
+    unit: str = ""
+    of: str = ""
+    positive: bool = False
+    about_axes: str = ""
+    stored: Store | None = None
+    unlimited: bool = False
+    optional: bool = False
+
+
+#: What many types say of their damping.
+LOSS_FACTOR: tuple[str, Kind, str] = ("Structural damping: stiffness times (1 + i loss_factor)", "loss_factor", "1")
+PER_VELOCITY: tuple[str, Kind] = ("Viscous damping in proportion to velocity", "viscous_damping")
+PER_STRAIN_RATE: tuple[str, Kind] = ("Viscous damping in proportion to strain rate", "viscous_damping")
+
+
+def declared(
+    words: str,
+    kind: Kind | None = None,
+    unit: str = "",
+    of: str = "",
+    about_axes: str = "",
+    positive: bool = False,
+    stored: Store | None = None,
+    unlimited: bool = False,
+    optional: bool = False,
+    **options: Any,
+) -> Any:
+    """A field of an element type, see `Declared`; `options` are those of `dataclasses.field`, such as `default`."""
+    what = Declared(words, kind, unit, of, positive, about_axes, stored, unlimited, optional or unlimited)
+    return field(metadata={"declared": what}, **options)
+
+
+def declarations(kind: type[ElementSet] | ElementSet) -> dict[str, Declared]:
+    """What an element type says of each of its fields."""
+    return {item.name: item.metadata["declared"] for item in fields(kind)}
+
+
+@dataclass_transform(field_specifiers=(declared,), eq_default=False)  # frozen, mypy forgets `Given` of inherited fields
+def element(cls: type[E]) -> type[E]:
+    """An element type as a frozen dataclass, with its fields in the docstring."""
+    made = dataclass(frozen=True, eq=False)(cls)
+    types, rows = declared_types(made), []
+    for item in fields(made):
+        what: Declared = item.metadata["declared"]
+        unit = " or ".join(word for word in (what.unit, what.about_axes) if word not in ("", "1"))
+        default = "" if item.default in (MISSING, None) else f", default {item.default!r}"
+        if item.init:
+            rows += [f"{item.name} : {type_words(types[item.name])}{default}"]
+            rows += [f"    {what.words}{', ' * bool(unit)}{unit}."]
+    text = inspect.cleandoc(cls.__doc__ or "")
+    summary, *others = re.split(r"\n\n(?=(?:Notes|References)\n---)", text)
+    made.__doc__ = "\n\n".join([summary, "\n".join(["Parameters", "----------", *rows]), *others])
+    return made
+
+
+@dataclass(frozen=True, eq=False)
+class ShearShare:
+    """What beams that shear have of a matrix: a power of the share s = G / (G + ratio E) that bending takes.
+
+    Parameters
+    ----------
+    bending, shear : str
+        The properties E and G, such as ``bending_stiffness`` and ``shear_stiffness``.
+    ratio : (n_elements,) float array
+        12 / length^2, 1/m^2.
+    power : int
+        Stiffness goes with s itself, mass has parts with s and s^2.
+    """
+
+    bending: str
+    shear: str
+    ratio: FloatArray
+    power: int = 1
+
+
+def shear_share(bending: FloatArray, shear: FloatArray, ratio: FloatArray) -> FloatArray:
+    """The share s of `ShearShare`, (n_elements,)."""
+    return shear / (shear + ratio * bending)
+
+
+@dataclass(frozen=True)
+class Power:
+    """A property over a reference value, to a power."""
+
+    property: str
+    reference: float
+    exponent: int
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Matrices of all elements of a set, at unit value, unit thickness and the nominal power of the share of `shear`.
+
+    Parameters
+    ----------
+    codes : (n_elements, n_local) int array
+        Degree of freedom codes, see `dof_code`; -1 where a row is not used.
+    local : (n_elements, n_local, n_local) float array
+    power : int
+        Power of the thickness that they go with.
+    whole : sparse array, optional
+        In place of `local`: the matrix of a set that is one element.
+    shear : ShearShare, optional
+        What weighs them besides.
+    powers : tuple of Power
+        Of a set that is one element: powers of its properties that weigh the matrix besides.
+    law : str
+        How it enters the dynamic stiffness, see `Contribution`, where the kind of its property does not say it.
+    reduced : bool
+        Whether other degrees of freedom follow its own by shapes of vibration, so that rigid motion does not show its mass.
+    stretch : int
+        Power of the element's length that they go with, where that may change.
+    """
+
+    codes: IntArray
+    local: FloatArray
+    power: int = 0
+    whole: sparse.csc_array | None = None
+    shear: ShearShare | None = None
+    powers: tuple[Power, ...] = ()
+    law: str = ""
+    reduced: bool = False
+    stretch: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One property of an element set and the matrices that it weighs.
+
+    Parameters
+    ----------
+    property : str
+        Name, such as ``bending_stiffness``.
+    kind : Kind
+        See `Declared`.
+    unit : str
+        SI unit of the values.
+    values : (n_elements,) float array
+        Nominal values.
+    layers : sequence of Layer
+        For unit value and the nominal thickness: of a shell, stretching and bending. None of a loss factor or thickness,
+        which weigh other terms' matrices.
+    limits : (float, float), optional
+        Between which the values make sense; from 0 on by default.
+    """
+
+    property: str
+    kind: Kind
+    unit: str
+    values: FloatArray
+    layers: Sequence[Layer] = ()
+    limits: tuple[float, float] | None = None
+
+
+#: The matrices that the properties of a set weigh, by the name of the property.
+Matrices: TypeAlias = Mapping[str, Sequence[Layer]]
+
+
+@element
+class ElementSet:
+    """A named set of elements of one type.
+
+    A type declares its arguments and properties as fields, and gives the `matrices` that the properties weigh.
+    """
+
+    #: Directions in which each of its nodes moves, where they are the same on any mesh.
+    moves: ClassVar[tuple[str, ...]] = ()
+    #: Whether its nodes move as those of other elements do: masses.
+    follows: ClassVar[bool] = False
+    #: Whether each element is straight between its two nodes, so that a joint may loosen its ends.
+    is_line: ClassVar[bool] = False
+    #: Types of its cells by number of nodes; none where its elements are no cells of a mesh.
+    cells: ClassVar[Mapping[int, str]] = {}
+    #: Whether its matrices say what it does; a set that has responses alone stands alone in a structure.
+    has_matrices: ClassVar[bool] = True
+
+    name: str = declared("Name of the set")
+    nodes: Nodes = declared("Node labels, one row an element; -1 stands for the ground")
+
+    def __post_init__(self) -> None:
+        types = declared_types(type(self))
+        for name, what in declarations(self).items():
+            value = getattr(self, name)
+            if what.unlimited and isinstance(value, float) and value == np.inf:
+                value = None
+            if what.kind is not None and not (what.optional and value is None):
+                value = property_values(self.name, name, value, len(self.nodes), what.positive)
+            problem = problem_of(types[name], value)
+            if problem:
+                raise InputError(f"`{name}` of {self.name!r} {problem}")
+            if what.stored is not None and value is not None:
+                value = what.stored(self.name, value)
+            object.__setattr__(self, name, value)
+
+    @property
+    def loosened(self) -> tuple[str, Dof] | None:
+        """The element whose end it lets go, and in what; its matrices then have -1 for that end. None for most."""
+        return None
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """The matrices that properties weigh, by the name of the property; see `terms`."""
+        raise NotImplementedError
+
+    def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
+        """Properties with their matrices.
+
+        Parameters
+        ----------
+        positions : mapping of node label to position in m
+        present : (n,) int array
+            Codes of the degrees of freedom that elements other than those that follow use.
+        """
+        made = {name: self._thick(layers) for name, layers in self.matrices(positions, present).items()}
+        found = []
+        for name, what in declarations(self).items():
+            if what.kind in ("loss_factor", "thickness"):
+                found.append(Term(name, what.kind, self.unit(what), getattr(self, name)))
+            elif what.kind is not None and (what.of or name) in made:
+                found.append(Term(name, what.kind, self.unit(what), getattr(self, name), made[what.of or name]))
+        return tuple(found)
+
+    def unit(self, what: Declared) -> str:
+        """The unit of a property."""
+        return what.unit
+
+    def codes(self, positions: Positions) -> IntArray:
+        """Codes of the degrees of freedom that it uses where no other elements are, in order."""
+        if self.moves:  # so that no matrices are made, which are dear on a mesh
+            return joined_codes([node_codes(np.unique(self.nodes)[:, None], self.moves)])
+        terms = self.terms(positions, joined_codes([]))
+        return joined_codes([layer.codes for term in terms for layer in term.layers])
+
+    def _thick(self, layers: Sequence[Layer]) -> tuple[Layer, ...]:
+        """`layers` at the nominal thickness."""
+        if not any(layer.power for layer in layers):
+            return tuple(layers)
+        [name] = [name for name, what in declarations(self).items() if what.kind == "thickness"]
+        thickness = getattr(self, name)[:, None, None]
+        return tuple(Layer(layer.codes, layer.local * thickness**layer.power, layer.power) for layer in layers)
+
+
+def dof_code(node: int, direction: str) -> int:
+    """An integer for a node and a direction: 6 node + axis."""
+    return 6 * node + DIRECTIONS.index(direction)
+
+
+def dof_of_code(code: int) -> Dof:
+    """The degree of freedom that `dof_code` numbered."""
+    return Dof(int(code) // 6, DIRECTIONS[int(code) % 6])
+
+
+def joined_codes(tables: Sequence[IntArray]) -> IntArray:
+    """All codes of `tables`, each once, in order, without -1."""
+    codes: IntArray = np.unique(np.concatenate([np.zeros(0, np.int64), *(table.ravel() for table in tables)]))
+    return codes[codes >= 0]
+
+
+def node_codes(nodes: IntArray, directions: Sequence[str]) -> IntArray:
+    """Codes of all `directions` at each node of each element, node by node; -1 where a label is -1."""
+    axes = np.array([DIRECTIONS.index(d) for d in directions])
+    codes = np.where(nodes[:, :, None] >= 0, 6 * nodes[:, :, None] + axes, -1)
+    return codes.reshape(len(nodes), -1)
+
+
+def node_table(columns: int) -> Store:
+    """Node labels of elements with so many nodes each; a single element may be given as one row."""
+
+    def stored(name: str, nodes: ArrayLike) -> IntArray:
+        table = np.atleast_2d(np.asarray(nodes))
+        if columns == 1 and table.shape[0] == 1 and table.shape[1] != 1:
+            table = table.T
+        if table.ndim != 2 or table.shape[1] != columns or table.size == 0:
+            raise InputError(f"`nodes` of {name!r} must have {columns} labels an element, got shape {np.shape(nodes)}")
+        if not np.issubdtype(table.dtype, np.integer):
+            raise InputError(f"`nodes` of {name!r} must be whole numbers, got {np.asarray(nodes).tolist()}")
+        return locked(table, np.int64)
+
+    return stored
+
+
+def property_values(element: str, name: str, values: ArrayLike, n_elements: int, positive: bool = False) -> FloatArray:
+    """`values` as one number an element; a single number stands for all of them."""
+    try:
+        array = np.broadcast_to(np.asarray(values, dtype=np.float64), (n_elements,))
+    except ValueError as error:
+        raise InputError(
+            f"`{name}` of {element!r} must be one number or {n_elements}, got shape {np.shape(values)}"
+        ) from error
+    if not np.isfinite(array).all() or (array < 0).any():
+        raise InputError(f"`{name}` of {element!r} must be finite and at least 0, got {array.tolist()}")
+    if positive and not array.all():
+        raise InputError(f"`{name}` of {element!r} must be greater than 0, got {array.min():g}")
+    return locked(array)
+
+
+def element_vectors(name: str, nodes: IntArray, positions: Positions) -> tuple[FloatArray, FloatArray]:
+    """Lengths (n_elements,) and unit vectors (n_elements, n_dimensions) of two-node elements."""
+    start = np.array([positions[int(n)] for n in nodes[:, 0]])
+    end = np.array([positions[int(n)] for n in nodes[:, 1]])
+    difference = end - start
+    length = np.linalg.norm(difference, axis=1)
+    if (length <= 0).any():
+        e = int(np.argmin(length))
+        raise InputError(f"element {e + 1} of {name!r} has no length: nodes {nodes[e, 0]} and {nodes[e, 1]} coincide")
+    return length, difference / length[:, None]
+
+
+def rotated(local: FloatArray, rotation: FloatArray) -> FloatArray:
+    """rotation' local rotation for every element: (n, a, a) and (n, a, b) to (n, b, b)."""
+    return np.swapaxes(rotation, 1, 2) @ local @ rotation

@@ -1,0 +1,78 @@
+"""Point masses and rotary inertias."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+
+from structid.core.arrays import IntArray
+from structid.core.errors import InputError
+from structid.fem.elements.element import (
+    TRANSLATIONS,
+    ElementSet,
+    Given,
+    Layer,
+    Matrices,
+    Nodes,
+    Positions,
+    Values,
+    declared,
+    element,
+    node_codes,
+    node_table,
+)
+
+Translations: TypeAlias = Annotated[
+    Given[Iterable[str] | None, tuple[str, ...] | None], 'tuple of {"X", "Y", "Z"}, optional'
+]
+
+
+def _translations(name: str, given: Iterable[str]) -> tuple[str, ...] | None:
+    directions = tuple(given)
+    if not set(directions) <= set(TRANSLATIONS):
+        raise InputError(f"`directions` of {name!r} must be among X Y Z, got {directions}")
+    return directions
+
+
+@element
+class PointMass(ElementSet):
+    """Masses at nodes, the same in every translation."""
+
+    follows = True
+
+    nodes: Nodes = declared("Node labels", stored=node_table(1))
+    mass: Values = declared("Mass", "mass", "kg")
+    directions: Translations = declared(
+        "Translations in which the mass moves; by default those that other elements give to the node, or all that the"
+        " node's position has coordinates for where no other element gives any",
+        stored=_translations,
+        default=None,
+    )
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
+        codes = node_codes(self.nodes, TRANSLATIONS)
+        moves = np.isin(codes, present)
+        if self.directions is not None:
+            moves[:] = np.isin(TRANSLATIONS, self.directions)
+        alone = ~moves.any(axis=1)
+        moves[alone] = np.arange(3) < len(next(iter(positions.values())))
+        return {"mass": (Layer(np.where(moves, codes, -1), np.eye(3) * moves[:, None, :]),)}
+
+
+@element
+class RotaryInertia(ElementSet):
+    """Mass moments of inertia at nodes about one axis."""
+
+    follows = True
+
+    nodes: Nodes = declared("Node labels", stored=node_table(1))
+    rotary_inertia: Values = declared("Mass moment of inertia", "rotary_inertia", "kg m^2")
+    direction: Literal["RX", "RY", "RZ"] = declared("Axis of rotation")
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
+        codes = node_codes(self.nodes, (self.direction,))
+        return {"rotary_inertia": (Layer(codes, np.ones((len(self.nodes), 1, 1))),)}

@@ -1,0 +1,104 @@
+"""A group of a model from another finite element code: whole matrices that scale together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, TypeAlias, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from structid.core.arrays import IntArray, locked
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
+from structid.fem.elements.element import (
+    ElementSet,
+    Given,
+    Kind,
+    Layer,
+    Matrices,
+    Nodes,
+    Positions,
+    Term,
+    Values,
+    declared,
+    dof_code,
+    element,
+)
+
+#: Sparse or dense.
+AnyMatrix: TypeAlias = sparse.sparray | sparse.spmatrix | ArrayLike
+Rows: TypeAlias = Annotated[Given[Iterable[str | Dof], tuple[Dof, ...]], "sequence of degrees of freedom"]
+Matrix: TypeAlias = Annotated[
+    Given[AnyMatrix, sparse.csc_array | None], "(n_dofs, n_dofs) sparse or dense array, optional"
+]
+_KINDS: dict[str, Kind] = {"mass": "mass", "stiffness": "stiffness", "damping": "viscous_damping"}
+
+
+def _sparse(name: str, given: AnyMatrix) -> sparse.csc_array:
+    return sparse.csc_array(given, dtype=np.float64)
+
+
+class GroupMatrices(TypedDict, total=False):
+    """What `MatrixGroup` takes beside its name and degrees of freedom."""
+
+    mass: AnyMatrix
+    stiffness: AnyMatrix
+    damping: AnyMatrix
+    loss_factor: ArrayLike
+
+
+@element
+class MatrixGroup(ElementSet):
+    """Sparse matrices of one part of a structure; each is multiplied by a factor of nominal value 1."""
+
+    nodes: Nodes = declared("Nodes of the rows, in order, as one element", init=False)
+    dofs: Rows = declared("What the rows of the matrices stand for")
+    mass: Matrix = declared("Symmetric, SI units", stored=_sparse, default=None)
+    stiffness: Matrix = declared("Likewise", stored=_sparse, default=None)
+    damping: Matrix = declared("Likewise", stored=_sparse, default=None)
+    loss_factor: Values = declared("Structural damping of `stiffness`", "loss_factor", "1", default=0.0)
+
+    def __post_init__(self) -> None:
+        dofs = parse_dofs(self.dofs)
+        object.__setattr__(self, "dofs", dofs)
+        object.__setattr__(self, "nodes", locked(np.unique([d.node for d in dofs])[None, :], np.int64))
+        super().__post_init__()
+        if not self.given:
+            raise InputError(f"group {self.name!r} has no matrix; give `mass`, `stiffness` or `damping`")
+        for key, matrix in self.given.items():
+            _require_symmetric(self.name, key, matrix, len(dofs))
+
+    @property
+    def given(self) -> dict[str, sparse.csc_array]:
+        """Those of its matrices that there are."""
+        every = {"mass": self.mass, "stiffness": self.stiffness, "damping": self.damping}
+        return {key: matrix for key, matrix in every.items() if matrix is not None}
+
+    def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
+        """Factors with their matrices; see `ElementSet.terms`."""
+        made, one = self.matrices(positions, present), np.ones(1)
+        terms = [Term(key, _KINDS[key], "1", one, layers) for key, layers in made.items()]
+        loss = [Term("loss_factor", "loss_factor", "1", self.loss_factor)] if "stiffness" in made else []
+        return (*terms, *loss)
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
+        codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
+        sign = sparse.diags_array([float(d.sign) for d in self.dofs])
+        made = {key: sparse.csc_array(sign @ matrix @ sign) for key, matrix in self.given.items()}
+        return {key: (Layer(codes, np.zeros((1, 0, 0)), whole=matrix),) for key, matrix in made.items()}
+
+
+def _require_symmetric(group: str, name: str, matrix: sparse.csc_array, size: int) -> None:
+    if matrix.shape != (size, size):
+        raise InputError(f"`{name}` of group {group!r} must be ({size}, {size}) like its dofs, got {matrix.shape}")
+    if not np.isfinite(matrix.data).all():
+        raise InputError(f"`{name}` of group {group!r} must be finite; it holds NaN or infinite entries")
+    asymmetry = abs(matrix - matrix.T).max() if matrix.nnz else 0.0
+    if asymmetry > 1e-8 * max(abs(matrix).max(), np.finfo(float).tiny):
+        raise InputError(
+            f"`{name}` of group {group!r} must be symmetric, got entries that differ by {asymmetry:.3g};"
+            " if only one triangle is stored, add the other"
+        )

@@ -1,0 +1,81 @@
+"""Thin plates in bending: discrete Kirchhoff triangles and quadrilaterals."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from structid.core.arrays import IntArray
+from structid.fem.elements.cells.cells import (
+    DENSITY,
+    POISSON,
+    YOUNGS_MODULUS,
+    CellSet,
+    Poisson,
+    cell_positions,
+    cell_table,
+)
+from structid.fem.elements.cells.elastic import plane_law
+from structid.fem.elements.cells.kirchhoff import PLATE_CELLS, bending_stiffness, plate_mass
+from structid.fem.elements.element import (
+    LOSS_FACTOR,
+    PER_STRAIN_RATE,
+    PER_VELOCITY,
+    Matrices,
+    Nodes,
+    Positions,
+    Values,
+    declared,
+    element,
+)
+
+
+@element
+class ThinSet(CellSet):
+    """Thin triangles and quadrilaterals, of plates and shells."""
+
+    cells = PLATE_CELLS
+
+    nodes: Nodes = declared(
+        "Node labels, 3 (triangles) or 4 (quadrilaterals) an element; rows of a set with both end in -1",
+        stored=cell_table(PLATE_CELLS),
+    )
+    youngs_modulus: Values = declared(*YOUNGS_MODULUS)
+    density: Values = declared(*DENSITY)
+    thickness: Values = declared(
+        "Mass and stretching go with its first power, bending and rotary inertia with its third",
+        "thickness",
+        "m",
+        positive=True,
+    )
+    poisson: Poisson = declared(POISSON)
+    loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
+    mass_damping: Values = declared(*PER_VELOCITY, "N s/m^4", "density", default=0.0)
+    stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
+
+
+@element
+class Plate(ThinSet):
+    """Thin plates in the x-y plane that bend: deflection Z and rotations RX, RY at each corner.
+
+    Nodes are numbered in either sense; positions are 2-D, or 3-D with equal z in an element.
+
+    Notes
+    -----
+    No shear strain and no rotary inertia: for wavelengths of more than about 20 thicknesses. Rotations of the sensor's
+    node are RX = dw/dy and RY = -dw/dx.
+
+    References
+    ----------
+    Batoz, Bathe and Ho (1980), Int. J. Numer. Meth. Eng. 15, 1771-1812; Batoz and Ben Tahar (1982), ibid. 18, 1655-1677.
+    """
+
+    moves = ("Z", "RX", "RY")
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
+        corners = cell_positions(self.name, self.nodes, positions, 2)
+        bending = partial(bending_stiffness, law=plane_law(self.poisson, strain=False))
+        return {
+            "density": (self.layer(corners, plate_mass, power=1),),
+            "youngs_modulus": (self.layer(corners, bending, power=3),),
+        }

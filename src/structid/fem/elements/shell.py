@@ -1,0 +1,94 @@
+"""Thin shells of flat facets in space: stretching and bending of triangles and quadrilaterals."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.constraints import Limits
+from structid.core.dof import DIRECTIONS
+from structid.fem.elements.cells.cells import cell_positions
+from structid.fem.elements.cells.drilling_membrane import drilling_stiffness
+from structid.fem.elements.cells.elastic import plane_law, unit_mass
+from structid.fem.elements.cells.facets import facets
+from structid.fem.elements.cells.kirchhoff import bending_stiffness, plate_mass
+from structid.fem.elements.element import Matrices, Positions, declared, element
+from structid.fem.elements.plate import ThinSet
+
+
+@element
+class Shell(ThinSet):
+    """Thin shells of flat facets: all six degrees of freedom at each corner, whose positions are on the middle surface.
+
+    Notes
+    -----
+    Bending is that of `Plate` (discrete Kirchhoff, no shear strain). Stretching is the membrane of Felippa (2003), in which
+    the rotation about the normal is that of the material, so that no spring holds it. Rotary inertia is
+    thickness^3 / 12 times density about all three axes: about the normal this is none of nature's, and changes
+    in-plane waves of wave number k by (k thickness)^2 / 96 in frequency, but every degree of freedom has mass.
+    Corners of a warped quadrilateral are joined to its mean plane by rigid links.
+
+    References
+    ----------
+    Batoz, Bathe and Ho (1980), Int. J. Numer. Meth. Eng. 15, 1771-1812; Batoz and Ben Tahar (1982), ibid. 18, 1655-1677;
+    Felippa (2003), Comput. Methods Appl. Mech. Engrg. 192, 2125-2168.
+    """
+
+    moves = DIRECTIONS
+
+    linear_strains: Annotated[float, "float", Limits(above=0, most=1)] = declared(
+        "Share of the stiffness against strains that vary linearly within a facet. 1 is exact for webs one cell deep that"
+        " bend in their plane; less spares thin curved shells, whose facets meet at angles, a false stiffness",
+        default=0.1,
+    )
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
+        corners = cell_positions(self.name, self.nodes, positions, 3)
+        law = plane_law(self.poisson, strain=False)
+        stretching = partial(_stretching, law=law, poisson=self.poisson, linear_strains=self.linear_strains)
+        return {
+            "density": (
+                self.layer(corners, _mass, power=1),
+                self.layer(corners, _rotary_inertia, power=3, directions=DIRECTIONS[3:]),
+            ),
+            "youngs_modulus": (
+                self.layer(corners, stretching, power=1),
+                self.layer(corners, partial(_bending, law=law), power=3),
+            ),
+        }
+
+
+def _stretching(
+    name: str, nodes: IntArray, at: FloatArray, cell: str, law: FloatArray, poisson: float, linear_strains: float
+) -> FloatArray:
+    flat = facets(name, nodes, at)
+    return flat.in_space(_placed(drilling_stiffness(flat.corners, law, poisson, linear_strains), (0, 1, 5)))
+
+
+def _bending(name: str, nodes: IntArray, at: FloatArray, cell: str, law: FloatArray) -> FloatArray:
+    flat = facets(name, nodes, at)
+    return flat.in_space(_placed(bending_stiffness(name, nodes, flat.corners, cell, law), (2, 3, 4)))
+
+
+def _mass(name: str, nodes: IntArray, at: FloatArray, cell: str) -> FloatArray:
+    flat = facets(name, nodes, at)
+    across = _placed(plate_mass(name, nodes, flat.corners, cell), (2, 3, 4))
+    return flat.in_space(across + _placed(unit_mass(name, nodes, flat.corners, cell), (0, 1)))
+
+
+def _rotary_inertia(name: str, nodes: IntArray, at: FloatArray, cell: str) -> FloatArray:
+    linear = unit_mass(name, nodes, facets(name, nodes, at).corners, cell)[:, ::2, ::2]
+    return np.einsum("eij,kl->eikjl", linear / 12, np.eye(3)).reshape(len(nodes), 3 * nodes.shape[1], -1)
+
+
+def _placed(small: FloatArray, axes: tuple[int, ...]) -> FloatArray:
+    """Matrices on some coordinates of each corner as matrices on all six."""
+    n = small.shape[1] // len(axes)
+    rows = np.ravel([[6 * k + axis for axis in axes] for k in range(n)])
+    found = np.zeros((len(small), 6 * n, 6 * n))
+    found[:, rows[:, None], rows[None]] = small
+    return found

@@ -1,0 +1,134 @@
+"""Beams in space: two bending planes with or without shear, extension and torsion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from structid.core.arrays import FloatArray, IntArray, locked, require_shape
+from structid.core.dof import DIRECTIONS
+from structid.core.errors import InputError
+from structid.fem.elements.beam import ROTARY_INERTIA, SHEAR, BendingPlane, added, rod_mass, rod_stiffness
+from structid.fem.elements.element import (
+    LOSS_FACTOR,
+    PER_VELOCITY,
+    ElementSet,
+    Layer,
+    Matrices,
+    Nodes,
+    OptionalValues,
+    Positions,
+    Values,
+    Vector,
+    declared,
+    element,
+    element_vectors,
+    node_codes,
+    node_table,
+    rotated,
+)
+
+
+def _direction(name: str, given: ArrayLike) -> FloatArray:
+    vector = locked(given, np.float64)
+    require_shape("orientation", vector, (3,))
+    if not (np.isfinite(vector).all() and vector.any()):
+        raise InputError(f"`orientation` of {name!r} must be a direction, got {vector.tolist()}")
+    return vector
+
+
+@element
+class SpaceBeam(ElementSet):
+    """Straight beams between nodes in space, six degrees of freedom a node.
+
+    The local x axis runs from the first node to the second, local y is the part of `orientation` across it.
+    """
+
+    moves = DIRECTIONS
+    is_line = True
+
+    nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
+    mass: Values = declared("Mass per length", "mass", "kg/m")
+    bending_stiffness_y: Values = declared("EI about local y (deflection along local z)", "stiffness", "N m^2")
+    bending_stiffness_z: Values = declared("EI about local z (deflection along local y)", "stiffness", "N m^2")
+    axial_stiffness: Values = declared("EA", "stiffness", "N", default=0.0)
+    torsional_stiffness: Values = declared("GJ", "stiffness", "N m^2", default=0.0)
+    polar_inertia: Values = declared("Polar mass moment per length", "rotary_inertia", "kg m", default=0.0)
+    loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
+    mass_damping: Values = declared(*PER_VELOCITY, "N s/m^2", "mass", default=0.0)
+    orientation: Vector = declared(
+        "In the local x-y plane; by default global Y, or global X for beams along Y", stored=_direction, default=None
+    )
+    shear_stiffness_y: OptionalValues = declared(
+        f"{SHEAR} along local y, with EI about z", "stiffness", "N", positive=True, unlimited=True, default=None
+    )
+    shear_stiffness_z: OptionalValues = declared(
+        f"{SHEAR} along local z, with EI about y", "stiffness", "N", positive=True, unlimited=True, default=None
+    )
+
+    rotary_inertia_y: OptionalValues = declared(
+        f"{ROTARY_INERTIA}, about local y", "rotary_inertia", "kg m", optional=True, default=None
+    )
+    rotary_inertia_z: OptionalValues = declared(
+        f"{ROTARY_INERTIA}, about local z", "rotary_inertia", "kg m", optional=True, default=None
+    )
+
+    def matrices(self, positions: Positions, present: IntArray) -> Matrices:
+        """See `ElementSet.matrices`."""
+        length, direction = element_vectors(self.name, self.nodes, positions)
+        if direction.shape[1] != 3:
+            raise InputError(f"beams of {self.name!r} need 3-D nodes; use the element type `beam`")
+        codes = node_codes(self.nodes, DIRECTIONS)
+        maps = _space_maps(_axes(self.name, direction, self.orientation))
+        rod = rod_stiffness(length)
+        made = {
+            "polar_inertia": rotated(rod_mass(length), maps["twist"]),
+            "axial_stiffness": rotated(rod, maps["along"]),
+            "torsional_stiffness": rotated(rod, maps["twist"]),
+        }
+        about_y = ("bending_stiffness_y", self.bending_stiffness_y), ("shear_stiffness_z", self.shear_stiffness_z)
+        about_z = ("bending_stiffness_z", self.bending_stiffness_z), ("shear_stiffness_y", self.shear_stiffness_y)
+        rotary = {"about_y": self.rotary_inertia_y, "about_z": self.rotary_inertia_z}
+        layers: dict[str, tuple[Layer, ...]] = {name: (Layer(codes, local),) for name, local in made.items()}
+        layers["mass"] = (Layer(codes, rotated(rod_mass(length), maps["along"])),)
+        for name, (bending, shear) in (("about_y", about_y), ("about_z", about_z)):
+            plane = BendingPlane(codes, maps[name], length, bending, shear)
+            layers[bending[0]] = plane.stiffness
+            layers["mass"] = (*added(layers["mass"], plane.mass[0].local), *plane.mass[1:])
+            if shear[1] is not None:
+                layers[shear[0]] = ()
+            if rotary[name] is not None:
+                layers[f"rotary_inertia_{name[-1]}"] = plane.rotary_inertia
+        return layers
+
+
+def _axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArray:
+    """Local axes as rows, (n_elements, 3, 3)."""
+    if orientation is not None:
+        guide = np.broadcast_to(orientation, x.shape)
+    else:
+        guide = np.where(np.abs(x[:, [1]]) > 0.99, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    y = guide - (guide * x).sum(axis=1, keepdims=True) * x
+    size = np.linalg.norm(y, axis=1, keepdims=True)
+    if (size < 1e-8 * np.linalg.norm(guide, axis=1, keepdims=True)).any():
+        raise InputError(f"`orientation` of {name!r} must not run along the beam, got {guide[0].tolist()}")
+    y = y / size
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def _space_maps(axes: FloatArray) -> dict[str, FloatArray]:
+    """Maps from the twelve global coordinates of each element to its axial, twist and bending coordinates."""
+    n = len(axes)
+    maps: dict[str, FloatArray] = {
+        key: np.zeros((n, size, 12)) for key, size in (("along", 2), ("twist", 2), ("about_y", 4), ("about_z", 4))
+    }
+    x, y, z = axes[:, 0], axes[:, 1], axes[:, 2]
+    for end in (0, 1):
+        shift, turn = slice(6 * end, 6 * end + 3), slice(6 * end + 3, 6 * end + 6)
+        maps["along"][:, end, shift] = x
+        maps["twist"][:, end, turn] = x
+        maps["about_z"][:, 2 * end, shift] = y
+        maps["about_z"][:, 2 * end + 1, turn] = z
+        maps["about_y"][:, 2 * end, shift] = z
+        maps["about_y"][:, 2 * end + 1, turn] = -y
+    return maps

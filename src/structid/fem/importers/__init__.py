@@ -1,0 +1,190 @@
+"""Matrices of other finite element codes: one format a module, chosen by the suffix (and for .mtx the first line)."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+from types import ModuleType
+
+import structid.fem.importers.abaqus as _abaqus
+import structid.fem.importers.ansys as _ansys
+import structid.fem.importers.arrays as _arrays
+import structid.fem.importers.calculix as _calculix
+import structid.fem.importers.dmig as _dmig
+import structid.fem.importers.harwell_boeing as _harwell_boeing
+import structid.fem.importers.op4.op4 as _op4
+from structid.core.errors import FileError
+from structid.fem.importers.abaqus import Form
+from structid.fem.importers.dmig import Field
+from structid.fem.importers.exports import group_from_exports, in_si, require_total_mass, total_mass
+from structid.fem.importers.imported import (
+    ElementEntries,
+    ImportedMatrix,
+    dof_table,
+    dofs_of,
+    of_elements,
+    on_dofs,
+)
+from structid.fem.importers.numbering import read_numbering
+from structid.fem.importers.op4.strings import Op4Options
+from structid.files import atomic_write, damage_told, require_readable
+
+#: Each has SUFFIXES and read(path). A .mtx file is MatrixMarket where its first line says so, else Abaqus.
+FORMATS: tuple[ModuleType, ...] = (_op4, _dmig, _abaqus, _ansys, _arrays, _harwell_boeing, _calculix)
+
+__all__ = [
+    "FORMATS",
+    "ElementEntries",
+    "ImportedMatrix",
+    "Op4Options",
+    "dof_table",
+    "dofs_of",
+    "group_from_exports",
+    "in_si",
+    "of_elements",
+    "on_dofs",
+    "read_matrices",
+    "read_matrix",
+    "read_numbering",
+    "require_total_mass",
+    "total_mass",
+    "write_abaqus",
+    "write_dmig",
+    "write_matrix",
+    "write_op4",
+]
+
+
+def _format(path: Path) -> ModuleType:
+    suffix = path.suffix.lower()
+    if suffix == ".mtx":
+        with path.open("rb") as stream:
+            return _arrays if stream.read(2) == b"%%" else _abaqus
+    for module in FORMATS:
+        if suffix in module.SUFFIXES:
+            return module
+    known = " ".join(dict.fromkeys(suffix for module in FORMATS for suffix in module.SUFFIXES))
+    raise FileError(
+        f"{path}: the suffix {path.suffix!r} is of no known matrix format; rename or convert it to one of {known}"
+    )
+
+
+def read_matrices(path: str | Path) -> dict[str, ImportedMatrix]:
+    """Every matrix in the file at `path` by its name, in the units of the file.
+
+    Parameters
+    ----------
+    path : str or Path
+        Nastran OUTPUT4 (.op4), DMIG in bulk data or punch files (.pch .bdf .dat ...), Abaqus (.mtx), Ansys (.full .emat,
+        with `ansys-mapdl-reader` installed), CalculiX (.sti .mas, with the .dof beside it), MatrixMarket (.mtx), NPZ, NPY,
+        MAT, Harwell-Boeing (.hb .rb .rua .rsa, and .matrix of Ansys HBMAT).
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, cut short or of no known format; the message begins with its path, and the
+        line where there is one.
+
+    Examples
+    --------
+    >>> read_matrices("plate.op4")["KAA"].matrix.shape  # doctest: +SKIP
+    (3390, 3390)
+    """
+    path = require_readable(path)
+    found: dict[str, ImportedMatrix] = {}
+    with damage_told(path, "a whole file of its format"):
+        items = _format(path).read(path)
+    for item in items:
+        name = item.name
+        if name in found:
+            raise FileError(f"{path}: holds two matrices {name!r}; write each under a name of its own")
+        found[name] = item
+    return found
+
+
+def read_matrix(path: str | Path, name: str | None = None) -> ImportedMatrix:
+    """One matrix of the file at `path`: the only one, or that called `name`, in upper or lower case.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, has no such matrix (the nearest is named) or has several and `name` is not given.
+    """
+    found = read_matrices(path)
+    if name is None:
+        if len(found) > 1:
+            raise FileError(f"{path}: holds {len(found)} matrices ({', '.join(found)}); say which by its name")
+        return next(iter(found.values()))
+    for own, item in found.items():
+        if own.upper() == name.upper():
+            return item
+    near = difflib.get_close_matches(name.upper(), found, 1, 0.0)
+    raise FileError(f"{path}: holds no matrix {name!r}, only {', '.join(found)}; the nearest is {near[0]!r}")
+
+
+def write_op4(path: str | Path, matrices: Iterable[ImportedMatrix], options: Op4Options | None = None) -> None:
+    """Write `matrices` as a Nastran OUTPUT4 file, whole or not at all; all digits unless `single`.
+
+    Raises
+    ------
+    FileError
+        If a name or a matrix does not fit the format, or the file cannot be written.
+    """
+    path = Path(path)
+    content = _op4.file_bytes(path, list(matrices), options or Op4Options())
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def write_dmig(path: str | Path, matrices: Iterable[ImportedMatrix], field: Field = "large") -> None:
+    """Write `matrices`, which need `dofs`, as DMIG cards, whole or not at all.
+
+    Parameters
+    ----------
+    field : {"large", "small", "free"}
+        Twelve digits of positive numbers (eleven of negative ones, one less beyond 1e10), four or five, or all of them.
+
+    Raises
+    ------
+    FileError
+        If a name does not fit the format, numbering is missing, or the file cannot be written.
+    """
+    path = Path(path)
+    text = _dmig.file_text(path, list(matrices), field)
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="ascii")
+
+
+def write_abaqus(path: str | Path, matrix: ImportedMatrix, form: Form = "labels") -> None:
+    """Write one matrix as Abaqus does, whole or not at all: with labels, as coordinates, or entry by entry of its elements.
+
+    Raises
+    ------
+    FileError
+        If the matrix lacks what the form needs, or the file cannot be written.
+    """
+    path = Path(path)
+    text = _abaqus.file_text(path, matrix, form)
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="ascii")
+
+
+def write_matrix(path: str | Path, matrix: ImportedMatrix) -> None:
+    """Write one matrix by the suffix: .op4, .pch (DMIG), .npz, .npy, or .mtx (MatrixMarket), whole or not at all.
+
+    Raises
+    ------
+    FileError
+        If the suffix is none of these or the file cannot be written.
+    InputError
+        If the matrix lacks what the format needs.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".op4":
+        write_op4(path, [matrix])
+    elif path.suffix.lower() in _dmig.SUFFIXES:
+        write_dmig(path, [matrix])
+    else:
+        with atomic_write(path) as temporary:
+            _arrays.write(temporary, matrix)

@@ -1,0 +1,202 @@
+"""Abaqus matrix files (.mtx): assembled with labels or as coordinates, entry by entry of each element, or user elements.
+
+What is kept: values, node and component of each row, the element of each entry. An assembled symmetric matrix has one
+triangle in the file. Diagonal entries of 1e36, by which Abaqus holds a degree of freedom, are taken out.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import FileError, InputError
+from structid.fem.importers.abaqus_elements import read_user_elements
+from structid.fem.importers.imported import (
+    ElementEntries,
+    ImportedMatrix,
+    codes_of,
+    completed,
+    labelled,
+    tables_of,
+)
+from structid.files.sparse import coordinates
+
+SUFFIXES: tuple[str, ...] = (".mtx",)
+
+Form = Literal["labels", "coordinate", "elements"]
+
+_HELD = 1e30
+_COORDINATE, _ELEMENT_COORDINATE, _LABELS, _ELEMENT_LABELS = 3, 4, 5, 6
+_REMEDY = "the file is cut short or of another form; write it again with FORMAT=MATRIX INPUT"
+
+
+def read(path: Path) -> list[ImportedMatrix]:
+    """The matrix in the Abaqus file at `path`, or the matrices (stiffness, mass) of a file of user elements.
+
+    Raises
+    ------
+    FileError
+        If a line has another number of values than the first, or one that is no number; with the line.
+    """
+    content = path.read_bytes()
+    upper = content.upper()
+    if b"*USER ELEMENT" in upper or re.search(rb"^\*MATRIX *,", upper, re.MULTILINE):
+        return read_user_elements(path, upper)
+    table, commas = _table(path, content)
+    name = path.stem.upper()
+    width = table.shape[1]
+    if width == _COORDINATE and commas:
+        raise FileError(f"{path}: holds a load vector (node, component, value); give the file of a matrix")
+    if width == _ELEMENT_COORDINATE:
+        raise FileError(
+            f"{path}: holds rows and columns within each element, without nodes; write it with FORMAT=MATRIX INPUT or LABELS"
+        )
+    _require_whole(path, table[:, :-1])
+    try:
+        if width == _COORDINATE:
+            return [_coordinates(path, name, table)]
+        if width == _LABELS:
+            return [_labels(name, table)]
+        return [_of_elements(name, table)]
+    except (InputError, ValueError) as error:
+        raise FileError(f"{path}: {error}; {_REMEDY}") from error
+
+
+def _table(path: Path, content: bytes) -> tuple[FloatArray, bool]:
+    """The numbers of all lines but comments and keywords, (n_lines, 3 to 6), and whether there are commas."""
+    if b"*" in content:
+        lines = content.split(b"\n")
+        content = b"\n".join(b"" if line.lstrip().startswith(b"*") else line for line in lines)
+    first = next((line for line in content.split(b"\n") if line.strip()), b"")
+    commas = b"," in first
+    width = len(first.replace(b",", b" ").split())
+    if not _COORDINATE <= width <= _ELEMENT_LABELS:
+        shown = first.decode("latin-1").strip()[:40]
+        raise FileError(f"{path}: must have 3 to 6 values a line, the first line with values is {shown!r}; {_REMEDY}")
+    text = content.translate(bytes.maketrans(b",DdQq", b" EEEE"))
+    counts = np.unique([len(line.split()) for line in text.split(b"\n")])
+    if not set(counts.tolist()) <= {0, width}:
+        raise _bad_line(path, text, width)
+    try:
+        numbers = np.array(text.split()).astype(np.float64)
+    except ValueError:
+        raise _bad_line(path, text, width) from None
+    return numbers.reshape(-1, width), commas
+
+
+def _bad_line(path: Path, text: bytes, width: int) -> FileError:
+    """The error at the first line that has not `width` numbers."""
+    lines = text.split(b"\n")
+    number = next(i for i, line in enumerate(lines) if not _is_good(line, width))
+    shown = lines[number].decode("latin-1").strip()[:60]
+    return FileError(f"{path}, line {number + 1}: must have {width} numbers like the first, got {shown!r}; {_REMEDY}")
+
+
+def _is_good(line: bytes, width: int) -> bool:
+    try:
+        return len([float(word) for word in line.split()]) in (0, width)
+    except ValueError:
+        return False
+
+
+def _require_whole(path: Path, labels: FloatArray) -> None:
+    bad = ~((labels == np.round(labels)) & (abs(labels) < 2**50)).all(axis=1)
+    if bad.any():
+        at = int(np.argmax(bad))
+        raise FileError(
+            f"{path}: entry {at + 1} has labels {labels[at].tolist()}, which must be whole numbers below 2^50; {_REMEDY}"
+        )
+
+
+def _coordinates(path: Path, name: str, table: FloatArray) -> ImportedMatrix:
+    row, column = table[:, 0].astype(np.int64) - 1, table[:, 1].astype(np.int64) - 1
+    if min(row.min(), column.min()) < 0:
+        at = int(np.argmax((row < 0) | (column < 0)))
+        raise FileError(
+            f"{path}: entry {at + 1} has row {row[at] + 1} and column {column[at] + 1}; rows count from 1 in the form "
+            "COORDINATE (negative ones belong to internal nodes), write it with FORMAT=MATRIX INPUT"
+        )
+    size = int(max(row.max(), column.max())) + 1
+    matrix = coordinates((size, size), row, column, table[:, 2])
+    return ImportedMatrix(name, completed(matrix, name))
+
+
+def _labels(name: str, table: FloatArray) -> ImportedMatrix:
+    labels = table[:, :4].astype(np.int64)
+    return _without_held(labelled(name, labels[:, :2], labels[:, 2:], table[:, 4], None))
+
+
+def _without_held(item: ImportedMatrix) -> ImportedMatrix:
+    assert item.dofs is not None
+    held = item.matrix.diagonal() >= _HELD
+    if not held.any():
+        return item
+    matrix = item.matrix[~held][:, ~held]
+    return ImportedMatrix(item.name, matrix, item.dofs[~held], held=item.dofs[held])
+
+
+def _of_elements(name: str, table: FloatArray) -> ImportedMatrix:
+    """The sum, and the entries of each element with both triangles."""
+    labels = table[:, 1:5].astype(np.int64)
+    element, value = table[:, 0].astype(np.int64), table[:, 5]
+    codes, place = np.unique(np.concatenate([codes_of(labels[:, :2]), codes_of(labels[:, 2:])]), return_inverse=True)
+    n, size = len(element), np.int64(len(codes))
+    row, column = place[:n].astype(np.int64), place[n:].astype(np.int64)
+    _, number = np.unique(element, return_inverse=True)
+    key, mirror = (number * size + row) * size + column, (number * size + column) * size + row
+    off = row != column
+    if not np.isin(key[off], mirror[off]).any():  # one triangle of every element
+        element = np.concatenate([element, element[off]])
+        value = np.concatenate([value, value[off]])
+        row, column = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
+    matrix = sparse.coo_array((value, (row, column)), (len(codes), len(codes)))
+    return ImportedMatrix(name, matrix.tocsc(), tables_of(codes), elements=ElementEntries(element, row, column, value))
+
+
+def file_text(path: Path, item: ImportedMatrix, form: Form = "labels") -> str:
+    """One matrix as Abaqus writes it: the lower triangle where it is symmetric.
+
+    Raises
+    ------
+    FileError
+        If it has no numbering or elements, where the form needs them, or is complex.
+    """
+    if form not in ("labels", "coordinate", "elements"):
+        raise InputError(f"`form` must be 'labels', 'coordinate' or 'elements', got {form!r}")
+    if np.iscomplexobj(item.matrix.data) or not item.is_square:
+        raise FileError(f"{path}: {item.name!r} must be real and square; write OP4 or DMIG instead")
+    if form == "elements":
+        return _element_text(path, item)
+    symmetric = abs(item.matrix - item.matrix.T).nnz == 0
+    stored = sparse.tril(item.matrix) if symmetric else item.matrix.tocoo()
+    triples = zip((stored.row + 1).tolist(), (stored.col + 1).tolist(), stored.data.tolist(), strict=True)
+    if form == "coordinate":
+        return "".join(f"{i} {j} {value:.16e}\n" for i, j, value in triples)
+    if item.dofs is None:
+        raise FileError(
+            f"{path}: {item.name!r} has no node and component of its rows; give `dofs`, or form 'coordinate'"
+        )
+    dofs = item.dofs.tolist()
+    return "".join(_entry(dofs[i - 1], dofs[j - 1], value) for i, j, value in triples)
+
+
+def _entry(row: list[int], column: list[int], value: float) -> str:
+    return f"{row[0]},{row[1]}, {column[0]},{column[1]}, {value:.16e}\n"
+
+
+def _element_text(path: Path, item: ImportedMatrix) -> str:
+    if item.elements is None or item.dofs is None:
+        raise FileError(f"{path}: {item.name!r} is assembled; its elements cannot be written apart")
+    parts: ElementEntries = item.elements
+    dofs = item.dofs.tolist()
+    entries: tuple[IntArray, ...] = (parts.element, parts.row, parts.column)
+    lines = []
+    for e, i, j, value in zip(*(a.tolist() for a in entries), parts.value.tolist(), strict=True):
+        if i >= j:
+            lines.append(f"{e}, {_entry(dofs[i], dofs[j], value)}")
+    return "".join(lines)

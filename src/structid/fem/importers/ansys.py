@@ -1,0 +1,79 @@
+"""Ansys: assembled matrices (.full) and element matrices (.emat), by the library `ansys-mapdl-reader` (MIT).
+
+The binary files are read by that library in the child of `structid.files.contained`. What is kept: stiffness, mass and
+damping, node and component of each row, the element of each entry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import FileError
+from structid.fem.importers.imported import ImportedMatrix, codes_of, completed, from_elements, from_triangle
+from structid.files import damage_told
+from structid.files.contained import ReaderError, contained
+from structid.files.sparse import compressed
+
+SUFFIXES: tuple[str, ...] = (".full", ".emat")
+
+_KINDS = {"stress": "STIFFNESS", "mass": "MASS", "damping": "DAMPING"}
+
+
+def read(path: Path) -> list[ImportedMatrix]:
+    """Stiffness and mass of a ``.full`` file, or of a ``.emat`` file element by element.
+
+    Raises
+    ------
+    FileError
+        If `ansys-mapdl-reader` is not installed, or cannot read the file.
+    """
+    try:
+        found = contained(path, "ansys")
+    except ReaderError as error:
+        if error.kind in ("ImportError", "ModuleNotFoundError"):
+            raise FileError(
+                f"{path}: needs the library ansys-mapdl-reader; install it with `pip install ansys-mapdl-reader`, or write "
+                "the matrices from Ansys with HBMAT, or as MatrixMarket with *SMAT and *EXPORT, and give those"
+            ) from error
+        raise FileError(
+            f"{path}: ansys-mapdl-reader cannot read it ({error}); write it again with EMATWRITE,YES or WRFULL"
+        ) from error
+    with damage_told(path, "a whole file of Ansys", "write it again with EMATWRITE,YES or WRFULL"):
+        made = _full(found) if "dofs" in found else _elements(found)
+    if not made:
+        raise FileError(f"{path}: holds neither stiffness nor mass; write it from a modal analysis")
+    return made
+
+
+def _full(found: Mapping[str, Any]) -> list[ImportedMatrix]:
+    """Matrices of a ``.full`` file: one triangle, rows named by (node, component from 0); held rows are empty."""
+    table = found["dofs"] + np.array([0, 1])
+    held = found["held"].reshape(-1, 2) + np.array([0, 1])
+    free = ~np.isin(codes_of(table), codes_of(held))
+    made = []
+    for name in ("STIFFNESS", "MASS"):
+        if name in found:
+            shape, starts, rows, values = found[name]
+            part = completed(compressed(shape, starts, rows, values), name, True)[free][:, free]
+            made.append(ImportedMatrix(name, part, table[free], held=held))
+    return made
+
+
+def _elements(found: Mapping[str, Any]) -> list[ImportedMatrix]:
+    """Matrices of a ``.emat`` file: lower triangles by rows, at (position of the node, component) counted from 0."""
+    parts: dict[str, list[tuple[int, IntArray, FloatArray]]] = {}
+    nodes, labels, n_dof = found["nodes"], found["labels"].tolist(), found["n_dof"]
+    for label, (where, data) in zip(labels, found["elements"], strict=True):
+        dofs = np.stack([nodes[where // n_dof], where % n_dof + 1], axis=1)
+        for key in set(data) & set(_KINDS):
+            values = data[key]
+            square = np.diag(values) if len(values) == len(where) else from_triangle(values, len(where))
+            if square is None:
+                raise ValueError(f"element {label} has {len(values)} values for {len(where)} rows")
+            parts.setdefault(_KINDS[key], []).append((label, dofs, square))
+    return [from_elements(name, parts[name]) for name in _KINDS.values() if name in parts]

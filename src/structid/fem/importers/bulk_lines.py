@@ -1,0 +1,181 @@
+"""Nastran bulk data as table rows: small, large and free field, continuations, comments, tabs, any case.
+
+Fixed fields are read where they stand. Lines in free field are rewritten with four fields of 24 characters a line, so that
+what follows is one table whatever the form of the file. What stands behind column 72 (continuation marks, sequence
+numbers of punch files) is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.core.arrays import IntArray
+from structid.core.errors import FileError
+from structid.fem.importers.fixed_fields import Bytes, FieldError, chunks, fields_at, real_numbers, whole_numbers
+
+_WIDE = 24
+_MARKS = np.array([ord(c) for c in " +*\r\n\t"], dtype=np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class BulkLines:
+    """The lines of bulk data cards of some names.
+
+    Attributes
+    ----------
+    path : Path
+    buffer : (n_characters,) uint8 array
+        The text, upper case, tabs expanded; free fields rewritten in wide ones.
+    start, end : (n_lines,) int arrays
+        Where each line begins and ends in `buffer`.
+    number : (n_lines,) int array
+        Its number in the file, from 1.
+    width : (n_lines,) int array
+        Columns of a field: 8 (eight fields a line), 16 (large field, four a line) or 24 (was free field, four a line).
+    card : (n_lines,) int array
+        Line (as an index) where the card begins that it continues; its own where it begins one.
+    """
+
+    path: Path
+    buffer: Bytes
+    start: IntArray
+    end: IntArray
+    number: IntArray
+    width: IntArray
+    card: IntArray
+
+    def take(self, lines: IntArray, column: IntArray | int, width: IntArray | int) -> Bytes:
+        """`width` characters from `column` of each of `lines`, blanks behind the line's end."""
+        start = self.start[lines] + column
+        end = np.minimum(self.end[lines], start + width)
+        return fields_at(self.buffer, start, end, int(np.max(width, initial=8)))
+
+    def integers(self, lines: IntArray, column: IntArray | int, width: IntArray | int, what: str) -> IntArray:
+        """The whole numbers in one field of each of `lines`; 0 where blank."""
+        values = np.zeros(len(lines), dtype=np.int64)
+        for part in chunks(len(lines)):
+            try:
+                values[part] = whole_numbers(self.take(lines[part], _part(column, part), _part(width, part)))
+            except FieldError as error:
+                raise self.error(int(lines[part.start + error.index]), what, error.text, "a whole number") from None
+        return values
+
+    def reals(self, lines: IntArray, column: IntArray | int, width: IntArray | int, what: str) -> np.ndarray:
+        """The real numbers in one field of each of `lines`; 0 where blank."""
+        values = np.zeros(len(lines))
+        for part in chunks(len(lines)):
+            try:
+                values[part] = real_numbers(self.take(lines[part], _part(column, part), _part(width, part)))
+            except FieldError as error:
+                raise self.error(int(lines[part.start + error.index]), what, error.text, "a real number") from None
+        return values
+
+    def words(self, lines: IntArray, column: int, width: IntArray | int) -> NDArray[np.bytes_]:
+        """The text in one field of each of `lines`, without blanks around it."""
+        fields = self.take(lines, column, width)
+        return np.char.strip(np.ascontiguousarray(fields).view(f"S{fields.shape[1]}").ravel())
+
+    def error(self, line: int, what: str, text: str, wanted: str) -> FileError:
+        """The error at a field of a line (as an index)."""
+        return FileError(
+            f"{self.path}, line {self.number[line]}: {what} must be {wanted}, got {text!r}; correct the line or write "
+            "the file again (a line cut short shifts its fields)"
+        )
+
+
+def _part(given: IntArray | int, part: slice) -> IntArray | int:
+    return given if isinstance(given, int) else given[part]
+
+
+def bulk_lines(
+    path: Path, names: tuple[str, ...], content: bytes | None = None, whole_lines: bool = False
+) -> BulkLines:
+    """The lines of the cards called `names` in the file at `path`, comments and all other cards left out.
+
+    Parameters
+    ----------
+    path : Path
+    names : tuple of str
+    content : bytes, optional
+        Text to take instead of that of the file.
+    whole_lines : bool
+        Whether a line in free field always becomes two of four fields each, so that fields keep their place in a card.
+    """
+    content = (path.read_bytes() if content is None else content).upper()
+    if b"\t" in content:
+        content = b"\n".join(line.expandtabs(8) for line in content.split(b"\n"))
+    buffer, start, end, number = _split(content)
+    free = _with_comma(buffer, start, end)
+    if free.any():
+        content, number = _rewritten(content, free, number, whole_lines)
+        buffer, start, end, _ = _split(content)
+    return _selected(path, buffer, start, end, number, names)
+
+
+def _split(content: bytes) -> tuple[Bytes, IntArray, IntArray, IntArray]:
+    """Where every line begins and ends, comments behind ``$`` cut off."""
+    buffer = np.frombuffer(content, dtype=np.uint8)
+    ends = np.flatnonzero(buffer == ord("\n"))
+    if not len(ends) or ends[-1] != len(buffer) - 1:
+        ends = np.append(ends, len(buffer))
+    start = np.concatenate([[0], ends[:-1] + 1])
+    end = ends.copy()
+    dollars = np.flatnonzero(buffer == ord("$"))
+    if dollars.size:
+        line, first = np.unique(np.searchsorted(ends, dollars), return_index=True)
+        end[line] = dollars[first]
+    return buffer, start, end, np.arange(1, len(start) + 1)
+
+
+def _with_comma(buffer: Bytes, start: IntArray, end: IntArray) -> NDArray[np.bool_]:
+    commas = np.flatnonzero(buffer == ord(","))
+    return np.asarray(np.searchsorted(commas, end) > np.searchsorted(commas, start))
+
+
+def _rewritten(content: bytes, free: NDArray[np.bool_], number: IntArray, whole_lines: bool) -> tuple[bytes, IntArray]:
+    """The text with free-field lines in wide fields, one or two lines each, and the number of each line."""
+    lines, numbers = [], []
+    for line, is_free, at in zip(content.split(b"\n"), free.tolist(), number.tolist(), strict=False):
+        for text in _widened(line, whole_lines) if is_free else (line,):
+            lines.append(text)
+            numbers.append(at)
+    return b"\n".join(lines), np.array(numbers)
+
+
+def _widened(line: bytes, whole: bool) -> list[bytes]:
+    fields = [field.strip() for field in line.split(b"$")[0].split(b",")]
+    name, values = fields[0].rstrip(b"*"), fields[1:9]
+    if fields[0].endswith(b"*"):
+        values = values[:4]
+    is_start = name[:1].isalpha()
+    whole = whole and not fields[0].endswith(b"*")
+    made = []
+    for i in range(0, 8 if whole else max(len(values), 1), 4):
+        head = name if is_start and i == 0 else b"*"
+        group = values[i : i + 4]
+        if i == 0 or whole or any(group):
+            made.append(head[:7].ljust(7) + b"#" + b"".join(value[:_WIDE].ljust(_WIDE) for value in group))
+    return made
+
+
+def _selected(
+    path: Path, buffer: Bytes, start: IntArray, end: IntArray, number: IntArray, names: tuple[str, ...]
+) -> BulkLines:
+    head = np.concatenate([fields_at(buffer, start[part], end[part], 8) for part in chunks(len(start))])
+    blank_line = (head <= ord(" ")).all(axis=1) & (end - start <= 8)
+    blank_line |= end <= start
+    is_start = ~np.isin(head[:, 0], _MARKS) & ~blank_line
+    width = np.where(head[:, 7] == ord("#"), _WIDE, np.where((head == ord("*")).any(axis=1), 16, 8))
+    card = np.maximum.accumulate(np.where(is_start, np.arange(len(start)), -1))
+    words = np.ascontiguousarray(
+        np.where((head == ord("*")) | (head == ord("#")) | (head < ord(" ")), np.uint8(ord(" ")), head)
+    )
+    name = np.char.strip(words.view("S8").ravel())
+    wanted = np.isin(name, [word.encode() for word in names]) & is_start
+    keep = np.flatnonzero((card >= 0) & wanted[np.maximum(card, 0)] & ~blank_line)
+    place = np.searchsorted(keep, card[keep])
+    return BulkLines(path, buffer, start[keep], end[keep], number[keep], width[keep], place)

@@ -1,0 +1,118 @@
+"""Numbers in the fixed columns of a text file, many at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.core.arrays import FloatArray, IntArray
+
+Bytes = NDArray[np.uint8]
+
+_BLANK, _PLUS, _MINUS, _POINT, _E = (ord(c) for c in " +-.E")
+_CHUNK = 200_000
+_LARGEST = 2**59  # ten times it, and a digit, is still a 64-bit integer
+
+
+class FieldError(ValueError):
+    """A field is no number; `index` counts the fields from 0."""
+
+    def __init__(self, index: int, text: str) -> None:
+        super().__init__(text)
+        self.index = index
+        self.text = text
+
+
+def fields_at(buffer: Bytes, start: IntArray, end: IntArray, width: int) -> Bytes:
+    """`width` characters from each of `start`, blanks from `end` on, (n, width)."""
+    at = start[:, None] + np.arange(width)
+    inside = at < np.minimum(end, len(buffer))[:, None]
+    return np.where(inside, buffer[np.minimum(at, len(buffer) - 1)], np.uint8(_BLANK))
+
+
+def chunks(n: int) -> Iterator[slice]:
+    """Slices of at most some hundred thousand, so that no field table becomes large."""
+    for start in range(0, n, _CHUNK):
+        yield slice(start, min(start + _CHUNK, n))
+
+
+def is_blank(fields: Bytes) -> NDArray[np.bool_]:
+    """Whether each field holds nothing but blanks, tabs and line ends, (n,)."""
+    return np.asarray((fields <= _BLANK).all(axis=1))
+
+
+def real_numbers(fields: Bytes) -> FloatArray:
+    """The real number in each field, (n, width) to (n,): 1.5, 1.5E+03, 1.5D+03 or Nastran's 1.5+3; 0 where blank.
+
+    Raises
+    ------
+    FieldError
+        At the first field that is no number.
+    """
+    if not len(fields):
+        return np.zeros(0)
+    if (fields == ord("_")).any():  # Python reads 1_000
+        index = int(np.argmax((fields == ord("_")).any(axis=1)))
+        raise FieldError(index, bytes(fields[index]).decode("latin-1").strip())
+    upper = np.where((fields == ord("D")) | (fields == ord("d")) | (fields == ord("e")), np.uint8(_E), fields)
+    before = upper[:, :-1]
+    signed = (upper[:, 1:] == _PLUS) | (upper[:, 1:] == _MINUS)
+    short = signed & (((before >= ord("0")) & (before <= ord("9"))) | (before == _POINT))
+    rows = np.flatnonzero(short.any(axis=1))
+    width = fields.shape[1]
+    if rows.size:
+        widened = np.full((len(upper), width + 1), _BLANK, dtype=np.uint8)
+        widened[:, :width] = upper
+        at = 1 + np.argmax(short[rows], axis=1)[:, None]
+        column = np.arange(width + 1)
+        shifted = widened[rows][:, np.maximum(column - 1, 0)]
+        widened[rows] = np.where(column < at, widened[rows], np.where(column == at, np.uint8(_E), shifted))
+        upper, width = widened, width + 1
+    upper[is_blank(upper), 0] = ord("0")
+    text = np.ascontiguousarray(upper).view(f"S{width}").ravel()
+    try:
+        return text.astype(np.float64)
+    except ValueError:
+        raise _first_bad(text, fields) from None
+
+
+def _first_bad(text: NDArray[np.bytes_], fields: Bytes) -> FieldError:
+    index = next(i for i, word in enumerate(text.tolist()) if not _is_real(word))
+    return FieldError(index, bytes(fields[index]).decode("latin-1").strip())
+
+
+def _is_real(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def whole_numbers(fields: Bytes) -> IntArray:
+    """The whole number in each field, (n, width) to (n,); 0 where blank.
+
+    Raises
+    ------
+    FieldError
+        At the first field that is no whole number.
+    """
+    value = np.zeros(len(fields), dtype=np.int64)
+    negative = np.zeros(len(fields), dtype=bool)
+    state = np.zeros(len(fields), dtype=np.int8)  # 0 before the number, 1 in it, 2 behind it
+    bad = np.zeros(len(fields), dtype=bool)
+    for column in fields.T:
+        digit = (column >= ord("0")) & (column <= ord("9"))
+        blank = column <= _BLANK
+        sign = (column == _PLUS) | (column == _MINUS)
+        bad |= (digit & (state == 2)) | (sign & (state > 0)) | ~(digit | blank | sign)
+        negative |= column == _MINUS
+        bad |= digit & (value > _LARGEST)
+        value = np.where(digit & ~bad, 10 * value + (column - ord("0")), value)
+        state = np.where(digit | sign, np.int8(1), np.where(blank & (state == 1), np.int8(2), state))
+    if bad.any():
+        index = int(np.argmax(bad))
+        raise FieldError(index, bytes(fields[index]).decode("latin-1").strip())
+    return np.where(negative, -value, value)

@@ -1,0 +1,277 @@
+"""What a matrix file gives: named sparse matrices with the node and component of each row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.core.errors import InputError
+
+#: What a component number may be; scalar points (0) take the place of RX, so that they have no part in translations.
+_COMPONENTS = {0: "RX", **{i + 1: direction for i, direction in enumerate(DIRECTIONS)}}
+_LARGEST_LABEL = 2**50
+
+
+@dataclass(frozen=True, eq=False)
+class ElementEntries:
+    """Entries of a matrix by the element that each comes from.
+
+    Attributes
+    ----------
+    element : (n_entries,) int array
+        Labels of the elements as the file has them.
+    row, column : (n_entries,) int arrays
+        Positions in the whole matrix.
+    value : (n_entries,) float array
+        Symmetric element matrices are complete: both triangles are there.
+    """
+
+    element: IntArray
+    row: IntArray
+    column: IntArray
+    value: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedMatrix:
+    """A matrix as a file holds it, symmetric ones complete.
+
+    Attributes
+    ----------
+    name : str
+        Name in the file; the file's own name where the format has none.
+    matrix : (n_rows, n_columns) sparse array
+        Real or complex, in the units of the file.
+    dofs : (n_rows, 2) int array, optional
+        Node and component (1 to 6, 0 for a scalar point) of each row; None where the format does not say.
+    columns : (n_columns, 2) int array, optional
+        The same of the columns of a rectangular matrix; they are the rows' by default.
+    elements : ElementEntries, optional
+        Of files written element by element.
+    held : (n_held, 2) int array, optional
+        Degrees of freedom that the file marks as held at zero; they are not in `matrix`.
+    """
+
+    name: str
+    matrix: sparse.csc_array
+    dofs: IntArray | None = None
+    columns: IntArray | None = None
+    elements: ElementEntries | None = None
+    held: IntArray | None = None
+
+    def __post_init__(self) -> None:
+        dtype = np.complex128 if np.iscomplexobj(self.matrix.data) else np.float64
+        matrix = sparse.csc_array(self.matrix, dtype=dtype)
+        matrix.sum_duplicates()
+        object.__setattr__(self, "matrix", matrix)
+        for key in ("dofs", "columns", "held"):
+            if getattr(self, key) is not None:
+                object.__setattr__(self, key, locked(np.reshape(getattr(self, key), (-1, 2)), np.int64))
+        for key, size in (("dofs", matrix.shape[0]), ("columns", matrix.shape[1])):
+            table = getattr(self, key)
+            if table is not None and len(table) != size:
+                raise InputError(f"`{key}` of {self.name!r} must have {size} rows like the matrix, got {len(table)}")
+
+    @property
+    def is_square(self) -> bool:
+        return self.matrix.shape[0] == self.matrix.shape[1] and self.columns is None
+
+
+def of_elements(imported: ImportedMatrix, elements: Iterable[int]) -> ImportedMatrix:
+    """The sum of the matrices of `elements` only, on the degrees of freedom of all.
+
+    Raises
+    ------
+    InputError
+        If the file was not written element by element, or lacks one of `elements`.
+    """
+    parts = imported.elements
+    if parts is None:
+        raise InputError(
+            f"{imported.name!r} is assembled; its elements cannot be told apart, export it element by element"
+        )
+    wanted = np.unique(np.fromiter(elements, dtype=np.int64))
+    missing = np.setdiff1d(wanted, parts.element)
+    if missing.size:
+        there = np.unique(parts.element)
+        raise InputError(
+            f"{imported.name!r} has no element {missing[0]} ({missing.size} of {wanted.size} are missing); it has "
+            f"{there.size}, from {there[0]} to {there[-1]}"
+        )
+    keep = np.isin(parts.element, wanted)
+    chosen = ElementEntries(parts.element[keep], parts.row[keep], parts.column[keep], parts.value[keep])
+    total = sparse.coo_array((chosen.value, (chosen.row, chosen.column)), imported.matrix.shape)
+    return ImportedMatrix(imported.name, total.tocsc(), imported.dofs, elements=chosen, held=imported.held)
+
+
+def dofs_of(table: IntArray) -> tuple[Dof, ...]:
+    """The degrees of freedom in a table of node and component, (n, 2).
+
+    Components 1 to 6 are X Y Z RX RY RZ. A scalar point (component 0) is called RX of its number.
+
+    Raises
+    ------
+    InputError
+        If a node is negative (an internal node of the solver), a component is none of these, or one repeats.
+    """
+    found = []
+    for node, component in np.asarray(table).tolist():
+        if node < 0:
+            raise InputError(
+                f"degree of freedom {component} of node {node} is internal to the solver (a Lagrange multiplier or an "
+                "internal node); export without hybrid elements and contact, or with the constraints eliminated"
+            )
+        if component not in _COMPONENTS:
+            raise InputError(
+                f"component {component} of node {node} is no translation (1 to 3) or rotation (4 to 6); export the "
+                "displacement degrees of freedom only"
+            )
+        found.append(Dof(node, _COMPONENTS[component]))
+    if len(set(found)) < len(found):
+        ordered = sorted(found)
+        again = next(dof for dof, following in pairwise(ordered) if dof == following)
+        raise InputError(f"{again.unsigned} is named by two rows; each degree of freedom may appear once")
+    return tuple(found)
+
+
+def dof_table(dofs: Iterable[str | Dof]) -> IntArray:
+    """Node and component (1 to 6) of `dofs`, (n, 2); the reverse of `dofs_of` but for scalar points and signs."""
+    parsed = [parse_dof(dof) for dof in dofs]
+    return np.array([(dof.node, dof.axis + 1) for dof in parsed], dtype=np.int64).reshape(-1, 2)
+
+
+def codes_of(table: IntArray) -> IntArray:
+    """One integer for node and component, in the order of nodes, then components."""
+    if table.size and np.abs(table).max() >= _LARGEST_LABEL:
+        raise InputError(f"node labels must be below 2^50, got {np.abs(table).max()}; the file is damaged")
+    return table[:, 0] * 64 + table[:, 1]
+
+
+def tables_of(codes: IntArray) -> IntArray:
+    """The reverse of `codes_of`."""
+    return np.stack([codes // 64, codes % 64], axis=1)
+
+
+def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
+    """The matrix with its rows in the order of `table`, zero where it has none, (n, n).
+
+    Raises
+    ------
+    InputError
+        If the matrix has no numbering, or has entries at degrees of freedom that are not in `table`.
+    """
+    if imported.dofs is None:
+        raise InputError(f"{imported.name!r} has no numbering of its own; give the degrees of freedom of its rows")
+    order = np.argsort(codes_of(table), kind="stable")
+    known = codes_of(table)[order]
+    own = codes_of(imported.dofs)
+    at = np.minimum(np.searchsorted(known, own), len(known) - 1)
+    absent = known[at] != own
+    coordinates = imported.matrix.tocoo()
+    outside = absent[coordinates.row] | absent[coordinates.col]
+    if (outside & (coordinates.data != 0)).any():
+        first = int(np.argmax(outside & (coordinates.data != 0)))
+        row = coordinates.row[first] if absent[coordinates.row[first]] else coordinates.col[first]
+        node, component = imported.dofs[row]
+        raise InputError(
+            f"{imported.name!r} has entries at component {component} of node {node}, which is not among the "
+            f"{len(table)} degrees of freedom given ({int(absent.sum())} of its {len(own)} rows are not); add them, or "
+            "use the numbering of the file"
+        )
+    place = order[at]
+    row, column, data = coordinates.row[~outside], coordinates.col[~outside], coordinates.data[~outside]
+    return sparse.coo_array((data, (place[row], place[column])), (len(table), len(table))).tocsc()
+
+
+def completed(matrix: sparse.sparray, name: str, symmetric: bool | None = None) -> sparse.csc_array:
+    """`matrix` with its other triangle, where each pair of entries off the diagonal is stored once.
+
+    Parameters
+    ----------
+    matrix : (n, n) sparse array
+    name : str
+        For the error.
+    symmetric : bool, optional
+        True where the file declares symmetry, so that pairs must then agree; False: left as it is.
+
+    Raises
+    ------
+    InputError
+        If declared symmetric, and entries of a pair differ.
+    """
+    full = sparse.csc_array(matrix)
+    full.sum_duplicates()
+    if symmetric is False or full.shape[0] != full.shape[1] or full.nnz == 0:
+        return full
+    full.eliminate_zeros()
+    if _stored_once(full):
+        return sparse.csc_array(full + full.T - sparse.diags_array(full.diagonal(), dtype=full.dtype))
+    if not symmetric:
+        return full
+    difference = abs(full - full.T)
+    if difference.nnz and difference.max() > 1e-8 * abs(full).max():
+        worst = difference.tocoo()
+        at = int(np.argmax(worst.data))
+        i, j = int(worst.row[at]), int(worst.col[at])
+        raise InputError(
+            f"{name!r} is declared symmetric, but entries ({i + 1}, {j + 1}) and ({j + 1}, {i + 1}) are "
+            f"{full[i, j]:.6g} and {full[j, i]:.6g}; write one triangle, or both alike"
+        )
+    return full
+
+
+def _stored_once(matrix: sparse.csc_array) -> bool:
+    """Whether no entry off the diagonal has its mirror beside it."""
+    column = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
+    below, above = matrix.indices > column, matrix.indices < column
+    if not (below.any() and above.any()):
+        return True
+    mirrored = sparse.csc_array(matrix.T)
+    if matrix.nnz == mirrored.nnz and np.array_equal(matrix.indptr, mirrored.indptr):
+        matrix.sort_indices()
+        mirrored.sort_indices()
+        if np.array_equal(matrix.indices, mirrored.indices):
+            return False
+    n, off = np.int64(matrix.shape[0]), below | above
+    row, column = matrix.indices[off].astype(np.int64), column[off].astype(np.int64)
+    return not np.isin(row * n + column, column * n + row).any()
+
+
+def labelled(
+    name: str, rows: IntArray, columns: IntArray, values: np.ndarray[Any, Any], symmetric: bool | None
+) -> ImportedMatrix:
+    """A square matrix from entries whose rows and columns are tables of node and component, (n_entries, 2) each."""
+    codes, place = np.unique(np.concatenate([codes_of(rows), codes_of(columns)]), return_inverse=True)
+    n = len(rows)
+    matrix = sparse.coo_array((values, (place[:n], place[n:])), (len(codes), len(codes)))
+    return ImportedMatrix(name, completed(matrix, name, symmetric), tables_of(codes))
+
+
+def from_elements(name: str, parts: Sequence[tuple[int, IntArray, FloatArray]]) -> ImportedMatrix:
+    """The sum of element matrices: label, node and component of the rows (n, 2), and matrix (n, n) of each."""
+    codes = [codes_of(dofs) for _, dofs, _ in parts]
+    known = np.unique(np.concatenate(codes))
+    place = [np.searchsorted(known, own) for own in codes]
+    element = np.repeat([label for label, _, _ in parts], [len(at) ** 2 for at in place])
+    row = np.concatenate([np.repeat(at, len(at)) for at in place])
+    column = np.concatenate([np.tile(at, len(at)) for at in place])
+    value = np.concatenate([square.ravel() for _, _, square in parts])
+    matrix = sparse.coo_array((value, (row, column)), (len(known), len(known)))
+    entries = ElementEntries(element, row, column, value)
+    return ImportedMatrix(name, matrix.tocsc(), tables_of(known), elements=entries)
+
+
+def from_triangle(values: FloatArray, n: int) -> FloatArray | None:
+    """(n, n) from the lower triangle by rows, or from all columns one after another; None for another number."""
+    if len(values) == n * (n + 1) // 2:
+        square = np.zeros((n, n))
+        square[np.tril_indices(n)] = values
+        return square + np.tril(square, -1).T
+    return values.reshape(n, n).T if len(values) == n * n else None

@@ -1,0 +1,169 @@
+"""MatrixMarket files: coordinates or whole columns, real, integer or complex, general, symmetric, skew or Hermitian.
+
+References
+----------
+Boisvert, Pozo and Remington (1996), The Matrix Market Exchange Formats: Initial Design, NISTIR 5935.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from structid.core.arrays import IntArray
+from structid.core.errors import FileError
+from structid.fem.importers.fixed_fields import Bytes, FieldError, chunks, fields_at, real_numbers, whole_numbers
+from structid.files.sparse import coordinates
+
+_REMEDY = "the file is cut short or damaged; write it again (scipy.io.mmwrite does)"
+_WIDEST = 64
+_WORDS = {"real": 1, "integer": 1, "complex": 2}
+_MIRRORS = {"general": 0, "symmetric": 1, "skew-symmetric": -1, "hermitian": 1}
+
+
+class _Words(NamedTuple):
+    """Where the words of the lines with content begin and end, (n_lines, n_words) each, and the numbers of the lines."""
+
+    path: Path
+    buffer: Bytes
+    start: IntArray
+    end: IntArray
+    line: IntArray
+
+    def whole(self, word: int) -> IntArray:
+        """The whole numbers in one place of every line."""
+        return self._numbers(word, "a whole number", whole_numbers)
+
+    def real(self, word: int) -> NDArray[np.floating]:
+        """The real numbers in one place of every line."""
+        return self._numbers(word, "a finite number", real_numbers)
+
+    def _numbers(self, word, wanted, convert):  # type: ignore[no-untyped-def]
+        start, end = self.start[:, word], self.end[:, word]
+        width = int((end - start).max(initial=1))
+        found = []
+        for part in chunks(len(start)):
+            try:
+                if width > _WIDEST:
+                    at = int(np.argmax(end - start))
+                    raise FieldError(at - part.start, bytes(self.buffer[start[at] : end[at]]).decode("latin-1")[:40])
+                numbers = convert(fields_at(self.buffer, start[part], end[part], width))
+                if not np.isfinite(numbers).all():
+                    at = int(np.argmax(~np.isfinite(numbers)))
+                    raise FieldError(at, bytes(self.buffer[start[part][at] : end[part][at]]).decode("latin-1"))
+            except FieldError as error:
+                line = self.line[part.start + error.index]
+                raise FileError(
+                    f"{self.path}, line {line}: word {word + 1} must be {wanted}, got {error.text!r}; {_REMEDY}"
+                ) from None
+            found.append(numbers)
+        return np.concatenate(found) if found else np.zeros(0)
+
+
+def matrix_market(path: Path) -> sparse.csc_array:
+    """The matrix in the file at `path`, both triangles where the banner says that one is stored.
+
+    Exponents may be written ``D``, or left out as in ``1.5+3``. Entries at one place add up.
+
+    Raises
+    ------
+    FileError
+        If the banner, the line of sizes or an entry is not as the format has it; with the line.
+    """
+    content = path.read_bytes()
+    first, _, rest = content.partition(b"\n")
+    layout, field, symmetry = _banner(path, first)
+    per_line = _WORDS[field] + (2 if layout == "coordinate" else 0)
+    sizes, words = _lines(path, rest, 3 if layout == "coordinate" else 2, per_line)
+    n_rows, n_columns = sizes[:2]
+    if layout == "coordinate":
+        if len(words.line) != sizes[2]:
+            raise FileError(f"{path}: says {sizes[2]} entries and has {len(words.line)} lines of them; {_REMEDY}")
+        row, column = words.whole(0) - 1, words.whole(1) - 1
+    else:
+        row, column = _columns_in_turn(path, n_rows, n_columns, symmetry, len(words.line))
+    values = words.real(per_line - 1)
+    if field == "complex":
+        values = words.real(per_line - 2) + 1j * values
+    if _MIRRORS[symmetry]:
+        _require_triangle(path, words, row, column, n_rows, n_columns, symmetry)
+        off = row != column
+        mirrored = _MIRRORS[symmetry] * (values[off].conj() if symmetry == "hermitian" else values[off])
+        row, column = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
+        values = np.concatenate([values, mirrored])
+    return coordinates((n_rows, n_columns), row, column, values)
+
+
+def _banner(path: Path, line: bytes) -> tuple[str, str, str]:
+    words = line.decode("latin-1").lower().split()
+    good = len(words) == 5 and words[:2] == ["%%matrixmarket", "matrix"] and words[2] in ("coordinate", "array")
+    if not good or words[3] not in _WORDS or words[4] not in _MIRRORS:
+        raise FileError(
+            f"{path}, line 1: must read %%MatrixMarket matrix, coordinate or array, real, integer or complex, and general,"
+            f" symmetric, skew-symmetric or hermitian, got {line.decode('latin-1').strip()[:80]!r}; {_REMEDY}"
+        )
+    return words[2], words[3], words[4]
+
+
+def _lines(path: Path, rest: bytes, n_sizes: int, per_line: int) -> tuple[list[int], _Words]:
+    """The sizes, and the words of the lines behind them; comments and blank lines are passed over."""
+    buffer = np.frombuffer(rest.replace(b"\r", b" ") + b"\n", dtype=np.uint8)
+    word = buffer > ord(" ")
+    start = np.flatnonzero(word & ~np.concatenate([[False], word[:-1]]))
+    end = np.flatnonzero(word & ~np.concatenate([word[1:], [False]])) + 1
+    line = np.searchsorted(np.flatnonzero(buffer == ord("\n")), start)
+    heads = np.flatnonzero(np.diff(line, prepend=-1))
+    comment = np.zeros(int(line[-1]) + 1 if len(line) else 0, dtype=bool)
+    comment[line[heads]] = buffer[start[heads]] == ord("%")
+    keep = ~comment[line]
+    start, end, line = start[keep], end[keep], line[keep]
+    numbers, count = np.unique(line, return_counts=True)
+    if not len(numbers):
+        raise FileError(f"{path}: has no line of sizes; {_REMEDY}")
+    wanted = np.full(len(numbers), per_line)
+    wanted[0] = n_sizes
+    wrong = count != wanted
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        shown = rest.split(b"\n")[numbers[at]].decode("latin-1").strip()[:60]
+        raise FileError(f"{path}, line {numbers[at] + 2}: must have {wanted[at]} numbers, got {shown!r}; {_REMEDY}")
+    head = _Words(path, buffer, start[None, :n_sizes], end[None, :n_sizes], numbers[:1] + 2)
+    sizes = [int(head.whole(k)[0]) for k in range(n_sizes)]
+    if min(sizes) < 0:
+        raise FileError(f"{path}, line {numbers[0] + 2}: sizes must not be negative, got {sizes}; {_REMEDY}")
+    table = (len(numbers) - 1, per_line)
+    return sizes, _Words(path, buffer, start[n_sizes:].reshape(table), end[n_sizes:].reshape(table), numbers[1:] + 2)
+
+
+def _columns_in_turn(
+    path: Path, n_rows: int, n_columns: int, symmetry: str, n_entries: int
+) -> tuple[IntArray, IntArray]:
+    """Row and column of each entry of an array: whole columns, or what is on and below the diagonal."""
+    if symmetry == "general":
+        wanted = n_rows * n_columns
+    else:
+        wanted = n_rows * (n_rows + 1) // 2 - (n_rows if symmetry == "skew-symmetric" else 0)
+    if n_entries != wanted:
+        raise FileError(f"{path}: {n_rows} x {n_columns} entries need {wanted} lines, got {n_entries}; {_REMEDY}")
+    if symmetry == "general":
+        place = np.arange(n_entries)
+        return place % max(n_rows, 1), place // max(n_rows, 1)
+    column, row = np.triu_indices(n_rows, 1 if symmetry == "skew-symmetric" else 0)
+    return row, column
+
+
+def _require_triangle(
+    path: Path, words: _Words, row: IntArray, column: IntArray, n_rows: int, n_columns: int, symmetry: str
+) -> None:
+    if n_rows != n_columns:
+        raise FileError(f"{path}: is called {symmetry} and has {n_rows} rows and {n_columns} columns; {_REMEDY}")
+    above = row < column
+    if above.any() and (row > column).any():
+        raise FileError(
+            f"{path}, line {words.line[np.argmax(above)]}: a {symmetry} matrix has entries on one side of the diagonal only;"
+            " call it general, or leave one side out"
+        )

@@ -1,0 +1,140 @@
+"""What the rows of a matrix stand for, from a file: names, Nastran sets, Ansys mappings, or node and component."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.dof import Dof, parse_dof
+from structid.core.errors import FileError, InputError
+from structid.fem.importers.bulk_lines import BulkLines, bulk_lines
+from structid.fem.importers.imported import dofs_of
+from structid.files import damage_told
+
+_SETS = ("ASET", "ASET1", "BSET", "BSET1", "CSET", "CSET1", "QSET", "QSET1", "OMIT")
+_CARD = re.compile(r"^(EXTRN|[ABCQ]SET1?)[*,\s]", re.IGNORECASE | re.MULTILINE)
+_MAPPING = re.compile(r"^\s*\d+\s+(\d+)\s+(UX|UY|UZ|ROTX|ROTY|ROTZ)\s*$", re.IGNORECASE)
+_ANSYS = {"UX": "X", "UY": "Y", "UZ": "Z", "ROTX": "RX", "ROTY": "RY", "ROTZ": "RZ"}
+_MOST_MEMBERS = 5_000_000
+_PAIR = re.compile(r"^\s*(\d+)[\s,;]+([0-6])\s*$")
+
+
+def read_numbering(path: Path) -> tuple[Dof, ...]:
+    """The degrees of freedom of the rows, in order, from the file at `path`.
+
+    Four kinds of text files, told apart by what is in them:
+
+    - Nastran bulk data or punch file with ``EXTRN`` (their order is that of the rows) or ``ASET``, ``ASET1``, ``BSET``,
+      ``CSET``, ``QSET`` (rows follow grid points, then components, as long as the model is not resequenced);
+    - Ansys mapping file of ``HBMAT``: lines of equation, node and ``UX`` to ``ROTZ``;
+    - two columns, node and component: ``12 3``;
+    - names such as ``12Z``, between blanks, commas or line ends. ``#`` begins a comment here and in the two above.
+
+    Raises
+    ------
+    FileError
+        If the file is no text, or a name cannot be read; with the line.
+    """
+    with damage_told(path, "a numbering in text", "write one degree of freedom a line"):
+        text = path.read_text(encoding="utf-8")
+        if _CARD.search(text):
+            return _from_nastran(path)
+        lines = [(number, line.split("#")[0]) for number, line in enumerate(text.splitlines(), 1)]
+        filled = [(number, line) for number, line in lines if line.strip()]
+        if any(_MAPPING.match(line) for _, line in filled):
+            return _from_mapping(path, filled)
+        if filled and all(_PAIR.match(line) for _, line in filled):
+            return dofs_of(np.array([[int(word) for word in re.findall(r"\d+", line)] for _, line in filled]))
+        return _from_names(path, filled)
+
+
+def _from_names(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
+    found = []
+    for number, line in lines:
+        for word in line.replace(",", " ").split():
+            try:
+                found.append(parse_dof(word))
+            except InputError as error:
+                raise FileError(f"{path}, line {number}: {error}") from error
+    return tuple(found)
+
+
+def _from_mapping(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
+    found = []
+    for number, line in lines:
+        match = _MAPPING.match(line)
+        if match:
+            found.append(Dof(int(match[1]), _ANSYS[match[2].upper()]))
+        elif found:
+            raise FileError(
+                f"{path}, line {number}: must be equation, node and UX to ROTZ, got {line.strip()[:40]!r}; other degrees "
+                "of freedom cannot be used"
+            )
+    return tuple(found)
+
+
+def _from_nastran(path: Path) -> tuple[Dof, ...]:
+    ordered = _pairs(bulk_lines(path, ("EXTRN",)))
+    if ordered:
+        return dofs_of(np.array(_single(ordered)))
+    pairs = _pairs(bulk_lines(path, tuple(name for name in _SETS if not name.endswith("1"))))
+    pairs += _listed(bulk_lines(path, tuple(name for name in _SETS if name.endswith("1"))))
+    return dofs_of(np.array(sorted(set(_single(pairs)))))
+
+
+def _single(pairs: list[tuple[int, str]]) -> list[tuple[int, int]]:
+    """One component each: grid point 3 with 123 becomes three."""
+    return [(node, int(digit)) for node, digits in pairs for digit in digits or "0"]
+
+
+def _cards(lines: BulkLines) -> list[list[str]]:
+    """The fields of every card, one after another."""
+    found: list[list[str]] = []
+    for i, card in enumerate(lines.card.tolist()):
+        width = int(lines.width[i])
+        count, last = (8, 72) if width == 8 else (4, 8 + 4 * width)
+        text = bytes(lines.buffer[lines.start[i] : min(lines.end[i], lines.start[i] + last)]).decode("latin-1")
+        if card == i:
+            found.append([])
+        found[-1].extend(text[8 + width * k : 8 + width * (k + 1)].strip() for k in range(count))
+    return found
+
+
+def _pairs(lines: BulkLines) -> list[tuple[int, str]]:
+    """Grid point and components in turn."""
+    found = []
+    for fields in _cards(lines):
+        for node, components in zip(fields[::2], fields[1::2], strict=False):
+            if node:
+                found.append((_whole(lines, node), _components(lines, components)))
+    return found
+
+
+def _listed(lines: BulkLines) -> list[tuple[int, str]]:
+    """Components, then grid points, with THRU."""
+    found: list[tuple[int, str]] = []
+    for fields in _cards(lines):
+        components, nodes = _components(lines, fields[0]), [field for field in fields[1:] if field]
+        if len(nodes) == 3 and nodes[1] == "THRU":
+            first, last = _whole(lines, nodes[0]), _whole(lines, nodes[2])
+            if last - first > _MOST_MEMBERS:
+                raise FileError(f"{lines.path}: a set from {first} to {last} is too long; correct the card")
+            labels = list(range(first, last + 1))
+        else:
+            labels = [_whole(lines, node) for node in nodes]
+        found.extend((label, components) for label in labels)
+    return found
+
+
+def _whole(lines: BulkLines, text: str) -> int:
+    if not text.isdigit():
+        raise FileError(f"{lines.path}: must have a grid point's number in its set, got {text!r}; correct the card")
+    return int(text)
+
+
+def _components(lines: BulkLines, text: str) -> str:
+    if text.strip("0123456"):
+        raise FileError(f"{lines.path}: components must be digits from 0 to 6, got {text!r}; correct the card")
+    return text

@@ -1,0 +1,208 @@
+"""ASCII OUTPUT4: integer lines in I8, numbers in the columns that the title line says (`1P,3E23.16`)."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import FileError
+from structid.fem.importers.fixed_fields import FieldError, chunks, fields_at, real_numbers
+from structid.fem.importers.imported import ImportedMatrix
+from structid.fem.importers.op4.strings import Op4Options, Strings, assembled, finished
+
+_FORMAT = re.compile(rb"(?:1P,?)?\s*(\d+)\s*[EDG](\d+)\.(\d+)", re.IGNORECASE)
+_REMEDY = "the file is cut short or damaged; copy it or write it again"
+
+
+class _Title(NamedTuple):
+    columns: int
+    rows: int
+    form: int
+    kind: int
+    name: str
+    per_line: int
+    width: int
+
+
+class _Lines(NamedTuple):
+    path: Path
+    text: list[bytes]
+
+    def integers(self, at: int, count: int, what: str) -> list[int]:
+        """`count` whole numbers in fields of eight columns (or wider ones between blanks) on line `at`."""
+        if at >= len(self.text):
+            raise FileError(f"{self.path}: ends at line {len(self.text)} before {what}; {_REMEDY}")
+        line = self.text[at]
+        try:
+            words = line.split()
+            if len(words) == count:
+                return [int(word) for word in words]
+            return [int(line[8 * i : 8 * i + 8]) for i in range(count)]
+        except ValueError:
+            shown = line.decode("latin-1").strip()[:40]
+            raise FileError(
+                f"{self.path}, line {at + 1}: must be {what} ({count} whole numbers), got {shown!r}; {_REMEDY}"
+            ) from None
+
+
+def matrices(path: Path, content: bytes) -> list[ImportedMatrix]:
+    """Every matrix in `content`."""
+    lines = _Lines(path, content.split(b"\n"))
+    length = np.array([len(line) for line in lines.text], dtype=np.int64) + 1
+    offset = np.cumsum(length) - length
+    buffer = np.frombuffer(content, dtype=np.uint8)
+    found: list[ImportedMatrix] = []
+    at = 0
+    while at < len(lines.text):
+        if not lines.text[at].strip():
+            at += 1
+            continue
+        title = _title(lines, at)
+        table, at = _strings(lines, at + 1, title)
+        if table.size and table[-1, 0] + -(-table[-1, 1] // title.per_line) > len(lines.text):
+            raise FileError(f"{path}: ends within matrix {title.name!r}; {_REMEDY}")
+        numbers = _numbers(path, buffer, offset, length, table, title)
+        is_complex = title.kind > 2
+        shape = (abs(title.rows), title.columns)
+        count = table[:, 1] // (2 if is_complex else 1)
+        matrix = assembled(shape, table[:, 2], table[:, 3], count, numbers, is_complex)
+        found.append(finished(path, title.name, matrix, title.form))
+    return found
+
+
+def _title(lines: _Lines, at: int) -> _Title:
+    line = lines.text[at]
+    wide = 16 if line.rstrip().upper().endswith(b"|I16") else 0  # large dimensions have fields of sixteen columns
+    columns, rows, form, kind = _whole(lines, at, wide)
+    name = line[32 + wide : 40 + wide].decode("latin-1").replace("\0", " ").strip().upper()
+    said = _FORMAT.search(line[40 + wide :])
+    if columns <= 0 or rows == 0 or kind not in (1, 2, 3, 4):
+        raise FileError(
+            f"{lines.path}, line {at + 1}: matrix {name!r} has {rows} rows, {columns} columns and type {kind}; {_REMEDY}"
+        )
+    per_line, width = (int(said[1]), int(said[2])) if said else (5, 16)
+    return _Title(columns, rows, form, kind, name.replace(" ", ""), per_line, width)
+
+
+def _whole(lines: _Lines, at: int, wide: int) -> list[int]:
+    line = lines.text[at]
+    edges = [0, 8 + wide // 2, 16 + wide, 24 + wide, 32 + wide]
+    try:
+        return [int(line[a:b]) for a, b in pairwise(edges)]
+    except ValueError:
+        shown = line.decode("latin-1").strip()[:40]
+        raise FileError(
+            f"{lines.path}, line {at + 1}: must be the title of a matrix (four whole numbers and a name), got {shown!r}; "
+            f"{_REMEDY}"
+        ) from None
+
+
+def _strings(lines: _Lines, at: int, title: _Title) -> tuple[IntArray, int]:
+    """First line, number of real numbers, row and column of every string, and the line behind the matrix."""
+    found: list[tuple[int, int, int, int]] = []
+    words_per_real = 1 if title.kind % 2 == 1 else 2
+    big = title.rows < 0 or title.rows > 65535
+    limit = abs(title.rows) * (2 if title.kind > 2 else 1)
+    what = f"a column of matrix {title.name!r}"
+    while True:
+        column, row, words = lines.integers(at, 3, what)
+        at += 1
+        if column > title.columns + 1 or column < 1 or row < 0 or words < 0:
+            raise FileError(
+                f"{lines.path}, line {at}: says column {column} of {title.columns}, row {row} and {words} words, which is not "
+                f"possible; {_REMEDY}"
+            )
+        if column > title.columns:
+            return np.array(found, dtype=np.int64).reshape(-1, 4), at + 1
+        if row > 0:
+            _require(lines, at, column, row, words, limit)
+            found.append((at, words, row - 1, column - 1))
+            at += -(-words // title.per_line)
+            continue
+        while words > 0:
+            if big:
+                length, top = lines.integers(at, 2, f"a string of column {column}")
+                length, head = length - 1, 2
+            else:
+                packed = lines.integers(at, 1, f"a string of column {column}")[0]
+                length, top, head = (packed >> 16) - 1, packed & 0xFFFF, 1
+            reals = length // words_per_real
+            at += 1
+            _require(lines, at, column, top, reals, limit)
+            found.append((at, reals, top - 1, column - 1))
+            words -= length + head
+            at += -(-reals // title.per_line)
+
+
+def _require(lines: _Lines, at: int, column: int, row: int, reals: int, limit: int) -> None:
+    if column < 1 or row < 1 or not 0 < reals <= limit:
+        raise FileError(
+            f"{lines.path}, line {at}: says column {column}, row {row} and {reals} numbers, which is not possible; "
+            f"{_REMEDY}"
+        )
+
+
+def _numbers(
+    path: Path, buffer: NDArray[np.uint8], offset: IntArray, length: IntArray, table: IntArray, title: _Title
+) -> FloatArray:
+    """The numbers of all strings, one after another."""
+    count = table[:, 1]
+    before = np.cumsum(count) - count
+    within = np.arange(int(count.sum())) - np.repeat(before, count)
+    line = np.repeat(table[:, 0], count) + within // title.per_line
+    start = offset[line] + title.width * (within % title.per_line)
+    end = offset[line] + length[line] - 1
+    values = np.zeros(len(line))
+    for part in chunks(len(line)):
+        fields = fields_at(buffer, start[part], end[part], title.width)
+        empty = (fields <= ord(" ")).all(axis=1)
+        try:
+            values[part] = real_numbers(fields)
+            if empty.any():
+                raise FieldError(int(np.argmax(empty)), "")
+        except FieldError as error:
+            at = int(line[part.start + error.index]) + 1
+            raise FileError(
+                f"{path}, line {at}: matrix {title.name!r} has {error.text!r} where a number in {title.width} columns "
+                f"should be; {_REMEDY}"
+            ) from None
+    return values
+
+
+def encoded(strings: Strings, options: Op4Options) -> bytes:
+    """One matrix as text."""
+    digits, per_line = (9, 5) if options.single else (16, 3)
+    width = digits + 7 if options.single else digits + 8  # a third digit of an exponent fits
+    rows = -strings.shape[0] if strings.layout == "bigmat" else strings.shape[0]
+    name = strings.name.upper().ljust(8)
+    wide, mark = (16, "|I16") if max(strings.shape) > 9_999_999 else (8, "")
+    title = f"{strings.shape[1]:{wide}d}{rows:{wide}d}{strings.form:8d}{strings.kind:8d}{name}"
+    lines = [f"{title}1P,{per_line}E{width}.{digits}{mark}"]
+    parts = 2 if strings.kind > 2 else 1
+    words = parts * (1 if options.single else 2)
+    texts = [f"{number:{width}.{digits}E}" for number in strings.numbers.tolist()]
+    begins = np.flatnonzero(np.diff(strings.column, prepend=-1))
+    ends = np.append(begins[1:], len(strings.column))
+    head = {"dense": 0, "sparse": 1, "bigmat": 2}[strings.layout]
+    for a, b in zip(begins.tolist(), ends.tolist(), strict=True):
+        dense = strings.layout == "dense"
+        total = sum(int(strings.length[s]) * (parts if dense else words) + head for s in range(a, b))
+        lines.append(f"{strings.column[a] + 1:8d}{strings.row[a] + 1 if dense else 0:8d}{total:8d}")
+        for s in range(a, b):
+            length = int(strings.length[s]) * words
+            if strings.layout == "bigmat":
+                lines.append(f"{length + 1:8d}{strings.row[s] + 1:8d}")
+            elif not dense:
+                lines.append(f"{strings.row[s] + 1 + 65536 * (length + 1):12d}")
+            first = int(strings.first[s]) * parts
+            own = texts[first : first + int(strings.length[s]) * parts]
+            lines.extend("".join(own[i : i + per_line]) for i in range(0, len(own), per_line))
+    lines.append(f"{strings.shape[1] + 1:8d}{1:8d}{1:8d}")
+    lines.append(f"{1.0:{width}.{digits}E}")
+    return "\n".join([*lines, ""]).encode("ascii")

@@ -1,0 +1,143 @@
+"""All matrices of a structure on one sparsity pattern, so that a sum of them is a sum of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.fem.matrices.blocks import Blocks, ElementMatrices, index_kind
+from structid.fem.structure import Structure
+
+BASIC_LAWS = ("inertia", "viscous", "elastic", "structural")
+#: Element matrices of which more than this part is not zero are taken as full: they join all their unknowns.
+_FULL = 0.9
+#: Entries of element matrices that are looked up at once.
+_CHUNK_ENTRIES = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """The union pattern of a structure's matrices and the maps from element weights to its entries.
+
+    Attributes
+    ----------
+    structure : Structure
+    laws : tuple of str
+        ``inertia viscous elastic structural`` and one ``friction:NAME`` for each friction element.
+    indices, indptr : int arrays
+        The pattern in compressed columns.
+    maps : tuple of (n_entries, n_elements) sparse arrays
+        One for each contribution of the structure; contributions that share element matrices share it.
+    """
+
+    structure: Structure
+    laws: tuple[str, ...]
+    indices: IntArray
+    indptr: IntArray
+    maps: tuple[sparse.csc_array, ...]
+
+    def data(self, values: FloatArray) -> FloatArray:
+        """Entries of mass, viscous damping, stiffness and so on, (n_laws, n_entries), in the order of `laws`."""
+        rows = np.zeros((len(self.laws), len(self.indices)))
+        for part, entries in zip(self.structure.contributions, self.maps, strict=True):
+            weights = part.weights(values)
+            if weights.any():
+                rows[self.laws.index(part.law)] += entries @ weights
+        return rows
+
+
+def structure_laws(structure: Structure) -> tuple[str, ...]:
+    """Every law by which matrices of `structure` enter its dynamic stiffness: the basic ones, then each friction."""
+    frictions = dict.fromkeys(part.law for part in structure.contributions if part.law not in BASIC_LAWS)
+    return (*BASIC_LAWS, *frictions)
+
+
+def assembly(structure: Structure) -> Assembly:
+    """The `Assembly` of `structure`; made once, used for every set of values.
+
+    Notes
+    -----
+    The pattern is the product of the incidence of elements and degrees of freedom with itself, so no list of all
+    entries of all elements is sorted. The maps hold the element matrices as they are, where no entry of them is zero,
+    and the place of each entry.
+    """
+    families = {id(part.blocks): part.blocks for part in structure.contributions}
+    pattern = _pattern(structure.n_dofs, families.values())
+    place = np.arange(1, len(pattern.indices) + 1, dtype=pattern.indices.dtype)
+    places = sparse.csr_array((place, pattern.indices, pattern.indptr), pattern.shape)
+    found = {key: _map(blocks, places) for key, blocks in families.items()}
+    maps = tuple(found[id(part.blocks)] for part in structure.contributions)
+    return Assembly(structure, structure_laws(structure), pattern.indices, pattern.indptr, maps)
+
+
+def _pattern(n: int, families: Collection[ElementMatrices]) -> sparse.csr_array:
+    """Where any of the matrices has entries, the diagonal included: its compressed columns, as rows."""
+    total = sparse.csr_array(sparse.eye_array(n, dtype=np.bool_, format="csr"))
+    small = [blocks for blocks in families if isinstance(blocks, Blocks)]
+    full = {b.dofs.tobytes(): b.dofs for b in small if np.count_nonzero(b.local) > _FULL * b.local.size}
+    for width in sorted({dofs.shape[1] for dofs in full.values()}):
+        total = total + _cliques(np.concatenate([dofs for dofs in full.values() if dofs.shape[1] == width]), n)
+    for blocks in families:
+        if not isinstance(blocks, Blocks):
+            row, column, _, _ = blocks.entries()
+            total = total + _marked(column, row, n)
+        elif blocks.dofs.tobytes() not in full:
+            row, column, _ = blocks.stored(slice(None))
+            total = total + _marked(column, row, n)
+    total.sort_indices()
+    return total
+
+
+def _marked(row: IntArray, column: IntArray, n: int) -> sparse.csr_array:
+    kind = index_kind(max(n, len(row)))
+    place = row.astype(kind, copy=False), column.astype(kind, copy=False)
+    return sparse.coo_array((np.ones(len(row), dtype=np.bool_), place), (n, n)).tocsr()
+
+
+def _cliques(dofs: IntArray, n: int) -> sparse.csr_array:
+    """All pairs of degrees of freedom of one element, for elements (n_elements, n_local), -1 where held."""
+    free = dofs >= 0
+    indptr = np.concatenate([[0], np.cumsum(free.sum(axis=1))])
+    kind = index_kind(max(n, int(indptr[-1])))
+    columns = dofs[free].astype(kind)
+    incidence = sparse.csr_array((np.ones(len(columns), np.bool_), columns, indptr.astype(kind)), (len(dofs), n))
+    return sparse.csr_array(incidence.T.tocsr() @ incidence)
+
+
+def _map(blocks: ElementMatrices, places: sparse.csr_array) -> sparse.csc_array:
+    """From the weights of a family to entries of the pattern; `local` itself where none of its entries is left out."""
+    n_entries, n_elements = len(places.indices), blocks.n_elements
+    if not isinstance(blocks, Blocks):
+        row, column, element, value = blocks.entries()
+        return sparse.coo_array((value, (_place(places, row, column), element)), (n_entries, n_elements)).tocsc()
+    found, counts, values = [], [], []
+    step = max(1, _CHUNK_ENTRIES // max(1, blocks.dofs.shape[1] ** 2))
+    for first in range(0, n_elements, step):
+        chosen = slice(first, first + step)
+        row, column, kept = blocks.stored(chosen)
+        found.append(_place(places, row, column))
+        counts.append(kept.sum(axis=(1, 2)))
+        values.append(None if kept.all() else blocks.local[chosen][kept])
+    indptr = np.concatenate([[0], np.cumsum(np.concatenate([[], *counts]))])
+    kind = index_kind(max(n_entries, int(indptr[-1])))
+    indices = np.concatenate([np.zeros(0, kind), *found]).astype(kind, copy=False)
+    if all(own is None for own in values):
+        data = blocks.local.reshape(-1)
+    else:
+        steps = range(0, n_elements, step)
+        whole = (blocks.local[f : f + step].ravel() if v is None else v for f, v in zip(steps, values, strict=True))
+        data = np.concatenate(list(whole))
+    return sparse.csc_array((data, indices, indptr.astype(kind)), (n_entries, n_elements))
+
+
+def _place(places: sparse.csr_array, row: IntArray, column: IntArray) -> IntArray:
+    """Where entries stand in the pattern, whose columns are the rows of `places`, which counts from 1."""
+    kind = places.indices.dtype
+    if not len(row):
+        return np.zeros(0, dtype=kind)
+    found: IntArray = np.asarray(places[column.astype(kind, copy=False), row.astype(kind, copy=False)]).ravel() - 1
+    return found

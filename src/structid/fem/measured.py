@@ -1,0 +1,271 @@
+"""Components that have no model: their measured FRFs at the degrees of freedom that they share with the structure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
+from structid.core.display import counted
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
+
+#: Part of the line spacing by which lines may be apart and count as equal.
+_EQUAL = 1e-3
+#: Difference of a line from what its neighbours say, beyond which nothing is read between lines.
+_COARSE = 0.1
+#: Condition number from which on the degrees of freedom of an interface do not move independently.
+_SINGULAR = 1e8
+#: Part of an FRF by which it may differ from the reciprocal one without a word.
+_RECIPROCAL = 0.05
+#: Part of its lines at which a component may give power without a word.
+_GIVES_POWER = 0.5
+#: Lines from which on half of them tell how well the others can be read between them.
+_TOLD_BY_HALF = 6
+#: Sets of lines for which Y is kept: those of records, of what judges, and of stages.
+_KEPT = 16
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredComponent:
+    """A part of a structure that has no model but measured FRFs: a machine, a mount, the soil under a foundation.
+
+    It was measured by itself, free of the structure, at the degrees of freedom of its interface, and moves with the structure
+    there. It adds Y^-1 to the dynamic stiffness of the structure; nothing of it is sought. Where the interface gives way, springs
+    of the structure lead to nodes of their own, and these are the interface.
+
+    Parameters
+    ----------
+    name : str
+    interface : sequence of degrees of freedom
+        Of the structure.
+    frequency : (n_lines,) float array
+        Hz, increasing.
+    receptance : (n_lines, n, n) complex array
+        Y, motion of each of `interface` per force at each of them, m/N (rad for rotations, N m for moments), as measured. What
+        is not reciprocal in it is averaged out where it serves.
+    source : str
+        File that it comes from.
+    variance : (n_lines, n, n) float array, optional
+        Of each value of `receptance`, half of it of the real part and half of the imaginary part, independent from entry to entry
+        and line to line. It enters the intervals of what is identified with the component.
+
+    Raises
+    ------
+    InputError
+        If shapes disagree, lines do not increase, or an entry is NaN or infinite.
+
+    References
+    ----------
+    Jetmundsen, Bielawa and Flannelly (1988), J. American Helicopter Society 33(1), 55-64; de Klerk, Rixen and Voormeeren
+    (2008), AIAA Journal 46(5), 1169-1181.
+    """
+
+    name: str
+    interface: tuple[Dof, ...]
+    frequency: FloatArray
+    receptance: ComplexArray
+    source: str
+    variance: FloatArray | None
+
+    def __init__(
+        self,
+        name: str,
+        interface: str | Dof | Iterable[str | Dof],
+        frequency: ArrayLike,
+        receptance: ArrayLike,
+        source: str = "",
+        variance: ArrayLike | None = None,
+    ) -> None:
+        given = parse_dofs((interface,) if isinstance(interface, str | Dof) else tuple(interface))
+        axis, values = locked(frequency, np.float64), np.asarray(receptance, dtype=np.complex128)
+        if not given or len({dof.unsigned for dof in given}) < len(given):
+            raise InputError(f"`interface` of {name!r} must name degrees of freedom, each once, got {given}")
+        require_shape("receptance", values, (len(axis), len(given), len(given)), "one square matrix a line")
+        require_finite("receptance", values, "remove these lines, or repair the file")
+        if not len(axis) or (np.diff(axis) <= 0).any():
+            raise InputError(f"`frequency` of {name!r} must increase, and hold at least one line")
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "interface", given)
+        object.__setattr__(self, "frequency", axis)
+        object.__setattr__(self, "receptance", locked(values))
+        object.__setattr__(self, "source", source)
+        object.__setattr__(self, "variance", None if variance is None else locked(variance, np.float64))
+        if self.variance is not None:
+            require_shape("variance", self.variance, values.shape, "one value for each of `receptance`")
+            require_finite("variance", self.variance, "state the errors of every value")
+            if (self.variance < 0).any():
+                raise InputError(f"`variance` of {name!r} must not be negative, got {self.variance.min():g}")
+
+    @property
+    def words(self) -> str:
+        """What it is called in messages."""
+        return f"measured component {self.name!r}" + (f" ({self.source})" if self.source else "")
+
+    def receptance_at(self, frequency: FloatArray) -> ComplexArray:
+        """Y at lines inside its band, (n_lines, n, n); by cubics through four lines between its own where these are dense enough.
+
+        Kept for the lines last asked for.
+
+        Raises
+        ------
+        InputError
+            If a line lies outside its band, or between lines that are too far apart, or Y is singular there.
+        """
+        key = frequency.tobytes()
+        found = self._known.get(key)
+        if found is None:
+            place, between = self._places(frequency)
+            values = np.array(self._reciprocal[place])
+            if between.any():
+                values[between] = _read_between(self.frequency, self._reciprocal, frequency[between])
+            self._require_regular(frequency, values)
+            found = locked(values)
+            if len(self._known) >= _KEPT:
+                self._known.clear()
+            self._known[key] = found
+        return found
+
+    def weights_at(self, frequency: FloatArray) -> sparse.csr_array:
+        """How its own lines make Y at lines inside its band, (n_own, n_lines); see `receptance_at`."""
+        place, between = self._places(frequency)
+        columns, rows, values = np.flatnonzero(~between), place[~between], np.ones((~between).sum())
+        if between.any():
+            near, weights = _cubic(self.frequency, frequency[between])
+            columns = np.concatenate([columns, np.repeat(np.flatnonzero(between), near.shape[1])])
+            rows, values = np.concatenate([rows, near.ravel()]), np.concatenate([values, weights.ravel()])
+        return sparse.csr_array((values, (rows, columns)), (len(self.frequency), len(frequency)))
+
+    @cached_property
+    def _reciprocal(self) -> ComplexArray:
+        """The mean of Y and its transpose."""
+        return locked((self.receptance + np.swapaxes(self.receptance, 1, 2)) / 2)
+
+    @cached_property
+    def _known(self) -> dict[bytes, ComplexArray]:
+        """Y at the lines last asked for."""
+        return {}
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What is worth knowing of it, wherever it serves."""
+        unknown = ", and errors of its FRFs are not in the intervals; state their noise, or what they may come to as `model_error`"
+        words = [f"{self.words}: masses told are without it{unknown if self.variance is None else ''}"]
+        power = -np.diagonal(self.receptance.imag, axis1=1, axis2=2)
+        for dof, gives in zip(self.interface, (power < 0).mean(axis=0), strict=True):
+            if gives > _GIVES_POWER:
+                words.append(
+                    f"{self.words}: the real part of mobility of {dof.place} under its own force is negative at {100 * gives:.0f} %"
+                    " of all its lines; check the sense of sensor and load and the sign convention"
+                )
+        size = np.linalg.norm(self.receptance)
+        apart = np.linalg.norm(self.receptance - np.swapaxes(self.receptance, 1, 2))
+        if apart > _RECIPROCAL * size:
+            words.append(
+                f"{self.words}: its FRFs differ by {100 * apart / size:.2g} % from the reciprocal ones, and their mean is"
+                " taken; check senses and places of its sensors and loads"
+            )
+        return tuple(words)
+
+    def line_warnings(self, frequency: FloatArray) -> tuple[str, ...]:
+        """What is worth knowing of it where it serves at these lines.
+
+        Raises
+        ------
+        InputError
+            As `receptance_at`, but for a singular Y.
+        """
+        _, between = self._places(frequency)
+        if not between.any():
+            return ()
+        return (
+            f"{self.words}: {between.sum()} of {counted(len(frequency), 'line')} lie between its own and are interpolated;"
+            f" left out, one of its lines would be off by up to {100 * self._roughness(frequency).max():.2g} %",
+        )
+
+    def _places(self, frequency: FloatArray) -> tuple[IntArray, np.ndarray]:
+        """The nearest of its lines to each of `frequency`, and which of these lie between them, (n_lines,)."""
+        own = self.frequency
+        place = np.searchsorted((own[1:] + own[:-1]) / 2, frequency)
+        spacing = np.gradient(own) if len(own) > 1 else own
+        between = np.abs(own[place] - frequency) > _EQUAL * spacing[place]
+        outside = frequency[between & ((frequency < own[0]) | (frequency > own[-1]))]
+        if len(outside):
+            raise InputError(
+                f"{self.words} was measured from {own[0]:g} to {own[-1]:g} Hz, and a line lies at {outside[0]:g} Hz; give `band` in"
+                " [method] (and `evaluation_band`) inside"
+            )
+        if between.any() and (worst := self._roughness(frequency)).max() > _COARSE:
+            at = own[int(worst.argmax())]
+            raise InputError(
+                f"{self.words} has no line at {frequency[between][0]:g} Hz, and its lines are too far apart to read between them:"
+                f" near {at:g} Hz a line differs by {100 * worst.max():.2g} % from what its neighbours say; measure it and the"
+                " structure at the same lines"
+            )
+        return place, between
+
+    def _roughness(self, frequency: FloatArray) -> FloatArray:
+        """How far each of its lines near `frequency` is off where it is left out, in parts of it and its neighbours, (n_own,)."""
+        own, found = self.frequency, np.zeros(len(self.frequency))
+        if len(own) < _TOLD_BY_HALF:
+            return np.full(len(own), np.inf)
+        size = np.linalg.norm(self._reciprocal, axis=(1, 2))
+        size = np.maximum(size, np.maximum(np.roll(size, 1), np.roll(size, -1)))
+        for first in (0, 1):
+            kept = np.unique([0, *range(first, len(own), 2), len(own) - 1])
+            out = np.setdiff1d(np.arange(len(own)), kept)
+            off = _read_between(own[kept], self._reciprocal[kept], own[out]) - self._reciprocal[out]
+            found[out] = np.linalg.norm(off, axis=(1, 2)) / size[out]
+        low, high = np.searchsorted(own, [frequency[0], frequency[-1]])
+        found[: max(low - 1, 0)] = found[high + 1 :] = 0.0
+        return found
+
+    def _require_regular(self, frequency: FloatArray, receptance: ComplexArray) -> None:
+        """Raise `InputError` where some degrees of freedom move as others do, or not at all."""
+        size = np.sqrt(np.abs(np.diagonal(receptance, axis1=1, axis2=2)))
+        if not size.all():
+            line, dof = np.argwhere(size == 0)[0]
+            raise InputError(
+                f"{self.words}: {self.interface[dof]} does not move under its own force at {frequency[line]:g} Hz; leave it out"
+                " of `interface`, or leave the line out"
+            )
+        condition = np.linalg.cond(receptance / (size[:, :, None] * size[:, None, :]))
+        worst = int(condition.argmax())
+        if condition[worst] > _SINGULAR:
+            raise InputError(
+                f"{self.words}: the condition number of its FRFs at {frequency[worst]:g} Hz is {condition[worst]:.1g}, so that some"
+                " of its degrees of freedom move as others do; leave these out of `interface`, and join them by a rigid link"
+                " where the component is rigid"
+            )
+
+
+def joined_receptance(components: Sequence[MeasuredComponent], frequency: FloatArray) -> ComplexArray:
+    """Y of all `components` at the degrees of freedom of all of their interfaces, (n_lines, n, n)."""
+    each = [one.receptance_at(frequency) for one in components]
+    ends = np.cumsum([0, *(y.shape[1] for y in each)])
+    found = np.zeros((len(frequency), ends[-1], ends[-1]), dtype=np.complex128)
+    for y, (first, last) in zip(each, pairwise(ends.tolist()), strict=True):
+        found[:, first:last, first:last] = y
+    return found
+
+
+def _read_between(axis: FloatArray, values: ComplexArray, at: FloatArray) -> ComplexArray:
+    """`values` (n_axis, n, n) at other places of the axis, by the cubic through the four next to each."""
+    near, weights = _cubic(axis, at)
+    found: ComplexArray = np.einsum("lk,lkij->lij", weights, values[near])
+    return found
+
+
+def _cubic(axis: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The four lines next to each of `at` and the weights of the cubic through them, (n_at, 4) each (Lagrange)."""
+    near = np.clip(np.searchsorted(axis, at) - 2, 0, len(axis) - 4)[:, None] + np.arange(4)
+    nodes, weights = axis[near], np.ones(near.shape)
+    for k, j in ((k, j) for k in range(4) for j in range(4) if j != k):
+        weights[:, k] *= (at - nodes[:, j]) / (nodes[:, k] - nodes[:, j])
+    return near, weights

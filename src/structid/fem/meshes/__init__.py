@@ -1,0 +1,75 @@
+"""Meshes from files: nodes, cells and named groups, checked; one format a module, chosen by the suffix of the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from structid.core.errors import FileError, InputError
+from structid.fem.meshes import abaqus, gmsh, nastran, vtk
+from structid.fem.meshes.mesh import (
+    CELL_DIMENSIONS,
+    CellBlock,
+    Mesh,
+    duplicate_nodes,
+    orphan_nodes,
+    require_sound,
+    unassigned,
+)
+from structid.files import damage_told, require_readable
+
+#: Each has SUFFIXES and read(path, factor); coordinates of the file times the factor are in m.
+FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk)
+#: What the numbers of a file are multiplied by to give m.
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+_FARTHEST = 1e100  # its square is still finite
+
+__all__ = [
+    "CELL_DIMENSIONS",
+    "FORMATS",
+    "LENGTH_UNITS",
+    "CellBlock",
+    "Mesh",
+    "duplicate_nodes",
+    "orphan_nodes",
+    "read_mesh",
+    "require_sound",
+    "unassigned",
+]
+
+
+def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
+    """The mesh of a file, with its own node numbers and named groups.
+
+    Parameters
+    ----------
+    path : str or Path
+        Gmsh ``.msh``, Nastran ``.bdf .nas .fem .dat``, Abaqus ``.inp``, VTK ``.vtu .vtk``.
+    length_unit : {"m", "cm", "mm", "um", "in", "ft"}
+        Unit of the coordinates in the file; those of the mesh are in m.
+
+    Returns
+    -------
+    Mesh
+        Groups are physical groups (Gmsh: by name, or by number where they have none), properties (Nastran),
+        element and node sets (Abaqus), and whole-number cell arrays (VTK: ``array=value``).
+
+    Raises
+    ------
+    FileError
+        If the file is not of these kinds, is damaged, or is VTK and meshio is not installed.
+    """
+    place = require_readable(path)
+    reader = next((module for module in FORMATS if place.suffix.lower() in module.SUFFIXES), None)
+    if reader is None:
+        known = " ".join(suffix for module in FORMATS for suffix in module.SUFFIXES)
+        raise FileError(f"{place}: the suffix of a mesh must be one of {known}; export it as one of these")
+    if length_unit not in LENGTH_UNITS:
+        raise InputError(f"`length_unit` must be one of {' '.join(LENGTH_UNITS)}, got {length_unit!r}")
+    with damage_told(place, "a whole mesh", "export it again"):
+        mesh: Mesh = reader.read(place, LENGTH_UNITS[length_unit])
+    if not (np.abs(mesh.positions) < _FARTHEST).all():
+        raise FileError(f"{place}: coordinates must be finite, and below {_FARTHEST:g} m; export it again")
+    return mesh

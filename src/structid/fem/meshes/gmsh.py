@@ -1,0 +1,215 @@
+"""Gmsh files as meshes: versions 2.2 and 4.1, ASCII or binary, with their node numbers and physical groups."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import IntArray
+from structid.core.display import counted, listed
+from structid.core.errors import FileError
+from structid.fem.meshes.gmsh_numbers import Ascii, Binary, Numbers
+from structid.fem.meshes.mesh import CellBlock, Mesh
+
+SUFFIXES: tuple[str, ...] = (".msh",)
+
+_REMEDY = "save it as version 4.1 or 2.2 (Mesh.MshFileVersion = 4.1)"
+_AGAIN = "copy the file again, or save the mesh again"
+#: Name, number of nodes and dimension of each element type, and the order of its nodes as in VTK where it differs.
+_TYPES: dict[int, tuple[str, int, int, tuple[int, ...]]] = {
+    1: ("line", 2, 1, ()),
+    2: ("triangle", 3, 2, ()),
+    3: ("quad", 4, 2, ()),
+    4: ("tetra", 4, 3, ()),
+    5: ("hexahedron", 8, 3, ()),
+    6: ("wedge", 6, 3, ()),
+    7: ("pyramid", 5, 3, ()),
+    8: ("line3", 3, 1, ()),
+    9: ("triangle6", 6, 2, ()),
+    10: ("quad9", 9, 2, ()),
+    11: ("tetra10", 10, 3, (*range(8), 9, 8)),
+    12: (
+        "hexahedron27",
+        27,
+        3,
+        (*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15, 22, 23, 21, 24, 20, 25, 26),
+    ),
+    13: ("wedge18", 18, 3, ()),
+    14: ("pyramid14", 14, 3, ()),
+    15: ("vertex", 1, 0, ()),
+    16: ("quad8", 8, 2, ()),
+    17: ("hexahedron20", 20, 3, (*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15)),
+    18: ("wedge15", 15, 3, (*range(6), 6, 9, 7, 12, 14, 13, 8, 10, 11)),
+    19: ("pyramid13", 13, 3, (*range(5), 5, 8, 10, 6, 7, 9, 11, 12)),
+}
+_HEAD = re.compile(rb"\$MeshFormat\s+([\d.]+)\s+([01])\s+(\d+)\s*?\n")
+
+
+@dataclass(eq=False)
+class _Content:
+    """What has been read so far: cells by type with the physical groups that each is in."""
+
+    names: dict[tuple[int, int], str] = field(default_factory=dict)
+    physical: dict[tuple[int, int], list[int]] = field(default_factory=dict)
+    labels: list[IntArray] = field(default_factory=list)
+    positions: list[np.ndarray] = field(default_factory=list)
+    cells: dict[int, list[IntArray]] = field(default_factory=dict)
+    tags: dict[int, list[tuple[int, list[int]]]] = field(default_factory=dict)
+
+
+def read(path: Path, factor: float) -> Mesh:
+    """The mesh of a Gmsh file; coordinates times `factor` are in m.
+
+    Raises
+    ------
+    FileError
+        If it is of another version, is cut short or damaged, or lacks nodes of its cells.
+    """
+    data = path.read_bytes()
+    head = _HEAD.search(data)
+    if head is None:
+        raise FileError(f"{path}: has no $MeshFormat as Gmsh files have; {_REMEDY}")
+    version = head[1].decode()
+    if version not in ("2", "2.1", "2.2", "4.1"):
+        raise FileError(f"{path}: is of version {version}; {_REMEDY}")
+    old, binary = version.startswith("2"), head[2] == b"1"
+    content = _Content()
+    sections = {
+        b"PhysicalNames": _names,
+        b"Entities": _entities,
+        b"Nodes": _old_nodes if old else _nodes,
+        b"Elements": _old_elements if old else _elements,
+    }
+    try:
+        swapped = binary and _is_swapped(data, head.end())
+        for name, take in sections.items():
+            at = re.search(rb"^\$" + name + rb"[ \t]*\r?\n", data, re.MULTILINE)
+            if at is None and name in (b"PhysicalNames", b"Entities"):
+                continue
+            if at is None:
+                raise FileError(f"{path}: is cut short: there is no ${name.decode()}; {_AGAIN}")
+            stop = data.find(b"$End" + name, at.end())
+            if stop < 0:
+                raise FileError(f"{path}: is cut short: ${name.decode()} is not closed; {_AGAIN}")
+            in_text = not binary or name == b"PhysicalNames"
+            numbers: Numbers = Ascii(data, at.end(), stop) if in_text else Binary(data, at.end(), swapped)
+            take(content, numbers)
+            if not data[numbers.place :].lstrip().startswith(b"$End" + name):
+                raise FileError(f"{path}: ${name.decode()} has more or fewer numbers than it says; {_AGAIN}")
+    except FileError:
+        raise
+    except (ValueError, IndexError, KeyError) as error:
+        raise FileError(f"{path}: cannot be read as gmsh ({error}); {_REMEDY}") from error
+    return _mesh(path, content, factor)
+
+
+def _is_swapped(data: bytes, at: int) -> bool:
+    """Whether the number one that ends the header of a binary file is in the other byte order."""
+    one = data[at : at + 4]
+    if one not in (b"\x01\0\0\0", b"\0\0\0\x01"):
+        raise ValueError("the number one is missing behind $MeshFormat")
+    return (np.frombuffer(one, "<i4")[0] == 1) != (sys.byteorder == "little")
+
+
+def _names(content: _Content, numbers: Numbers) -> None:
+    for _ in range(numbers.integer()):
+        dimension, tag = numbers.integer(), numbers.integer()
+        content.names[dimension, tag] = numbers.quoted()
+
+
+def _entities(content: _Content, numbers: Numbers) -> None:
+    counts = numbers.sizes(4).tolist()
+    for dimension, count in enumerate(counts):
+        for _ in range(count):
+            tag = numbers.integer()
+            numbers.reals(3 if dimension == 0 else 6)
+            own = numbers.integers(int(numbers.sizes(1)[0]))
+            content.physical[dimension, tag] = own.tolist()
+            if dimension:
+                numbers.integers(int(numbers.sizes(1)[0]))
+
+
+def _nodes(content: _Content, numbers: Numbers) -> None:
+    for _ in range(int(numbers.sizes(4)[0])):
+        dimension, _tag, parametric = numbers.integers(3).tolist()
+        count = int(numbers.sizes(1)[0])
+        content.labels.append(numbers.sizes(count))
+        width = 3 + (dimension if parametric else 0)
+        content.positions.append(numbers.reals(width * count).reshape(count, width)[:, :3])
+
+
+def _elements(content: _Content, numbers: Numbers) -> None:
+    for _ in range(int(numbers.sizes(4)[0])):
+        dimension, tag, kind = numbers.integers(3).tolist()
+        count = int(numbers.sizes(1)[0])
+        width = 1 + _known(kind)[1]
+        rows = numbers.sizes(width * count).reshape(count, width)[:, 1:]
+        content.cells.setdefault(kind, []).append(rows)
+        content.tags.setdefault(kind, []).append((count, content.physical.get((dimension, tag), [])))
+
+
+def _old_nodes(content: _Content, numbers: Numbers) -> None:
+    labels, positions = numbers.old_nodes(int(numbers.counts(1)[0]))
+    content.labels.append(labels)
+    content.positions.append(positions)
+
+
+def _old_elements(content: _Content, numbers: Numbers) -> None:
+    total = int(numbers.counts(1)[0])
+    for kind, tags, rows in numbers.old_elements(total, lambda kind: _known(kind)[1]):
+        content.cells.setdefault(kind, []).append(rows)
+        for tag in tags.tolist():
+            content.tags.setdefault(kind, []).append((1, [tag] if tag else []))
+
+
+def _known(kind: int) -> tuple[str, int, int, tuple[int, ...]]:
+    if kind not in _TYPES:
+        raise ValueError(f"element type {kind} is not known")
+    return _TYPES[kind]
+
+
+def _mesh(path: Path, content: _Content, factor: float) -> Mesh:
+    labels = np.concatenate(content.labels) if content.labels else np.zeros(0, np.int64)
+    if not len(labels):
+        raise FileError(f"{path}: holds no whole table of nodes; {_AGAIN}")
+    positions = factor * np.concatenate(content.positions)
+    blocks, members = [], []
+    for kind, parts in content.cells.items():
+        name, _, dimension, order = _known(kind)
+        rows = np.concatenate(parts)
+        _require_nodes(path, name, rows, labels)
+        blocks.append(CellBlock(name, rows[:, list(order)] if order else rows))
+        members.append(_members(content, dimension, content.tags[kind]))
+    names = dict.fromkeys(name for own in members for name in own)
+    empty = np.zeros(0, np.int64)
+    groups = {name: tuple(own.get(name, empty) for own in members) for name in names}
+    return Mesh(labels, positions, tuple(blocks), groups, {}, path.name)
+
+
+def _require_nodes(path: Path, name: str, rows: IntArray, labels: IntArray) -> None:
+    """Refuse cells whose nodes the file does not have."""
+    there = np.isin(rows, labels)
+    if there.all():
+        return
+    missing, wrong = np.unique(rows[~there]), np.flatnonzero(~there.all(axis=1))
+    raise FileError(
+        f"{path}: lacks node {listed(missing.tolist())} of {counted(len(wrong), 'cell')} of type {name} (the first has nodes"
+        f" {listed(rows[wrong[0]].tolist(), 27)}); save the mesh again with all its nodes"
+    )
+
+
+def _members(content: _Content, dimension: int, tags: Iterable[tuple[int, list[int]]]) -> dict[str, IntArray]:
+    """Rows of each physical group in one block."""
+    found: dict[str, list[IntArray]] = {}
+    first = 0
+    for count, own in tags:
+        for tag in own:
+            name = content.names.get((dimension, abs(tag)), str(abs(tag)))
+            found.setdefault(name, []).append(np.arange(first, first + count))
+        first += count
+    return {name: np.concatenate(parts) for name, parts in found.items()}

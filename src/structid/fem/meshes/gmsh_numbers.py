@@ -1,0 +1,169 @@
+"""The numbers of a section of a Gmsh file, one after another, from text or from bytes."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+
+#: Cells of one type: the type, the physical group of each, and their nodes.
+Cells = tuple[int, IntArray, IntArray]
+_QUOTED = re.compile(rb'\s*"([^"]*)"')
+
+
+class Numbers(Protocol):
+    """What text and bytes have in common.
+
+    `integers` are whole numbers of 4 bytes, `sizes` those of 8, `counts` stand in text even in binary files.
+    """
+
+    place: int
+
+    def integers(self, count: int) -> IntArray: ...
+
+    def sizes(self, count: int) -> IntArray: ...
+
+    def counts(self, count: int) -> IntArray: ...
+
+    def reals(self, count: int) -> FloatArray: ...
+
+    def integer(self) -> int: ...
+
+    def quoted(self) -> str: ...
+
+    def old_nodes(self, count: int) -> tuple[IntArray, FloatArray]:
+        """Numbers and positions of the nodes of version 2."""
+        ...
+
+    def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
+        """The elements of version 2, neighbours of one type together; `width` is the number of nodes of a type."""
+        ...
+
+
+class Ascii:
+    """Numbers in the text from `place` to `stop`."""
+
+    def __init__(self, data: bytes, place: int, stop: int) -> None:
+        self.place, self.stop = place, stop
+        self._text = data[place:stop]
+        self._words: np.ndarray | None = None
+        self._at = 0
+
+    def _next(self, count: int) -> np.ndarray:
+        if self._words is None:
+            self._words = np.array(self._text.split())
+        part = self._words[self._at : self._at + count]
+        if count < 0 or len(part) != count:
+            raise ValueError("a section ends too soon")
+        self._at += count
+        if self._at == len(self._words):
+            self.place = self.stop
+        return part
+
+    def integers(self, count: int) -> IntArray:
+        return self._next(count).astype(np.int64) if count else np.zeros(0, np.int64)
+
+    sizes = counts = integers
+
+    def reals(self, count: int) -> FloatArray:
+        return self._next(count).astype(np.float64)
+
+    def integer(self) -> int:
+        if self._words is not None:
+            return int(self._next(1)[0])
+        word = self._text.lstrip().split(maxsplit=1)[0]  # names with blanks may follow, so that words cannot be cut yet
+        self._skip(self._text.index(word) + len(word))
+        return int(word)
+
+    def quoted(self) -> str:
+        match = _QUOTED.match(self._text)
+        if match is None:
+            raise ValueError("a physical group has no name in quotation marks")
+        self._skip(match.end())
+        return match[1].decode("utf-8", "replace")
+
+    def _skip(self, length: int) -> None:
+        self._text = self._text[length:]
+        self.place += length
+
+    def old_nodes(self, count: int) -> tuple[IntArray, FloatArray]:
+        table = self._next(4 * count).reshape(count, 4)
+        return table[:, 0].astype(np.int64), table[:, 1:].astype(np.float64)
+
+    def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
+        assert self._words is not None
+        numbers = self._words[self._at :].astype(np.int64)
+        at, found = 0, []
+        for _ in range(count):
+            kind, n_tags = int(numbers[at + 1]), int(numbers[at + 2])
+            stop = at + 3 + n_tags + width(kind)
+            if stop > len(numbers):
+                raise ValueError("a section ends too soon")
+            found.append((kind, int(numbers[at + 3]) if n_tags else 0, at + 3 + n_tags, stop))
+            at = stop
+        if at == len(numbers):
+            self.place = self.stop
+        first = 0
+        for last in range(1, len(found) + 1):
+            if last == len(found) or found[last][0] != found[first][0]:
+                same = found[first:last]
+                rows = np.stack([numbers[a:b] for _, _, a, b in same])
+                yield same[0][0], np.array([tag for _, tag, _, _ in same]), rows
+                first = last
+
+
+class Binary:
+    """Numbers in the bytes from `place`; `swapped` where they are in the other byte order."""
+
+    def __init__(self, data: bytes, place: int, swapped: bool) -> None:
+        self.place = place
+        self._data = data
+        self._order = ">" if swapped == (sys.byteorder == "little") else "<"
+
+    def _next(self, form: np.dtype, count: int) -> np.ndarray:
+        if count < 0 or self.place + count * form.itemsize > len(self._data):
+            raise ValueError("a section ends too soon")
+        part = np.frombuffer(self._data, form, count, self.place)
+        self.place += count * form.itemsize
+        return part
+
+    def integers(self, count: int) -> IntArray:
+        return self._next(np.dtype(self._order + "i4"), count).astype(np.int64)
+
+    def sizes(self, count: int) -> IntArray:
+        return self._next(np.dtype(self._order + "u8"), count).astype(np.int64)
+
+    def counts(self, count: int) -> IntArray:
+        stop = self._data.index(b"\n", self.place)
+        words = np.array(self._data[self.place : stop].split()[:count]).astype(np.int64)
+        self.place = stop + 1
+        return words
+
+    def reals(self, count: int) -> FloatArray:
+        return self._next(np.dtype(self._order + "f8"), count).astype(np.float64)
+
+    def integer(self) -> int:
+        return int(self.integers(1)[0])
+
+    def quoted(self) -> str:
+        raise ValueError("names of physical groups stand in text")
+
+    def old_nodes(self, count: int) -> tuple[IntArray, FloatArray]:
+        table = self._next(np.dtype([("label", self._order + "i4"), ("at", self._order + "f8", (3,))]), count)
+        return table["label"].astype(np.int64), table["at"].astype(np.float64)
+
+    def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
+        done = 0
+        while done < count:
+            kind, own, n_tags = self.integers(3).tolist()
+            if own < 1:
+                raise ValueError("a block of elements is empty")
+            rows = self.integers(own * (1 + n_tags + width(kind))).reshape(own, -1)
+            tags = rows[:, 1] if n_tags else np.zeros(own, np.int64)
+            yield kind, tags, rows[:, 1 + n_tags :]
+            done += own

@@ -1,0 +1,279 @@
+"""Meshes: nodes, blocks of cells and named groups, and what is wrong with one."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.errors import InputError
+from structid.fem.elements.cells.isoparametric import CELLS
+
+#: Dimension of each cell type that elements can be made of.
+CELL_DIMENSIONS = {"vertex": 0, "line": 1, "line3": 1, **{name: made.corners.shape[1] for name, made in CELLS.items()}}
+#: Number of corners of each, where there are nodes besides.
+_CORNERS = {"line3": 2, **{name: CELLS[name.rstrip("0123456789")].n_nodes for name in CELLS}}
+#: Distance over the mesh's size below which two nodes are one place.
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class CellBlock:
+    """Cells of one type.
+
+    Attributes
+    ----------
+    kind : str
+        Such as ``triangle`` or ``hexahedron20``; see `CELL_DIMENSIONS`.
+    nodes : (n_cells, n_nodes) int array
+        Node labels, numbered as in VTK.
+    """
+
+    kind: str
+    nodes: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Nodes, cells and groups, as read from a file.
+
+    Attributes
+    ----------
+    labels : (n_nodes,) int array
+        Node numbers of the file.
+    positions : (n_nodes, 3) float array
+        m.
+    blocks : tuple of CellBlock
+    groups : mapping of name to tuple of int arrays
+        Cells of each group: one array of rows for each block.
+    node_groups : mapping of name to int array
+        Labels of the nodes of each node set.
+    source : str
+        Where it comes from, for messages.
+    """
+
+    labels: IntArray
+    positions: FloatArray
+    blocks: tuple[CellBlock, ...]
+    groups: Mapping[str, tuple[IntArray, ...]]
+    node_groups: Mapping[str, IntArray]
+    source: str = "the mesh"
+
+    @cached_property
+    def nodes(self) -> dict[int, FloatArray]:
+        """Position of each node by its label."""
+        return dict(zip(self.labels.tolist(), self.positions, strict=True))
+
+    @cached_property
+    def dimension(self) -> int:
+        """Largest dimension of its cells."""
+        return max((CELL_DIMENSIONS.get(block.kind, 0) for block in self.blocks), default=0)
+
+    def chosen(self, group: str | None = None) -> list[tuple[CellBlock, IntArray]]:
+        """Blocks with the rows of `group`; all cells of the largest dimension without one."""
+        if group is None:
+            every = [(block, np.arange(len(block.nodes))) for block in self.blocks]
+            return [pair for pair in every if CELL_DIMENSIONS.get(pair[0].kind, 3) == self.dimension]
+        if group not in self.groups:
+            self._raise_missing(group, self.groups, "group of cells")
+        return [(b, rows) for b, rows in zip(self.blocks, self.groups[group], strict=True) if len(rows)]
+
+    def cells(self, group: str | None = None) -> IntArray:
+        """Node table of the cells of `group`, rows padded with -1 where it mixes cell types.
+
+        Raises
+        ------
+        InputError
+            If there is no such group, or its cells are of a type that no element takes.
+        """
+        tables = []
+        for block, rows in self.chosen(group):
+            if block.kind not in CELL_DIMENSIONS:
+                raise InputError(
+                    f"cells of type {block.kind!r} in {self.source} cannot be used; mesh with one of"
+                    f" {', '.join(CELL_DIMENSIONS)}"
+                )
+            tables.append(block.nodes[rows])
+        if not tables:
+            raise InputError(f"{self.source} holds no cells" + (f" in group {group!r}" if group else ""))
+        width = max(table.shape[1] for table in tables)
+        padded = [np.pad(t, ((0, 0), (0, width - t.shape[1])), constant_values=-1) for t in tables]
+        return locked(np.concatenate(padded), np.int64)
+
+    def group_nodes(self, group: str) -> IntArray:
+        """Labels of the nodes of a node set, or of the cells of a group."""
+        if group in self.node_groups:
+            return self.node_groups[group]
+        if group not in self.groups:
+            self._raise_missing(group, {**self.groups, **self.node_groups}, "group")
+        nodes = [b.nodes[rows].ravel() for b, rows in self.chosen(group)]
+        if not nodes:
+            raise InputError(f"group {group!r} of {self.source} is empty; put cells into it in the mesher")
+        return np.unique(np.concatenate(nodes))
+
+    def nodes_at(self, ranges: Mapping[str, tuple[float, float]]) -> IntArray:
+        """Labels of the nodes whose coordinates lie in `ranges`, such as {"x": (0.0, 0.0)}, m.
+
+        Ends count within a millionth of the mesh's size.
+        """
+        inside = np.ones(len(self.labels), dtype=bool)
+        slack = 1e-6 * float(np.ptp(self.positions, axis=0).max())
+        for axis, (low, high) in ranges.items():
+            values = self.positions[:, "xyz".index(axis)]
+            inside &= (values >= low - slack) & (values <= high + slack)
+        return self.labels[inside]
+
+    def nearest(self, position: ArrayLike, among: Iterable[int] | None = None) -> tuple[int, float, float]:
+        """The node nearest to `position` (3,), m: its label, the distance, and the size of the cells there.
+
+        Parameters
+        ----------
+        position : (3,) float array
+        among : iterable of int, optional
+            Labels to choose from; all by default.
+        """
+        place = np.arange(len(self.labels))
+        if among is not None:
+            place = np.flatnonzero(np.isin(self.labels, list(among)))
+        distance = np.linalg.norm(self.positions[place] - np.asarray(position, dtype=np.float64), axis=1)
+        best = int(np.argmin(distance))
+        label = int(self.labels[place[best]])
+        return label, float(distance[best]), self.size_at(label)
+
+    def size_at(self, label: int) -> float:
+        """The longest side of the cells of the mesh's dimension at a node, m; 0 where there is none."""
+        longest = 0.0
+        for block, _ in self.chosen():
+            own = block.nodes[(block.nodes == label).any(axis=1)][:, : _CORNERS.get(block.kind)]
+            for row in own:
+                corners = np.array([self.nodes[int(n)] for n in row])
+                longest = max(longest, float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max()))
+        return longest
+
+    def _raise_missing(self, group: str, known: Iterable[str], word: str) -> None:
+        names = list(known)
+        near = difflib.get_close_matches(group, names, 1, 0.0)
+        have = (
+            f"the nearest is {near[0]!r}; it has {', '.join(names)}" if near else "it has none; name them in the mesher"
+        )
+        raise InputError(f"there is no {word} {group!r} in {self.source}; {have}")
+
+
+def duplicate_nodes(mesh: Mesh) -> IntArray:
+    """Pairs of labels of nodes of cells that lie at one place, (n_pairs, 2)."""
+    from scipy.spatial import cKDTree
+
+    used = np.isin(mesh.labels, _used(mesh))
+    labels, positions = mesh.labels[used], mesh.positions[used]
+    if len(labels) < 2:
+        return np.zeros((0, 2), dtype=np.int64)
+    size = float(np.ptp(positions, axis=0).max())
+    pairs = cKDTree(positions).query_pairs(_SAME * size, output_type="ndarray")
+    found: IntArray = np.sort(labels[pairs], axis=1)
+    return found[np.lexsort(found.T[::-1])]
+
+
+def orphan_nodes(mesh: Mesh) -> IntArray:
+    """Labels of nodes that belong to no cell."""
+    return np.setdiff1d(mesh.labels, _used(mesh))
+
+
+def require_sound(mesh: Mesh, drop_orphans: bool = False, duplicates: str = "refuse") -> Mesh:
+    """`mesh`, after the checks; with what was asked to be repaired.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    drop_orphans : bool
+        Whether nodes without a cell are left out instead of refused.
+    duplicates : {"refuse", "merge", "keep"}
+        Of nodes at one place: ``keep`` is for cracks and joints, where the parts are meant to move apart.
+
+    Raises
+    ------
+    InputError
+        If nodes repeat, lie at one place or belong to no cell, or cells name a node that is not there.
+    """
+    values, counts = np.unique(mesh.labels, return_counts=True)
+    if (counts > 1).any():
+        raise InputError(f"node {values[counts > 1][0]} stands twice in {mesh.source}; number the nodes anew")
+    missing = np.setdiff1d(_used(mesh), mesh.labels)
+    if len(missing):
+        raise InputError(
+            f"cells of {mesh.source} name {_listed(missing)}, which it does not have; export all nodes of the cells"
+        )
+    if duplicates != "keep":
+        pairs = duplicate_nodes(mesh)
+        if len(pairs) and duplicates == "refuse":
+            named = ", ".join(f"{a} and {b}" for a, b in pairs[:5])
+            raise InputError(
+                f"nodes {named} of {mesh.source} lie at one place ({len(pairs)} pairs in all), so that the parts are not"
+                ' joined there; merge them in the mesher, or set `duplicate_nodes` to "merge", or to "keep" if the'
+                " parts are meant to be apart"
+            )
+        mesh = _merged(mesh, pairs)
+    orphans = orphan_nodes(mesh)
+    if len(orphans):
+        if not drop_orphans:
+            raise InputError(
+                f"{_listed(orphans)} of {mesh.source} {'belongs' if len(orphans) == 1 else 'belong'} to no cell; delete"
+                ' them in the mesher, or set `orphan_nodes` to "drop"'
+            )
+        mesh = _without(mesh, orphans)
+    return mesh
+
+
+def _used(mesh: Mesh) -> IntArray:
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *(block.nodes.ravel() for block in mesh.blocks)]))
+
+
+def _merged(mesh: Mesh, pairs: IntArray) -> Mesh:
+    """Nodes at one place as the one with the lowest label."""
+    stands = {label: label for label in mesh.labels.tolist()}
+    for low, high in pairs.tolist():
+        stands[high] = min(stands[high], stands[low])
+    for label in sorted(stands):
+        stands[label] = stands[stands[label]]
+    if not len(pairs):
+        return mesh
+    blocks = tuple(
+        CellBlock(b.kind, np.array([[stands[n] for n in row] for row in b.nodes.tolist()])) for b in mesh.blocks
+    )
+    groups = {name: np.unique([stands[n] for n in nodes.tolist()]) for name, nodes in mesh.node_groups.items()}
+    gone = np.array([label for label, other in stands.items() if label != other])
+    merged = Mesh(mesh.labels, mesh.positions, blocks, mesh.groups, groups, mesh.source)
+    return _without(merged, gone)
+
+
+def _without(mesh: Mesh, labels: IntArray) -> Mesh:
+    keep = ~np.isin(mesh.labels, labels)
+    groups = {name: np.setdiff1d(nodes, labels) for name, nodes in mesh.node_groups.items()}
+    return Mesh(mesh.labels[keep], mesh.positions[keep], mesh.blocks, mesh.groups, groups, mesh.source)
+
+
+def unassigned(mesh: Mesh, tables: list[IntArray]) -> str | None:
+    """What cells of the mesh's dimension are in none of the node tables of element sets: in words, or None."""
+    used = {tuple(sorted(n for n in row if n >= 0)) for table in tables for row in table.tolist()}
+    rows_of = {}
+    for place, block in enumerate(mesh.blocks):
+        if CELL_DIMENSIONS.get(block.kind, 3) == mesh.dimension:
+            free = [i for i, row in enumerate(block.nodes.tolist()) if tuple(sorted(row)) not in used]
+            if free:
+                rows_of[place] = free
+    if not rows_of:
+        return None
+    count = sum(len(rows) for rows in rows_of.values())
+    names = [n for n, g in mesh.groups.items() if any(np.isin(g[place], rows).any() for place, rows in rows_of.items())]
+    kinds = dict.fromkeys(mesh.blocks[place].kind for place in rows_of)
+    where = f", in {'groups' if len(names) > 1 else 'group'} {', '.join(names)}" if names else ""
+    return f"{count} cells ({', '.join(kinds)}){where}"
+
+
+def _listed(labels: IntArray) -> str:
+    few = ", ".join(map(str, labels[:5]))
+    return f"node{'s' if len(labels) > 1 else ''} {few}" + (f" and {len(labels) - 5} more" if len(labels) > 5 else "")

@@ -1,0 +1,223 @@
+"""Viscous damping with one damping ratio in every mode, and how it changes with masses and stiffnesses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg, sparse
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.errors import InputError, SingularModelError
+from structid.fem.elements.element import Term
+from structid.fem.matrices.blocks import Blocks
+from structid.fem.matrices.contribution import Contribution, Factor
+
+#: What stands for the modes where properties name element sets.
+ALL_MODES = "all modes"
+#: Largest model; and most entries of the matrix times values of masses and stiffnesses.
+_MOST_DOFS, _MOST_SLOPES = 1200, 1_000_000_000
+#: Part of what a motion takes along in stiffness or mass below which it has none: a rigid body's, or one without mass.
+_NOTHING = 1e-13
+
+
+def damping_term(damping_ratio: float) -> Term:
+    """The damping ratio as a property.
+
+    Raises
+    ------
+    InputError
+        If it is negative, or 1 or more.
+    """
+    if not 0 <= damping_ratio < 1:
+        raise InputError(f"`damping_ratio` must be at least 0 and less than 1, as 0.01 for 1 %, got {damping_ratio:g}")
+    return Term("damping_ratio", "damping_ratio", "1", locked([damping_ratio]))
+
+
+@dataclass(frozen=True, eq=False)
+class ModalState:
+    """Modes of a structure, scaled so that each has phi' (M + K / shift) phi = 1.
+
+    Attributes
+    ----------
+    shapes, duals : (n_dofs, n_dofs) float arrays
+        Phi, a column a mode, and the transpose of its inverse.
+    heavy, stiff : (n_dofs,) float arrays
+        Square roots of phi' M phi and phi' K phi: 0 of a motion without mass, and of a rigid body's.
+    """
+
+    shapes: FloatArray
+    duals: FloatArray
+    heavy: FloatArray
+    stiff: FloatArray
+
+    @cached_property
+    def shares(self) -> dict[str, FloatArray]:
+        """What the change of the mean M # K takes of that of M and K between two modes, (n_dofs, n_dofs) by law."""
+        both = np.outer(self.heavy, self.stiff)
+        below = both + both.T
+        size = np.hypot(self.heavy, self.stiff)
+        some = below > _NOTHING * np.outer(size, size)
+        below = np.where(some, below, 1.0)
+        return {
+            "inertia": np.where(some, np.outer(self.stiff, self.stiff) / below, 0.0),
+            "elastic": np.where(some, np.outer(self.heavy, self.heavy) / below, 0.0),
+        }
+
+    @cached_property
+    def matrix(self) -> FloatArray:
+        """2 (M # K), (n_dofs, n_dofs)."""
+        return 2 * (self.duals * (self.heavy * self.stiff)) @ self.duals.T
+
+
+@dataclass(frozen=True, eq=False)
+class ModalDamping(Factor):
+    """Entries of the damping matrix for a damping ratio of 1 in all modes.
+
+    With modes K Phi = M Phi Omega^2, Phi' M Phi = I, it is M Phi (2 Omega) Phi' M = 2 M (M^-1 K)^(1/2), twice the geometric
+    mean S = M # K of mass and stiffness. S solves S M^-1 S = K, so that its change between modes k and l is
+
+        phi_k' dS phi_l = (phi_k' dK phi_l + omega_k omega_l phi_k' dM phi_l) / (omega_k + omega_l)
+
+    and nothing divides by a difference. Motions without stiffness or without mass are not damped.
+
+    Attributes
+    ----------
+    parts : tuple of Contribution
+        Of mass and stiffness.
+    n_values : int
+        Number of values of the structure.
+    rows, columns : (n_entries,) int arrays
+        On and above the diagonal.
+
+    References
+    ----------
+    Bhatia (2007), Positive Definite Matrices, section 4.1 (geometric mean); Higham (2008), Functions of Matrices, section 6.1
+    (derivative of the square root).
+    """
+
+    parts: tuple[Contribution, ...]
+    n_values: int
+    rows: IntArray
+    columns: IntArray
+
+    @cached_property
+    def places(self) -> tuple[IntArray, ...]:
+        """See `Factor.places`; every value stands by itself."""
+        return tuple(np.broadcast_to(value, self.rows.shape) for value in self._values)
+
+    def of(self, values: FloatArray) -> FloatArray:
+        """See `Factor.of`; N s/m, N m s and so on."""
+        found: FloatArray = self.at(values).matrix[self.rows, self.columns]
+        return found
+
+    def touched(self, changing: np.ndarray) -> np.ndarray:
+        """See `Factor.touched`."""
+        return np.full(self.rows.shape, changing[self._values].any())
+
+    def slope(self, values: FloatArray, place: int) -> FloatArray:
+        """See `Factor.slope`."""
+        alone = sparse.csr_array(([1.0], ([self._values[place]], [0])), (self.n_values, 1))
+        return self.change(values, alone).toarray()[:, 0]
+
+    def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
+        """See `Factor.change`."""
+        state = self.at(values)
+        changes = [(part, part.change(values, design).tocsc()) for part in self.parts]
+        touched = np.flatnonzero(np.sum([np.diff(change.indptr) for _, change in changes], axis=0))
+        found = np.empty((len(touched), len(self.rows)))
+        for row, column in zip(found, touched.tolist(), strict=True):
+            total = np.zeros(self._shape)
+            for part, change in changes:
+                own = slice(change.indptr[column], change.indptr[column + 1])
+                if own.start < own.stop:
+                    matrix = part.blocks.take(change.indices[own]).assemble(change.data[own])
+                    total += state.shares[part.law] * (state.shapes.T @ (matrix @ state.shapes))
+            row[:] = 2 * (state.duals @ total @ state.duals.T)[self.rows, self.columns]
+        place = np.tile(np.arange(len(self.rows)), len(touched)), np.repeat(touched, len(self.rows))
+        return sparse.coo_array((found.ravel(), place), (len(self.rows), design.shape[1])).tocsr()
+
+    def at(self, values: FloatArray) -> ModalState:
+        """The modes at these values of the structure; the last ones are kept."""
+        key = values[self._values].tobytes()
+        if key not in self._known:
+            self._known.clear()
+            self._known[key] = self._state(values)
+        return self._known[key]
+
+    def _state(self, values: FloatArray) -> ModalState:
+        mass, stiffness = (self._matrix(law, values) for law in ("inertia", "elastic"))
+        weighs = np.diag(mass) > 0
+        shift = float((np.diag(stiffness)[weighs] / np.diag(mass)[weighs]).min(initial=np.inf))
+        shift = shift if 0 < shift < np.inf else 1.0
+        both = mass + stiffness / shift
+        try:
+            shapes = linalg.eigh(mass, both)[1]
+        except (linalg.LinAlgError, ValueError) as error:
+            raise SingularModelError(
+                "modal damping needs mass or stiffness in every motion, none of them negative; hold what is loose in `fixed`, or"
+                " give it some"
+            ) from error
+        squares = [np.einsum("ij,ij->j", shapes, matrix @ shapes) for matrix in (mass, stiffness / shift)]
+        heavy, stiff = (np.sqrt(np.where(square > _NOTHING, square, 0.0)) for square in squares)
+        return ModalState(shapes, both @ shapes, heavy, stiff * np.sqrt(shift))
+
+    def _matrix(self, law: str, values: FloatArray) -> FloatArray:
+        total = np.zeros(self._shape)
+        for part in self.parts:
+            if part.law == law:
+                total += part.blocks.assemble(part.weights(values)).toarray()
+        return total
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        n_dofs = self.parts[0].blocks.n_dofs
+        return n_dofs, n_dofs
+
+    @cached_property
+    def _values(self) -> IntArray:
+        """Where the values stand that masses and stiffnesses have."""
+        every = np.arange(self.n_values)
+        return np.unique(np.concatenate([every[place] for part in self.parts for place in part.places]))
+
+    @cached_property
+    def _known(self) -> dict[bytes, ModalState]:
+        """The last state, by the values of masses and stiffnesses."""
+        return {}
+
+
+def modal_damping(parts: Sequence[Contribution], place: int, n_values: int, n_dofs: int) -> Contribution:
+    """The viscous damping of all modes: one element an entry of its matrix, which is full.
+
+    Parameters
+    ----------
+    parts : sequence of Contribution
+        All others of the structure.
+    place : int
+        Where the damping ratio stands among the values of the structure.
+    n_values, n_dofs : int
+
+    Raises
+    ------
+    InputError
+        If the structure is too large, or has neither mass nor stiffness.
+    """
+    own = tuple(part for part in parts if part.law in ("inertia", "elastic"))
+    if {part.law for part in own} != {"inertia", "elastic"}:
+        raise InputError(
+            "modal damping needs masses and stiffnesses; leave `damping_ratio` out, or add what is missing"
+        )
+    rows, columns = np.triu_indices(n_dofs)
+    damping = ModalDamping(own, n_values, locked(rows, np.int64), locked(columns, np.int64))
+    if n_dofs > _MOST_DOFS or len(rows) * len(damping.places) > _MOST_SLOPES:
+        raise InputError(
+            f"modal damping has a full matrix, up to {_MOST_DOFS} degrees of freedom and {_MOST_SLOPES:.0e} entries times"
+            f" values, and the structure has {n_dofs} and {len(rows) * len(damping.places):.1e}; reduce parts of it to"
+            " components, or use loss factors of twice the damping ratio"
+        )
+    local = np.where((rows == columns)[:, None, None], [[1.0, 0.0], [0.0, 0.0]], [[0.0, 1.0], [1.0, 0.0]])
+    dofs = np.stack([rows, np.where(rows == columns, -1, columns)], axis=1)
+    value = np.broadcast_to(np.int64(place), rows.shape)
+    return Contribution("viscous", Blocks(dofs, local, n_dofs), value, scale=damping)

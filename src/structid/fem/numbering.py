@@ -1,0 +1,187 @@
+"""Degrees of freedom of a structure: all that elements and ties use, and what the free ones make of them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError
+from structid.fem.elements.element import Layer, dof_code, dof_of_code
+from structid.fem.matrices.blocks import Blocks, ElementMatrices, MatrixBlocks
+from structid.fem.supports import Equations, Following
+
+#: Part of a map to free degrees of freedom from which on it is full.
+_FULL = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Numbering:
+    """The map u = T q from free degrees of freedom to all of them.
+
+    Attributes
+    ----------
+    codes : (n_all,) int array
+        Codes of all of them in order, see `dof_code`.
+    matrix : (n_all, n_free) sparse array
+        T.
+    free : tuple of int
+        Codes of the free ones.
+    """
+
+    codes: IntArray
+    matrix: sparse.csr_array
+    free: tuple[int, ...]
+
+    @property
+    def moving(self) -> IntArray:
+        """Codes of all that are not held at zero."""
+        return self.codes[np.diff(self.matrix.indptr) > 0]
+
+    def directions(self, node: int) -> list[str]:
+        """In which elements or ties use a node, held or not."""
+        first, last = np.searchsorted(self.codes, [6 * node, 6 * node + 6])
+        return [dof_of_code(code).direction for code in self.codes[first:last].tolist()]
+
+
+def numbering(
+    codes: Sequence[int], held: frozenset[int], equations: Equations, following: Sequence[Following] = ()
+) -> Numbering:
+    """The free degrees of freedom, and how the others follow them.
+
+    Parameters
+    ----------
+    codes : sequence of int
+        All codes in order, n_all of them.
+    held : frozenset of int
+        Codes at zero.
+    equations : mapping
+        Dependent codes with what they depend on; a dependent may depend on another dependent.
+    following : sequence of Following
+        Further dependent codes, on which none of those depends that they depend on.
+
+    Raises
+    ------
+    InputError
+        If one is fixed and depends on others too, or constraints run in a circle.
+    """
+    for code in held & equations.keys():
+        raise InputError(
+            f"{dof_of_code(code)} is fixed and also depends on others; fix the degrees of freedom it follows"
+        )
+    _require_no_circle(equations)
+    known = np.array(codes, dtype=np.int64)
+    dependent = np.isin(known, [*equations, *(code for one in following for code in one.dependents.tolist())])
+    free = np.flatnonzero(~dependent & ~np.isin(known, list(held)))
+    follow = _follow(known, equations, following)
+    part = sparse.csr_array((np.ones(len(free)), (free, np.arange(len(free)))), (len(known), len(free)))
+    matrix = part
+    while part.nnz:
+        part = follow @ part
+        matrix = matrix + part
+    return Numbering(known, sparse.csr_array(matrix), tuple(known[free].tolist()))
+
+
+def _follow(known: IntArray, equations: Equations, following: Sequence[Following]) -> sparse.csr_array:
+    """What each of the codes `known` depends on itself, (n_all, n_all)."""
+    own = [(code, other, value) for code, others in equations.items() for other, value in others.items()]
+    tables = [np.array([entry[:2] for entry in own], dtype=np.int64).reshape(-1, 2)]
+    values: list[FloatArray] = [np.array([entry[2] for entry in own], dtype=np.float64)]
+    for one in following:
+        tables.append(np.stack([a.ravel() for a in np.meshgrid(one.dependents, one.masters, indexing="ij")], axis=1))
+        values.append(one.matrix.ravel())
+    rows, columns = np.searchsorted(known, np.concatenate(tables)).T
+    return sparse.coo_array((np.concatenate(values), (rows, columns)), (len(known), len(known))).tocsr()
+
+
+def _require_no_circle(equations: Equations) -> None:
+    """Raise an `InputError` where degrees of freedom depend on themselves."""
+    done: set[int] = set()
+    for start in equations:
+        path = [start]
+        ways = [iter(equations[start])]
+        while path:
+            code = next(ways[-1], None)
+            if code is None:
+                done.add(path.pop())
+                ways.pop()
+            elif code in path:
+                loop = " -> ".join(str(dof_of_code(c)) for c in (*path[path.index(code) :], code))
+                raise InputError(f"constraints run in a circle: {loop}; remove one of them")
+            elif code in equations and code not in done:
+                path.append(code)
+                ways.append(iter(equations[code]))
+
+
+def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterable[Dof]) -> sparse.csc_array:
+    """Columns that read (or load) `dofs`; see `Structure.selection`."""
+    chosen = tuple(dofs)
+    known, held = all_dofs.codes, np.diff(all_dofs.matrix.indptr) == 0
+    rows = []
+    for dof in chosen:
+        if dof.node not in nodes:
+            near = difflib.get_close_matches(str(dof.node), [str(n) for n in nodes], 1, 0.0)
+            raise InputError(f"{dof} is at node {dof.node}, which the structure does not have (nearest: {near[0]})")
+        code = dof_code(dof.node, dof.direction)
+        row = int(np.searchsorted(known, code))
+        if row == len(known) or known[row] != code:
+            here = [f"{dof.node}{direction}+" for direction in all_dofs.directions(dof.node)]
+            raise InputError(
+                f"{dof} is not part of the structure; node {dof.node} moves in {', '.join(here) or 'nothing'}"
+            )
+        if held[row]:
+            raise InputError(
+                f"{dof} is held at zero by the supports; move the sensor or load, free it, or, where its motion was"
+                " measured and drives the structure, make it a support of a base ([[structure.base]])"
+            )
+        rows.append(row)
+    if not rows:
+        return sparse.csc_array((len(all_dofs.free), 0))
+    signs = sparse.diags_array(np.array([float(dof.sign) for dof in chosen]))
+    return sparse.csc_array((signs @ all_dofs.matrix[np.array(rows), :]).T)
+
+
+def free_blocks(all_dofs: Numbering, layer: Layer) -> ElementMatrices:
+    """The matrices of a layer on free degrees of freedom."""
+    known = all_dofs.codes
+    place = np.minimum(np.searchsorted(known, layer.codes), len(known) - 1)
+    if layer.whole is not None:
+        rows = all_dofs.matrix[place[0], :]
+        used = np.unique(rows.indices).astype(np.int64)
+        if rows.nnz > max(_FULL * rows.shape[0] * len(used), rows.shape[0]):
+            dense = rows[:, used].toarray()
+            return Blocks(used[None], (dense.T @ (layer.whole @ dense))[None], len(all_dofs.free))
+        return MatrixBlocks([rows.T @ layer.whole @ rows])
+    position = np.where(known[place] == layer.codes, place, -1)
+    return _tied_blocks(position, layer.local, all_dofs.matrix, len(all_dofs.free))
+
+
+def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array, n_free: int) -> Blocks:
+    """Blocks on free degrees of freedom: those of tied elements become T_e' B_e T_e, the others keep their size."""
+    counts = np.append(np.diff(matrix.indptr), 0)
+    first = np.append(matrix.indices[np.minimum(matrix.indptr[:-1], max(matrix.nnz - 1, 0))] if matrix.nnz else [], 0)
+    value = np.append(matrix.data[np.minimum(matrix.indptr[:-1], max(matrix.nnz - 1, 0))] if matrix.nnz else [], 0.0)
+    simple = (counts == 0) | ((counts == 1) & (np.resize(value, counts.shape) == 1.0))
+    if simple[position].all():
+        dofs = np.where(counts[position] == 1, np.resize(first, counts.shape)[position], -1).astype(np.int64)
+        return Blocks(dofs, local, n_free)
+    n_elements, n_local = position.shape
+    own = counts[position].ravel()
+    line = np.repeat(np.arange(position.size), own)
+    entry = np.arange(len(line)) + np.repeat(
+        np.append(matrix.indptr[:-1], 0)[position].ravel() - np.cumsum(own) + own, own
+    )
+    element = line // n_local
+    pairs, place = np.unique(element * n_free + matrix.indices[entry], return_inverse=True)
+    owner = pairs // n_free
+    begin, size = np.searchsorted(owner, np.arange(n_elements)), int(np.bincount(owner, minlength=1).max())
+    ties = np.zeros((n_elements, n_local, size))
+    np.add.at(ties, (element, line % n_local, place - begin[element]), matrix.data[entry])
+    dofs = -np.ones((n_elements, size), dtype=np.int64)
+    dofs[owner, np.arange(len(pairs)) - begin[owner]] = pairs % n_free
+    return Blocks(dofs, np.swapaxes(ties, 1, 2) @ local @ ties, n_free)

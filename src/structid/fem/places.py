@@ -1,0 +1,240 @@
+"""Where sensors and forces are that no degree of freedom alone names: on lines, on meshes, several as one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import DIRECTIONS, Dof
+from structid.core.errors import InputError
+from structid.fem.elements import ElementSet
+from structid.fem.elements.element import dof_code, dof_of_code, joined_codes
+from structid.fem.meshes import Mesh
+from structid.fem.structure import Structure
+from structid.fem.supports import Constraint, Equations
+
+#: Part of a force that is rounding, and of the largest eigenvalue of a correlation matrix what counts as 0.
+_NOTHING, _SAME = 1e-12, 1e-8
+
+
+@dataclass(frozen=True)
+class AimedSensor:
+    """A degree of freedom of its own that reads a node along a direction.
+
+    Attributes
+    ----------
+    name : str
+        Such as ``sensor 101Z``.
+    channel : str
+        What the record calls it.
+    label : int
+        Node of its own, which carries no element.
+    seen : str
+        Direction under which it is known there.
+    node : int
+        The node that it reads.
+    direction : (float, float, float)
+        X, Y and Z, of length 1 but for parts in which the node does not move.
+    distance : float
+        From the point where the sensor is to that node, m.
+    """
+
+    name: str
+    channel: str
+    label: int
+    seen: str
+    node: int
+    direction: tuple[float, float, float]
+    distance: float = 0.0
+
+    @property
+    def dof(self) -> Dof:
+        """What the structure calls it."""
+        return Dof(self.label, self.seen)
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+        """Its own code with those of the node; see `Tie.equations`."""
+        parts = {
+            dof_code(self.node, d): part
+            for d, part in zip(DIRECTIONS, self.direction, strict=False)
+            if part and d in active
+        }
+        if not parts:
+            moves = ", ".join(active)
+            raise InputError(
+                f"{self.name!r} points where node {self.node} does not move: the structure moves in {moves}"
+            )
+        return {dof_code(self.label, self.seen): parts}
+
+
+def unit_direction(vector: Sequence[float]) -> tuple[float, float, float]:
+    """`vector` of X, Y and Z at length 1.
+
+    Raises
+    ------
+    InputError
+        If it is not three finite numbers, or has no length.
+    """
+    given = np.asarray(vector, dtype=np.float64)
+    length = float(np.linalg.norm(given)) if given.shape == (3,) else np.nan
+    if not np.isfinite(length) or length == 0:
+        raise InputError(f"`direction` must be three numbers that are not all 0, got {list(vector)}")
+    x, y, z = (given / length).tolist()
+    return x, y, z
+
+
+@dataclass(frozen=True, eq=False)
+class NearestNodes:
+    """The node of a model for each test point.
+
+    Attributes
+    ----------
+    nodes : tuple of int
+    distance : (n_points,) float array
+        m.
+    """
+
+    nodes: tuple[int, ...]
+    distance: FloatArray
+
+
+def nearest_nodes(
+    points: Sequence[Sequence[float]], nodes: Mapping[int, FloatArray], tolerance: float | None = None
+) -> NearestNodes:
+    """The node nearest to each of `points`.
+
+    Parameters
+    ----------
+    points : (n_points, 3) array-like
+        m; coordinates that `nodes` do not have count as 0 there.
+    nodes : mapping of int to position
+        One to three coordinates, m.
+    tolerance : float, optional
+        Largest distance, m; a hundredth of the diagonal of `nodes` by default.
+
+    Raises
+    ------
+    InputError
+        If a point is farther from every node; with the nearest and its distance.
+    """
+    labels = list(nodes)
+    if not labels:
+        raise InputError("there is no node that a point could be near")
+    places = np.zeros((len(labels), 3))
+    for row, label in zip(places, labels, strict=True):
+        row[: len(nodes[label])] = nodes[label]
+    reach = 0.01 * float(np.linalg.norm(np.ptp(places, axis=0))) if tolerance is None else tolerance
+    found, distances = [], []
+    for point in points:
+        away = np.linalg.norm(places - np.asarray(point, dtype=np.float64), axis=1)
+        best = int(away.argmin())
+        if away[best] > reach:
+            told = ", ".join(f"{x:g}" for x in point)
+            raise InputError(
+                f"point ({told}) m is {away[best]:.3g} m from the nearest node {labels[best]}, farther than {reach:.3g} m;"
+                " correct it (m, in the coordinates of the structure), or give a larger `tolerance`"
+            )
+        found.append(labels[best])
+        distances.append(float(away[best]))
+    return NearestNodes(tuple(found), np.array(distances))
+
+
+@dataclass(frozen=True)
+class MeshPoint:
+    """A node that moves as the nearest node of a mesh.
+
+    Attributes
+    ----------
+    name : str
+        Such as ``point 101``.
+    label : int
+        Its own label, which sensors and loads name.
+    node : int
+        The mesh's node that it follows.
+    distance : float
+        Between the two, m.
+    directions : tuple of str
+        In which that node moves.
+    """
+
+    name: str
+    label: int
+    node: int
+    distance: float
+    directions: tuple[str, ...]
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+        """Own codes with those of the node; see `Tie.equations`."""
+        return {dof_code(self.label, d): {dof_code(self.node, d): 1.0} for d in self.directions if d in active}
+
+
+def mesh_points(
+    mesh: Mesh, elements: Iterable[ElementSet], points: Mapping[int, Sequence[float]]
+) -> tuple[MeshPoint, ...]:
+    """One `MeshPoint` for each of `points`, at the nearest node that elements use.
+
+    Raises
+    ------
+    InputError
+        If a label is that of a node, or the nearest node is farther than the cells are long there.
+    """
+    sets = list(elements)
+    used = {int(n) for element in sets for n in element.nodes.ravel() if n in mesh.nodes}
+    found = []
+    for label, position in points.items():
+        if label in mesh.nodes:
+            raise InputError(f"point {label} is a node of {mesh.source} already; take another number for the point")
+        node, distance, size = mesh.nearest(position, used)
+        if distance > size:
+            raise InputError(
+                f"point {label} is {distance:.3g} m from the nearest node {node} of {mesh.source}, farther than the cells"
+                f" there are long ({size:.3g} m); correct its position (in m), or the unit of the mesh"
+            )
+        found.append(MeshPoint(f"point {label}", label, node, distance, _directions(sets, node, mesh)))
+    return tuple(found)
+
+
+def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str, ...]:
+    """In which directions elements let a node move."""
+    used = [element.codes(mesh.nodes) for element in elements if (element.nodes == node).any()]
+    codes = joined_codes(used)
+    return tuple(dof_of_code(code).direction for code in codes[codes // 6 == node].tolist())
+
+
+def together(values: FloatArray) -> FloatArray | None:
+    """The least number of series of which others are made, as columns of their parts; None where all are needed.
+
+    Parameters
+    ----------
+    values : (n_samples, n_series) float array
+
+    Returns
+    -------
+    (n_series, n_joint) float array or None
+        Orthonormal columns W; the joint series are ``values @ W`` and ``values = joint @ W.T``.
+    """
+    size = np.sqrt((values**2).mean(axis=0))
+    if values.shape[1] < 2 or not (size > 0).all():
+        return None
+    strength, ways = np.linalg.eigh((values / size).T @ (values / size) / len(values))
+    kept = strength > _SAME * strength[-1]
+    if kept.all():
+        return None
+    parts: FloatArray = np.linalg.qr(size[:, None] * ways[:, kept])[0]
+    return parts * np.where(parts.sum(axis=0) < 0, -1.0, 1.0)
+
+
+def with_joint_forces(structure: Structure, made: Sequence[Dof], loads: Sequence[Dof], parts: FloatArray) -> Structure:
+    """The structure with degrees of freedom `made`, one for each column of `parts` (n_loads, n_joint), at nodes that it lacks.
+
+    Each moves as those do that its force acts on, by their work (a `Constraint`), and stands where most of it acts.
+    """
+    nodes, ties = dict(structure.nodes), list(structure.ties)
+    for dof, column in zip(made, parts.T, strict=True):
+        nodes[dof.node] = structure.nodes[loads[int(np.abs(column).argmax())].node]
+        acting = [(load, float(part)) for load, part in zip(loads, column, strict=True) if abs(part) > _NOTHING]
+        ties.append(Constraint(f"joint force {dof.node}", dof, acting))
+    return replace(structure, nodes=nodes, ties=tuple(ties))

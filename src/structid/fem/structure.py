@@ -1,0 +1,517 @@
+"""A structure: nodes, element sets, supports and ties, and from them element matrices on free degrees of freedom."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray, locked, require_finite
+from structid.core.display import Overview, Shown, counted, listed
+from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.core.errors import InputError
+from structid.fem.component import Component, Reduction, reductions
+from structid.fem.elements import ElementSet, MatrixGroup
+from structid.fem.elements.element import TRANSLATIONS, dof_code, dof_of_code, joined_codes
+from structid.fem.elements.matrix_group import GroupMatrices
+from structid.fem.inside import NumberedTerms, is_divisible, numbered_terms
+from structid.fem.matrices.blocks import Pattern, pattern
+from structid.fem.matrices.contribution import Contribution, Property, rigid_mass, weighed
+from structid.fem.measured import MeasuredComponent
+from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
+from structid.fem.numbering import Numbering, free_blocks, numbering, selection
+from structid.fem.sliding import Lengthening, Slide, lengthening, slides
+from structid.fem.supports import Base, Equations, RigidLink, Tie, tie_equations, tied_codes
+from structid.plotting import StructurePlots
+
+#: Into which one element may be cut; its matrices are dense.
+MOST_PIECES = 100
+#: Degrees of freedom up to which the places of the entries of its matrices are kept.
+_SMALL = 600
+_ACTIVE = {1: ("X", "Y", "RZ"), 2: ("X", "Y", "RZ"), 3: DIRECTIONS}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Structure(Shown, StructurePlots):
+    """Nodes, element sets, supports and ties.
+
+    Parameters
+    ----------
+    nodes : mapping of int to position
+        Position of each node in m: one, two or three coordinates, the same number for all.
+    elements : sequence of ElementSet
+        Element sets, each with a name of its own.
+    fixed : sequence of degrees of freedom
+        Degrees of freedom held at zero.
+    ties : sequence of RigidLink or Constraint
+        What makes degrees of freedom depend on others.
+    active : sequence of directions, optional
+        Directions that the structure can move in; the others are held. All of the dimension by default: X Y RZ
+        for nodes with one or two coordinates, and what its elements move in besides, such as Z of a `Membrane`.
+    subdivide : int
+        Equal pieces of which each bar, beam and space beam is made. They are still one element: its number, its
+        properties and its parameters are those of all pieces. Bars whose pieces nothing would hold sideways stay whole.
+    bases : sequence of Base
+        Supports that drive the structure where a record's inputs are there; held at zero otherwise.
+    sliding : sequence of int
+        Nodes whose place along the straight line of the bars and beams that meet there is a property, such as
+        ``position[node 2]``: the distance in m from the neighbour at which the first of them begins.
+    components : sequence of Component
+        Parts that are reduced to their interface and a few modes.
+    damping_ratio : float, optional
+        Viscous damping of all modes, with whatever masses and stiffnesses they come to have, beside that of the elements. It is
+        the property ``damping_ratio[all modes]``, and makes matrices full: up to 1200 degrees of freedom.
+    measured : sequence of MeasuredComponent
+        Parts that have no model but measured FRFs at the degrees of freedom of their interface. Matrices, modes and masses
+        are without them.
+
+    Raises
+    ------
+    InputError
+        If an element names a node that does not exist, names repeat, or supports contradict ties.
+    """
+
+    nodes: Mapping[int, FloatArray]
+    elements: tuple[ElementSet, ...]
+    fixed: tuple[Dof, ...] = ()
+    ties: tuple[Tie, ...] = ()
+    active: tuple[str, ...] | None = None
+    subdivide: int = 1
+    bases: tuple[Base, ...] = ()
+    sliding: tuple[int, ...] = ()
+    components: tuple[Component, ...] = ()
+    damping_ratio: float | None = None
+    measured: tuple[MeasuredComponent, ...] = ()
+
+    def __init__(
+        self,
+        nodes: Mapping[int, ArrayLike],
+        elements: Iterable[ElementSet],
+        fixed: Iterable[str | Dof] = (),
+        ties: Iterable[Tie] = (),
+        active: Sequence[str] | None = None,
+        subdivide: int = 1,
+        bases: Iterable[Base] = (),
+        sliding: Iterable[int] = (),
+        components: Iterable[Component] = (),
+        damping_ratio: float | None = None,
+        measured: Iterable[MeasuredComponent] = (),
+    ) -> None:
+        positions = {int(label): locked(np.atleast_1d(np.asarray(x, dtype=np.float64))) for label, x in nodes.items()}
+        _require_positions(positions)
+        object.__setattr__(self, "nodes", positions)
+        object.__setattr__(self, "elements", tuple(elements))
+        object.__setattr__(self, "fixed", tuple(parse_dof(d) for d in fixed))
+        object.__setattr__(self, "ties", tuple(ties))
+        across = {d for made in self.elements for d in made.moves}
+        usual = tuple(d for d in DIRECTIONS if d in across or d in _ACTIVE[self.dimension])
+        directions = usual if active is None else tuple(d.upper() for d in active)
+        if not directions or not set(directions) <= set(DIRECTIONS):
+            raise InputError(f"`active` must list some of {' '.join(DIRECTIONS)}, got {active}")
+        object.__setattr__(self, "active", directions)
+        object.__setattr__(self, "subdivide", subdivide)
+        object.__setattr__(self, "bases", tuple(bases))
+        object.__setattr__(self, "sliding", tuple(dict.fromkeys(int(node) for node in sliding)))
+        object.__setattr__(self, "components", tuple(components))
+        object.__setattr__(self, "damping_ratio", None if damping_ratio is None else float(damping_ratio))
+        object.__setattr__(self, "measured", tuple(measured))
+        _require_names(self)
+        _require_pieces(self)
+        _ = self.contributions  # so that what is wrong shows here, not at first use
+        _require_supports(self)
+        _require_interfaces(self)
+
+    def overview(self) -> Overview:
+        """Nodes and degrees of freedom, and one row an element set."""
+        words = (
+            f"{counted(len(self.nodes), 'node')} in {self.dimension}-D, {self.n_dofs} free degrees of freedom,"
+            f" {counted(len(self.elements), 'element set')}, {counted(len(self.ties), 'tie')};"
+            f" fixed: {listed([dof.place for dof in self.fixed]) or 'none'}"
+        )
+        words += "".join(f"; {one.words} at {listed(one.interface)}" for one in self.measured)
+        words += "" if self.damping_ratio is None else f"; damping ratio {self.damping_ratio:g} of all modes"
+        names = {one.name: [p.term.property for p in self.properties if p.element == one.name] for one in self.sets}
+        rows = [(one.name, type(one).__name__, ", ".join(names[one.name])) for one in self.sets]
+        return Overview(words, ("element set", "type", "properties"), rows)
+
+    @property
+    def sets(self) -> tuple[ElementSet, ...]:
+        """What properties are of: element sets, and components in place of those that are in them."""
+        within = {name for one in self.components for name in one.elements}
+        return (
+            *(element for element in self.elements if element.name not in within),
+            *(one.group for one in self.reductions),
+        )
+
+    @property
+    def has_matrices(self) -> bool:
+        """Whether its elements have masses and stiffnesses; else its responses alone are known."""
+        return all(element.has_matrices for element in self.elements)
+
+    @property
+    def has_modes(self) -> bool:
+        """Whether its matrices are all there is of it, hence modes, and responses at any frequency."""
+        return self.has_matrices and not self.measured
+
+    def require_modes(
+        self, what: str, remedy: str = "take FRFs as the record ([record.frf] makes them of time histories)"
+    ) -> None:
+        """Raise `InputError` where it has no modes, which `what` needs; `remedy` is one beside a model of what has none."""
+        if self.has_modes:
+            return
+        if self.measured:
+            part, model = self.measured[0].words, "a model of the component"
+        else:
+            part = next(repr(element.name) for element in self.elements if not element.has_matrices)
+            model = 'its matrices or modes (`gives = "matrices"` or `"modes"` of a solver)'
+        raise InputError(
+            f"{part} is known by its FRFs alone, which {what} cannot be computed with; {remedy}, or take {model}"
+        )
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates of a node."""
+        return len(next(iter(self.nodes.values())))
+
+    @cached_property
+    def properties(self) -> tuple[Property, ...]:
+        """Every property of every element set, in order."""
+        found, start = [], 0
+        every = {**self._numbered.terms, **{one.component.name: one.terms for one in self.reductions}}
+        for name in (one.name for one in self.sets):
+            for term in every[name]:
+                found.append(Property(name, term, slice(start, start + len(term.values))))
+                start += len(term.values)
+        single = [(one.name, one.term) for one in self._slides]
+        single += [] if self.damping_ratio is None else [(ALL_MODES, damping_term(self.damping_ratio))]
+        found += [Property(name, term, slice(start + i, start + i + 1)) for i, (name, term) in enumerate(single)]
+        return tuple(found)
+
+    @cached_property
+    def _slides(self) -> tuple[Slide, ...]:
+        """Where nodes slide, checked."""
+        found = slides(self.sliding, self.elements, self.nodes)
+        for slide in found:
+            for tie in self.ties:
+                if isinstance(tie, RigidLink) and slide.node in (tie.main, *tie.dependents):
+                    raise InputError(
+                        f"node {slide.node} of `sliding` is in rigid link {tie.name!r}; take it out of one of them"
+                    )
+        return found
+
+    @cached_property
+    def _lengthenings(self) -> dict[str, Lengthening]:
+        """How lengths change in the sets with ends that slide, by the name of the set."""
+        if not self._slides:
+            return {}
+        of_node = {slide.node: slide for slide in self._slides}
+        places = {p.element: p.values.start for p in self.properties if p.term.kind == "position"}
+        lines = [e for e in self.elements if e.is_line and np.isin(e.nodes, self.sliding).any()]
+        return {one.name: lengthening(one, of_node, self.nodes, places) for one in lines}
+
+    @cached_property
+    def _numbered(self) -> NumberedTerms:
+        used = [element.codes(self.nodes) for element in self.elements if not element.follows]
+        present = joined_codes([*used, tied_codes(self._equations)])
+        return numbered_terms(self.elements, self.nodes, present, self.active or (), self.subdivide, self.sliding)
+
+    @cached_property
+    def divisible(self) -> tuple[ElementSet, ...]:
+        """What `subdivide` cuts: beams, and bars whose pieces cannot move sideways."""
+        return tuple(one for one in self.elements if is_divisible(one, self.nodes, self.active or ()))
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """Nominal values of all properties, one after another, (n_values,)."""
+        parts = [p.term.values for p in self.properties]
+        return locked(np.concatenate(parts) if parts else np.zeros(0))
+
+    @cached_property
+    def numbering(self) -> Numbering:
+        """All degrees of freedom, and the free ones that they follow."""
+        used = [layer.codes for item in self.properties for layer in item.term.layers]
+        codes = joined_codes([*used, tied_codes(self._equations)])
+        following = [one.following for one in self.reductions if one.following is not None]
+        return numbering(codes.tolist(), self._held(codes), self._equations, following)
+
+    def _held(self, codes: IntArray) -> frozenset[int]:
+        """Those of `codes` that are at zero."""
+        moves = np.isin(codes % 6, [DIRECTIONS.index(d) for d in self.active or ()]) | np.isin(
+            codes, self._numbered.free
+        )
+        held = codes[~moves].tolist()
+        fixed = [dof_code(d.node, d.direction) for d in self.fixed]
+        return frozenset([*held, *fixed]) & frozenset(codes.tolist())
+
+    @cached_property
+    def reductions(self) -> tuple[Reduction, ...]:
+        """What `components` were reduced to."""
+        if not self.components:
+            return ()
+        terms = self._numbered.terms
+        codes = [layer.codes for several in terms.values() for term in several for layer in term.layers]
+        kept = [dof_code(dof.node, dof.direction) for one in self.measured for dof in one.interface]
+        held = self._held(joined_codes(codes))
+        return reductions(self.components, terms, self._equations, held, np.array(kept, dtype=np.int64))
+
+    @cached_property
+    def _equations(self) -> Equations:
+        return tie_equations(self.ties, self.nodes, self.active or ())
+
+    @property
+    def dofs(self) -> tuple[Dof, ...]:
+        """Free degrees of freedom in the order of the matrices; those inside elements have labels above the nodes'."""
+        return tuple(dof_of_code(code) for code in self.numbering.free)
+
+    def words(self, dof: Dof) -> str:
+        """What messages call one of `dofs`, such as ``3X+``, or ``RZ inside joint 1``."""
+        inside = self._numbered.owners.get(dof.node)
+        return str(dof.unsigned) if inside is None else f"{dof.direction} inside {inside}"
+
+    @property
+    def n_dofs(self) -> int:
+        return len(self.numbering.free)
+
+    @cached_property
+    def contributions(self) -> tuple[Contribution, ...]:
+        """Element matrices on free degrees of freedom with the values that weigh them."""
+        found = weighed(self.properties, partial(free_blocks, self.numbering), self._lengthenings)
+        if self.damping_ratio is None or not self.n_dofs:
+            return found
+        place = self.properties[-1].values.start
+        return (*found, modal_damping(found, place, len(self.values), self.n_dofs))
+
+    @property
+    def base_supports(self) -> frozenset[Dof]:
+        """What its bases move, whatever the sense."""
+        return frozenset(dof.unsigned for base in self.bases for dof in base.supports)
+
+    def driven(self, dofs: Iterable[Dof]) -> tuple[Base, ...]:
+        """The bases that inputs at `dofs` move, each once; () where all of them are forces.
+
+        Raises
+        ------
+        InputError
+            If some are forces, or a base is named twice.
+        """
+        chosen = tuple(dofs)
+        found = [next((base for base in self.bases if base.moves(dof)), None) for dof in chosen]
+        moving = [base for base in found if base is not None]
+        if not moving:
+            return ()
+        if len(moving) < len(chosen):
+            force = next(dof for dof, base in zip(chosen, found, strict=True) if base is None)
+            raise InputError(
+                f"{force} is a force, and others are motions of supports; give each kind a record of its own"
+            )
+        twice = next((base for base in moving if moving.count(base) > 1), None)
+        if twice is not None:
+            raise InputError(f"two inputs move base {twice.name!r}; leave one of them out, or make two bases")
+        return tuple(moving)
+
+    @cached_property
+    def unreduced(self) -> Structure:
+        """The same with all degrees of freedom of its components, and the same properties."""
+        return replace(self, components=tuple(replace(one, whole=True) for one in self.components))
+
+    def let_go(self, bases: tuple[Base, ...]) -> Structure:
+        """The same structure with the supports of `bases` free, those of one base still moving alike."""
+        if self.damping_ratio is not None:
+            raise InputError(
+                f"base {bases[0].name!r} drives the structure, and modal damping (`damping_ratio` of all modes) is of motion"
+                " against supports at rest; use loss factors of twice the damping ratio, or measure forces"
+            )
+        if bases not in self._let_go:
+            supports = {dof.unsigned for base in bases for dof in base.supports}
+            fixed = tuple(dof for dof in self.fixed if dof.unsigned not in supports)
+            ties = (*self.ties, *(tie for base in bases for tie in base.ties))
+            parts = tuple(one.component.with_interface(supports & {*one.group.dofs}) for one in self.reductions)
+            self._let_go[bases] = replace(self, fixed=fixed, ties=ties, bases=(), components=parts)
+        return self._let_go[bases]
+
+    @cached_property
+    def _let_go(self) -> dict[tuple[Base, ...], Structure]:
+        """Made once, so that what was found of one serves all records."""
+        return {}
+
+    def matrix(self, law: str, values: FloatArray | None = None) -> sparse.csc_array:
+        """Sum of the element matrices that enter by `law`, (n_dofs, n_dofs).
+
+        Parameters
+        ----------
+        law : {"inertia", "viscous", "elastic", "structural"}
+            Mass matrix, viscous damping, stiffness, and imaginary part of the complex stiffness.
+        values : (n_values,) float array, optional
+            Property values; the nominal ones by default.
+        """
+        given = self.values if values is None else values
+        own = [part for part in self.contributions if part.law == law]
+        if own and self.n_dofs <= _SMALL:
+            return self._pattern(law).summed(np.concatenate([part.weights(given) for part in own]))
+        total = sparse.csc_array((self.n_dofs, self.n_dofs))
+        for part in own:
+            total = total + part.blocks.assemble(part.weights(given))
+        return total
+
+    def dense_matrices(self, laws: Sequence[str], values: FloatArray) -> FloatArray:
+        """`matrix` of several laws as dense arrays, (n_laws, n_dofs, n_dofs), of a small model."""
+        found = np.zeros((len(laws), self.n_dofs, self.n_dofs))
+        for own, law in zip(found, laws, strict=True):
+            weights = [part.weights(values) for part in self.contributions if part.law == law]
+            if weights:
+                own[:] = self._pattern(law).dense(np.concatenate(weights))
+        return found
+
+    def _pattern(self, law: str) -> Pattern:
+        if law not in self._patterns:
+            self._patterns[law] = pattern([part.blocks for part in self.contributions if part.law == law])
+        return self._patterns[law]
+
+    @cached_property
+    def _patterns(self) -> dict[str, Pattern]:
+        """Where the entries of element matrices go, by law; of small models, whose matrices are made thousands of times."""
+        return {}
+
+    def selection(self, dofs: Iterable[Dof]) -> sparse.csc_array:
+        """Columns that read (or load) `dofs` through the ties, signs included, (n_dofs, number of `dofs`).
+
+        Raises
+        ------
+        InputError
+            If a degree of freedom is not part of the structure or is held at zero.
+        """
+        return selection(self.numbering, self.nodes, dofs)
+
+    def require_places(self, dofs: Iterable[Dof], inputs: bool = False) -> None:
+        """Raise `InputError` where sensors, or `inputs`, would be at no degree of freedom that is free; inputs may drive bases."""
+        places = tuple(dofs)
+        if not (inputs and self.driven(places)):
+            self.selection(places)
+
+    def mass_of(self, values: FloatArray | None = None, direction: str | None = None) -> float:
+        """Mass that takes part in rigid motion along `direction`, kg: r' M r on all degrees of freedom.
+
+        Parameters
+        ----------
+        values : (n_values,) float array, optional
+            Property values; the nominal ones by default.
+        direction : {"X", "Y", "Z"}, optional
+            By default the first translation in which the structure has any mass, active ones before others.
+        """
+        given = self.values if values is None else values
+        return rigid_mass(self.properties, given, self._along(direction), self._lengthenings)[0]
+
+    def mass_gradient(self, direction: str | None = None, values: FloatArray | None = None) -> FloatArray:
+        """Derivative of `mass_of` with respect to every value, (n_values,). Factors of matrix groups are included."""
+        given = self.values if values is None else values
+        return rigid_mass(self.properties, given, self._along(direction), self._lengthenings)[1]
+
+    def _along(self, direction: str | None) -> Sequence[str]:
+        """Translations in which mass is looked for."""
+        return (direction,) if direction else sorted(TRANSLATIONS, key=lambda one: one not in (self.active or ()))
+
+
+def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
+    if not nodes:
+        raise InputError("`nodes` must hold at least one node, got none")
+    sizes = {len(x) for x in nodes.values()}
+    if len(sizes) > 1 or not sizes <= {1, 2, 3}:
+        raise InputError(f"`nodes` must all have 1, 2 or 3 coordinates, got {sorted(sizes)}")
+    for label, x in nodes.items():
+        if label < 0:
+            raise InputError(f"node labels must not be negative, got {label}")
+        require_finite(f"position of node {label}", x)
+
+
+def _require_names(structure: Structure) -> None:
+    names = [e.name for e in structure.elements] + [one.name for one in structure.components]
+    names += [one.name for one in structure.measured] + [f"node {label}" for label in structure.sliding]
+    names += [] if structure.damping_ratio is None else [ALL_MODES]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"two parts of the structure are called {name!r}; give each a name of its own")
+    for element in structure.elements:
+        for node in np.unique(element.nodes).tolist():
+            if node >= 0 and node not in structure.nodes:
+                raise InputError(f"{element.name!r} uses node {node}, which the structure does not have")
+    for dof in structure.fixed:
+        if dof.node not in structure.nodes:
+            raise InputError(f"`fixed` names {dof} at node {dof.node}, which the structure does not have")
+
+
+def _require_supports(structure: Structure) -> None:
+    """Raise `InputError` where a base has a support that is none."""
+    held = {dof.unsigned for dof in structure.fixed}
+    known = set(structure.numbering.codes.tolist())
+    owners: dict[Dof, Base] = {}
+    for base in structure.bases:
+        for dof in base.supports:
+            if dof.unsigned not in held:
+                raise InputError(f"base {base.name!r} has no support {dof.place}: it is not held; add it to `fixed`")
+            if dof_code(dof.node, dof.direction) not in known:
+                raise InputError(f"base {base.name!r} moves nothing at {dof.place}: no element or tie is there")
+            if owners.setdefault(dof.unsigned, base) is not base or base.supports.count(dof) > 1:
+                raise InputError(f"base {base.name!r} has support {dof.place}, which is named twice; take one out")
+
+
+def _require_interfaces(structure: Structure) -> None:
+    """Raise `InputError` where the interface of a measured component is no part of the structure."""
+    for one in structure.measured:
+        try:
+            structure.selection(one.interface)
+        except InputError as error:
+            raise InputError(
+                f"measured component {one.name!r}: {error}; join the component to degrees of freedom that move with elements of the"
+                " model, or by springs to a node of its own"
+            ) from error
+
+
+def _require_pieces(structure: Structure) -> None:
+    pieces = structure.subdivide
+    if not isinstance(pieces, int) or not 1 <= pieces <= MOST_PIECES:
+        raise InputError(f"`subdivide` must be a whole number from 1 to {MOST_PIECES}, got {pieces!r}")
+    if pieces > 1 and not any(element.is_line for element in structure.elements):
+        raise InputError(
+            "`subdivide` cuts bars, beams and space beams only, and the structure has none; take 1, and refine the mesh or"
+            " the matrices in the program that made them"
+        )
+    if pieces > 1 and not structure.divisible:
+        raise InputError(
+            "`subdivide` would cut bars only, whose pieces nothing holds sideways; take 1, or make beams of them"
+        )
+
+
+def from_matrices(
+    groups: Mapping[str, GroupMatrices],
+    dofs: Sequence[str | Dof],
+    nodes: Mapping[int, ArrayLike] | None = None,
+    fixed: Iterable[str | Dof] = (),
+) -> Structure:
+    """A structure from a user's own groups of matrices, each scaled by a factor of nominal value 1.
+
+    Parameters
+    ----------
+    groups : mapping of name to {"mass": M, "stiffness": K, "damping": C, "loss_factor": eta}
+        Symmetric sparse or dense matrices (n_dofs, n_dofs), any of them left out where the group has none.
+    dofs : sequence of degrees of freedom
+        What the rows stand for, the same for all groups.
+    nodes : mapping of label to position, optional
+        For pictures; all at the origin by default.
+    fixed : sequence of degrees of freedom
+        Degrees of freedom held at zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> chain = from_matrices({"all": {"mass": np.eye(2), "stiffness": [[2, -1], [-1, 2]]}}, ["1X", "2X"])
+    >>> chain.n_dofs
+    2
+    """
+    elements = [MatrixGroup(name, dofs, **matrices) for name, matrices in groups.items()]
+    labels = {parse_dof(d).node for d in dofs}
+    positions = dict.fromkeys(sorted(labels), (0.0, 0.0, 0.0)) if nodes is None else nodes
+    return Structure(positions, elements, fixed)

@@ -1,0 +1,198 @@
+"""What holds a structure or ties its degrees of freedom: supports, rigid links and multi-point constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.core.errors import InputError
+from structid.fem.elements.element import dof_code, dof_of_code
+
+Equations = dict[int, dict[int, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """Very many degrees of freedom that follow the same others.
+
+    Attributes
+    ----------
+    dependents, masters : (n_dependents,), (n_masters,) int arrays
+        Codes.
+    matrix : (n_dependents, n_masters) float array
+    """
+
+    dependents: IntArray
+    masters: IntArray
+    matrix: FloatArray
+
+
+class Tie(Protocol):
+    """Anything that makes degrees of freedom depend on others."""
+
+    @property
+    def name(self) -> str: ...
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+        """For each dependent code, the codes it depends on with their coefficients."""
+        ...
+
+
+@dataclass(frozen=True)
+class RigidLink:
+    """Nodes that move with a main node as one rigid body: u = u_main + rotation x (position - position_main).
+
+    Parameters
+    ----------
+    name : str
+        Name of the link.
+    main : int
+        Node that carries the motion.
+    dependents : tuple of int
+        Nodes that follow it.
+    directions : tuple of str, optional
+        In which they follow it; in every active direction by default. X, Y and RZ make a floor that is rigid in its plane.
+    """
+
+    name: str
+    main: int
+    dependents: tuple[int, ...]
+    directions: tuple[str, ...] | None = None
+
+    def __init__(
+        self,
+        name: str,
+        main: int,
+        dependents: int | Iterable[int],
+        directions: str | Iterable[str] | None = None,
+    ) -> None:
+        nodes = (dependents,) if isinstance(dependents, int) else tuple(int(n) for n in dependents)
+        if not nodes or main in nodes:
+            raise InputError(f"rigid link {name!r} needs dependent nodes other than its main node {main}, got {nodes}")
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "main", int(main))
+        object.__setattr__(self, "dependents", nodes)
+        given = (directions,) if isinstance(directions, str) else directions
+        chosen = None if given is None else tuple(d.upper() for d in given)
+        if chosen is not None and not (chosen and set(chosen) <= set(DIRECTIONS)):
+            raise InputError(f"`directions` of rigid link {name!r} must be among {' '.join(DIRECTIONS)}, got {chosen}")
+        object.__setattr__(self, "directions", chosen)
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+        """Dependent codes with the main node's codes and coefficients; see `Tie.equations`."""
+        found: Equations = {}
+        for node in self.dependents:
+            arm = np.zeros(3)
+            difference = positions[node] - positions[self.main]
+            arm[: len(difference)] = difference
+            motion = np.eye(6)
+            motion[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
+            for direction in (d for d in active if self.directions is None or d in self.directions):
+                row = motion[DIRECTIONS.index(direction)]
+                found[dof_code(node, direction)] = {
+                    dof_code(self.main, d): float(row[DIRECTIONS.index(d)]) for d in active if row[DIRECTIONS.index(d)]
+                }
+        return found
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """One degree of freedom as a weighted sum of others (a multi-point constraint).
+
+    Parameters
+    ----------
+    name : str
+        Name of the constraint.
+    dependent : Dof
+        Degree of freedom that follows.
+    depends_on : tuple of (Dof, float)
+        Degrees of freedom that it follows, with their coefficients.
+    """
+
+    name: str
+    dependent: Dof
+    depends_on: tuple[tuple[Dof, float], ...]
+
+    def __init__(self, name: str, dependent: str | Dof, depends_on: Iterable[tuple[str | Dof, float]]) -> None:
+        pairs = tuple((parse_dof(d), float(c)) for d, c in depends_on)
+        if not all(np.isfinite(c) for _, c in pairs):
+            raise InputError(f"coefficients of constraint {name!r} must be finite, got {[c for _, c in pairs]}")
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "dependent", parse_dof(dependent))
+        object.__setattr__(self, "depends_on", pairs)
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+        """The dependent code with the others' codes and coefficients; see `Tie.equations`."""
+        own = self.dependent
+        others: dict[int, float] = {}
+        for dof, coefficient in self.depends_on:
+            code = dof_code(dof.node, dof.direction)
+            others[code] = others.get(code, 0.0) + own.sign * dof.sign * coefficient
+        return {dof_code(own.node, own.direction): others}
+
+
+@dataclass(frozen=True)
+class Base:
+    """Supports that drive the structure with one motion: a shaking table, the ground under a building.
+
+    A record whose input is at one of them has the acceleration of that support in place of a force; all supports of the
+    base then move alike, and all others stay at rest. For records without such an input, and for modes, they are held.
+    What the ground holds without a node, such as a spring with one end, does not move.
+
+    Parameters
+    ----------
+    name : str
+        Name of the base.
+    supports : tuple of Dof
+        Held degrees of freedom, such as ``1X``; one that points the other way, ``2X-``, moves against the others.
+    """
+
+    name: str
+    supports: tuple[Dof, ...]
+
+    def __init__(self, name: str, supports: str | Dof | Iterable[str | Dof]) -> None:
+        given = (supports,) if isinstance(supports, str | Dof) else tuple(supports)
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "supports", tuple(parse_dof(dof) for dof in given))
+        if not self.supports:
+            raise InputError(f'base {name!r} has no support; name what moves, as in `supports = ["1X", "2X"]`')
+
+    def moves(self, dof: Dof) -> bool:
+        """Whether `dof` is one of its supports."""
+        return any(own.unsigned == dof.unsigned for own in self.supports)
+
+    @property
+    def ties(self) -> tuple[Constraint, ...]:
+        """What makes all supports follow the first."""
+        first, *others = self.supports
+        return tuple(Constraint(f"base {self.name}", other, [(first, 1.0)]) for other in others)
+
+
+def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+    """All equations of `ties` together.
+
+    Raises
+    ------
+    InputError
+        If two ties claim one degree of freedom.
+    """
+    together: Equations = {}
+    for tie in ties:
+        for code, others in tie.equations(positions, active).items():
+            if code in together:
+                raise InputError(
+                    f"{dof_of_code(code).unsigned} depends twice, the second time by {tie.name!r}; drop one"
+                )
+            together[code] = others
+    return together
+
+
+def tied_codes(equations: Equations) -> IntArray:
+    """All codes that take part."""
+    codes = {code for dependent, others in equations.items() for code in (dependent, *others)}
+    return np.array(sorted(codes), dtype=np.int64)

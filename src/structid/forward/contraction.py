@@ -1,0 +1,370 @@
+"""Sensitivities of fields to parameters: the forces (dZ/dp) x, and their products with adjoint fields.
+
+For every parameter the derivative of Z is a sum of element matrices, so (dZ/dp) x is a force on the degrees of freedom
+of its elements alone. The forces of all parameters are kept as one sparse matrix whose pattern is found once; line by
+line only its entries change. A parameter with one element and one with a thousand cost the same an entry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.fem import Structure
+from structid.fem.matrices.blocks import Blocks, ElementMatrices, index_kind
+from structid.fem.matrices.contribution import Contribution
+
+#: Most entries of forces that are held at once; and of small models, where they are to stay near the processor.
+_CHUNK_ENTRIES, _NEAR_ENTRIES = 4_000_000, 65_536
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedElements:
+    """Element matrices and how the parameters weigh them.
+
+    Attributes
+    ----------
+    blocks : ElementMatrices
+    slope : (n_elements, n_params) sparse array
+        Derivative of the weights with respect to the parameters.
+    kind : int
+        Parts of one kind enter the dynamic stiffness alike.
+    """
+
+    blocks: ElementMatrices
+    slope: sparse.csr_array
+    kind: int
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterForces:
+    """The forces (dZ/dp) x of all parameters, as a map from fields; made by `parameter_forces`.
+
+    Attributes
+    ----------
+    indices, indptr : int arrays
+        Degrees of freedom that each parameter's forces act on, parameter after parameter.
+    maps : tuple of (n_forces, n_dofs) sparse arrays
+        From a field to the forces, one for each kind of `WeightedElements`.
+    n_dofs : int
+    """
+
+    indices: IntArray
+    indptr: IntArray
+    maps: tuple[sparse.csr_array, ...]
+    n_dofs: int
+
+    @property
+    def n_params(self) -> int:
+        return len(self.indptr) - 1
+
+    def entries(self, factors: ComplexArray, x: NumberArray) -> NumberArray:
+        """The forces for fields x (n_dofs, n_x), (n_forces, n_x), with the `factors` (n_maps,) of one line."""
+        is_complex = np.iscomplexobj(x)
+        flat = np.ascontiguousarray(x)
+        flat = flat.view(np.float64) if is_complex else flat
+        total: NumberArray = np.zeros((len(self.indices), x.shape[1]), dtype=x.dtype)
+        for factor, matrix in zip(factors, self.maps, strict=True):
+            if factor == 0:
+                continue
+            forces = matrix @ flat
+            own = forces.view(np.complex128) if is_complex else forces
+            total = total + (factor if factor.imag else factor.real) * own
+        return total
+
+    def columns(self, entries: NumberArray) -> NumberArray:
+        """The forces `entries` (n_forces, n_x) as fields (n_dofs, n_x n_params), parameters fastest."""
+        shape = (self.n_params, self.n_dofs)
+        wide = [sparse.csr_array((column, self.indices, self.indptr), shape).toarray().T for column in entries.T]
+        return np.concatenate(wide, axis=1)
+
+    def contracted(self, factors: ComplexArray, x: NumberArray, y: NumberArray) -> list[NumberArray]:
+        """y' (dZ/dp) x (no conjugate) for fields x (n_dofs, n_x) and y (n_dofs, n_y): (n_params, n_y) for each x."""
+        entries = np.ascontiguousarray(self.entries(factors, x).T)
+        rows = np.ascontiguousarray(y)
+        shape = (self.n_params, self.n_dofs)
+        return [sparse.csr_array((column, self.indices, self.indptr), shape) @ rows for column in entries]
+
+    def projected(self, factors: ComplexArray, vectors: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
+        """y' V' (dZ/dp) V x (no conjugate) at every line for the vectors V of a basis, (n_lines, n_y, n_x, n_params).
+
+        Parameters
+        ----------
+        factors : (n_lines, n_maps) complex array
+        vectors : (n_dofs, n_vectors) float array
+        x, y : (n_lines, n_vectors, n_x) and (n_lines, n_vectors, n_y) complex arrays
+        """
+        found = np.zeros((len(x), y.shape[2], x.shape[2], self.n_params), dtype=np.complex128)
+        adjoint = np.swapaxes(y, 1, 2)
+        for p, (first, last) in enumerate(pairwise(self.indptr)):
+            own = vectors[self.indices[first:last]].T
+            for factor, matrix in zip(factors.T, self.maps, strict=True):
+                if factor.any():
+                    small = own @ (matrix[first:last] @ vectors)
+                    found[..., p] += factor[:, None, None] * (adjoint @ (small @ x))
+        return found
+
+
+def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: int) -> ParameterForces:
+    """The `ParameterForces` of element matrices with weights that depend on parameters."""
+    keys = [key for part in parts for key in _force_keys(part, n_dofs)]
+    pattern = np.unique(np.concatenate([np.zeros(0, np.int64), *keys]))
+    shape = (len(pattern), n_dofs)
+    maps = []
+    for kind in range(1 + max((part.kind for part in parts), default=-1)):
+        own = [piece for part in parts if part.kind == kind for piece in _force_maps(part, pattern, n_dofs)]
+        if own:
+            row, column, value = (np.concatenate([piece[i] for piece in own]) for i in range(3))
+            maps.append(sparse.coo_array((value, (row, column)), shape).tocsr())
+        else:
+            maps.append(sparse.csr_array(shape))
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(pattern // n_dofs, minlength=n_params))])
+    kind_of = index_kind(max(n_dofs, len(pattern)))
+    return ParameterForces((pattern % n_dofs).astype(kind_of), indptr.astype(kind_of), tuple(maps), n_dofs)
+
+
+def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Element, parameter and slope of every weight that depends on a parameter, in stretches that fit in memory."""
+    element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
+    local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1
+    step = max(1, _CHUNK_ENTRIES // max(1, local))
+    for first in range(0, len(element), step):
+        chosen = slice(first, first + step)
+        yield element[chosen], part.slope.indices[chosen].astype(np.int64), part.slope.data[chosen]
+
+
+def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
+    """Parameter times n_dofs plus degree of freedom wherever there are forces, each once in a stretch."""
+    if not isinstance(part.blocks, Blocks):
+        yield np.unique(_matrix_entries(part, n_dofs)[0])
+        return
+    acts = part.blocks.local.any(axis=2) & (part.blocks.dofs >= 0)
+    for element, parameter, _ in _pairs(part):
+        yield np.unique((parameter[:, None] * n_dofs + part.blocks.dofs[element])[acts[element]])
+
+
+def _force_maps(
+    part: WeightedElements, pattern: IntArray, n_dofs: int
+) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Row in the `pattern` of keys, column and value of d(sum of weights B_e)/dp, summed within each stretch."""
+    if not isinstance(part.blocks, Blocks):
+        key, column, value = _matrix_entries(part, n_dofs)
+        yield np.searchsorted(pattern, key), column, value
+        return
+    kind = index_kind(max(len(pattern), n_dofs))
+    for element, parameter, slope in _pairs(part):
+        key = parameter[:, None] * n_dofs + part.blocks.dofs[element]
+        row = np.minimum(np.searchsorted(pattern, key.ravel()), len(pattern) - 1).astype(kind)
+        _, column, kept = part.blocks.stored(element)
+        ends = np.concatenate([[0], np.cumsum(kept.sum(axis=2))]).astype(kind)
+        values = (part.blocks.local[element] * slope[:, None, None])[kept]
+        each = sparse.csr_array((values, column, ends), (key.size, n_dofs))
+        sums = sparse.csc_array((np.ones(key.size), row, np.arange(key.size + 1, dtype=kind)), (len(pattern), key.size))
+        forces = (sums.tocsr() @ each).tocoo()
+        yield forces.row, forces.col, forces.data
+
+
+def _matrix_entries(part: WeightedElements, n_dofs: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """Of d(sum of weights B_e)/dp: parameter times n_dofs plus row, column and value of every entry."""
+    joined = _joined(part.blocks.entries(), part.slope, n_dofs)
+    pieces = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)), *((k, c, v) for k, c, _, v in joined)]
+    key, column, value = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+    return key, column, value
+
+
+@dataclass(frozen=True, eq=False)
+class DenseForces:
+    """The forces (dZ/dp) x of all parameters of a small model, for many lines at once; made by `DenseSlopes.at`.
+
+    Attributes
+    ----------
+    dofs, parameters : (n_forces,) int arrays
+        Degree of freedom and parameter of each force.
+    maps : tuple of (int, int array, (n, n_dofs) float array)
+        For each law with such forces: the law, which of the forces, and the map from a field to them.
+    n_params : int
+    """
+
+    dofs: IntArray
+    parameters: IntArray
+    maps: tuple[tuple[int, IntArray, FloatArray], ...]
+    n_params: int
+
+    def contracted(self, coefficients: ComplexArray, x: NumberArray, y: NumberArray) -> ComplexArray:
+        """y' (dZ/dp) x (no conjugate) at every line, (n_lines, n_y, n_x, n_params).
+
+        Parameters
+        ----------
+        coefficients : (n_lines, n_laws) complex array
+            How each matrix enters Z.
+        x, y : (n_lines, n_dofs, n_x) and (n_lines, n_dofs, n_y) complex arrays
+        """
+        n_lines, n_dofs, n_x = x.shape
+        found = np.empty((n_lines, y.shape[2], n_x, self.n_params), dtype=np.complex128)
+        step = max(1, _NEAR_ENTRIES // max(1, n_dofs * self.n_params))
+        wide = np.zeros((min(step, n_lines), n_dofs * self.n_params), dtype=np.complex128)
+        place = self.dofs * self.n_params + self.parameters
+        for first in range(0, n_lines, step):
+            part = slice(first, min(first + step, n_lines))
+            forces = self._forces(coefficients[part], x[part])
+            adjoint, held = np.swapaxes(y[part], 1, 2), wide[: forces.shape[1]]
+            for column in range(n_x):
+                held[:, place] = forces[:, :, column].T
+                found[part, :, column] = adjoint @ held.reshape(-1, n_dofs, self.n_params)
+        return found
+
+    def _forces(self, coefficients: ComplexArray, x: NumberArray) -> ComplexArray:
+        """The forces for fields x, (n_forces, n_lines, n_x)."""
+        n_lines, n_dofs, n_x = x.shape
+        flat = np.ascontiguousarray(np.moveaxis(x, 1, 0), np.complex128).reshape(n_dofs, -1).view(np.float64)
+        total = np.zeros((len(self.dofs), n_lines, n_x), dtype=np.complex128)
+        for law, chosen, matrix in self.maps:
+            own = (matrix @ flat).view(np.complex128).reshape(-1, n_lines, n_x)
+            own *= coefficients[:, law, None]
+            total[chosen] += own
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class DenseSlopes:
+    """How the matrices of a small model change with each parameter, for any values; made by `dense_slopes`.
+
+    All entries of the maps of `DenseForces` are linear in the slopes of the weights of element matrices, which are the
+    only things that change with the values.
+
+    Attributes
+    ----------
+    structure : Structure
+    slots : tuple of (int, tuple of int)
+        Contributions whose weights change with a parameter, and by which of their `places`.
+    forces : DenseForces
+        Its maps are not filled in.
+    operators : tuple of (n n_dofs, n_slopes) sparse arrays
+        For each of the maps: its entries from all slopes in the order of `slots`.
+    """
+
+    structure: Structure
+    slots: tuple[tuple[int, tuple[int, ...]], ...]
+    forces: DenseForces
+    operators: tuple[sparse.csr_array, ...]
+
+    def at(self, values: FloatArray) -> DenseForces:
+        """The forces where the structure has these `values`."""
+        slopes: list[FloatArray] = [np.zeros(0)]
+        for member, used in self.slots:
+            slopes += [self.structure.contributions[member].slope(values, k) for k in used]
+        stacked, n_dofs = np.concatenate(slopes), self.structure.n_dofs
+        maps = tuple(
+            (law, chosen, (operator @ stacked).reshape(-1, n_dofs))
+            for (law, chosen, _), operator in zip(self.forces.maps, self.operators, strict=True)
+        )
+        return replace(self.forces, maps=maps)
+
+
+def dense_slopes(structure: Structure, laws: Sequence[str], design: sparse.sparray) -> DenseSlopes:
+    """The `DenseSlopes` of a structure whose values are changed by parameters through `design` (n_values, n_params)."""
+    table, n_dofs, members = sparse.csr_array(design), structure.n_dofs, structure.contributions
+    n_weights = sum(item.blocks.n_elements for item in members)
+    changes, numbers = np.diff(table.indptr) > 0, np.arange(table.shape[0])
+    slots: list[tuple[int, tuple[int, ...]]] = []
+    # of each place of a contribution: the value and the slope of every weight, -1 where no parameter changes it
+    values: list[IntArray] = []
+    slopes: list[IntArray] = []
+    n_slopes, first = 0, 0
+    for member, item in enumerate(members):
+        own, used = slice(first, first + item.blocks.n_elements), []
+        for k, place in enumerate(item.places):
+            if not changes[place].any():
+                continue
+            while len(values) <= k:
+                values.append(np.full(n_weights, -1))
+                slopes.append(np.full(n_weights, -1))
+            values[k][own], slopes[k][own] = numbers[place], n_slopes + np.arange(item.blocks.n_elements)
+            n_slopes += item.blocks.n_elements
+            used.append(k)
+        if used:
+            slots.append((member, tuple(used)))
+        first = own.stop
+    none: IntArray = np.zeros(0, dtype=np.int64)
+    pieces: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
+    row, column, weight, value = _weighed_entries(members, laws, n_dofs)
+    for of_value, of_slope in zip(values, slopes, strict=True):
+        known = of_value[weight] >= 0
+        entries = row[known], column[known], weight[known], value[known]
+        own_rows = table[np.maximum(of_value, 0)]
+        pieces += [(key, at, of_slope[which], own) for key, at, which, own in _joined(entries, own_rows, n_dofs)]
+    key, at, slope, change = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
+    pattern, maps, operators = np.unique(key), [], []
+    for law_number in np.unique(at // n_dofs).tolist():
+        mine = at // n_dofs == law_number
+        rows, place_of = np.unique(key[mine], return_inverse=True)
+        shape = (len(rows) * n_dofs, n_slopes)
+        entry = place_of * n_dofs + at[mine] % n_dofs
+        operators.append(sparse.coo_array((change[mine], (entry, slope[mine])), shape).tocsr())
+        maps.append((law_number, np.searchsorted(pattern, rows), np.zeros((0, n_dofs))))
+    forces = DenseForces(pattern % n_dofs, pattern // n_dofs, tuple(maps), table.shape[1])
+    return DenseSlopes(structure, tuple(slots), forces, tuple(operators))
+
+
+def _weighed_entries(
+    members: Sequence[Contribution], laws: Sequence[str], n_dofs: int
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Of all entries of element matrices: row, column plus `n_dofs` times the number of the law, number of the weight, value."""
+    known = {id(item.blocks): item.blocks.entries() for item in members}
+    none: IntArray = np.zeros(0, dtype=np.int64)
+    found: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
+    first = 0
+    for item in members:
+        row, column, element, value = known[id(item.blocks)]
+        found.append((row, laws.index(item.law) * n_dofs + column, first + element, value))
+        first += item.blocks.n_elements
+    row, column, weight, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    return row, column, weight, value
+
+
+def _joined(
+    entries: tuple[IntArray, IntArray, IntArray, FloatArray], design: sparse.csr_array, n_dofs: int
+) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
+    """Each entry of element matrices with each parameter of its element: key of its force, column, element and value."""
+    row, column, element, value = entries
+    counts = np.diff(design.indptr)
+    for k in range(int(counts.max(initial=0))):
+        own = counts[element] > k
+        at = design.indptr[element[own]] + k
+        yield (
+            design.indices[at].astype(np.int64) * n_dofs + row[own],
+            column[own],
+            element[own],
+            design.data[at] * value[own],
+        )
+
+
+def element_products(blocks: ElementMatrices, y: NumberArray, x: NumberArray) -> FloatArray:
+    """Real parts of the sums over columns of conj(y)' B_e x, for y and x (n_dofs, n_columns): (n_elements,).
+
+    Columns are whatever the sums run over: lines and loads.
+    """
+    left, right = (np.ascontiguousarray(a, dtype=np.complex128).view(np.float64) for a in (y, x))
+    if not isinstance(blocks, Blocks):
+        rows, columns, element, value = blocks.entries()
+        order = np.argsort(element, kind="stable")
+        found = np.zeros(blocks.n_elements)
+        step = max(1, _CHUNK_ENTRIES // left.shape[1])
+        for first in range(0, len(order), step):
+            part = order[first : first + step]
+            forms = np.einsum("ij,ij->i", left[rows[part]], right[columns[part]]) * value[part]
+            found += np.bincount(element[part], forms, minlength=len(found))
+        return found
+    left, right = (np.concatenate([a, np.zeros((1, a.shape[1]))]) for a in (left, right))  # row -1: held at 0
+    found = np.empty(blocks.n_elements)
+    step = max(1, _CHUNK_ENTRIES // (left.shape[1] * blocks.dofs.shape[1]))
+    for first in range(0, blocks.n_elements, step):
+        chosen = slice(first, first + step)
+        products = blocks.local[chosen] @ right[blocks.dofs[chosen]]
+        found[chosen] = np.einsum("eij,eij->e", left[blocks.dofs[chosen]], products)
+    return found

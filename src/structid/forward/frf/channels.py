@@ -1,0 +1,92 @@
+"""Where loads enter a model and what its sensors read, as columns on its degrees of freedom."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray, NumberArray
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Loads, sensors and the sliding motions of contacts; made by `channels`.
+
+    Attributes
+    ----------
+    columns : (n_dofs, n_columns) sparse array
+        Unit loads there, each once: one at a drive point serves its load and its sensor.
+    inputs, outputs : ((n,) int array, (n,) float array)
+        Column and sign of each load, and of each sensor; the last of `outputs` are contacts.
+    n_contacts : int
+    """
+
+    columns: sparse.csc_array
+    inputs: tuple[IntArray, FloatArray]
+    outputs: tuple[IntArray, FloatArray]
+    n_contacts: int
+
+    @property
+    def n_outputs(self) -> int:
+        """How many sensors, contacts left out."""
+        return len(self.outputs[0]) - self.n_contacts
+
+    @cached_property
+    def sensors(self) -> sparse.csc_array:
+        """Columns of the sensors and contacts, signs included, (n_dofs, n_outputs + n_contacts)."""
+        index, sign = self.outputs
+        return sparse.csc_array(self.columns[:, index] @ sparse.diags_array(sign))
+
+    @cached_property
+    def reader(self) -> sparse.csr_array:
+        """From one field or several (n_dofs, n) to what the sensors and contacts read."""
+        return sparse.csr_array(self.sensors.T)
+
+    def read(self, fields: NumberArray) -> NumberArray:
+        """What sensors and contacts read of fields (n_lines, n_dofs, n), (n_lines, n_outputs + n_contacts, n)."""
+        return read(self.reader, fields)
+
+    def under_loads(self, fields: NumberArray) -> NumberArray:
+        """Of fields (..., n_columns) under all `columns` those under the loads, signs included."""
+        return fields[..., self.inputs[0]] * self.inputs[1]
+
+    def under_sensors(self, fields: NumberArray) -> NumberArray:
+        """Of fields (..., n_columns) under all `columns` those under loads at sensors and contacts, signs included."""
+        return fields[..., self.outputs[0]] * self.outputs[1]
+
+
+def read(reader: sparse.csr_array, fields: NumberArray) -> NumberArray:
+    """Products of `reader` (n_readings, n_dofs) with fields (n_lines, n_dofs, n), (n_lines, n_readings, n)."""
+    flat = np.moveaxis(fields, 1, 0).reshape(fields.shape[1], -1)
+    found = np.asarray(reader @ flat).reshape(reader.shape[0], fields.shape[0], fields.shape[2])
+    return np.moveaxis(found, 0, 1)
+
+
+def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.csc_array) -> Channels:
+    """The `Channels` of columns of loads, sensors and contacts, each (n_dofs, n)."""
+    columns, places = _distinct(sparse.csc_array(sparse.hstack([loads, sensors, slides])))
+    index, sign = np.array([p for p, _ in places], dtype=np.int64), np.array([s for _, s in places])
+    n = loads.shape[1]
+    return Channels(columns, (index[:n], sign[:n]), (index[n:], sign[n:]), slides.shape[1])
+
+
+def _distinct(columns: sparse.csc_array) -> tuple[sparse.csc_array, list[tuple[int, float]]]:
+    """The columns that differ by more than their sign, and for each given column its place among them and its sign."""
+    kept: dict[tuple[bytes, bytes], int] = {}
+    first, places = [], []
+    for j in range(columns.shape[1]):
+        part = slice(columns.indptr[j], columns.indptr[j + 1])
+        index, value = columns.indices[part], columns.data[part]
+        order = np.argsort(index)
+        index, value = index[order].astype(np.int64), value[order]
+        sign = 1.0 if not value.size or value[0] > 0 else -1.0
+        key = (index.tobytes(), (sign * value).tobytes())
+        if key not in kept:
+            kept[key] = len(kept)
+            first.append((j, sign))
+        places.append((kept[key], sign))
+    unique = columns[:, [j for j, _ in first]] @ sparse.diags_array([s for _, s in first])
+    return sparse.csc_array(unique), places

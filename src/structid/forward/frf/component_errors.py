@@ -1,0 +1,104 @@
+"""What errors of a measured component's FRFs do to the FRFs of the structure that it is coupled to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.fem.measured import MeasuredComponent
+from structid.forward.frf.lines.coupled import CoupledLines
+from structid.forward.frf.products import Whitening
+from structid.forward.frf.response import Response
+
+#: Rows of the covariance that are made at most, in entries.
+_MOST_ENTRIES = 20_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorsOfEntry:
+    """One entry of a component's receptance, and its reciprocal one.
+
+    Attributes
+    ----------
+    deviation : (n_own,) float array
+        Standard deviation of its real part, and of its imaginary part, at each of the component's own lines.
+    weights : (n_own, n_lines) sparse array
+        How each of these takes part at the lines of the record.
+    change : (n_lines, n_outputs, n_inputs) complex array
+        Of the response with the entry there.
+    """
+
+    deviation: FloatArray
+    weights: sparse.csr_array
+    change: ComplexArray
+
+
+def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
+    """Of every entry with stated variance, friction held as it is.
+
+    With g and q the forces at the interface under a unit force at a sensor and under the load, dH = g' dY q.
+    """
+    lines, structure = model.lines, model.slopes.structure
+    if not isinstance(lines, CoupledLines) or all(one.variance is None for one in structure.measured):
+        return
+    forces = lines.forces(physical, model.fixed_coefficients)
+    sides = model.channels
+    g, q = sides.under_sensors(forces)[..., : sides.n_outputs], sides.under_loads(forces)
+    first = lines.n_driven
+    for one in structure.measured:
+        n = len(one.interface)
+        if one.variance is not None:
+            weights = one.weights_at(model.frequency)
+            for i, j in zip(*(index.tolist() for index in np.triu_indices(n)), strict=True):
+                change = g[:, first + i, :, None] * q[:, first + j, None]
+                if i != j:
+                    change = change + g[:, first + j, :, None] * q[:, first + i, None]
+                yield ErrorsOfEntry(_deviation(one, i, j), weights, change * model.kind_factor[:, None, None])
+        first += n
+
+
+def _deviation(component: MeasuredComponent, i: int, j: int) -> FloatArray:
+    """Of the mean of two reciprocal entries."""
+    assert component.variance is not None
+    variance = component.variance[:, i, j]
+    if i != j:
+        variance = (variance + component.variance[:, j, i]) / 4
+    return np.sqrt(variance / 2)
+
+
+def scores(errors: Iterator[ErrorsOfEntry], whitening: Whitening, jacobian: FloatArray) -> FloatArray:
+    """What the errors add to the covariance of J'r, for the data rows J (real parts, then imaginary) of the Jacobian."""
+    n_params = jacobian.shape[1]
+    top, low = np.split(jacobian, 2)
+    total = np.zeros((n_params, n_params))
+    for entry, rows in _whitened(errors, whitening):
+        by_line = np.einsum("lc,lcp->lp", rows.real, top.reshape(*rows.shape, n_params))
+        by_line += np.einsum("lc,lcp->lp", rows.imag, low.reshape(*rows.shape, n_params))
+        own = entry.deviation[:, None] * (entry.weights @ by_line)
+        total += own.T @ own
+    return total
+
+
+def changes(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatArray | None:
+    """Changes (n_changes, n_data) of the data rows by one standard deviation of each error; None where they are too many."""
+    found: list[FloatArray] = []
+    for entry, rows in _whitened(errors, whitening):
+        n_data, n_changes = 2 * rows.size, (len(found) + 1) * len(entry.deviation)
+        if n_data * (n_data + n_changes) > _MOST_ENTRIES:
+            return None
+        wide = entry.deviation[:, None, None] * entry.weights.toarray()[:, :, None] * rows
+        flat = wide.reshape(len(wide), -1)
+        found.append(np.concatenate([flat.real, flat.imag], axis=1))
+    return np.concatenate(found)
+
+
+def _whitened(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
+    """Of each entry the rows (n_lines, n_channels) for its real part, and for its imaginary part."""
+    for entry in errors:
+        for part in (1.0, 1j):
+            rows = whitening.rows(part * entry.change[..., None])
+            yield entry, rows.reshape(len(rows), -1)

@@ -1,0 +1,83 @@
+"""Continuation from the right half-plane: the smooth data of its stages, and how far off the start is taken to be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import InputError
+from structid.records import FrfRecord
+from structid.records.transforms.half_plane import right_half_plane
+from structid.unknowns.named_unknowns import DAMPING, NamedUnknowns
+
+#: Decay of the smoothed lines in parts of their angular frequency, from far off the axis down to it.
+LEVELS = (1.0, 0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.09, 0.06, 0.03, 0.015)
+#: What the start is expected to be off by, in the logarithm: 0.5 is a factor of 1.65.
+START_ERROR = 0.5
+_DAMPING_ERROR = 1.0
+_FEWEST_LINES = 60
+_MOST_LINES = 250
+_USABLE_LINES = 8
+_THINNED_LINES = 2000
+_NOISY = 0.2
+
+
+def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
+    """Expected error of each free variable at the start; damping, seldom known, by 1 at least; infinite with a prior."""
+    expected = np.where(np.isin(unknowns.kinds, DAMPING), max(start_error, _DAMPING_ERROR), start_error)
+    slope = unknowns.transforms.slope(unknowns.theta_start)
+    size = unknowns.sizes(unknowns.start) / np.abs(slope)
+    width = expected * np.where(size > 0, size, 1.0)
+    return np.where(unknowns.priors.stated, np.inf, width)
+
+
+def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
+    """Angular frequencies over the band of `omega`, a level apart in the logarithm, at least 60 and at most 250."""
+    count = int(np.clip(np.log(omega[-1] / omega[0]) / level, _FEWEST_LINES, _MOST_LINES))
+    return np.geomspace(omega[0], omega[-1], count)
+
+
+def smoothed_records(record: FrfRecord) -> tuple[tuple[float, FrfRecord], ...]:
+    """The record at s = omega (a + i) for each level a that its lines allow.
+
+    Lines are spaced evenly in the logarithm, a apart, at least 60 and at most 250 over the band. A level is left out
+    where fewer than eight of its lines are good to 25 %: see `right_half_plane`.
+    """
+    omega = record.omega[record.omega > 0]
+    if len(omega) < _USABLE_LINES:
+        return ()
+    own = 0.0 if record.decay is None else float(record.decay[0])
+    found = []
+    for level in LEVELS:
+        at = level_frequencies(omega, level)
+        try:
+            smooth = right_half_plane(record, at / (2 * np.pi), own + level * at)
+        except InputError:
+            continue
+        if len(smooth.frequency) >= _USABLE_LINES:
+            found.append((level, smooth))
+    return tuple(found)
+
+
+def is_noisy(record: FrfRecord) -> bool:
+    """Whether the noise of most lines is too large for a residual that is divided by what was measured."""
+    return record.variance is not None and bool(np.median(record.variance / np.abs(record.values) ** 2) > _NOISY**2)
+
+
+def thinned_lines(omega: FloatArray) -> IntArray:
+    """Indices of lines that are at least one of about 2000 equal logarithmic steps apart."""
+    positive = omega[omega > 0]
+    if len(positive) <= _THINNED_LINES:
+        return np.arange(len(omega))
+    low, high = 0.0, float(np.log(positive[-1] / positive[0]))
+    keep = _spread(omega, high / _THINNED_LINES)
+    for _ in range(30):
+        step = 0.5 * (low + high)
+        keep = _spread(omega, step)
+        low, high = (step, high) if len(keep) > _THINNED_LINES else (low, step)
+    return keep
+
+
+def _spread(omega: FloatArray, step: float) -> IntArray:
+    stretch = np.floor(np.log(np.maximum(omega, omega[omega > 0][0]) / omega[omega > 0][0]) / step)
+    return np.flatnonzero(np.concatenate([[True], np.diff(stretch) > 0]))

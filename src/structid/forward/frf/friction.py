@@ -1,0 +1,248 @@
+"""Harmonic balance of dry friction: sliding amplitudes that were measured, or that the motion itself has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray, NumberArray
+from structid.core.errors import InputError
+from structid.dynamics.dense_fields import MOST_SMALLER, solved_few
+from structid.fem import Friction, Structure
+from structid.forward.frf.channels import Channels
+from structid.forward.frf.lines.protocol import Lines
+from structid.records import FrfRecord
+from structid.records.record import as_recorded
+from structid.unknowns import Parameters
+
+_MOST_ITERATIONS = 60
+#: Amplitude of a contact that sticks, in parts of its motion without friction.
+_STUCK = 1e-4
+#: A Newton step by no more than this part leaves an error of rounding.
+_SMALL_STEP = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A friction element that slides with the model's own amplitude: where its law and its force stand."""
+
+    law: int
+    value: int
+
+
+def sliding_contacts(
+    structure: Structure, laws: tuple[str, ...], record: FrfRecord, measured: set[str]
+) -> tuple[tuple[Contact, ...], sparse.csc_array]:
+    """Friction elements in harmonic balance, and the columns that read their sliding motion."""
+    contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
+    for element in structure.elements:
+        if isinstance(element, Friction) and element.name not in measured:
+            require_one_load(element, record)
+            value = next(p.values.start for p in structure.properties if p.element == element.name)
+            contacts.append(Contact(laws.index(f"friction:{element.name}"), value))
+            slide = structure.selection(element.first)
+            columns.append(slide if element.second is None else slide - structure.selection(element.second))
+    return tuple(contacts), sparse.csc_array(sparse.hstack(columns))
+
+
+@dataclass(frozen=True, eq=False)
+class Sliding:
+    """A model whose contacts slide with the amplitudes of its own motion.
+
+    Attributes
+    ----------
+    contacts : tuple of Contact
+    channels : Channels
+    lines : Lines
+    parameters : Parameters
+    fixed_coefficients : (n_lines, n_laws) complex array
+        How each law enters the dynamic stiffness, 0 for `contacts`.
+    """
+
+    contacts: tuple[Contact, ...]
+    channels: Channels
+    lines: Lines
+    parameters: Parameters
+    fixed_coefficients: ComplexArray
+
+    def at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray | None]:
+        """The coefficients with amplitudes in balance, and what sensors and contacts then read; kept for the last values.
+
+        The readings (n_lines, n_sensors, 1) come from those without friction; None where that would lose digits.
+        """
+        key = physical.tobytes()
+        known = self._known.get(key)
+        if known is None:
+            free, reach = self._free(physical)
+            n_outputs, laws = self.channels.n_outputs, self.laws
+            force, floor = self.force(physical), self._stuck_amplitude
+            amplitude = balanced_amplitudes(reach[:, n_outputs:], free[:, n_outputs:, 0], force, floor)
+            coefficients = np.array(self.fixed_coefficients)
+            coefficients[:, laws] = 1j / amplitude
+            known = coefficients, slid_readings(free, reach, coefficients[:, laws] * force)
+            self._known.clear()
+            self._known[key] = known
+        return known
+
+    def add_change(
+        self, derivative: ComplexArray, readings: NumberArray, reach: NumberArray, physical: FloatArray, part: slice
+    ) -> None:
+        """Add to derivatives at fixed amplitudes, at a stretch of lines, what the amplitudes' own change makes of them.
+
+        See `LineDerivatives` for the first three.
+        """
+        size = (1j / self.at(physical)[0][part][:, self.laws]).real
+        motion = readings[:, self.channels.n_outputs :, 0]
+        add_amplitude_change(derivative[:, :, 0], motion, reach, self.force(physical), size)
+
+    @property
+    def laws(self) -> list[int]:
+        return [contact.law for contact in self.contacts]
+
+    def force(self, physical: FloatArray) -> FloatArray:
+        """Friction force of each contact per unit drive."""
+        return self.parameters.values(physical)[[contact.value for contact in self.contacts]]
+
+    @cached_property
+    def _known(self) -> dict[bytes, tuple[ComplexArray, ComplexArray | None]]:
+        """The last answer of `at`, by the parameters."""
+        return {}
+
+    @cached_property
+    def _stuck_amplitude(self) -> FloatArray:
+        """Amplitude that stands for a contact that sticks: a small part of its frictionless motion at the start."""
+        free, _ = self._free(self.parameters.start)
+        return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
+
+    def _free(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """What sensors and contacts read under the drive, and under unit forces at the contacts, without their friction."""
+        (load, load_sign), n_outputs = self.channels.inputs, self.channels.n_outputs
+        columns, signs = self.channels.outputs[0][n_outputs:], self.channels.outputs[1][n_outputs:]
+        used, place = np.unique(np.concatenate([load, columns]), return_inverse=True)
+        readings = self.lines.readings(physical, self.fixed_coefficients, used)[:, :, place]
+        return readings[:, :, : len(load)] * load_sign, readings[:, :, len(load) :] * signs
+
+
+def balanced_amplitudes(
+    flexibility: ComplexArray, free: ComplexArray, force: FloatArray, floor: FloatArray
+) -> FloatArray:
+    """Amplitudes s = abs(q) of q = b - A (i r q / s) at every line, (n_frequencies, n_contacts), by Newton's method.
+
+    Where friction exceeds the force that reaches a contact it sticks, and `floor` stands for its amplitude.
+
+    Parameters
+    ----------
+    flexibility : (n_frequencies, n_contacts, n_contacts) complex array
+        A: motion of each contact per unit force at each contact, without friction.
+    free : (n_frequencies, n_contacts) complex array
+        b: motion of each contact under the drive, without friction.
+    force : (n_contacts,) float array
+        r: friction force per unit drive.
+    floor : (n_frequencies, n_contacts) float array
+        Amplitude of a contact that sticks; small against abs(b).
+    """
+    size = np.maximum(np.abs(free), floor)
+    moving = np.arange(len(size))
+    for _ in range(_MOST_ITERATIONS):
+        new = _newton_step(flexibility[moving], free[moving], force, floor[moving], size[moving])
+        change = (np.abs(new - size[moving]) / size[moving]).max(axis=1, initial=0.0)
+        size[moving] = new
+        moving = moving[change > _SMALL_STEP]
+        if not len(moving):
+            break
+    return size
+
+
+def _newton_step(
+    flexibility: ComplexArray, free: ComplexArray, force: FloatArray, floor: FloatArray, size: FloatArray
+) -> FloatArray:
+    """The next amplitudes from `size`, no more than five times larger or smaller."""
+    n_contacts = len(force)
+    pull = 1j * force / size
+    system = np.eye(n_contacts) + flexibility * pull[:, None, :]
+    solved = solved_few(system, np.concatenate([free[..., None], flexibility], axis=2))
+    motion, reach = solved[..., 0], solved[..., 1:]
+    unit = np.conj(motion) / np.maximum(np.abs(motion), np.finfo(float).tiny)
+    slope = (unit[..., None] * reach * (pull * motion / size)[:, None, :]).real
+    error = np.abs(motion) - size
+    stuck = (size <= floor) & (error <= 0)
+    error[stuck] = 0.0
+    slope[stuck] = 0.0
+    step = solved_few(np.eye(n_contacts) - slope, error[..., None])[..., 0]
+    return np.maximum(np.clip(size + step, 0.2 * size, 5.0 * size), floor)
+
+
+def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray) -> ComplexArray | None:
+    """Readings with friction from those without it; None where their difference would lose digits.
+
+    Parameters
+    ----------
+    free : (n_frequencies, n_outputs + n_contacts, n_inputs) complex array
+        Readings under the loads, contacts last.
+    reach : (n_frequencies, n_outputs + n_contacts, n_contacts) complex array
+        Readings under unit forces at the contacts.
+    factors : (n_frequencies, n_contacts) complex array
+        Force on the structure per sliding motion of each contact, i r / s, against that motion.
+    """
+    n_contacts = factors.shape[1]
+    system = np.eye(n_contacts) + factors[:, :, None] * reach[:, -n_contacts:]
+    readings = free - reach @ solved_few(system, factors[:, :, None] * free[:, -n_contacts:])
+    before, after = (np.linalg.norm(values, axis=(1, 2)) for values in (free, readings))
+    return None if (before > MOST_SMALLER * after).any() else readings
+
+
+def add_amplitude_change(
+    derivative: ComplexArray, motion: NumberArray, reach: NumberArray, force: FloatArray, size: FloatArray
+) -> None:
+    """Make the derivative of outputs and contacts at fixed sliding amplitudes the whole one, in place.
+
+    With s the amplitudes, dH = dH|s + (dH/ds) ds and ds = Re(conj(q) dq) / s, solved for ds line by line.
+
+    Parameters
+    ----------
+    derivative : (n_frequencies, n_outputs + n_contacts, n_params) complex array
+        Derivative of receptances at fixed amplitudes, contacts last.
+    motion : (n_frequencies, n_contacts) complex array
+        q, motion of the contacts under the drive.
+    reach : (n_frequencies, n_outputs + n_contacts, n_contacts) complex array
+        Receptance from a force at each contact.
+    force : (n_contacts,) float array
+        r.
+    size : (n_frequencies, n_contacts) float array
+        s; where it differs from abs(q) the contact sticks and s stays.
+    """
+    n_contacts = len(force)
+    by_size = reach * (1j * force * motion / size**2)[:, None, :]
+    slides = np.abs(np.abs(motion) / size - 1) < 1e-6
+    unit = (slides * np.conj(motion) / size)[..., None]
+    coupling = np.eye(n_contacts) - (unit * by_size[:, -n_contacts:]).real
+    change = solved_few(coupling, (unit * derivative[:, -n_contacts:]).real)
+    derivative += by_size @ change
+
+
+def sliding_amplitudes(structure: Structure, record: FrfRecord) -> dict[str, FloatArray]:
+    """Measured sliding amplitude per unit drive of the friction elements that name sensors.
+
+    Raises
+    ------
+    InputError
+        If a friction element names a sensor that the record lacks, or the record has several loads.
+    """
+    amplitudes = {}
+    for element in structure.elements:
+        if not isinstance(element, Friction) or not element.measured_by:
+            continue
+        require_one_load(element, record)
+        measured = record.channels(as_recorded(element.measured_by, record)).as_kind("receptance")
+        signs = np.array([dof.sign for dof in measured.outputs])
+        amplitudes[element.name] = element.sliding(measured.values[:, :, 0] * signs)
+    return amplitudes
+
+
+def require_one_load(element: Friction, record: FrfRecord) -> None:
+    """Raise `InputError` unless the record has one load: friction makes the response to each load its own."""
+    if len(record.inputs) != 1:
+        raise InputError(f"friction {element.name!r} needs a record with one load, got {len(record.inputs)}")

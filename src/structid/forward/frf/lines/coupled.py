@@ -1,0 +1,120 @@
+"""Fields of structures that are joined to what is no part of their matrices: supports that drive, measured components."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.forward.frf.channels import Channels, read
+from structid.forward.frf.lines.protocol import LineDerivatives, Lines
+from structid.forward.frf.slopes import StiffnessSlopes
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledLines:
+    """The lines of a model some of whose degrees of freedom are joined to something else; see `Response`.
+
+    What is joined has the receptance Y there, and motions b of its own. The force between the two brings them together: with
+    X = Z^-1 (columns), columns b of unit forces at what is joined, and H their readings there, a forces column f gives
+
+        x = X_f - X_b (Y + H_bb)^-1 (H_bf - b).
+
+    A measured component has its own Y and no motion of its own: frequency-based substructuring in its dual form, which needs
+    the inverse of neither Y nor H_bb. A support that drives has no Y, and a load at it is its motion, not a force. The same
+    holds for the adjoint fields of sensors, so that derivatives are -y' (dZ/dp) x as ever.
+
+    Attributes
+    ----------
+    free : Lines
+        Those of the model without what is joined.
+    slopes : StiffnessSlopes
+    channels : Channels
+        No sensor of which reads a support that drives.
+    joined : (n_dofs, n_joined) sparse array
+        Columns of what is joined, supports that drive first.
+    receptance : (n_lines, n_joined, n_joined) complex array
+        Y.
+    n_driven : int
+        How many of these are supports that drive.
+
+    References
+    ----------
+    De Klerk, Rixen and Voormeeren (2008), AIAA Journal 46(5), 1169-1181.
+    """
+
+    free: Lines
+    slopes: StiffnessSlopes
+    channels: Channels
+    joined: sparse.csc_array
+    receptance: ComplexArray
+    n_driven: int
+
+    @property
+    def is_large(self) -> bool:
+        return self.free.is_large
+
+    def fields(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, NumberArray]]:
+        """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
+        right, n_joined = self.channels.columns if loads is None else loads, self.joined.shape[1]
+        for part, fields, push in self._pushed(physical, coefficients, right):
+            yield part, fields[:, :, n_joined:] - fields[:, :, :n_joined] @ push
+
+    def forces(self, physical: FloatArray, coefficients: ComplexArray) -> ComplexArray:
+        """Forces (n_lines, n_joined, n_columns) between the model and what is joined, under all columns."""
+        return np.concatenate([push for _, _, push in self._pushed(physical, coefficients, self.channels.columns)])
+
+    def _pushed(
+        self, physical: FloatArray, coefficients: ComplexArray, right: sparse.csc_array
+    ) -> Iterator[tuple[slice, NumberArray, NumberArray]]:
+        """Stretches of lines, fields of the model alone under unit forces at what is joined and the columns, and the forces."""
+        n_joined = self.joined.shape[1]
+        given = np.zeros((n_joined, right.shape[1]))
+        given[: self.n_driven] = (self._reader[: self.n_driven] @ right).toarray()
+        for part, fields in self.free.fields(physical, coefficients, self._beside(right)):
+            seen = read(self._reader, fields)
+            yield (
+                part,
+                fields,
+                np.linalg.solve(self.receptance[part] + seen[:, :, :n_joined], seen[:, :, n_joined:] - given),
+            )
+
+    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns).
+
+        Small models solve for all columns, as derivatives do, so that the two share their poles.
+        """
+        if not self.is_large:
+            every = self.fields(physical, coefficients)
+            return np.concatenate([self.channels.read(x[:, :, columns]) for _, x in every])
+        chosen = sparse.csc_array(self.channels.columns[:, columns])
+        return np.concatenate([self.channels.read(x) for _, x in self.fields(physical, coefficients, chosen)])
+
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        """See `LineDerivatives`; a stretch of lines after another."""
+        for part, fields in self.fields(physical, coefficients):
+            x, y = self.channels.under_loads(fields), self.channels.under_sensors(fields)
+            change = self.slopes.contracted(physical, -coefficients[part], x, y)
+            reach = self.channels.read(y[:, :, self.channels.n_outputs :])
+            yield LineDerivatives(part, self.channels.read(x), change, reach)
+
+    @cached_property
+    def _reader(self) -> sparse.csr_array:
+        return sparse.csr_array(self.joined.T)
+
+    def _beside(self, loads: sparse.csc_array) -> sparse.csc_array:
+        """Unit forces at what is joined, then `loads`; the last ones are kept, so that their identity stands."""
+        known = self._last.get("last")
+        if known is None or known[0] is not loads:
+            known = self._last["last"] = loads, sparse.csc_array(sparse.hstack([self.joined, loads]))
+        return known[1]
+
+    @cached_property
+    def _last(self) -> dict[str, tuple[sparse.csc_array, sparse.csc_array]]:
+        return {}

@@ -1,0 +1,299 @@
+"""Fields, readings and derivatives of large models: sparse matrices, line by line, with one line's fields in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.dynamics.factorization import Analysis, factorizer
+from structid.dynamics.receptance import DynamicStiffness, single_blas
+from structid.dynamics.reduced_sweep import FEWEST_LINES, ErrorOf, FieldSweep, reading_error, reduced_sweep
+from structid.forward.contraction import ParameterForces
+from structid.forward.frf.channels import Channels
+from structid.forward.frf.lines.protocol import LineDerivatives
+from structid.forward.frf.slopes import StiffnessSlopes
+
+#: Readings of so many sets of parameters are kept, sweeps, and derivatives up to so many bytes.
+_MOST_READINGS, _KEPT, _MOST_BYTES = 40, 2, 2e8
+#: Derivatives may be off by so many times what readings may.
+_DERIVATIVES = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """The sparsity pattern of a large model with its channels.
+
+    Attributes
+    ----------
+    slopes : StiffnessSlopes
+    channels : Channels
+    factorizer : str, optional
+        See `structid.dynamics.factorization.factorizer`.
+    """
+
+    slopes: StiffnessSlopes
+    channels: Channels
+    factorizer: str | None = None
+
+    @property
+    def indices(self) -> tuple[IntArray, IntArray]:
+        return self.slopes.assembled.indices, self.slopes.assembled.indptr
+
+    @cached_property
+    def analysis(self) -> Analysis:
+        """What the factorizer knows of it; it serves all lines and iterations."""
+        loaded = np.diff(self.channels.columns.tocsr().indptr) > 0
+        return factorizer(self.factorizer).analyse(*self.indices, loaded)
+
+
+@dataclass(frozen=True, eq=False)
+class LargeLines:
+    """The lines of a large model; see `Response`.
+
+    Attributes
+    ----------
+    pattern : Pattern
+    frequency : (n_lines,) float array
+    reduced : float, optional
+        Largest relative error of values that may be found from few factorizations; see `reduced_sweep`.
+    """
+
+    pattern: Pattern
+    frequency: FloatArray
+    reduced: float | None = None
+
+    @property
+    def slopes(self) -> StiffnessSlopes:
+        return self.pattern.slopes
+
+    @property
+    def channels(self) -> Channels:
+        return self.pattern.channels
+
+    @property
+    def is_large(self) -> bool:
+        return True
+
+    def fields(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, NumberArray]]:
+        """Fields (1, n_dofs, n_loads) of one line after another.
+
+        Where no loads are given under all columns, by a reduced sweep where that serves.
+        """
+        sweep = self._reduced_sweep(physical, coefficients) if loads is None else None
+        if sweep is not None:
+            for line in range(sweep.n_lines):
+                yield slice(line, line + 1), sweep.fields(line)[None]
+            return
+        stiffness, right = (
+            self.stiffness(physical, coefficients),
+            (self.channels.columns if loads is None else loads).toarray(),
+        )
+        with single_blas():
+            for line in range(len(self.frequency)):
+                yield slice(line, line + 1), stiffness.solver(line).solve(right)[None]
+
+    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
+        key = self._key(physical, coefficients)
+        known = self.last_sweep.readings.get(key)
+        if known is None:
+            sweep = self._reduced_sweep(physical, coefficients)
+            known = None if sweep is None else self.last_sweep.read(key, sweep, self.channels.sensors)
+        if known is not None:
+            return known[:, :, columns]
+        loads = sparse.csc_array(self.channels.columns[:, columns])
+        if self.reduced is not None and len(self.frequency) < FEWEST_LINES and not self.channels.n_contacts:
+            stiffness, right = self.stiffness(physical, coefficients), loads.toarray()
+            with single_blas():
+                full = FieldSweep(stiffness, self.pattern.indices, right).in_full()
+                return np.stack([self.channels.reader @ fields for fields in full])
+        if self.reduced is not None and self.channels.n_contacts:
+            stiffness, right = self.stiffness(physical, coefficients), loads.toarray()
+            with single_blas():
+                return reduced_sweep(stiffness, self.pattern.indices, right, self.channels.sensors, self.reduced).values
+        found = np.empty((len(self.frequency), self.channels.sensors.shape[1], len(columns)), dtype=np.complex128)
+        for part, fields in self.fields(physical, coefficients, loads):
+            found[part] = self.channels.read(fields)
+        return found
+
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        """See `LineDerivatives`; one line after another, or all at once where a basis serves them.
+
+        Where parameters times loads are fewer than sensors, Z^-1 (dZ/dp) x is solved for instead of adjoint fields.
+        """
+        known = self.last_sweep.derivatives.get(self._key(physical, coefficients))
+        if known is not None:
+            yield known
+            return
+        sweep = self._reduced_sweep(physical, coefficients)
+        sides, n_params = self.channels, self.slopes.parameters.n_params
+        forces, factors = self.slopes.forces_at(physical, coefficients)
+        if sweep is not None and len(forces.indices) > n_params * sweep.n_basis:
+            yield self.last_sweep.derived(self._key(physical, coefficients), sweep, sides, forces, factors)
+            return
+        used, place = np.unique(sides.inputs[0], return_inverse=True)
+        few = not sides.n_contacts and n_params * len(used) < sides.columns.shape[1] - len(used)
+        direct = few and sweep is None
+        right = sides.columns[:, used].toarray() if direct else sides.columns.toarray()
+        stiffness = sweep.stiffness if sweep is not None else self.stiffness(physical, coefficients)
+        n_sensors = sides.sensors.shape[1]
+        with single_blas():
+            for line in range(len(self.frequency)):
+                if sweep is not None:
+                    fields = sweep.fields(line)
+                else:
+                    solver = stiffness.solver(line)
+                    fields = solver.solve(right)
+                read = sides.reader @ fields
+                if direct:
+                    values, reach = read[:, place] * sides.inputs[1], np.zeros((n_sensors, 0))
+                    moved = solver.solve(forces.columns(forces.entries(factors[line], fields)))
+                    changes = list(np.swapaxes((sides.reader @ moved).reshape(n_sensors, len(used), -1), 0, 1))
+                else:
+                    values, reach = sides.under_loads(read), sides.under_sensors(read)[:, sides.n_outputs :]
+                    products = forces.contracted(factors[line], fields[:, used], fields)
+                    changes = [product.T[sides.outputs[0]] for product in products]
+                derivative = np.empty((1, n_sensors, len(place), n_params), dtype=np.complex128)
+                signs = np.ones(n_sensors) if direct else sides.outputs[1]
+                for column, (row, sign) in enumerate(zip(place, sides.inputs[1], strict=True)):
+                    np.multiply(changes[row], (-sign * signs)[:, None], out=derivative[0, :, column])
+                yield LineDerivatives(slice(line, line + 1), values[None], derivative, reach[None])
+
+    @cached_property
+    def last_sweep(self) -> LastSweep:
+        """The last reduced sweep, where `reduced` asks for them."""
+        return LastSweep()
+
+    def _reduced_sweep(self, physical: FloatArray, coefficients: ComplexArray) -> FieldSweep | None:
+        """Fields of all columns from few factorizations, verified; None where each line is to be solved for."""
+        if self.reduced is None or self.channels.n_contacts:
+            return None
+
+        def begun() -> FieldSweep:
+            stiffness = self.stiffness(physical, coefficients)
+            return FieldSweep(stiffness, self.pattern.indices, self.channels.columns.toarray())
+
+        forces = self.slopes.forces_at(physical, coefficients)
+        error_of = sweep_error(self.reduced, self.channels.sensors, np.unique(self.channels.inputs[0]), forces)
+        return self.last_sweep.verified(self._key(physical, coefficients), begun, error_of)
+
+    @staticmethod
+    def _key(physical: FloatArray, coefficients: ComplexArray) -> bytes:
+        """Of what a sweep depends on: the values, but for their rounding, and the Laplace variables."""
+        part, power = np.frexp(physical)
+        return np.round(part, 14).tobytes() + power.tobytes() + coefficients[:, 1].tobytes()
+
+    def stiffness(self, physical: FloatArray, coefficients: ComplexArray) -> DynamicStiffness:
+        """Z at all lines."""
+        data = self.slopes.assembled.data(self.slopes.parameters.values(physical))
+        return DynamicStiffness(self.pattern.analysis, data, coefficients, self.frequency)
+
+
+def sweep_error(
+    tolerance: float,
+    sensors: sparse.csc_array,
+    loads: IntArray,
+    forces: tuple[ParameterForces, ComplexArray],
+) -> ErrorOf:
+    """How far fields of a basis are off, in parts of what is allowed.
+
+    Readings may be off by `tolerance` of the largest of their line, derivatives by ten times that in root mean square
+    over parameters. As readings are off by the product of what the fields of loads and sensors are, and derivatives by
+    their sum, derivatives decide.
+
+    Parameters
+    ----------
+    tolerance : float
+    sensors : (n_dofs, n_sensors) sparse array
+    loads : (n_loads,) int array
+        Columns of the fields under loads.
+    forces : (ParameterForces, (n_frequencies, n_maps) complex array)
+    """
+    maps, factors = forces
+
+    def error(line: int, exact: NumberArray, found: NumberArray) -> float:
+        readings = reading_error(*(np.asarray(sensors.T @ fields[:, loads]) for fields in (exact, found))) / tolerance
+        pair = [np.stack(maps.contracted(factors[line], fields[:, loads], fields)) for fields in (exact, found)]
+        return max(readings, derivative_error(*pair) / (_DERIVATIVES * tolerance))
+
+    return error
+
+
+def derivative_error(exact: NumberArray, found: NumberArray) -> float:
+    """Root mean square over parameters of the relative difference of derivatives (n_loads, n_params, n_readings)."""
+    size, off = (np.linalg.norm(values, axis=(0, 2)) for values in (exact, found - exact))
+    return float(np.sqrt(np.mean((off[size > 0] / size[size > 0]) ** 2))) if size.any() else 0.0
+
+
+class LastSweep:
+    """The last `FieldSweep` of a model, and the one before: values and derivatives at the same parameters share them.
+
+    A search comes back to a point after it has tried one beyond.
+
+    Attributes
+    ----------
+    n_factorizations : int
+        Of all sweeps so far.
+    readings, derivatives : dict
+        What sensors read, and `LineDerivatives` of all lines, by what they depend on.
+    """
+
+    def __init__(self) -> None:
+        self.readings: dict[bytes, ComplexArray] = {}
+        self.derivatives: dict[bytes, LineDerivatives] = {}
+        self._sweeps: dict[bytes, FieldSweep] = {}
+        self._before = 0
+
+    @property
+    def n_factorizations(self) -> int:
+        return self._before + sum(sweep.n_factorizations for sweep in self._sweeps.values())
+
+    @property
+    def n_basis(self) -> int:
+        return max((sweep.n_basis for sweep in self._sweeps.values()), default=0)
+
+    def verified(self, key: bytes, begun: Callable[[], FieldSweep], error_of: ErrorOf) -> FieldSweep | None:
+        """The sweep of `key`, with a basis that satisfies `error_of`; None where it would take too much."""
+        sweep = self._sweeps.pop(key, None)
+        if sweep is None:
+            if len(self._sweeps) == _KEPT:  # the memory of the oldest goes before the next takes any
+                self._before += self._sweeps.pop(next(iter(self._sweeps))).n_factorizations
+            sweep = begun()
+        self._sweeps[key] = sweep
+        with single_blas():
+            return None if sweep.verified(error_of) is None else sweep
+
+    def read(self, key: bytes, sweep: FieldSweep, sensors: sparse.csc_array) -> ComplexArray:
+        """What sensors read at all lines under all columns; kept, for parameters are come back to."""
+        while len(self.readings) >= _MOST_READINGS:
+            del self.readings[next(iter(self.readings))]
+        self.readings[key] = sweep.basis.read(sensors)
+        return self.readings[key]
+
+    def derived(
+        self, key: bytes, sweep: FieldSweep, sides: Channels, forces: ParameterForces, factors: ComplexArray
+    ) -> LineDerivatives:
+        """What sensors read at all lines under the loads, and its derivatives; the last ones are kept."""
+        x = sweep.basis.all_coordinates()
+        used, place = np.unique(sides.inputs[0], return_inverse=True)
+        change = forces.projected(factors, sweep.basis.vectors, x[:, :, used], sides.under_sensors(x))[:, :, place]
+        change *= -sides.inputs[1][:, None]
+        values = sides.under_loads(sweep.basis.read(sides.sensors))
+        found = LineDerivatives(slice(0, len(x)), values, change, np.zeros((*values.shape[:2], 0)))
+        most = int(_MOST_BYTES // change.nbytes)
+        while self.derivatives and len(self.derivatives) >= most:
+            del self.derivatives[next(iter(self.derivatives))]
+        if most:
+            self.derivatives[key] = found
+        return found
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without the fields, which are large."""
+        return {"readings": {}, "derivatives": {}, "_sweeps": {}, "_before": self.n_factorizations}

@@ -1,0 +1,83 @@
+"""Fields, readings and derivatives of small models: dense matrices, many lines together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.dynamics.dense_fields import DenseFields
+from structid.dynamics.receptance import single_blas
+from structid.forward.frf.channels import Channels
+from structid.forward.frf.lines.protocol import LineDerivatives
+from structid.forward.frf.slopes import StiffnessSlopes
+
+
+@dataclass(frozen=True, eq=False)
+class SmallLines:
+    """The lines of a small model; see `Response`.
+
+    Attributes
+    ----------
+    slopes : StiffnessSlopes
+    channels : Channels
+    frequency : (n_lines,) float array
+    """
+
+    slopes: StiffnessSlopes
+    channels: Channels
+    frequency: FloatArray
+
+    @property
+    def is_large(self) -> bool:
+        return False
+
+    def fields(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, NumberArray]]:
+        """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
+        at = self.at(physical, coefficients, loads)
+        return at.stretches(coefficients, np.arange(at.loads.shape[1]))
+
+    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
+        with single_blas():
+            read = [of for _, of in self.at(physical, coefficients).stretches(coefficients, columns, self._reader)]
+        return np.concatenate(read)
+
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        """See `LineDerivatives`; a stretch of lines after another."""
+        forces = self.slopes.dense.at(self.slopes.parameters.values(physical))
+        with single_blas():
+            for part, fields in self.fields(physical, coefficients):
+                x, y = self.channels.under_loads(fields), self.channels.under_sensors(fields)
+                reach = self._reader @ y[:, :, self.channels.n_outputs :]
+                yield LineDerivatives(part, self._reader @ x, forces.contracted(-coefficients[part], x, y), reach)
+
+    @cached_property
+    def _reader(self) -> FloatArray:
+        return np.asarray(self.channels.reader.toarray())
+
+    def at(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> DenseFields:
+        """The fields under these loads, or all columns; the last ones are kept, with the poles that serve any friction."""
+        loads, laplace = self.channels.columns if loads is None else loads, coefficients[:, 1]
+        key = physical.tobytes(), laplace.tobytes(), id(loads)
+        known = self._known.get(key)
+        if known is None:
+            structure, values = self.slopes.structure, self.slopes.parameters.values(physical)
+            matrices = structure.dense_matrices(self.slopes.laws, values)
+            known = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
+            self._known.clear()
+            self._known[key] = known
+        return known[0]
+
+    @cached_property
+    def _known(self) -> dict[tuple[bytes, bytes, int], tuple[DenseFields, sparse.csc_array]]:
+        """The last fields, by values, Laplace variables and loads, which are kept so that their identity stands."""
+        return {}

@@ -1,0 +1,99 @@
+"""Lines of a structure of which a solver gives FRFs alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.core.errors import InputError
+from structid.external.frfs.model import SolverFrfs
+from structid.fem import Structure
+from structid.forward.frf.lines.protocol import LineDerivatives
+from structid.records import FrfRecord
+from structid.unknowns import Parameters
+
+#: What cannot be had of it, for messages; a sentence begins with what asks for it.
+NO_MATRICES = (
+    'needs masses and stiffnesses, and of this structure a solver gives FRFs alone (`gives = "frfs"`); take `gives = "matrices"`'
+    ' or `"modes"` for it'
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedLines:
+    """FRFs that a solver gave, between and beside the values of its runs; see `Lines`.
+
+    Attributes
+    ----------
+    element : SolverFrfs
+    structure : Structure
+        Of that element alone.
+    parameters : Parameters
+    record : FrfRecord
+        Gives lines, sensors and loads.
+    """
+
+    element: SolverFrfs
+    structure: Structure
+    parameters: Parameters
+    record: FrfRecord
+
+    @property
+    def is_large(self) -> bool:
+        return False
+
+    def fields(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, NumberArray]]:
+        """There are none.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        raise InputError(f"the motion of all nodes {NO_MATRICES}")
+
+    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        """What sensors read under the distinct loads, each with the sense of its degree of freedom."""
+        values, _ = self._seen(physical)
+        senses = np.array([dof.sign for dof in self.record.inputs])
+        first = [list(self._columns).index(column) for column in columns.tolist()]
+        return values[:, :, first] * senses[first]
+
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        """See `LineDerivatives`; all lines at once, no contacts."""
+        values, change = self._seen(physical)
+        yield LineDerivatives(slice(0, len(values)), values, change, np.zeros((*values.shape[:2], 0), np.complex128))
+
+    def _seen(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """Receptances in the senses of the record, and their derivatives with respect to the parameters."""
+        lines, (outputs, senses), (inputs, ways) = self._places
+        values, change = self.element.found.evaluated(self.parameters.values(physical)[self._rows])
+        chosen = np.ix_(lines, outputs, inputs)
+        sign = senses[:, None] * ways
+        inner = np.asarray(self.parameters.design[self._rows, :].toarray())
+        return values[chosen] * sign, (change[chosen] @ inner) * sign[..., None]
+
+    @cached_property
+    def _rows(self) -> IntArray:
+        """Property values that are the parameters of the deck, in its order."""
+        row = {item.term.property: item.values.start for item in self.structure.properties}
+        return np.array([row[name] for name in self.element.found.at], dtype=np.int64)
+
+    @cached_property
+    def _columns(self) -> tuple[int, ...]:
+        """Distinct degree of freedom of each load, by number as `channels` counts them."""
+        known: dict[str, int] = {}
+        return tuple(known.setdefault(str(dof.unsigned), len(known)) for dof in self.record.inputs)
+
+    @cached_property
+    def _places(self) -> tuple[IntArray, tuple[IntArray, FloatArray], tuple[IntArray, FloatArray]]:
+        own = self.element
+        found = own.found.lines(self.record.frequency)
+        return found, own.places(self.record.outputs, "output"), own.places(self.record.inputs, "input")

@@ -1,0 +1,88 @@
+"""What sensors and load cells read of a structure's FRFs: its response with the errors of their channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.forward.channel_errors import ChannelErrors
+from structid.forward.frf.channels import read
+from structid.forward.frf.laws import law_coefficients
+from structid.forward.frf.response import Response
+from structid.records import FrfRecord
+from structid.records.record import DERIVATIVES, FrfKind
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedFrf:
+    """FRFs as a record has them, for physical parameters: those of the structure, then those of the channels.
+
+    Parameters
+    ----------
+    model : Response
+    channels : ChannelErrors or None
+    record : FrfRecord
+        Gives lines and kind.
+    """
+
+    model: Response
+    channels: ChannelErrors | None
+    record: FrfRecord
+
+    def values(self, physical: FloatArray) -> ComplexArray:
+        """The FRFs, (n_frequencies, n_outputs, n_inputs)."""
+        if self.channels is None:
+            return self.model.values_at(physical)
+        own, rest = np.split(physical, [self.model.parameters.n_params])
+        model, laplace = self._moved(self.channels, rest)
+        return model.values_at(own) * self.channels.factor(rest, laplace)
+
+    def derivatives(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """The FRFs and their derivative with respect to the physical parameters, (..., n_params)."""
+        if self.channels is None:
+            return self.model.derivatives_at(physical)
+        own, rest = np.split(physical, [self.model.parameters.n_params])
+        model, laplace = self._moved(self.channels, rest)
+        values, derivative = model.derivatives_at(own)
+        change = self.channels.log_slopes(rest, laplace) * values[..., None]
+        for row in self.channels.rows("window_decay"):
+            steep = _laplace_slope(model, own, values, laplace, self.record.kind)
+            change[..., row] = steep - self.channels.lateness(rest) * values
+        factor = self.channels.factor(rest, laplace)[..., None]
+        return values * factor[..., 0], np.concatenate([derivative, change], axis=-1) * factor
+
+    def _moved(self, channels: ChannelErrors, rest: FloatArray) -> tuple[Response, ComplexArray]:
+        """The response and its Laplace variables, moved by the window's decay where that is a parameter.
+
+        A window exp(-decay t) makes of H at i omega that at s = decay + i omega. The structure has no friction then.
+        """
+        decay = channels.decay(rest)
+        if decay is None:
+            return self.model, self.record.laplace
+        laplace = self.record.laplace + decay
+        coefficients = law_coefficients(self.model.slopes.laws, laplace, {})
+        factor = laplace ** DERIVATIVES[self.record.kind]
+        return replace(self.model, fixed_coefficients=coefficients, kind_factor=factor), laplace
+
+
+def _laplace_slope(
+    model: Response, physical: FloatArray, values: ComplexArray, laplace: ComplexArray, kind: FrfKind
+) -> ComplexArray:
+    """dH/ds of the FRF `values` of `model`, in the unit of H times s, (n_frequencies, n_outputs, n_inputs).
+
+    With H = s^n S' Z^-1 F and Z = s^2 M + s C + K it is n H / s - s^n Y' (2 s M + C) X, where X = Z^-1 F and Y = Z^-1 S.
+    """
+    fields = model.fields_at(physical, model.channels.columns)
+    x, y = model.channels.under_loads(fields), model.channels.under_sensors(fields)
+    weights = model.parameters.values(physical)
+    inertia, viscous = (model.slopes.structure.matrix(law, weights) for law in ("inertia", "viscous"))
+    s = laplace[:, None, None]
+    change = 2 * s * read(sparse.csr_array(inertia), x)
+    change = change + read(sparse.csr_array(viscous), x)
+    slope: ComplexArray = DERIVATIVES[kind] * values / s - model.kind_factor[:, None, None] * (
+        np.swapaxes(y, 1, 2) @ change
+    )
+    return slope

@@ -1,0 +1,514 @@
+"""Frequency response functions as a least-squares problem, in several forms of the residual, with easier forms of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Self
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, stack_real
+from structid.core.errors import InputError
+from structid.fem import Friction, Structure
+from structid.forward.channel_errors import ChannelErrors
+from structid.forward.frf.component_errors import ErrorsOfEntry, changes, errors_of_entries, scores
+from structid.forward.frf.continuation import (
+    START_ERROR,
+    is_noisy,
+    smoothed_records,
+    start_deviation,
+    thinned_lines,
+)
+from structid.forward.frf.forms import Form, WhitenedFrf
+from structid.forward.frf.leakage import LeakedFrf, leaking_lines, require_leaking
+from structid.forward.frf.observed import ObservedFrf
+from structid.forward.frf.products import STORED_BYTES, response_products
+from structid.forward.frf.response import Models, Response, response
+from structid.forward.record_problem import DataRows, RecordFacts, ResponseProblem, complex_rows
+from structid.inversion.averaging import few_averages, score_factor
+from structid.inversion.linearization import Linearization, OperatorLinearization
+from structid.inversion.problem import Way
+from structid.records import FrfRecord
+from structid.unknowns import Parameters
+
+#: Standard deviations of the starts, and errors of the values, of two ways by the pole-free residual.
+_PLANS = ((0.3, (0.5,)), (0.25, (3.0, 1.0, 0.3, 0.1)))
+#: What a start is expected to be off by where lines are added from the lowest on, and the error of each value meanwhile.
+LINES_START_ERROR, LINES_ERROR = 0.3, 0.1
+_MOST_STAGES, _MOST_LINES = 12, 60
+#: How far from a measured magnitude that of a model is taken, in standard deviations.
+_FAR_OFF = 5.0
+#: A part of the data is worth it where it is smaller by this factor.
+_WORTH_THINNING = 10
+
+_NOISE = {
+    "declared": "the stated noise",
+    "coherence": "the noise that coherence tells",
+    "repeats": "the noise that repeats tell",
+}
+
+FrfStages = tuple[tuple[str, "FrfProblem"], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class FrfProblem(ResponseProblem):
+    """Parameters of a structure from measured FRFs.
+
+    Forms of the residual between model h and measurement m, whose noise has standard deviation s:
+
+    - ``output``: (h - m) / s. Maximum likelihood for additive noise.
+    - ``log``: log(h / m) / (s / |m|), real part and phase. Maximum likelihood for errors in proportion to the
+      FRF, as model error is; plain relative weighting of h - m would favour small h, hence large masses. Values m that
+      are noise, below 3 s, are compared as in ``output``.
+    - ``pole_free``: (h - m) / sqrt((|h|^2 + |m|^2) / 2) / (s / |m|). Bounded near resonances, for poor starts.
+    - ``equation``: L^-1 (h - m) with L L' = Y' conj(Y), Y = Z^-1 S: equation-error weighting of the measured
+      outputs, which with full steps is the iteration of Norris (1986), Eqs. (4.17) and (4.26).
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : Parameters
+    record : FrfRecord
+        With variance, unless `model_error` is given.
+    form : Form
+    model_error : float
+        Error of the model itself, as a part of each value's magnitude; added in quadrature to the noise.
+    measured_sliding : bool
+        Whether friction slides with measured amplitudes, for poor starts; see `Friction`.
+    channels : ChannelErrors, optional
+        Errors of the record's channels; their parameters follow those of the structure.
+    start_error : float, optional
+        Expected error of the start in the logarithm (0.5 is a factor of 1.65): the search then comes by continuation
+        first, which carries far. None begins with ways for a start that is near.
+    reduced : float, optional
+        Largest error of values, in parts of the largest of their line, that a large model may find from few
+        factorizations; derivatives to ten times that. It pays for solids and many lines; see `FieldSweep`.
+    models : Models
+        What it has in common with the problems that are made from it, and the factorizer of large models.
+    """
+
+    structure: Structure
+    parameters: Parameters
+    record: FrfRecord
+    form: Form = "output"
+    model_error: float = 0.0
+    measured_sliding: bool = False
+    channels: ChannelErrors | None = None
+    start_error: float | None = None
+    reduced: float | None = None
+    models: Models = field(default_factory=Models, repr=False)
+
+    def __new__(cls, *given: object, **named: object) -> Self:
+        if "factorizer" in named:
+            raise InputError(f"`factorizer` is said in `models`: write models=Models({named['factorizer']!r})")
+        return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
+            raise InputError(
+                "the record has no noise level; declare `noise` (relative or absolute), give coherence and averages,"
+                " or give `model_error`"
+            )
+        _require_weights(self.form, self.record, self._whitened.deviation)
+        if self.channels is not None:
+            _require_sound_channels(self, self.channels)
+        if self.record.segment is not None:
+            _require_leakage(self, self.record.segment)
+
+    def compared(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        return self.record.values, self.predicted(theta)
+
+    @property
+    def frequency(self) -> FloatArray:
+        return self.record.frequency
+
+    @property
+    def is_large(self) -> bool:
+        return self.model.is_large
+
+    @property
+    def is_reduced(self) -> bool:
+        return self.reduced is not None and self.is_large
+
+    @property
+    def smoothed(self) -> tuple[tuple[float, FrfRecord], ...]:
+        """See `smoothed_records`; () where the model is not known beside the axis."""
+        return smoothed_records(self.record) if self.structure.has_modes else ()
+
+    def with_lines(self, keep: IntArray) -> FrfProblem:
+        return replace(self, record=self.record.lines(keep))
+
+    @property
+    def facts(self) -> RecordFacts:
+        gaps, record = np.diff(self.frequency), self.record
+        noise = _NOISE.get(record.noise_source, "the noise that the record has")
+        if record.variance is None:
+            noise = f"the assumed noise ({100 * self.model_error:.2g} % of each value)"
+        return RecordFacts(
+            line_spacing=np.concatenate([gaps[:1], gaps]) if len(gaps) else np.full(1, np.inf),
+            window_bandwidth=record.laplace.real / np.pi,
+            noise=noise,
+            measures_force=not record.is_per_motion,
+            n_channels=int(np.prod(record.values.shape[1:])),
+            record=record,
+        )
+
+    @cached_property
+    def averages(self) -> FloatArray | None:
+        """Those that coherence tells the noise by; as if there were more where `model_error` is part of a value's variance."""
+        record = self.record
+        if (
+            record.noise_source != "coherence"
+            or not record.averages
+            or record.variance is None
+            or self.form == "equation"
+        ):
+            return None
+        if self.model_error == 0:
+            return np.full(self.n_data, float(record.averages))
+        share = 0.5 * record.variance / self._whitened.deviation**2
+        more = np.divide(record.averages - 1, share**2, out=np.full(share.shape, np.inf), where=share > 0)
+        return np.tile(1 + more.ravel(), 2)
+
+    def data_changes(self, theta: FloatArray) -> FloatArray | None:
+        if not self.has_component_errors:
+            return None
+        physical = self.physical(theta)
+        found = changes(self._component_errors(physical), self._whitened.whitening(self._observed.values(physical)))
+        return None if found is None else np.concatenate([np.eye(self.n_data), found])
+
+    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
+        few = few_averages(self.averages)
+        own = None if few is None else jacobian.T @ (score_factor(few)[:, None] * jacobian)
+        if not self.has_component_errors:
+            return own
+        physical = self.physical(theta)
+        whitening = self._whitened.whitening(self._observed.values(physical))
+        return (jacobian.T @ jacobian if own is None else own) + scores(
+            self._component_errors(physical), whitening, jacobian
+        )
+
+    @property
+    def has_component_errors(self) -> bool:
+        """Whether errors of measured components enter the intervals: variances are stated, and data rows are of FRFs."""
+        return self.form != "equation" and any(one.variance is not None for one in self.structure.measured)
+
+    def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
+        """As sensors read them."""
+        own, rest = np.split(physical, [self.parameters.n_params])
+        for entry in errors_of_entries(self.model, own):
+            factor = 1.0 if self.channels is None else self.channels.factor(rest, self.record.laplace)
+            yield replace(entry, change=entry.change * factor)
+
+    @cached_property
+    def rows(self) -> DataRows:
+        """Of each sensor, with its load where there are several."""
+        loads = [f"/{load}" if len(self.record.inputs) > 1 else "" for load in self.record.inputs]
+        return complex_rows(
+            len(self.frequency), [f"{output}{load}" for output in self.record.outputs for load in loads]
+        )
+
+    @cached_property
+    def model(self) -> Response:
+        """The structure's response at the record's lines, sensors and loads."""
+        return self._response(self.record, self.measured_sliding)
+
+    def _response(self, record: FrfRecord, measured_sliding: bool) -> Response:
+        return response(self.structure, self.parameters, record, measured_sliding, self.reduced, self.models)
+
+    @cached_property
+    def _observed(self) -> ObservedFrf | LeakedFrf:
+        return self._observed_on(self.record, self.model)
+
+    def _observed_on(self, record: FrfRecord, model: Response | None = None) -> ObservedFrf | LeakedFrf:
+        if record.segment is None:
+            return ObservedFrf(model or self._response(record, False), self.channels, record)
+        lines, place = leaking_lines(record, record.segment)
+        return LeakedFrf(ObservedFrf(self._response(lines, False), self.channels, lines), place)
+
+    @cached_property
+    def _whitened(self) -> WhitenedFrf:
+        record, square = self.record, np.abs(self.record.values) ** 2
+        sizes = square if record.sizes is None else record.sizes**2
+        variance = 0.5 * self.model_error**2 * sizes
+        if record.variance is not None:
+            variance = variance + 0.5 * record.variance
+        if record.relative is not None:
+            variance = variance + 0.5 * record.relative**2 * (sizes - square)
+        return WhitenedFrf(self.form, record.values, np.sqrt(np.maximum(variance, 0.0)))
+
+    def reweighted(self, theta: FloatArray) -> FrfProblem:
+        if self.form != "output" or (self.model_error == 0 and self.record.relative is None):
+            return self
+        measured = np.abs(self.record.values)
+        noise = np.divide(self._whitened.deviation, measured, out=np.zeros_like(measured), where=measured > 0)
+        most = 1 + _FAR_OFF * np.sqrt(2) * noise
+        sizes = np.clip(np.abs(self.predicted(theta)), measured / most, measured * most)
+        return replace(self, record=replace(self.record, sizes=sizes))
+
+    def predicted(self, theta: FloatArray) -> ComplexArray:
+        """The model's FRF in the record's kind, errors of channels included, (n_frequencies, n_outputs, n_inputs)."""
+        return self._observed.values(self.physical(theta))
+
+    def predicted_on(self, record: FrfRecord, physical: FloatArray) -> ComplexArray:
+        """The same for the lines of `record`, which has the same channels, with physical parameters."""
+        if record is self.record and not self.measured_sliding:
+            return self._observed.values(physical)
+        return self._observed_on(record).values(physical)
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        if self.form == "equation":
+            return self.linearize(theta).residual
+        return self._residual(theta, self.data_rows(self.predicted(theta)))
+
+    def data_rows(self, predicted: ComplexArray) -> FloatArray:
+        """Data rows of the residual where the model's FRF is `predicted`, in the order of `rows`; not of form ``equation``.
+
+        Shapes (..., n_frequencies, n_outputs, n_inputs) and (n_data, ...).
+        """
+        data = self._whitened.residual(predicted)
+        return stack_real(np.moveaxis(data.reshape(*predicted.shape[:-3], -1), -1, 0))
+
+    def linearize(self, theta: FloatArray) -> Linearization:
+        predicted, derivative = self._observed.derivatives(self.physical(theta))
+        if self.form == "equation":
+            data, change = _equation_rows(self, theta, predicted, derivative)
+        else:
+            data, change = self._whitened.residual(predicted), self._whitened.whitening(predicted).rows(derivative)
+        rows = stack_real(change.reshape(-1, len(theta))) * self.slope(theta)
+        return self._linearized(theta, stack_real(data.ravel()), rows)
+
+    @property
+    def matrix_free_obstacle(self) -> str:
+        if self.channels is not None:
+            return "takes no errors of channels"
+        if self.form == "equation":
+            return "takes no residual of form 'equation'"
+        if self.record.segment is not None:
+            return "takes no leakage of segments"
+        if not self.structure.has_matrices:
+            return "takes no FRFs that a solver gives"
+        return "takes no dry friction" if _has_friction(self.structure) else ""
+
+    def linearize_operator(self, theta: FloatArray, stored_bytes: float = STORED_BYTES) -> OperatorLinearization:
+        """The residual and products with its derivative, which is not formed, for very many parameters.
+
+        Parameters
+        ----------
+        theta : (n_params,) float array
+        stored_bytes : float
+            The Jacobian of the data is stored where it takes no more than this, and applied from fields otherwise.
+
+        Raises
+        ------
+        InputError
+            Where there is a `matrix_free_obstacle`.
+        """
+        if self.matrix_free_obstacle:
+            return super().linearize_operator(theta)
+        physical, slope = self.physical(theta), self.slope(theta)
+        at = response_products(self.model, physical, self._whitened.whitening, stored_bytes)
+        residual, prior = self.prior_rows(theta)
+        data = self._whitened.residual(at.values)
+        return OperatorLinearization(
+            residual=np.concatenate([stack_real(data.ravel()), residual]),
+            forward=lambda v: at.forward(slope * v),
+            adjoint=lambda u: slope * at.adjoint(u),
+            data_squares=slope**2 * at.squares,
+            prior=prior,
+            words=at.words,
+            jacobian=None if at.jacobian is None else at.jacobian * slope,
+        )
+
+    def stage_plans(self) -> tuple[FrfStages, ...]:
+        """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
+
+        Both begin with the pole-free residual and every parameter drawn to its start: what the data say weakly stays
+        where it is until the rest has settled. The short way takes errors of half of each value, which follows a
+        start that is far off in a few parameters; the long way lets them fall from three times to a tenth, which is
+        surer where many are off. Friction slides with measured amplitudes. A third way is by continuation from the
+        right half-plane, which carries furthest and comes first where `start_error` is given; see `continuation_plan`.
+        """
+        near = tuple(_pole_free_plan(self, std, errors) for std, errors in _PLANS)
+        if self.start_error is None:
+            far = continuation_plan(self)
+            return (*near, far) if far else near
+        far = continuation_plan(self, self.start_error)
+        return (far, nearer(far), *near) if far else near
+
+    def ways(self) -> Sequence[Way]:
+        """`stage_plans`, and with up to 60 lines first of all `frequency_continuation`.
+
+        With so few, resonances hide between lines, and continuation from the right half-plane has nothing to smooth.
+        FRFs of a solver have none: they hold about the start only, to where `structid.study.run.solver.stages` leads.
+        """
+        if not self.structure.has_matrices:
+            return ()
+        plans = self.stage_plans()
+        return (partial(frequency_continuation, self), *plans) if 1 < len(self.frequency) <= _MOST_LINES else plans
+
+    def thinned(self) -> FrfProblem | None:
+        """The problem on about 2000 of its lines, closer together at low frequencies; None with less than ten times as many.
+
+        Fewer lines say less: what noisy lines determine only together may be lost, so that the search takes all of
+        them where their number allows.
+        """
+        keep = thinned_lines(self.record.omega)
+        return None if _WORTH_THINNING * len(keep) > len(self.frequency) else self.with_lines(keep)
+
+
+def _has_friction(structure: Structure) -> bool:
+    return any(isinstance(element, Friction) for element in structure.elements)
+
+
+def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> None:
+    """Refuse values whose weight would be infinite, and zeros where the form divides by what was measured."""
+    if form != "equation" and not (deviation > 0).all():
+        line, output, load = np.argwhere(deviation <= 0)[0]
+        raise InputError(
+            f"noise of {record.outputs[output]}/{record.inputs[load]} is 0 at {record.frequency[line]:g} Hz;"
+            " declare an absolute noise or a model error, so that every line has a finite weight"
+        )
+    if form in ("log", "pole_free") and (record.values == 0).any():
+        raise InputError(f"form {form!r} needs measured values other than 0; use form 'output'")
+
+
+def _require_sound_channels(problem: FrfProblem, channels: ChannelErrors) -> None:
+    if problem.form == "equation":
+        raise InputError("form 'equation' takes no errors of channels; use form 'output'")
+    if channels.decay(channels.start) is not None:
+        if _has_friction(problem.structure):
+            raise InputError(
+                "a window's decay as a parameter needs a structure without friction; give its known value, or correct the"
+                " record for it"
+            )
+        problem.structure.require_modes("a window's decay", "correct the record for it")
+
+
+def _require_leakage(problem: FrfProblem, segment: float) -> None:
+    require_leaking(problem.record, segment)
+    if problem.form == "equation":
+        raise InputError("form 'equation' takes no leakage of segments; use form 'output'")
+    if _has_friction(problem.structure):
+        raise InputError("leakage of segments needs a structure without friction, which random motion does not know")
+    problem.structure.require_modes("leakage of segments", "leave `leakage` out, where segments are long enough")
+
+
+def _equation_rows(
+    problem: FrfProblem, theta: FloatArray, h: ComplexArray, dh: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Residual and derivative weighted by the inverse of Y' conj(Y), the weight held fixed."""
+    weight = problem.model.sensor_gram(problem.physical(theta))
+    factor = np.linalg.cholesky(weight)
+    receptance_scale = problem.model.kind_factor[:, None, None]
+    data = np.linalg.solve(factor, (h - problem.record.values) / receptance_scale)
+    flat = (dh / receptance_scale[..., None]).reshape(*dh.shape[:2], -1)
+    change = np.linalg.solve(factor, flat).reshape(dh.shape)
+    return data, change
+
+
+def _pole_free_plan(problem: FrfProblem, std: float, errors: tuple[float, ...]) -> FrfStages:
+    """Stages with falling errors of the values, every parameter drawn to its start by so much of its size."""
+    held = problem.with_parts([part.kept_near_start(std) for part in problem.parts])
+    near = replace(held, form="pole_free", measured_sliding=True)
+    first = tuple((f"pole-free, errors of {e:g}", replace(near, model_error=e)) for e in errors)
+    if not any(isinstance(e, Friction) and e.measured_by for e in problem.structure.elements):
+        return first
+    return *first, ("measured sliding", replace(problem, measured_sliding=True))
+
+
+def continuation_plan(problem: FrfProblem, start_error: float = START_ERROR) -> FrfStages:
+    """Stages from smooth data far right of the axis down to the axis; empty where lines are too few, or parts were measured.
+
+    At s = omega (a + i) with a near 1 an FRF has no resonances, and a fit cannot be caught between them; as a goes
+    to 0 it becomes what was measured. Each stage fits the logarithm of the FRF, weighted by the error that
+    smoothing leaves; the last one the FRF itself, with the start still held, by the pole-free residual or, where noise
+    is more than a fifth of most values, by the plain one.
+
+    Parameters
+    ----------
+    problem : FrfProblem
+        Its `theta_start` is the centre of the prior that holds what the smooth data do not say.
+    start_error : float
+        Standard deviation of that prior, in the logarithm; for damping at least 1.
+
+    References
+    ----------
+    Shin and Cha (2009), Geophysical Journal International 177, 1067-1079.
+    """
+    decay = problem.record.decay
+    if problem.form == "equation" or (decay is not None and np.ptp(decay) > 0):
+        return ()
+    smooth = problem.smoothed
+    if not smooth:
+        return ()
+    held = _held_near_start(problem, start_error)
+    stages = [(f"decay {level:g} omega", _smooth_stage(held, record)) for level, record in smooth]
+    near = replace(held, form="output") if is_noisy(problem.record) else replace(held, form="pole_free")
+    return *stages, ("held on the axis", near.thinned() or near)
+
+
+def smooth_stage(problem: FrfProblem, record: FrfRecord, start_error: float = START_ERROR) -> FrfProblem:
+    """The stage of `continuation_plan` whose data are `record`, one of `smoothed_records`."""
+    return _smooth_stage(_held_near_start(problem, start_error), record)
+
+
+def _held_near_start(problem: FrfProblem, start_error: float) -> FrfProblem:
+    held = problem.held(problem.theta_start, start_deviation(problem.unknowns, start_error))
+    return replace(held, measured_sliding=True)
+
+
+def _smooth_stage(held: FrfProblem, record: FrfRecord) -> FrfProblem:
+    return replace(held, form="log", model_error=0.0, record=record)
+
+
+def nearer(plan: FrfStages, ratio: float = 0.5) -> FrfStages:
+    """The same stages with the start expected to be closer: its error smaller by `ratio`."""
+    held = [(name, stage, stage.unknowns.held) for name, stage in plan]
+    return tuple((name, stage if p is None else stage.held(p[0], ratio * p[1])) for name, stage, p in held)
+
+
+def frequency_continuation(
+    problem: FrfProblem,
+    centre: FloatArray | None = None,
+    start_error: float = LINES_START_ERROR,
+    stage_error: float = LINES_ERROR,
+) -> FrfStages:
+    """Stages with more and more lines from the lowest on, then all of them by the pole-free residual alone.
+
+    Below the first resonance an FRF changes smoothly with every parameter; with each line added the model is close
+    enough for the next resonance. What few lines do not say is held by a Gaussian prior at the start, which the last
+    stage goes without. Undamped and noise-free records are followed to their exact answer.
+
+    Parameters
+    ----------
+    problem : FrfProblem
+        In any form but ``equation``, which gives no stages.
+    centre : (n_params,) float array, optional
+        Free variables that the prior draws to; the problem's start by default.
+    start_error : float
+        Standard deviation of the prior, in the logarithm; for damping at least 1.
+    stage_error : float
+        Error of each value while lines are added, as a part of its magnitude.
+
+    Returns
+    -------
+    tuple of (name, FrfProblem)
+        At most thirteen stages, for `estimate`.
+    """
+    if problem.form == "equation" or (problem.record.values == 0).any():
+        return ()
+    order = np.argsort(problem.record.frequency, kind="stable")
+    n_lines = len(order)
+    counts = np.unique(np.ceil(np.linspace(0, n_lines, min(n_lines, _MOST_STAGES) + 1)[1:]).astype(int))
+    centre = problem.theta_start if centre is None else centre
+    held = problem.held(centre, start_deviation(problem.unknowns, start_error))
+    error = max(stage_error, problem.model_error)
+    held = replace(held, form="pole_free", model_error=error, measured_sliding=True)
+    stages = []
+    for count in counts:
+        used = held.record.lines(np.sort(order[:count]))
+        stages.append((f"pole-free, up to {used.frequency.max():g} Hz", replace(held, record=used)))
+    return *stages, ("pole-free", replace(problem, form="pole_free"))

@@ -1,0 +1,196 @@
+"""Products with the Jacobian of FRFs without forming it: J v and J'u from the fields of every line.
+
+With X = Z^-1 F and Y = Z^-1 S at every line, J v = -Y' (sum of v_p dZ/dp) X and J'u = -(sum over lines of q' (dZ/dp) x)
+with q = Y u. Fields are kept, so a product costs a small part of one factorization.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray, stack_real
+from structid.core.errors import InputError
+from structid.forward.contraction import element_products
+from structid.forward.frf.response import Response
+from structid.forward.sensitive import WeightedParts
+
+#: Largest Jacobian of the data, in bytes, that is stored all the same: products with it are then faster.
+STORED_BYTES = 1_000_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """Derivative of a whitened complex residual r with respect to the response h: dr = own dh + other conj(dh).
+
+    Attributes
+    ----------
+    own, other : (n_frequencies, n_outputs, n_inputs) complex arrays
+        `other` is None where it is 0.
+    """
+
+    own: ComplexArray
+    other: ComplexArray | None = None
+
+    def rows(self, change: ComplexArray) -> ComplexArray:
+        """dr for dh (..., n_columns), leading axes as `own`."""
+        rows: ComplexArray = self.own[..., None] * change
+        return rows if self.other is None else rows + self.other[..., None] * np.conj(change)
+
+    def functional(self, u: ComplexArray) -> ComplexArray:
+        """w with Re(conj(u) dr) = Re(w dh)."""
+        weights: ComplexArray = np.conj(u) * self.own
+        return weights if self.other is None else weights + u * np.conj(self.other)
+
+
+@dataclass(frozen=True, eq=False)
+class FieldJacobian:
+    """The derivative of an FRF with respect to physical parameters, applied from fields.
+
+    Attributes
+    ----------
+    model : Response
+    parts : WeightedParts
+    factors : (n_frequencies, n_kinds) complex array
+        Of each kind of part in the dynamic stiffness.
+    x : (n_dofs, n_frequencies n_inputs) complex array
+    y : (n_frequencies, n_outputs, n_dofs) complex array
+    """
+
+    model: Response
+    parts: WeightedParts
+    factors: ComplexArray
+    x: ComplexArray
+    y: ComplexArray
+
+    def forward(self, v: FloatArray) -> ComplexArray:
+        """dH for a change v (n_params,), (n_frequencies, n_outputs, n_inputs)."""
+        n_lines, _, n_dofs = self.y.shape
+        flat = self.x.view(np.float64)
+        forces = np.zeros((n_dofs, n_lines, self.x.shape[1] // n_lines), dtype=np.complex128)
+        for kind, matrix in self._changes(v).items():
+            moved = (matrix @ flat).view(np.complex128).reshape(forces.shape)
+            moved *= self.factors[:, kind, None]
+            forces += moved
+        change = self.y @ np.ascontiguousarray(np.moveaxis(forces, 0, 1))
+        return np.asarray(-self.model.kind_factor[:, None, None] * change)
+
+    def adjoint(self, w: ComplexArray) -> FloatArray:
+        """Re of the sum of w dH/dp over all entries, (n_params,), for w as the FRF."""
+        n_dofs = self.y.shape[2]
+        weighted = w * -self.model.kind_factor[:, None, None]
+        drive = np.ascontiguousarray(np.moveaxis(np.swapaxes(self.y, 1, 2) @ weighted, 1, 0))
+        total = np.zeros(self.model.parameters.n_params)
+        left: dict[int, ComplexArray] = {}
+        for part in self.parts.parts:
+            if part.kind not in left:
+                own = np.conj(drive * self.factors[:, part.kind, None])
+                left[part.kind] = own.reshape(n_dofs, -1)
+            total += part.slope.T @ element_products(part.blocks, left[part.kind], self.x)
+        return total
+
+    def _changes(self, v: FloatArray) -> dict[int, sparse.csr_array]:
+        """The change of the matrix of each kind."""
+        at = self.model.slopes.assembled
+        entries: dict[int, FloatArray] = {}
+        for part, (member, rows) in zip(self.parts.parts, self.parts.members, strict=True):
+            change = np.zeros(at.maps[member].shape[1])
+            change[rows] = part.slope @ v
+            entries[part.kind] = entries.get(part.kind, 0.0) + at.maps[member] @ change
+        shape = (len(at.indptr) - 1,) * 2  # symmetric: columns are rows
+        return {kind: sparse.csr_array((data, at.indices, at.indptr), shape) for kind, data in entries.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseProducts:
+    """An FRF and products with the Jacobian of its whitened residual, physical parameters.
+
+    Attributes
+    ----------
+    values : (n_frequencies, n_outputs, n_inputs) complex array
+    forward, adjoint : callables
+        J v and J'u; rows are all real parts, then all imaginary parts.
+    squares : (n_params,) float array
+        Diagonal of J'J.
+    words : str
+    jacobian : (n_data, n_params) float array or None
+        Where it is stored.
+    """
+
+    values: ComplexArray
+    forward: Callable[[FloatArray], FloatArray]
+    adjoint: Callable[[FloatArray], FloatArray]
+    squares: FloatArray
+    words: str
+    jacobian: FloatArray | None = None
+
+
+def response_products(
+    model: Response,
+    physical: FloatArray,
+    whitening: Callable[[ComplexArray, slice], Whitening],
+    stored_bytes: float = STORED_BYTES,
+) -> ResponseProducts:
+    """The `ResponseProducts` of a model at `physical`: one factorization a line.
+
+    Parameters
+    ----------
+    model : Response
+        Of a structure without sliding friction.
+    physical : (n_params,) float array
+    whitening : callable
+        The `Whitening` for the response (n, n_outputs, n_inputs) at some of the lines.
+    stored_bytes : float
+        The Jacobian is stored where it takes no more than this, and applied from fields otherwise.
+    """
+    if model.contacts:
+        raise InputError(
+            "a matrix-free search needs a structure without sliding friction; give `measured_sliding`,"
+            " or fewer parameters"
+        )
+    shape = (len(model.frequency), model.channels.n_outputs, len(model.channels.inputs[0]))
+    n_params, n_dofs = model.parameters.n_params, model.slopes.structure.n_dofs
+    size = 16 * int(np.prod(shape)) * n_params
+    stored = np.empty((2, *shape, n_params)) if size <= stored_bytes else None
+    forces, factors = model.slopes.forces_at(physical, model.fixed_coefficients)
+    x = np.empty((n_dofs, shape[0], shape[2]), dtype=np.complex128)
+    y = np.empty((shape[0] if stored is None else 0, shape[1], n_dofs), dtype=np.complex128)
+    values, squares = np.empty(shape, dtype=np.complex128), np.zeros(n_params)
+    (loads, load_signs), (sensors, signs) = model.channels.inputs, model.channels.outputs
+    used, place = np.unique(loads, return_inverse=True)
+    for part, found in model.solved_at(physical):
+        for line, fields in zip(range(shape[0])[part], found, strict=True):
+            x[:, line] = fields[:, loads] * load_signs
+            values[line] = model.channels.read(x[None, :, line])[0] * model.kind_factor[line]
+            products = np.stack(forces.contracted(factors[line], fields[:, used], fields))[place][:, :, sensors]
+            scale = -model.kind_factor[line] * np.outer(signs, load_signs)
+            change = whitening(values[line : line + 1], slice(line, line + 1)).rows(
+                (np.moveaxis(products, 2, 0) * scale[..., None])[None]
+            )[0]
+            squares += (change.real**2 + change.imag**2).sum(axis=(0, 1))
+            if stored is None:
+                y[line] = (fields[:, sensors] * signs).T
+            else:
+                stored[0, line], stored[1, line] = change.real, change.imag
+    if stored is not None:
+        matrix = stored.reshape(-1, n_params)
+        words = f"the Jacobian of the data, {size / 1e6:.0f} MB, is stored"
+        return ResponseProducts(values, lambda v: matrix @ v, lambda u: matrix.T @ u, squares, words, matrix)
+    parts, _ = model.slopes.parts_at(physical, model.fixed_coefficients)
+    jacobian = FieldJacobian(model, parts, factors, x.reshape(n_dofs, -1), y)
+    white = whitening(values, slice(None))
+    words = (
+        f"the Jacobian of the data would take {size / 1e6:.0f} MB and is applied from fields, {y.nbytes / 1e6:.0f} MB"
+    )
+
+    def forward(v: FloatArray) -> FloatArray:
+        return stack_real(white.rows(jacobian.forward(v)[..., None]).ravel())
+
+    def adjoint(u: FloatArray) -> FloatArray:
+        real, imaginary = np.split(u, 2)
+        return jacobian.adjoint(white.functional((real + 1j * imaginary).reshape(shape)))
+
+    return ResponseProducts(values, forward, adjoint, squares, words)

@@ -1,0 +1,287 @@
+"""What a structure with given parameters answers at the sensors, and how the answer changes with each parameter."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from weakref import WeakSet, WeakValueDictionary
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray, NumberArray
+from structid.core.errors import InputError
+from structid.dynamics.factorization import VARIABLE
+from structid.dynamics.modal_fields import worthwhile
+from structid.dynamics.receptance import DENSE_UP_TO
+from structid.external.frfs.model import SolverFrfs
+from structid.fem import Base, Structure
+from structid.fem.measured import joined_receptance
+from structid.forward.frf.channels import Channels, channels
+from structid.forward.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
+from structid.forward.frf.laws import law_coefficients
+from structid.forward.frf.lines.coupled import CoupledLines
+from structid.forward.frf.lines.large import LargeLines, Pattern
+from structid.forward.frf.lines.medium import MEDIUM_UP_TO, MediumLines
+from structid.forward.frf.lines.protocol import Lines
+from structid.forward.frf.lines.small import SmallLines
+from structid.forward.frf.lines.solved import SolvedLines
+from structid.forward.frf.slopes import StiffnessSlopes
+from structid.records import FrfRecord
+from structid.records.record import DERIVATIVES
+from structid.unknowns import Parameters
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Frequency response of a parametrized structure at fixed frequencies, sensors and loads.
+
+    Made by `response`; its methods are pure functions of the physical parameters. The last outputs of `channels` are
+    the sliding motions of `contacts`, which are not handed out.
+    """
+
+    slopes: StiffnessSlopes
+    parameters: Parameters
+    fixed_coefficients: ComplexArray
+    frequency: FloatArray
+    kind_factor: ComplexArray
+    channels: Channels
+    contacts: tuple[Contact, ...]
+    lines: Lines
+
+    @property
+    def is_large(self) -> bool:
+        """Whether lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
+        return self.lines.is_large
+
+    def values_at(self, physical: FloatArray) -> ComplexArray:
+        """The FRF, (n_frequencies, n_outputs, n_inputs)."""
+        coefficients, readings = self._sliding.at(physical) if self.contacts else (self.fixed_coefficients, None)
+        if readings is None:
+            used, place = np.unique(self.channels.inputs[0], return_inverse=True)
+            readings = self.lines.readings(physical, coefficients, used)[:, :, place] * self.channels.inputs[1]
+        return readings[:, : self.channels.n_outputs] * self.kind_factor[:, None, None]
+
+    def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """The FRF and its derivative with respect to the physical parameters, (..., n_params).
+
+        By the adjoint method: with y = Z^-1 s for each sensor and x = Z^-1 f for each load, dH/dp is
+        -y' (dZ/dp) x, a sum of element-local products; one factorization a frequency serves all of it. Where a large
+        model has fewer parameters times loads than sensors, Z^-1 (dZ/dp) x is solved for instead.
+        """
+        coefficients, n_outputs = self._coefficients(physical), self.channels.n_outputs
+        shape = len(self.frequency), n_outputs, len(self.channels.inputs[0])
+        values = np.empty(shape, dtype=np.complex128)
+        derivative = np.empty((*shape, self.parameters.n_params), dtype=np.complex128)
+        for part, read, change, reach in self.lines.derivatives(physical, coefficients):
+            if self.contacts:
+                self._sliding.add_change(change, read, reach, physical, part)
+            factor = self.kind_factor[part, None, None]
+            np.multiply(read[:, :n_outputs], factor, out=values[part])
+            np.multiply(change[:, :n_outputs], factor[..., None], out=derivative[part])
+        return values, derivative
+
+    def fields_at(self, physical: FloatArray, loads: sparse.csc_array) -> ComplexArray:
+        """Motion of every degree of freedom under unit loads, (n_frequencies, n_dofs, n_loads)."""
+        fields = np.empty((len(self.frequency), *loads.shape), dtype=np.complex128)
+        for part, found in self.lines.fields(physical, self._coefficients(physical), loads):
+            fields[part] = found
+        return fields
+
+    def solved_at(self, physical: FloatArray) -> Iterator[tuple[slice, NumberArray]]:
+        """Motion (n, n_dofs, n_columns) under unit loads at all columns for stretches of lines, one after another."""
+        return self.lines.fields(physical, self._coefficients(physical))
+
+    def sensitivity_at(self, physical: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
+        """-y' (dZ/dp) x for motions x under any drive and y under unit loads at the sensors.
+
+        Shapes (n_frequencies, n_dofs, n_x), (n_frequencies, n_dofs, n_y) and (n_frequencies, n_y, n_x, n_params).
+        """
+        return self.slopes.contracted(physical, -self._coefficients(physical), x, y)
+
+    def sensor_gram(self, physical: FloatArray) -> ComplexArray:
+        """Y' conj(Y) with Y = Z^-1 S, the receptance from every force to the sensors, (n_frequencies, n_outputs, n_outputs)."""
+        n_outputs = self.channels.n_outputs
+        gram = np.empty((len(self.frequency), n_outputs, n_outputs), dtype=np.complex128)
+        for part, fields in self.solved_at(physical):
+            y = self.channels.under_sensors(fields)[:, :, :n_outputs]
+            gram[part] = np.swapaxes(y, 1, 2) @ np.conj(y)
+        return gram
+
+    def _coefficients(self, physical: FloatArray) -> ComplexArray:
+        """How each law enters the dynamic stiffness, with the sliding amplitudes of `contacts` in balance."""
+        return self._sliding.at(physical)[0] if self.contacts else self.fixed_coefficients
+
+    @cached_property
+    def _sliding(self) -> Sliding:
+        return Sliding(self.contacts, self.channels, self.lines, self.parameters, self.fixed_coefficients)
+
+
+class Models:
+    """What responses in use have in common: patterns with their analyses, lines of large models with their last fields.
+
+    Problems that are made from one another hold the same one; nothing found goes to another process.
+
+    Parameters
+    ----------
+    factorizer : {"pardiso", "mumps", "superlu"}, optional
+        Of models with more than 64 degrees of freedom; by default what the environment variable STRUCTID_FACTORIZER
+        names, or the fastest that is installed.
+    """
+
+    def __init__(self, factorizer: str | None = None) -> None:
+        self.factorizer = factorizer
+        self._slopes: WeakSet[StiffnessSlopes] = WeakSet()
+        self._patterns: WeakValueDictionary[tuple[object, ...], Pattern] = WeakValueDictionary()
+        self._lines: WeakValueDictionary[tuple[object, ...], LargeLines] = WeakValueDictionary()
+
+    def __reduce__(self) -> tuple[type[Models], tuple[str | None]]:
+        return Models, (self.factorizer,)
+
+    def slopes(self, structure: Structure, parameters: Parameters) -> StiffnessSlopes:
+        """Of a parametrized structure."""
+        found = next((known for known in self._slopes if known.serves(structure, parameters)), None)
+        if found is None:
+            found = StiffnessSlopes(structure, parameters)
+            self._slopes.add(found)
+        return found
+
+    def large_lines(
+        self, slopes: StiffnessSlopes, sides: Channels, record: FrfRecord, reduced: float | None = None
+    ) -> LargeLines:
+        """Of the channels of `record`; contacts, which may slide as that record measured, make them its own."""
+        own = record if sides.n_contacts else None
+        key: tuple[object, ...] = (
+            slopes,
+            record.outputs,
+            record.inputs,
+            own,
+            self.factorizer or os.environ.get(VARIABLE),
+        )
+        pattern = self._patterns.get(key) or self._patterns.setdefault(key, Pattern(slopes, sides, self.factorizer))
+        key = (pattern, record.frequency.tobytes(), reduced)
+        return self._lines.get(key) or self._lines.setdefault(key, LargeLines(pattern, record.frequency, reduced))
+
+
+def response(
+    structure: Structure,
+    unknown: Parameters,
+    record: FrfRecord,
+    measured_sliding: bool = False,
+    reduced: float | None = None,
+    models: Models | None = None,
+) -> Response:
+    """The `Response` of `structure` at the frequencies, sensors and loads of `record`, in its kind.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+        Parameters of that structure.
+    record : FrfRecord
+        Its values serve only for measured sliding amplitudes.
+    measured_sliding : bool
+        Whether friction elements that name sensors slide with the amplitude that those measured.
+    reduced : float, optional
+        Largest relative error of values that a large model may find from few factorizations; see `reduced_sweep`.
+    models : Models, optional
+        Where what others have in common with it is found; says the factorizer of large models.
+
+    Raises
+    ------
+    InputError
+        If a sensor or load is not part of the structure, there is friction and the record has several loads or is of
+        supports that drive the structure, or a measured component is not known at the lines of the record.
+    """
+    models = models or Models()
+    bases = driving_bases(structure, record)
+    structure = structure.let_go(bases) if bases else structure
+    slopes = models.slopes(structure, unknown)
+    laws = slopes.laws
+    measured = sliding_amplitudes(structure, record) if measured_sliding else {}
+    contacts, slides = sliding_contacts(structure, laws, record, set(measured))
+    sides = channels(structure.selection(record.inputs), structure.selection(record.outputs), slides)
+    reduced = None if bases or structure.measured else reduced
+    small = SmallLines(slopes, sides, record.frequency)
+    lines: Lines = small
+    alone = next((one for one in structure.elements if isinstance(one, SolverFrfs)), None)
+    if alone is not None:
+        lines = SolvedLines(alone, structure, unknown, record)
+    elif structure.n_dofs > DENSE_UP_TO:
+        lines = large = models.large_lines(slopes, sides, record, reduced)
+        medium = reduced is None and structure.n_dofs <= MEDIUM_UP_TO
+        if medium and worthwhile(len(record.frequency), structure.n_dofs, False):
+            lines = MediumLines(small, large)
+    if bases or structure.measured:
+        lines = _coupled(lines, structure, bases, record, sides, slopes)
+    return Response(
+        slopes=slopes,
+        parameters=unknown,
+        fixed_coefficients=law_coefficients(laws, record.laplace, measured),
+        frequency=record.frequency,
+        kind_factor=record.laplace ** DERIVATIVES[record.kind],
+        channels=sides,
+        contacts=contacts,
+        lines=lines,
+    )
+
+
+def driving_bases(structure: Structure, record: FrfRecord) -> tuple[Base, ...]:
+    """The bases whose motion the inputs of `record` are; () where they are forces.
+
+    Raises
+    ------
+    InputError
+        If the kind of the record does not fit its inputs.
+    """
+    bases = structure.driven(record.inputs)
+    if bases and not record.is_per_motion:
+        raise InputError(
+            f"input {record.inputs[0]} is a support of base {bases[0].name!r}, so its values are motion per motion of the"
+            f" support, but the record holds {record.kind}; read it with kind = 'transmissibility'"
+        )
+    if record.is_per_motion and not bases:
+        raise InputError(
+            f"transmissibility is per motion of a support, but input {record.inputs[0]} is none; make it a support of a"
+            " [[structure.base]], or read the record as receptance, mobility or accelerance"
+        )
+    return bases
+
+
+def _coupled(
+    lines: Lines,
+    structure: Structure,
+    bases: tuple[Base, ...],
+    record: FrfRecord,
+    sides: Channels,
+    slopes: StiffnessSlopes,
+) -> CoupledLines:
+    """The lines of a structure let go with `bases` that drive it, and with its measured components."""
+    driven = _driven(structure, bases, record, sides)
+    own = structure.selection([dof for one in structure.measured for dof in one.interface])
+    receptance = np.zeros((len(record.frequency), *[driven.shape[1] + own.shape[1]] * 2), dtype=np.complex128)
+    if structure.measured:
+        if record.decay is not None and record.decay.any():
+            raise InputError(
+                f"{structure.measured[0].words} was measured without a window that decays, so that `window_decay` of the record"
+                " does not fit it; correct the record for its window"
+            )
+        receptance[:, driven.shape[1] :, driven.shape[1] :] = joined_receptance(structure.measured, record.frequency)
+    joined = sparse.csc_array(sparse.hstack([driven, own]))
+    return CoupledLines(lines, slopes, sides, joined, receptance, driven.shape[1])
+
+
+def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> sparse.csc_array:
+    """Columns of what `bases` drive of a structure let go, (n_dofs, n_bases), which no sensor may read."""
+    if bases and sides.n_contacts:
+        raise InputError("dry friction takes no motion of supports; take the friction out, or measure the force")
+    columns = structure.selection([base.supports[0].unsigned for base in bases])
+    seen = np.abs(structure.selection(record.outputs)[columns.indices, :]).sum(axis=0)
+    if seen.any():
+        sensor = record.outputs[int(np.argmax(seen))]
+        raise InputError(
+            f"sensor {sensor} moves with the support that drives the structure; leave it out of `channels_used`"
+        )
+    return columns

@@ -1,0 +1,119 @@
+"""How the dynamic stiffness of a structure changes with its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
+from structid.dynamics.receptance import DENSE_UP_TO
+from structid.fem import Structure
+from structid.fem.matrices.assembly import Assembly, assembly, structure_laws
+from structid.forward.contraction import DenseSlopes, ParameterForces, dense_slopes, parameter_forces
+from structid.forward.sensitive import (
+    SensitiveElements,
+    WeightedParts,
+    sensitive_elements,
+    steering_values,
+    weighted_elements,
+)
+from structid.unknowns import Parameters
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessSlopes:
+    """The matrices of a parametrized structure, and how they change.
+
+    Attributes
+    ----------
+    structure : Structure
+    parameters : Parameters
+        Of which only the values matter that they give the structure.
+    """
+
+    structure: Structure
+    parameters: Parameters
+
+    @cached_property
+    def laws(self) -> tuple[str, ...]:
+        """See `Assembly`."""
+        return structure_laws(self.structure)
+
+    @cached_property
+    def assembled(self) -> Assembly:
+        """The matrices on one sparsity pattern, for large models."""
+        return assembly(self.structure)
+
+    def serves(self, structure: Structure, parameters: Parameters) -> bool:
+        """Whether these are the slopes of that structure and parameters, whose priors and starts do not matter."""
+        own = self.parameters
+        same = own.design is parameters.design and own.offset is parameters.offset
+        return same and self.structure is structure
+
+    def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
+        """The element matrices that the parameters weigh, and the factor of each kind at every line.
+
+        Parameters
+        ----------
+        physical : (n_params,) float array
+        coefficients : (n_lines, n_laws) complex array
+            How each law enters the dynamic stiffness.
+        """
+        structure, parameters = self.structure, self.parameters
+        key = parameters.values(physical)[self._steering].tobytes()
+        found = self._known_parts.get(key)
+        if found is None:
+            found = weighted_elements(structure, parameters, self._sensitive, physical)
+            self._known_parts.clear()
+            self._known_parts[key] = found
+        factors = np.zeros((len(coefficients), len(found.uses)), dtype=np.complex128)
+        for kind, uses in enumerate(found.uses):
+            for law, scale in uses:
+                factors[:, kind] += coefficients[:, self.laws.index(law)] * scale
+        return found, factors
+
+    def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
+        """The forces (dZ/dp) x of all parameters, and the factors of their maps at every line: (n_lines, n_maps)."""
+        found, factors = self.parts_at(physical, coefficients)
+        known = self._known_forces.get("last")
+        if known is None or (known[0] is not found and not known[0].same_slopes(found)):
+            forces = parameter_forces(found.parts, self.parameters.n_params, self.structure.n_dofs)
+            known = self._known_forces["last"] = found, forces
+        return known[1], factors
+
+    def contracted(
+        self, physical: FloatArray, coefficients: ComplexArray, x: NumberArray, y: NumberArray
+    ) -> ComplexArray:
+        """y' (dZ/dp) x for fields x (n_lines, n_dofs, n_x) and y (n_lines, n_dofs, n_y), (n_lines, n_y, n_x, n_params)."""
+        if self.structure.n_dofs <= DENSE_UP_TO:
+            return self.dense.at(self.parameters.values(physical)).contracted(coefficients, x, y)
+        forces, factors = self.forces_at(physical, coefficients)
+        found = np.empty((len(x), y.shape[2], x.shape[2], self.parameters.n_params), dtype=np.complex128)
+        for line, factor in enumerate(factors):
+            found[line] = np.transpose(forces.contracted(factor, x[line], y[line]), (2, 0, 1))
+        return found
+
+    @cached_property
+    def dense(self) -> DenseSlopes:
+        """The same as dense matrices, for small models."""
+        return dense_slopes(self.structure, self.laws, self.parameters.design)
+
+    @cached_property
+    def _sensitive(self) -> tuple[SensitiveElements, ...]:
+        return sensitive_elements(self.structure, self.parameters)
+
+    @cached_property
+    def _steering(self) -> IntArray:
+        return steering_values(self.structure, self.parameters, self._sensitive)
+
+    @cached_property
+    def _known_parts(self) -> dict[bytes, WeightedParts]:
+        """The last `WeightedParts`, by the values that they depend on."""
+        return {}
+
+    @cached_property
+    def _known_forces(self) -> dict[str, tuple[WeightedParts, ParameterForces]]:
+        """The last `ParameterForces`, and the weights that they were made for."""
+        return {}

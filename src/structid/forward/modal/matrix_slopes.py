@@ -1,0 +1,127 @@
+"""Derivatives of the matrices of a parametrized structure, seen only through products y' (dA/dp) x."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import FloatArray
+from structid.dynamics.receptance import DENSE_UP_TO
+from structid.fem import Structure
+from structid.fem.matrices.assembly import structure_laws
+from structid.forward.contraction import DenseSlopes, dense_slopes
+from structid.forward.latest import Latest
+from structid.forward.sensitive import SensitiveElements, sensitive_elements, weight_slope
+from structid.unknowns import Parameters
+
+#: Derivative of the weights of some elements, (n_elements, n_params).
+Slope: TypeAlias = sparse.csr_array | FloatArray
+#: Number of a group of elements, and of a contribution.
+_Member: TypeAlias = tuple[int, int]
+#: Places of values in a weight, and entries, up to which slopes are full arrays.
+_FEW, _SMALL = 6, 50_000
+
+
+@dataclass(frozen=True, eq=False)
+class MatrixSlopes:
+    """Products y' (dA/dp) x with the derivatives of mass, damping and stiffness: of small models by full matrices dA/dp, which
+    all modes share.
+    """
+
+    structure: Structure
+    parameters: Parameters
+
+    def products(
+        self, physical: FloatArray, laws: Iterable[str], y: FloatArray, x: FloatArray
+    ) -> dict[str, FloatArray]:
+        """y' (dA/dp) x for the matrix A of each law.
+
+        Parameters
+        ----------
+        physical : (n_params,) float array
+        laws : iterable of {"inertia", "viscous", "elastic", "structural"}
+        y : (n, n_dofs, n_y) float array
+        x : (n, n_dofs, n_x) float array
+
+        Returns
+        -------
+        dict of str to (n, n_y, n_x, n_params) float array
+        """
+        if self.structure.n_dofs <= DENSE_UP_TO:
+            changes, adjoint = self._latest_changes.at(physical, self._changes_at), np.swapaxes(y, 1, 2)[:, None]
+            return {law: np.moveaxis(adjoint @ (changes[law] @ x[:, None]), 1, -1) for law in laws}
+        shape = (x.shape[0], y.shape[2], x.shape[2], self.parameters.n_params)
+        found: dict[str, FloatArray] = {law: np.zeros(shape) for law in laws}
+        weights = self._weight_slopes(physical)
+        for number, group in enumerate(self.elements):
+            forms = np.moveaxis(group.blocks.bilinear(y, x), 1, -1)
+            for member in group.members:
+                law = self.structure.contributions[member].law
+                if law in found:
+                    slope = weights[number, member]
+                    found[law] += (slope.T @ forms.reshape(-1, len(group.rows)).T).T.reshape(shape)
+        return found
+
+    def _changes_at(self, physical: FloatArray) -> dict[str, FloatArray]:
+        """dA/dp of the matrix A of each law, (n_params, n_dofs, n_dofs)."""
+        at, n_dofs = self._dense.at(self.parameters.values(physical)), self.structure.n_dofs
+        shape = (self.parameters.n_params, n_dofs, n_dofs)
+        found: dict[str, FloatArray] = {law: np.zeros(shape) for law in self._laws}
+        for law, chosen, matrix in at.maps:
+            found[self._laws[law]][at.parameters[chosen], at.dofs[chosen]] = matrix
+        return found
+
+    @cached_property
+    def _laws(self) -> tuple[str, ...]:
+        return structure_laws(self.structure)
+
+    @cached_property
+    def _dense(self) -> DenseSlopes:
+        return dense_slopes(self.structure, self._laws, self.parameters.design)
+
+    @cached_property
+    def _latest_changes(self) -> Latest[dict[str, FloatArray]]:
+        return Latest()
+
+    @cached_property
+    def elements(self) -> tuple[SensitiveElements, ...]:
+        """What the parameters weigh, of larger models."""
+        return sensitive_elements(self.structure, self.parameters)
+
+    def _weight_slopes(self, physical: FloatArray) -> dict[_Member, Slope]:
+        """How the weights of each group's members change, by group and member: found once at each point, for all modes."""
+        return self._latest.at(physical, self._weight_slopes_at)
+
+    def _weight_slopes_at(self, physical: FloatArray) -> dict[_Member, Slope]:
+        values = self.parameters.values(physical)
+        return {member: self._weight_slope(*member, values) for member in self._designs}
+
+    def _weight_slope(self, number: int, member: int, values: FloatArray) -> Slope:
+        part, rows = self.structure.contributions[member], self.elements[number].rows
+        designs = self._designs[number, member]
+        if not designs:
+            return weight_slope(part, self.parameters, values)[rows]
+        pieces = [part.slope(values, place)[rows, None] * own for place, own in designs.items()]
+        slope: FloatArray = np.sum(pieces, axis=0)
+        return slope
+
+    @cached_property
+    def _designs(self) -> dict[_Member, dict[int, FloatArray]]:
+        """Of small groups, how the values at each place of a member's weights change with the parameters; empty of others."""
+        design, found = self.parameters.design.tocsr(), {}
+        for number, group in enumerate(self.elements):
+            for member in group.members:
+                places = self.structure.contributions[member].places
+                is_small = len(places) <= _FEW and len(group.rows) * design.shape[1] <= _SMALL
+                own = [design[place][group.rows].toarray() for place in places] if is_small else []
+                found[number, member] = {k: piece for k, piece in enumerate(own) if piece.any()}
+        return found
+
+    @cached_property
+    def _latest(self) -> Latest[dict[_Member, Slope]]:
+        return Latest()

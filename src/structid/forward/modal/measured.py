@@ -1,0 +1,236 @@
+"""Measured modes with the errors they are fitted to: which count, which are too close to tell apart, how they vary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.display import counted
+from structid.core.errors import InputError
+from structid.forward.modal.output import GroupData, by_mode
+from structid.forward.modal.settings import ModalSettings
+from structid.modal import ModalRecord
+from structid.modal.modal_record import largest_entries, unscaled_shape_std
+from structid.modal.subspace.close_modes import NOT_TOLD_APART, neighbour_std
+from structid.similarity.shapes import most_real, real_turn
+
+#: Least singular value of shapes of norm 1 that are not the same.
+_DEPENDENT = 1e-9
+
+
+class FewSensorsError(InputError):
+    """There are more modes that are not told apart than sensors that tell their shapes."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredModes:
+    """A record of modes with errors stated beside its own; see `ModalSettings`."""
+
+    record: ModalRecord
+    settings: ModalSettings
+
+    def __post_init__(self) -> None:
+        _require_sound(self)
+
+    @property
+    def has_shapes(self) -> bool:
+        """Whether any entry of a shape is known; without, modes are paired by frequency alone."""
+        return bool(self.record.known[:, self.measured].any())
+
+    @cached_property
+    def measured(self) -> IntArray:
+        """Numbers of the modes that count."""
+        return np.flatnonzero(self.record.frequency > 0)
+
+    @cached_property
+    def frequency(self) -> FloatArray:
+        """Hz, of the modes that count."""
+        return self.record.frequency[self.measured]
+
+    @cached_property
+    def shapes(self) -> FloatArray:
+        """Measured shapes turned to be as real as can be, largest entry of size 1, (n_channels, n_modes); NaN: unknown."""
+        real = most_real(self.record.mode_shapes)
+        return real / largest_entries(real, empty=1.0)
+
+    @cached_property
+    def shape_std(self) -> FloatArray:
+        """Of every entry of `shapes`, whose scale is free; see `unscaled_shape_std`.
+
+        In the form ``mac`` the same for all entries of a mode, so that their part of the misfit is (1 - MAC) / error^2.
+        """
+        if self.settings.shape_form == "mac":
+            size = np.sqrt(np.nansum(self.shapes**2, axis=0))
+            return np.broadcast_to(self.settings.shape_error * size, self.shapes.shape)
+        own = self.record.shape_std
+        freed: FloatArray = np.zeros(self.shapes.shape)
+        if own is not None:
+            freed = unscaled_shape_std(self.shapes, own / largest_entries(self.record.mode_shapes, empty=1.0))
+        if self.record.changes is not None:
+            count = np.maximum(self.record.known.sum(axis=0), 1)
+            freed = np.broadcast_to(
+                np.sqrt(np.sum(np.where(self.record.known, freed, 0.0) ** 2, axis=0) / count), freed.shape
+            )
+        std = np.hypot(np.nan_to_num(freed) if self.settings.shape_error else freed, self.settings.shape_error)
+        fits = self.record.known.sum(axis=0) == 1  # one entry always does
+        return np.where(fits & ~(std > 0), 1.0, std)
+
+    @cached_property
+    def frequency_std(self) -> FloatArray:
+        """Hz, of the modes that count."""
+        return np.sqrt(np.diag(self.covariance)[: len(self.measured)])
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Of the frequencies (Hz), then of the damping ratios, of the modes that count."""
+        count, rows = self.record.n_modes, self.measured
+        rows = np.concatenate([rows, rows + count])
+        own = np.zeros((2 * count,) * 2) if self.record.covariance is None else self.record.covariance
+        if self.record.changes is not None:
+            own = np.diag(np.diag(own))
+        return np.nan_to_num(own[np.ix_(rows, rows)]) + np.diag(np.concatenate(_stated(self)) ** 2)
+
+    @cached_property
+    def groups(self) -> tuple[GroupData, ...]:
+        """Measured modes, those that are close together, by their lowest.
+
+        A mode without a known shape entry stands alone, and those about it are close or not as if it were not there.
+        """
+        frequency, has_shape = self.frequency, self.record.known[:, self.measured].any(axis=0)
+        shown = np.flatnonzero(has_shape)
+        variance = self.covariance[np.ix_(shown, shown)]
+        reach = np.maximum(self.settings.closeness * frequency[shown[1:]], NOT_TOLD_APART * neighbour_std(variance))
+        breaks = np.flatnonzero(np.diff(frequency[shown]) > reach) + 1
+        parts = [*np.split(shown, breaks), *np.flatnonzero(~has_shape)[:, None]]
+        made = []
+        for places in sorted((part for part in parts if part.size), key=lambda part: int(part[0])):
+            members = self.measured[places]
+            channels = np.flatnonzero(self.record.known[:, members].all(axis=1))
+            std = np.sqrt((self.shape_std[np.ix_(channels, members)] ** 2).mean(axis=1))
+            shapes = self.shapes[np.ix_(channels, members)] / std[:, None]
+            value = (2 * np.pi * frequency[places]) ** 2
+            enough = len(members) <= len(shapes)
+            error = (np.linalg.pinv(shapes) ** 2).sum(axis=1) if enough else np.ones(len(members))
+            gap = np.subtract.outer(value, value) / np.sqrt(np.outer(value, value))
+            spread = 2 * self.frequency_std[places] / frequency[places]
+            mixing = np.sqrt(gap**2 * error[:, None] + np.add.outer(spread**2, spread**2) / 2)
+            made.append(GroupData(members, channels, value, shapes, std, mixing))
+        return tuple(made)
+
+    @cached_property
+    def is_alone(self) -> NDArray[np.bool_]:
+        """Whether each mode that counts is a group of its own, (n_measured,)."""
+        return by_mode(self.groups, [np.full(len(group.members), len(group.members) == 1) for group in self.groups])
+
+    def whitened(self, frequency: FloatArray, damping: FloatArray) -> FloatArray:
+        """Rows for frequencies and damping ratios, (n_measured, n) each, in their standard deviations.
+
+        Those of damping ratios, which follow where these count, are empty for modes in groups.
+        """
+        count = len(self.measured)
+        if not self.settings.use_damping:
+            return np.asarray(np.linalg.solve(np.linalg.cholesky(self.covariance[:count, :count]), frequency))
+        keep = np.concatenate([np.ones(count, bool), self.is_alone])
+        rows = np.zeros((2 * count, frequency.shape[1]))
+        factor = np.linalg.cholesky(self.covariance[np.ix_(keep, keep)])
+        rows[keep] = np.linalg.solve(factor, np.concatenate([frequency, damping])[keep])
+        return rows
+
+    @cached_property
+    def changes(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Changes whose products sum to the covariance: of frequencies, of damping ratios and of `shapes`.
+
+        (n_changes, n_measured) twice and (n_changes, n_channels, n_modes); None where the record does not say how its
+        numbers vary together. Those of unknown entries mean nothing.
+        """
+        own = self.record.changes
+        if own is None or self.settings.shape_form == "mac":
+            return None
+        given = np.asarray(self.record.mode_shapes)
+        turn = real_turn(given)
+        shapes = (own.mode_shapes * turn).real / largest_entries((given * turn).real, empty=1.0)
+        frequency, ratio = own.frequency[:, self.measured], own.damping_ratio[:, self.measured]
+        n_all, n = shapes.shape[1:], len(self.measured)
+        if self.settings.frequency_error or self.settings.damping_error or self.settings.shape_error:
+            more = np.eye(n_all[0] * n_all[1]) * self.settings.shape_error
+            still, none = np.zeros((len(more), n)), np.zeros((n, n))
+            shapes = np.concatenate([shapes, more.reshape(-1, *n_all), np.zeros((2 * n, *n_all))])
+            frequency = np.concatenate([frequency, still, np.diag(_stated(self)[0]), none])
+            ratio = np.concatenate([ratio, still, none, np.diag(_stated(self)[1])])
+        return frequency, ratio, shapes
+
+
+def _stated(modes: MeasuredModes) -> tuple[FloatArray, FloatArray]:
+    """Errors of frequencies (Hz) and of damping ratios that are stated beside the record's own."""
+    damping = np.nan_to_num(modes.record.damping_ratio[modes.measured])
+    return modes.settings.frequency_error * modes.frequency, modes.settings.damping_error * damping
+
+
+def _require_sound(modes: MeasuredModes) -> None:
+    """Refuse modes that cannot be fitted."""
+    if not modes.measured.size:
+        raise InputError("the record has no mode above 0 Hz; there is nothing to fit")
+    if modes.settings.shape_form == "mac" and not (modes.has_shapes and modes.settings.shape_error > 0):
+        raise InputError(
+            "MACs are of shapes, and weighed by `shape_error`, the standard deviation of sqrt(1 - MAC); give both, as in 0.05"
+        )
+    _require_errors(modes, "its frequencies", modes.frequency_std, "frequency", " in Hz", "such as 0.005")
+    if modes.has_shapes:
+        least = np.where(modes.record.known, modes.shape_std, np.inf)[:, modes.measured].min(axis=0)
+        _require_errors(modes, "its shapes", least, "shape", "", "such as 0.02")
+    if modes.settings.use_damping:
+        if not (np.nan_to_num(modes.record.damping_ratio[modes.measured]) > 0).any():
+            raise InputError("damping ratios need a value and a standard deviation each; the record has none")
+        std = np.sqrt(np.diag(modes.covariance)[len(modes.measured) :])
+        _require_errors(modes, "its damping ratios", std, "damping", "", "such as 0.1, and values")
+    for group in modes.groups:
+        _require_told_apart(modes, group)
+    for group in modes.groups:
+        _require_independent(modes, group)
+
+
+def _require_errors(modes: MeasuredModes, what: str, std: FloatArray, key: str, unit: str, usual: str) -> None:
+    """Refuse modes whose standard deviation is zero or not known, by their numbers."""
+    lost = modes.measured[~(std > 0)]
+    if lost.size == modes.measured.size:
+        raise InputError(
+            f"the record has no uncertainty of {what}; give the scatter of the test by `{key}_std`{unit} in [record.modes], or"
+            f" `{key}_error`, {usual}"
+        )
+    if lost.size:
+        listed = ", ".join(str(mode + 1) for mode in lost.tolist())
+        raise InputError(
+            f"the record has no uncertainty of {what}, or one of zero, at mode {listed}: a value without error would"
+            f" outweigh all others; correct it, or give `{key}_error`, {usual}, which is added to all"
+        )
+
+
+def _require_told_apart(modes: MeasuredModes, group: GroupData) -> None:
+    """Refuse more close modes than sensors that tell their shapes."""
+    if len(group.members) <= max(len(group.channels), 1):
+        return
+    numbers, n_own = ", ".join(str(mode + 1) for mode in group.members.tolist()), len(group.channels)
+    where = "" if n_own == len(modes.record.channels) else " at which the shapes of all are known"
+    raise FewSensorsError(
+        f"modes {numbers} are not told apart (within {modes.settings.closeness:g} of each other, or their errors) and there are"
+        f" {counted(n_own, 'sensor')}{where}; lower `closeness` or the errors, measure more places, or leave modes out"
+    )
+
+
+def _require_independent(modes: MeasuredModes, group: GroupData) -> None:
+    """Refuse modes that are not told apart by frequency where their shapes span less than they are."""
+    size = np.linalg.norm(group.shapes, axis=0)
+    if len(group.members) < 2 or not group.shapes.size:
+        return
+    if np.linalg.svd(group.shapes / size, compute_uv=False)[-1] <= _DEPENDENT:
+        record = modes.record
+        listed = ", ".join(f"{mode + 1} ({record.frequency[mode]:.6g} Hz)" for mode in group.members.tolist())
+        raise InputError(
+            f"modes {listed}{f' of {record.source}' if record.source else ''} are not told apart by frequency, and"
+            " their shapes are the same or sums of each other, as where a mode is listed twice; leave one out of the file or"
+            " with `use`, or give the shapes at more sensors"
+        )

@@ -1,0 +1,277 @@
+"""How modes of a parametrized structure differ from measured ones, with derivatives that stay finite at close modes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.dynamics import Modes
+from structid.forward.modal.matrix_slopes import MatrixSlopes
+
+Entry = TypeVar("Entry", bound=np.generic)
+
+_DENSE_UP_TO = 600
+
+
+@dataclass(frozen=True, eq=False)
+class GroupData:
+    """Measured modes that are close to each other, or one that stands alone.
+
+    Attributes
+    ----------
+    members : (m,) int array
+        Their numbers in the record.
+    channels : (n_own,) int array
+        Places of the channels that count: those known in all of the group; none of a mode without a known shape entry.
+    eigenvalues : (m,) float array
+        Measured omega^2, (rad/s)^2.
+    shapes : (n_own, m) float array
+        In standard deviations of each channel.
+    shape_std : (n_own,) float array
+        Those standard deviations.
+    mixing_std : (m, m) float array
+        Standard deviation of the off-diagonal entries of A^-1 Lambda A in parts of sqrt(lambda_r lambda_s): an error
+        of a shape turns it towards the others, which shows as that part of their distance in eigenvalue; and never
+        less than the eigenvalues' own errors, since what blurs those turns close shapes as well.
+    """
+
+    members: IntArray
+    channels: IntArray
+    eigenvalues: FloatArray
+    shapes: FloatArray
+    shape_std: FloatArray
+    mixing_std: FloatArray
+
+
+def by_mode(groups: Sequence[GroupData], parts: Sequence[NDArray[Entry]]) -> NDArray[Entry]:
+    """Values of the members of each group, in the order of the modes, (n_measured, ...)."""
+    return np.concatenate(parts)[np.argsort(np.concatenate([group.members for group in groups]))]
+
+
+@dataclass(frozen=True, eq=False)
+class GroupFit:
+    """One group of modes as the model has it; derivatives have the parameters last.
+
+    Attributes
+    ----------
+    frequency : (m,) float array
+        Hz; with the slope (m, n_params).
+    damping : (m,) float array
+        Damping ratio, NaN in a group of several; with its slope.
+    shape_residual : (n_own, m) float array
+        Measured shapes less their nearest in the span of the model's; with its slope.
+    mixing : (m, m) float array
+        Off-diagonal entries of A^-1 Lambda A over their standard deviation, zero on the diagonal; with its slope.
+    """
+
+    frequency: FloatArray
+    frequency_slope: FloatArray
+    damping: FloatArray
+    damping_slope: FloatArray
+    shape_residual: FloatArray
+    shape_slope: FloatArray
+    mixing: FloatArray
+    mixing_slope: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ModelState:
+    """Matrices, modes and sensors of the model at one point, and what differentiates them.
+
+    Attributes
+    ----------
+    mass, damping, stiffness, structural : (n_dofs, n_dofs) sparse arrays
+    modes : Modes
+    sensors : (n_dofs, n_channels) float array
+        Of the record; of a group those of its channels, in standard deviations of each.
+    slopes : MatrixSlopes
+    physical : (n_params,) float array
+        Of the structure.
+    readings : (n_channels, n_errors) float array
+        Derivative of the logarithm of what each sensor reads with respect to errors of channels, which follow the parameters.
+    """
+
+    mass: sparse.csc_array
+    damping: sparse.csc_array
+    stiffness: sparse.csc_array
+    structural: sparse.csc_array
+    modes: Modes
+    sensors: FloatArray
+    slopes: MatrixSlopes
+    physical: FloatArray
+    readings: FloatArray
+
+
+class _Slopes(NamedTuple):
+    """Derivatives, the parameters last, and what they come from.
+
+    `seen` is of what sensors and loss see of the shapes, (n_y, m, n_params), `eigenvalues` of those within the group,
+    (m, m, n_params), `viscous` and `structural` of the losses of a single mode, (n_params,).
+    """
+
+    seen: FloatArray
+    eigenvalues: FloatArray
+    viscous: FloatArray
+    structural: FloatArray
+
+
+def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes: bool = True) -> GroupFit:
+    """The group as the model's modes `chosen` show it, `state` having the group's sensors; slopes of no parameter if not wanted.
+
+    With Phi the model's mass-normalized shapes of the group and B = S' Phi, the shapes' residual is Psi - B A with A
+    from least squares, and the frequencies are those on the diagonal of A^-1 Lambda A. None of it changes when the
+    model's shapes are turned among themselves, so derivatives need no difference of eigenvalues inside the group:
+    d Lambda = Phi' (dK - (lambda_k + lambda_l) / 2 dM) Phi and, outside the group,
+    S' d phi_k = -Y_k' (dK - lambda_k dM) phi_k with Y_k = (K - lambda_k M)^+ S.
+
+    References
+    ----------
+    Nelson (1976), AIAA J. 14, 1201-1205 (bordered system); Golub and Pereyra (1973), SIAM J. Numer. Anal. 10,
+    413-432, Eq. (4.12) (derivative of a projection).
+    """
+    phi = state.modes.mode_shapes[:, chosen]
+    omega = 2 * np.pi * state.modes.frequency[chosen]
+    eigenvalues = omega**2
+    m = len(chosen)
+    loss = _loss_force(state, phi, omega) if m == 1 else np.zeros((len(phi), 0))
+    weights = np.vstack([state.sensors.T, loss.T]) @ phi  # (n_y, m)
+    if not with_slopes:
+        none = _Slopes(np.zeros((*weights.shape, 0)), np.zeros((m, m, 0)), np.zeros(0), np.zeros(0))
+        return _fitted(state, group, phi, omega, weights, none)
+    adjoint = _adjoint(state, phi, eigenvalues, np.hstack([state.sensors, loss]))
+    x = phi.T[:, :, None]
+    y = np.concatenate([adjoint, np.broadcast_to(phi, (m, *phi.shape))], axis=2)
+    forms = state.slopes.products(state.physical, ("inertia", "elastic", "viscous", "structural"), y, x)
+    n_y = adjoint.shape[2]
+    d_mass, d_stiffness = forms["inertia"][:, :, 0], forms["elastic"][:, :, 0]  # (m, n_y + m, n_params), mode first
+    outside = -(d_stiffness[:, :n_y] - eigenvalues[:, None, None] * d_mass[:, :n_y])
+    inside = d_mass[:, n_y:]  # phi_l' dM phi_k at [k, l]
+    change = np.moveaxis(outside, 0, 1) - 0.5 * np.einsum("yl,klp->ykp", weights, inside)
+    mean = 0.5 * (eigenvalues[:, None] + eigenvalues[None, :])
+    d_lambda = d_stiffness[:, n_y:] - mean[:, :, None] * inside
+    n_channels, n_params = state.readings.shape[0], change.shape[2]
+    seen, values = _widened(state, change), _widened(state, d_lambda)
+    seen[:n_channels, :, n_params:] = weights[:n_channels, :, None] * state.readings[:, None]
+    viscous, structural = (_widened(state, forms[law][0, -1, 0]) for law in ("viscous", "structural"))
+    return _fitted(state, group, phi, omega, weights, _Slopes(seen, values, viscous, structural))
+
+
+def _fitted(
+    state: ModelState, group: GroupData, phi: FloatArray, omega: FloatArray, weights: FloatArray, slopes: _Slopes
+) -> GroupFit:
+    """From the model's shapes and circular frequencies of the group, and what sensors and loss see of the shapes, `weights`."""
+    n_channels, m = state.readings.shape[0], len(omega)
+    shape, d_shape, a, d_a = _projected(weights[:n_channels], slopes.seen[:n_channels], group.shapes)
+    frequency, d_frequency, mixing, d_mixing = _turned(omega**2, slopes.eigenvalues, a, d_a, group)
+    ratio, d_ratio = np.full(m, np.nan), np.full((m, slopes.eigenvalues.shape[2]), np.nan)
+    if m == 1:
+        ratio, d_ratio = _damping(state, phi[:, 0], float(omega[0]), slopes)
+    return GroupFit(frequency, d_frequency, ratio, d_ratio, shape, d_shape, mixing, d_mixing)
+
+
+def _widened(state: ModelState, slope: NDArray[np.floating]) -> FloatArray:
+    """With zeros for the errors of channels."""
+    none = np.zeros((*slope.shape[:-1], state.readings.shape[1]))
+    wider: FloatArray = np.concatenate([slope, none], axis=-1)
+    return wider
+
+
+def group_changes(
+    state: ModelState, group: GroupData, chosen: IntArray, shapes: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What changes of the measured shapes do to `GroupFit`, the model as it is.
+
+    Parameters
+    ----------
+    shapes : (n_own, m, n_changes) float array
+        In standard deviations of each channel.
+
+    Returns
+    -------
+    (m, n_changes), (n_own, m, n_changes) and (m, m, n_changes) float arrays
+        Of the frequency (Hz), the shapes' residual and the mixing.
+    """
+    eigenvalues = (2 * np.pi * state.modes.frequency[chosen]) ** 2
+    b = state.sensors.T @ state.modes.mode_shapes[:, chosen]
+    pseudo = np.linalg.pinv(b)
+    d_a = np.einsum("kc,crp->krp", pseudo, shapes)
+    still = np.zeros((len(chosen), *d_a.shape[1:]))
+    _, frequency, _, mixing = _turned(eigenvalues, still, pseudo @ group.shapes, d_a, group)
+    return frequency, shapes - np.einsum("ck,krp->crp", b, d_a), mixing
+
+
+def _loss_force(state: ModelState, phi: FloatArray, omega: FloatArray) -> FloatArray:
+    """(C / omega + D / omega^2) phi of a single mode, (n_dofs, 1)."""
+    return (state.damping @ phi) / omega + (state.structural @ phi) / omega**2
+
+
+def _damping(state: ModelState, phi: FloatArray, omega: float, slopes: _Slopes) -> tuple[FloatArray, FloatArray]:
+    """Damping ratio (phi' C phi / omega + phi' D phi / omega^2) / 2 of a single mode and its slope."""
+    c, d = float(phi @ (state.damping @ phi)), float(phi @ (state.structural @ phi))
+    d_omega = slopes.eigenvalues[0, 0] / (2 * omega)
+    slope = slopes.viscous / omega + slopes.structural / omega**2 + 2 * slopes.seen[-1, 0]
+    slope = slope - (c / omega**2 + 2 * d / omega**3) * d_omega
+    return np.array([0.5 * (c / omega + d / omega**2)]), 0.5 * slope[None]
+
+
+def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right: FloatArray) -> FloatArray:
+    """(K - lambda_k M)^+ `right` for each mode k of the group, (m, n_dofs, n_right), by the bordered system."""
+    n, m = phi.shape
+    border = state.mass @ phi
+    if n <= _DENSE_UP_TO:
+        system = np.zeros((m, n + m, n + m))
+        system[:, :n, :n] = state.stiffness.toarray() - eigenvalues[:, None, None] * state.mass.toarray()
+        system[:, :n, n:], system[:, n:, :n] = border, border.T
+        padded = np.vstack([right, np.zeros((m, right.shape[1]))])
+        return np.linalg.solve(system, np.broadcast_to(padded, (m, *padded.shape)))[:, :n]
+    found = []
+    padded = np.vstack([right, np.zeros((m, right.shape[1]))])
+    for value in eigenvalues:
+        upper = sparse.hstack([state.stiffness - value * state.mass, sparse.csc_array(border)])
+        lower = sparse.hstack([sparse.csc_array(border.T), sparse.csc_array((m, m))])
+        found.append(splu(sparse.csc_matrix(sparse.vstack([upper, lower]))).solve(padded)[:n])
+    return np.array(found)
+
+
+def _projected(
+    b: FloatArray, d_b: FloatArray, measured: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Psi - B A and A of the least squares B A = Psi, each with its slope."""
+    pseudo = np.linalg.pinv(b)
+    a = pseudo @ measured
+    residual = measured - b @ a
+    moved = np.einsum("ckp,kr->crp", d_b, a)
+    turned = np.einsum("ckp,cr->krp", d_b, residual)
+    gram = pseudo @ pseudo.T
+    d_a = -np.einsum("kc,crp->krp", pseudo, moved) + np.einsum("kl,lrp->krp", gram, turned)
+    d_residual = -moved - np.einsum("ck,krp->crp", b, d_a)
+    return residual, d_residual, a, d_a
+
+
+def _turned(
+    eigenvalues: FloatArray, d_lambda: FloatArray, a: FloatArray, d_a: FloatArray, group: GroupData
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Frequencies on the diagonal of T = A^-1 Lambda A and the scaled rest of it, each with its slope.
+
+    A single mode is not turned, whatever its shape says, if it says anything.
+    """
+    if len(eigenvalues) == 1:
+        a, d_a = np.ones_like(a), np.zeros_like(d_a)
+    inverse = np.linalg.inv(a)
+    turned = inverse @ (eigenvalues[:, None] * a)
+    inner = np.einsum("klp,lr->krp", d_lambda, a) + eigenvalues[:, None, None] * d_a
+    d_turned = np.einsum("sk,krp->srp", inverse, inner - np.einsum("klp,lr->krp", d_a, turned))
+    diagonal = np.arange(len(eigenvalues))
+    omega = np.sqrt(np.maximum(turned[diagonal, diagonal], np.finfo(float).tiny))
+    d_omega = d_turned[diagonal, diagonal] / (2 * omega[:, None])
+    size = group.mixing_std * np.sqrt(np.outer(group.eigenvalues, group.eigenvalues))
+    off = 1.0 - np.eye(len(eigenvalues))
+    scale = off / np.where(off > 0, size, 1.0)
+    return omega / (2 * np.pi), d_omega / (2 * np.pi), turned * scale, d_turned * scale[:, :, None]

@@ -1,0 +1,257 @@
+"""Modes as a least-squares problem: frequencies, damping ratios and shapes with the covariance they came with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward.channel_errors import ChannelErrors
+from structid.forward.latest import Latest
+from structid.forward.modal.dynamic import dynamic_rows
+from structid.forward.modal.measured import FewSensorsError, MeasuredModes
+from structid.forward.modal.model import DENSE_UP_TO, ModalModel
+from structid.forward.modal.paired import output_changes, output_rows
+from structid.forward.modal.settings import ModalForm, ModalSettings
+from structid.forward.record_problem import DataRows, MeasuredProblem, RecordFacts
+from structid.inversion.linearization import Linearization
+from structid.inversion.problem import Stages
+from structid.modal import ModalRecord
+from structid.unknowns import Parameters
+
+_START_ERROR = 0.5
+#: Errors of frequencies and shapes where modes are paired by their order: shapes hardly count.
+_ORDER_ERRORS = 0.02, 1.0
+_SINGULAR = 1e14
+
+
+@dataclass(frozen=True, eq=False)
+class ModalProblem(MeasuredProblem):
+    """Parameters of a structure from measured modes.
+
+    Forms of the residual:
+
+    - ``output``: frequencies, damping ratios and shapes of paired modes over their standard deviations. Shapes have
+      no scale: what counts is the distance of each measured shape from the span of the model's. Modes closer than
+      `closeness` form a group, whose span is compared and whose shapes may turn, so that derivatives stay finite
+      where modes meet or cross.
+    - ``dynamic``: the smallest force that makes the measured shape a motion of the model at the measured frequency,
+      with the unmeasured degrees of freedom eliminated. It needs no pairing and is smooth everywhere: for poor starts.
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : Parameters
+    record : ModalRecord
+        Modes at 0 Hz are left out. Shape entries that are unknown have no part in residual, scale and pairing; of close modes
+        the channels count that are known in all of them. A mode without a known entry counts by its frequency (and damping
+        ratio) alone, and is paired by it.
+    settings : ModalSettings
+        What counts of the modes, and how.
+    channels : ChannelErrors, optional
+        Gains of sensors, by which shapes are read wrongly; for the form ``output``. One sensor at least keeps
+        its gain, as shapes have no scale.
+    in_order : bool
+        Whether the k-th measured mode is the k-th of the model that the sensors see, whatever its shape.
+
+    Raises
+    ------
+    InputError
+        If the record has no mode above 0 Hz, no shapes, or no uncertainty and none is given; if sensors are not
+        part of the structure; or if channels have an error that shapes do not show.
+
+    Notes
+    -----
+    Output-only modes carry no kilograms: masses and stiffnesses are determined up to one common factor unless one of
+    them is known.
+
+    References
+    ----------
+    Friswell and Mottershead (1995), Finite Element Model Updating in Structural Dynamics, chapters 5 and 8. Norris
+    (1986), chapter 4, for the elimination of what is not measured.
+    """
+
+    structure: Structure
+    parameters: Parameters
+    record: ModalRecord
+    settings: ModalSettings = field(default_factory=ModalSettings)
+    channels: ChannelErrors | None = None
+    in_order: bool = False
+
+    matrix_free_obstacle = "takes records of responses, got one of modes"
+
+    def __new__(cls, *given: object, **named: object) -> Self:
+        moved = [one.name for one in fields(ModalSettings) if one.name in named]
+        if moved or any(isinstance(one, str) for one in given):
+            example = f"{moved[0]}={named[moved[0]]!r}" if moved else 'form="dynamic"'
+            raise InputError(f"how modes are fitted is said in `settings`: write settings=ModalSettings({example})")
+        return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        self.structure.require_modes("modes")
+        _ = self.data, self.model.sensors
+        if self.settings.form == "dynamic" and not self.data.has_shapes:
+            raise InputError("form 'dynamic' needs a known shape entry, of one mode at least; use form 'output'")
+        if self.channels is not None:
+            _require_sound_channels(self.settings.form, self.channels)
+
+    @cached_property
+    def data(self) -> MeasuredModes:
+        return MeasuredModes(self.record, self.settings)
+
+    @cached_property
+    def model(self) -> ModalModel:
+        """The structure's modes as the record's sensors see them."""
+        return ModalModel(self.structure, self.parameters, self.record.channels, self.channels, self.record.n_modes)
+
+    @property
+    def frequency(self) -> FloatArray:
+        return self.record.frequency
+
+    @property
+    def facts(self) -> RecordFacts:
+        return replace(
+            super().facts,
+            noise="the deviations of the modes",
+            measures_force=False,
+            leaves_damping_out=not self.settings.use_damping
+            and bool((np.nan_to_num(self.record.damping_ratio) > 0).any()),
+            record=self.record,
+        )
+
+    @cached_property
+    def rows(self) -> DataRows:
+        """Of each mode, which is their line and quantity: its known channels; frequencies, damping ratios and mixing have own ones.
+
+        Channels without a row have no name: those that are unknown in all modes, or in one of every group.
+        """
+        n = len(self.record.channels)
+        if self.settings.form == "dynamic":
+            mode, place = np.nonzero(self.record.known.T[self.data.measured])
+            forces = tuple(f"force for the shape at {self.record.channels[c]}" for c in np.unique(place))
+            return DataRows(self.data.measured[mode], 2 * place, forces, self.data.measured[mode])
+        lines, series = [], []
+        for group in self.data.groups:
+            m = len(group.members)
+            lines += [np.tile(group.members, len(group.channels)), np.repeat(group.members, m)]
+            series += [np.repeat(2 * group.channels, m), np.full(m * m, 2 * n)]
+        used = np.unique(np.concatenate([group.channels for group in self.data.groups]))
+        shapes = [f"shape at {self.record.channels[c]}" for c in used]
+        scalars = ("frequency", "damping ratio") if self.settings.use_damping else ("frequency",)
+        lines.append(np.tile(self.data.measured, len(scalars)))
+        series.append(np.repeat(2 * n + 2 * np.arange(1, len(scalars) + 1), len(self.data.measured)))
+        modes, names = np.concatenate(lines), (*shapes, "mixing of close modes", *scalars)
+        return DataRows(modes, np.concatenate(series), names, modes)
+
+    def stage_plans(self) -> Sequence[Stages]:
+        """Ways to the answer: straight, by modes in their order, and by the dynamic residual, which needs no pairing.
+
+        Where the straight way misses the noise, the others are tried too. Shapes pair a mode with its neighbour where the two have
+        yet to cross: frequencies in their order, shapes hardly counting, lead past that, if no mode was missed. Under noise on the
+        shapes the dynamic residual alone is smallest where all stiffnesses vanish, so that it may end farther off than it began.
+        Its matrices are dense: a large model does without it, and so does one whose sensors may read wrongly.
+        """
+        near = replace(self, parameters=self.parameters.kept_near_start(_START_ERROR))
+        frequency, shape = _ORDER_ERRORS
+        ways: list[Stages] = [()]
+        with suppress(FewSensorsError):  # errors so wide leave more modes together than the sensors tell
+            errors = replace(self.settings, form="output", frequency_error=frequency, shape_error=shape)
+            ordered = replace(near, settings=errors, in_order=True)
+            ways.append((("modes in their order", ordered),))
+        if self.data.has_shapes and self.structure.n_dofs <= DENSE_UP_TO and self.channels is None:
+            ways.append((("modal dynamic residual", of_form(near, "dynamic")),))
+        return ways
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        known = self.linearize(theta) if self.settings.form == "dynamic" else self._latest.known(theta)
+        if known is not None:
+            return known.residual
+        data, _, eliminated = output_rows(self.data, self.model, self.physical(theta), self.in_order, with_slopes=False)
+        none = np.zeros((len(data), len(theta)))
+        return self._linearized(theta, data, none, eliminated).residual
+
+    @cached_property
+    def _latest(self) -> Latest[Linearization]:
+        return Latest()
+
+    def linearize(self, theta: FloatArray) -> Linearization:
+        def found(theta: FloatArray) -> Linearization:
+            physical = self.physical(theta)
+            if self.settings.form == "dynamic":
+                data, change, eliminated = *dynamic_rows(self.data, self.model, physical), 0
+            else:
+                data, change, eliminated = output_rows(self.data, self.model, physical, self.in_order)
+            return self._linearized(theta, data, change * self.slope(theta), eliminated)
+
+        return self._latest.at(theta, found)
+
+    def data_changes(self, theta: FloatArray) -> FloatArray | None:
+        if self.settings.form == "dynamic":
+            return None
+        return output_changes(self.data, self.model, self.physical(theta), self.in_order)
+
+
+def row_kinds(problem: ModalProblem) -> NDArray[np.str_]:
+    """What kind of value each data row is of, (n_data,): frequencies, damping ratios, shapes."""
+    kinds = np.array([_kind_of(name) for name in problem.rows.names])
+    return kinds[np.unique(problem.series, return_inverse=True)[1]]
+
+
+def _kind_of(row: str) -> str:
+    """What kind of value the data rows of this name are."""
+    first = row.partition(" ")[0]
+    return {"shape": "shapes", "mixing": row, "frequency": "frequencies", "force": "forces"}.get(
+        first, "damping ratios"
+    )
+
+
+def of_form(problem: ModalProblem, form: ModalForm) -> ModalProblem:
+    """The same with a residual of another form."""
+    return replace(problem, settings=replace(problem.settings, form=form))
+
+
+def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
+    """The rows of shape values in the residual of form ``output``, in standard deviations."""
+    of = problem if problem.settings.form == "output" else of_form(problem, "output")
+    return of.residual(theta)[: of.n_data][of.series < 2 * len(problem.record.channels)]
+
+
+def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
+    """Of each kind of value: how many, how many parameters they determine, and their part of the misfit.
+
+    Parameters determined are the trace of (J'J)^-1 J_k'J_k, J_k being the rows of the kind: kinds and priors together
+    give the number of parameters. Empty where the data do not determine all.
+    """
+    at = problem.linearize(theta)
+    information = at.jacobian.T @ at.jacobian
+    scale = np.sqrt(np.diag(information))
+    if not (scale > 0).all() or np.linalg.cond(information / np.outer(scale, scale)) > _SINGULAR:
+        return {}
+    covariance = np.linalg.inv(information)
+    kinds = row_kinds(problem)
+    whole = float(at.residual[: problem.n_data] @ at.residual[: problem.n_data])
+    found = {}
+    filled = (at.residual[: problem.n_data] != 0) | (at.jacobian[: problem.n_data] != 0).any(axis=1)
+    for kind in dict.fromkeys(kinds[filled].tolist()):
+        rows = np.flatnonzero((kinds == kind) & filled)
+        own, part = at.jacobian[rows], at.residual[rows]
+        trace = float(np.einsum("ij,jk,ik->", own, covariance, own))
+        found[kind] = (len(rows), trace, float(part @ part) / whole if whole else 0.0)
+    return found
+
+
+def _require_sound_channels(form: ModalForm, channels: ChannelErrors) -> None:
+    if form == "dynamic":
+        raise InputError("form 'dynamic' takes no errors of channels; use form 'output'")
+    if set(channels.kinds) != {"gain"} or channels.polarity_names:
+        raise InputError(
+            "of errors of channels, modes show gains of sensors only; leave others out, and turn a sensor round by `relabel`"
+        )

@@ -1,0 +1,228 @@
+"""The equations of motion at sampled instants as rows of a linear regression in the parameters.
+
+M(p) a + C(p) v + K(p) w = f is linear in the parameters where M, C and K are. With the property values
+``offset + design p`` the row of degree of freedom d and the column of parameter q are row d of dM/dq times a, of
+dC/dq times v and of dK/dq times w (Norris 1986, Eqs. 3.6 to 3.11). Those few nonzero rows, one under another, make one
+sparse operator, so that the regressors of a whole chunk of samples are one sparse product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray, locked, require_shape
+from structid.core.errors import InputError
+from structid.fem import Contribution, Structure
+from structid.forward.motion.motion import MOTION_QUANTITIES, Motion
+from structid.forward.sensitive import require_laws_in_time, require_linear_weights
+from structid.unknowns import Parameters
+
+_LAWS = ("inertia", "viscous", "elastic")  # in the order of MOTION_QUANTITIES
+_STATE_ENTRIES = 40_000_000
+_MOST_IN_ONE_BLOCK = 200
+
+
+@dataclass(frozen=True, eq=False)
+class TimeEquations:
+    """What turns motion into rows of a regression.
+
+    Attributes
+    ----------
+    unknown : Parameters
+    n_dofs : int
+    columns : (n_blocks, n_columns) int array
+        Parameter of each column of each block, -1 for none; one block a degree of freedom, or one for all of them.
+    operator : (n_dofs (n_columns + 1), 4 n_dofs) sparse array
+        Maps [acceleration velocity displacement force] of one instant to regressors and right-hand side.
+    """
+
+    unknown: Parameters
+    n_dofs: int
+    columns: IntArray
+    operator: sparse.csr_array
+
+    @property
+    def side(self) -> int:
+        """Columns of a block with the right-hand side."""
+        return self.columns.shape[1] + 1
+
+    def fields(self, motion: Motion) -> FloatArray:
+        """[acceleration velocity displacement force], (4 n_dofs, n_times).
+
+        Raises
+        ------
+        InputError
+            If the motion is of another size, or lacks a quantity that the equations hold.
+        """
+        if motion.force.shape[1] != self.n_dofs:
+            raise InputError(f"motion must have {self.n_dofs} degrees of freedom, got {motion.force.shape[1]}")
+        self.require({name for name in MOTION_QUANTITIES if getattr(motion, name) is not None})
+        given = (getattr(motion, name) for name in MOTION_QUANTITIES)
+        parts = [np.zeros(motion.force.shape) if part is None else part for part in given]
+        return np.concatenate([part.T for part in (*parts, motion.force)])
+
+    def require(self, present: Collection[str]) -> None:
+        """Raise `InputError` unless the quantities that the equations hold are all `present`."""
+        needed = np.bincount(self.operator.indices // self.n_dofs, minlength=4) > 0
+        for name, law, need in zip(MOTION_QUANTITIES, _LAWS, needed, strict=False):
+            if need and name not in present:
+                raise InputError(
+                    f"{name} is missing, and the structure has {_LAW_WORDS[law]}; measure it, or make it by a stated"
+                    " rule: 'trapezoid' from acceleration, 'difference' from displacement (see `completed`)"
+                )
+
+    def rows(self, fields: FloatArray) -> FloatArray:
+        """Regressors and right-hand sides of `fields` (4 n_dofs, n_times), (n_blocks, n_rows, n_columns + 1)."""
+        return self.shaped(self.operator @ fields)
+
+    def shaped(self, products: FloatArray) -> FloatArray:
+        """What the operator gives, (n_dofs (n_columns + 1), n_times), as the rows of each block."""
+        products = products.reshape(self.n_dofs, self.side, -1)
+        return np.swapaxes(products, 1, 2).reshape(len(self.columns), -1, self.side)
+
+    def sizes(self, energy: FloatArray) -> FloatArray:
+        """What the norm of each column would be if nothing cancelled in it, (n_params,).
+
+        Parameters
+        ----------
+        energy : (4 n_dofs,) float array
+            Sum over samples of the square of each field.
+        """
+        gross = (abs(self.operator) @ np.sqrt(energy)) ** 2
+        total = np.zeros(self.unknown.n_params + 1)
+        np.add.at(total, self._places, gross)
+        return np.sqrt(total[:-1])
+
+    def noise_gram(self, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What independent errors in the fields add to B'B and to B'c on average.
+
+        Parameters
+        ----------
+        variance : (4 n_dofs,) float array
+            Sum over samples of the error variance of each field.
+
+        Returns
+        -------
+        (n_params, n_params) and (n_params,) float arrays
+        """
+        n_params = self.unknown.n_params
+        spread = self.operator @ sparse.diags_array(np.sqrt(variance))
+        dof, row = np.arange(spread.shape[0]) // self.side, np.arange(spread.shape[0])
+        slot = self._places  # by parameter and by (degree of freedom, field), so that the product sums over both
+        index = np.repeat(row, np.diff(spread.indptr))
+        column = dof[index] * spread.shape[1] + spread.indices
+        right = np.arange(self.side - 1, spread.shape[0], self.side)
+        slot = slot.copy()
+        slot[right] = n_params
+        keep = slot[index] >= 0
+        table = (spread.data[keep], (slot[index][keep], column[keep]))
+        wide = sparse.csr_array(sparse.coo_array(table, (n_params + 1, self.n_dofs * spread.shape[1])))
+        gram = (wide @ wide.T).toarray()
+        return gram[:n_params, :n_params], gram[:n_params, n_params]
+
+    @property
+    def _places(self) -> IntArray:
+        """Parameter of each row of the operator; -1, the last place of one more, for right-hand sides and no parameter."""
+        columns = np.broadcast_to(self.columns, (self.n_dofs, self.side - 1))
+        return np.concatenate([columns, np.full((self.n_dofs, 1), -1)], axis=1).ravel()
+
+
+_LAW_WORDS = {"inertia": "mass", "viscous": "viscous damping", "elastic": "stiffness"}
+
+
+def time_equations(structure: Structure, unknown: Parameters, row_weights: ArrayLike | None = None) -> TimeEquations:
+    """The `TimeEquations` of a structure whose M, C and K are linear in the parameters.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+        Masses, viscous dampings and stiffnesses; groups, ties and factors as declared. Known properties go to the
+        right-hand side.
+    row_weights : (n_dofs,) array, optional
+        Factor on the equation of each degree of freedom, such as one over the standard deviation of its error. With
+        metres and radians in one model, weights decide how forces and moments count against each other.
+
+    Raises
+    ------
+    InputError
+        If the structure has loss factors or friction, or the parameters have priors.
+    """
+    _require_linear(structure, unknown)
+    n, n_params = structure.n_dofs, unknown.n_params
+    weights = np.ones(n) if row_weights is None else np.asarray(row_weights, dtype=np.float64)
+    require_shape("row_weights", weights, (n,), "one factor a free degree of freedom")
+    if not np.isfinite(weights).all() or (weights < 0).any() or not weights.any():
+        raise InputError("`row_weights` must be finite, none negative and not all 0")
+    row, field, parameter, value = _entries(structure, unknown)
+    columns, slot = _layout(row, parameter, n, n_params)
+    side = columns.shape[1] + 1
+    at = np.concatenate([row * side + slot, np.arange(n) * side + side - 1])
+    entries = np.concatenate([value * weights[row], weights])
+    table = (entries, (at, np.concatenate([field, 3 * n + np.arange(n)])))
+    operator = sparse.csr_array(sparse.coo_array(table, (n * side, 4 * n)))
+    operator.eliminate_zeros()
+    return TimeEquations(unknown, n, locked(columns), operator)
+
+
+def _require_linear(structure: Structure, unknown: Parameters) -> None:
+    require_linear_weights(structure, unknown)
+    require_laws_in_time(structure, unknown)
+    if unknown.has_priors:
+        raise InputError(
+            "priors need a known noise level, which identification from motion takes from its residual;"
+            " use `without_priors()`, or fix the parameters"
+        )
+
+
+def _entries(structure: Structure, unknown: Parameters) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Row, field column, parameter (n_params for the right-hand side) and value of all derivative and known entries."""
+    design = unknown.design.tocsr()
+    found = [
+        _expanded(part, design[part.value], unknown.offset[part.value], structure.n_dofs, _LAWS.index(part.law))
+        for part in structure.contributions
+        if part.law in _LAWS
+    ]
+    row, field, parameter, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    return row, field, parameter, value
+
+
+def _expanded(
+    part: Contribution, design: sparse.csr_array, offset: FloatArray, n_dofs: int, law: int
+) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
+    """Entries of one contribution: each element's once for every parameter in its weight, and once where known."""
+    row, column, element, value = part.blocks.entries()
+    field = law * n_dofs + column
+    del column
+    count = np.diff(design.indptr)[element]
+    again = np.repeat(np.arange(len(element)), count)
+    place = np.arange(len(again)) - np.repeat(np.cumsum(count) - count - design.indptr[element], count)
+    del count
+    known = np.flatnonzero(offset[element])
+    parameter = np.concatenate([design.indices[place], np.full(len(known), design.shape[1])]).astype(np.int64)
+    weighted = np.concatenate([value[again] * design.data[place], -value[known] * offset[element[known]]])
+    del place, element, value
+    again = np.concatenate([again, known])
+    return row[again], field[again], parameter, weighted
+
+
+def _layout(row: IntArray, parameter: IntArray, n_dofs: int, n_params: int) -> tuple[IntArray, IntArray]:
+    """Columns of each block, and the column within its block of every entry.
+
+    A block a degree of freedom, unless their triangles together would be large and few parameters share them.
+    """
+    pairs = np.unique((row * (n_params + 1) + parameter)[parameter < n_params])
+    dof, column = pairs // (n_params + 1), pairs % (n_params + 1)
+    first = np.searchsorted(dof, np.arange(n_dofs))
+    width = int(np.bincount(dof, minlength=n_dofs).max(initial=0))
+    if n_dofs * (width + 1) ** 2 > _STATE_ENTRIES and n_params <= _MOST_IN_ONE_BLOCK:
+        return np.arange(n_params)[None, :], parameter
+    columns = np.full((n_dofs, width), -1, dtype=np.int64)
+    columns[dof, np.arange(len(dof)) - first[dof]] = column
+    slot = np.searchsorted(pairs, row * (n_params + 1) + parameter) - first[row]
+    return columns, np.where(parameter < n_params, slot, width)

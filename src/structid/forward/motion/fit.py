@@ -1,0 +1,260 @@
+"""Identification from measured motion: one linear least-squares fit, whole, by chunks, or sample by sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward.motion.equations import TimeEquations, time_equations
+from structid.forward.motion.motion import MOTION_QUANTITIES, Motion, Rule, recorded_motion
+from structid.forward.motion.words import motion_estimate
+from structid.inversion import Estimate
+from structid.inversion.regression.local_reduction import Kernels, RowMaker
+from structid.inversion.regression.streaming_qr import LinearFit, StreamingQr, no_rows
+from structid.records import TimeRecord
+from structid.unknowns import Parameters
+
+_CHUNK_ENTRIES = 2_000_000
+
+#: Error variance of each quantity: one number, (n_dofs,) or (n_times, n_dofs).
+MotionVariance = Mapping[str, ArrayLike]
+
+
+@dataclass(frozen=True, eq=False)
+class RecursiveMotionFit:
+    """Parameters from the samples seen so far; `updated` gives the next value and leaves this one as it is.
+
+    One sample at a time, chunks of any size and the whole record give the same answer, and so do parts of a record
+    that are fitted apart and `merged`, in any order.
+
+    Attributes
+    ----------
+    equations : TimeEquations
+    state : StreamingQr
+        Its size does not depend on the number of samples.
+    energy, error : (4 n_dofs,) float arrays
+        Sums over samples of the square, and of the error variance where given, of acceleration, velocity,
+        displacement and force.
+    n_samples : int
+    """
+
+    equations: TimeEquations
+    state: StreamingQr
+    energy: FloatArray
+    error: FloatArray
+    n_samples: int
+
+    def updated(
+        self, chunk: Motion, variance: MotionVariance | None = None, work: Kernels | None = None
+    ) -> RecursiveMotionFit:
+        """The fit after one more chunk of motion, with the error variance of that motion where known."""
+        fields = self.equations.fields(chunk)
+        return replace(
+            self,
+            state=reduced_state(self.equations, self.state, None, fields, work),
+            energy=locked(self.energy + (fields**2).sum(axis=1)),
+            error=self.error if variance is None else locked(self.error + _summed(variance, chunk.force.shape)),
+            n_samples=self.n_samples + chunk.n_times,
+        )
+
+    def merged(self, other: RecursiveMotionFit) -> RecursiveMotionFit:
+        """The fit of the samples of both; the equations must be the same."""
+        return replace(
+            self,
+            state=self.state.merged(other.state),
+            energy=locked(self.energy + other.energy),
+            error=locked(self.error + other.error),
+            n_samples=self.n_samples + other.n_samples,
+        )
+
+    def solution(self) -> LinearFit:
+        """Values, covariance, rank, condition with unit columns and residual variance, as numbers.
+
+        Raises
+        ------
+        InputError
+            If there is nothing to fit: no samples, no motion, or no force and nothing known to scale by.
+        """
+        self.require_content()
+        return self.state.solution(self.equations.sizes(self.energy))
+
+    def require_content(self) -> None:
+        """Raise `InputError` if there is nothing to fit; see `solution`."""
+        n = self.equations.n_dofs
+        if self.n_samples == 0:
+            raise InputError("there are no samples yet; call `updated` with some motion first")
+        if not self.energy[: 3 * n].any():
+            raise InputError(
+                "the motion is zero in every sample: the force excites nothing; check the channels and their scale, and"
+                " load a degree of freedom that can move"
+            )
+        if not self.state.triangles[..., -1].any():
+            raise InputError(
+                "the force is zero in every sample and nothing in the structure is known: free motion gives ratios of"
+                " parameters only; apply and record a force, or fix one parameter (a known mass, say)"
+            )
+
+    def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
+        """Predicted bias of the fit, (n_params,); see `least_squares_bias`. The fit's own values by default."""
+        found = self.solution()
+        p = found.values if values is None else np.asarray(values, dtype=np.float64)
+        gram, cross = self.equations.noise_gram(self.error)
+        normal = found.triangle.T @ found.triangle + (gram if exact_motion else 0.0)
+        seen = np.diag(normal) > 0
+        scale = np.sqrt(np.where(seen, np.diag(normal), 1.0))
+        right = -(gram @ p - cross) / scale
+        return np.linalg.lstsq(normal / np.outer(scale, scale), right, rcond=None)[0] / scale
+
+    def estimate(self) -> Estimate:
+        """The answer in full; see `identify_motion`."""
+        bias = self.bias() if self.error.any() and self.solution().rank == self.state.n_params else None
+        return motion_estimate(self.equations, self.solution(), self.n_samples, bias)
+
+
+def reduced_state(
+    equations: TimeEquations, state: StreamingQr, rows: RowMaker | None, fields: FloatArray, work: Kernels | None = None
+) -> StreamingQr:
+    """`state` after the rows that `rows`, by default those of the equations, makes of (n_fields, n_times)."""
+    if len(equations.columns) == equations.n_dofs:
+        return state.reduced(equations.operator if rows is None else rows, fields, work)
+    operator = equations.operator if rows is None else rows.operator
+    step = max(1, _CHUNK_ENTRIES // operator.shape[0])
+    for first in range(0, fields.shape[1], step):
+        state = state.updated(equations.shaped(operator @ fields[:, first : first + step]))
+    return state
+
+
+def motion_fit(structure: Structure, unknown: Parameters, row_weights: ArrayLike | None = None) -> RecursiveMotionFit:
+    """The fit before any sample.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+    row_weights : (n_dofs,) array, optional
+        See `time_equations`.
+
+    Examples
+    --------
+    >>> from structid import Spring, PointMass, Structure, Unknown, parameters
+    >>> from structid.forward.motion.motion import Motion
+    >>> parts = [PointMass("mass", [1], 1.0), Spring("spring", "1X", stiffness=1.0)]
+    >>> structure = Structure({1: 0.0}, parts, active=["X"])
+    >>> unknown = parameters(structure, [Unknown("mass", "mass"), Unknown("stiffness", "spring")])
+    >>> fit = motion_fit(structure, unknown)
+    >>> for t, f, a, w in [(0.0, 2.0, 1.0, 0.0), (0.1, 5.0, 1.0, 1.0), (0.2, 8.0, 1.0, 2.0)]:
+    ...     fit = fit.updated(Motion([t], [[f]], [[a]], None, [[w]]))
+    >>> fit.estimate().values.round(9).tolist()
+    [2.0, 3.0]
+    """
+    equations = time_equations(structure, unknown, row_weights)
+    zeros = locked(np.zeros(4 * structure.n_dofs))
+    return RecursiveMotionFit(equations, no_rows(equations.columns, unknown.n_params), zeros, zeros, 0)
+
+
+def identify_motion(
+    structure: Structure,
+    unknown: Parameters,
+    record: TimeRecord | Motion,
+    rule: Rule | None = None,
+    row_weights: ArrayLike | None = None,
+    variance: MotionVariance | None = None,
+) -> Estimate:
+    """Masses, viscous dampings and stiffnesses from the motion of every free degree of freedom and known forces.
+
+    Solves M(p) a + C(p) v + K(p) w = f at all samples together by least squares, in one linear step: no start, no
+    iteration (Norris 1986, Eqs. 3.11 to 3.15, by QR instead of the normal equations).
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+        Linear: no loss factors, no friction, no priors. Bounds are not imposed; the message names values outside.
+    record : TimeRecord or Motion
+        Motion of all free degrees of freedom with the forces.
+    rule : {"trapezoid", "difference"}, optional
+        How quantities that a `TimeRecord` lacks are made; see `completed`.
+    row_weights : (n_dofs,) array, optional
+        Factor on the equation of each degree of freedom.
+    variance : mapping of quantity to error variance, optional
+        Of ``acceleration``, ``velocity`` and ``displacement``: a number, (n_dofs,) or (n_times, n_dofs). The message
+        then says how large the bias is, and parameters that it swamps count as not identified.
+
+    Returns
+    -------
+    Estimate
+        `covariance_noise` is the residual variance times (B'B)^-1: right for errors of the force that are independent
+        from sample to sample and of one size. `covariance_model_error`, `chi_square` and `residual_correlation` are
+        NaN, since they are not computed; `theta` repeats `values`. Values that the motion does not determine are NaN.
+
+    Raises
+    ------
+    InputError
+        If degrees of freedom, forces or quantities are missing, or motion or force are zero throughout.
+
+    Notes
+    -----
+    Plain least squares on noisy motion is inconsistent: errors in the regressors pull the values towards zero by
+    -(B'B)^-1 N p, however many samples there are, and no covariance of the residual shows it. `least_squares_bias`
+    predicts it. Motion integrated from noisy acceleration carries a random walk, so that longer records are worse.
+    """
+    motion = record if isinstance(record, Motion) else recorded_motion(structure, record, rule)
+    if isinstance(record, Motion) and rule is not None:
+        raise InputError("`rule` belongs to a TimeRecord; complete a Motion with `completed(motion, rule)` first")
+    return motion_fit(structure, unknown, row_weights).updated(motion, variance).estimate()
+
+
+def least_squares_bias(
+    structure: Structure,
+    unknown: Parameters,
+    motion: Motion,
+    variance: MotionVariance,
+    values: ArrayLike | None = None,
+    row_weights: ArrayLike | None = None,
+    exact_motion: bool = False,
+) -> FloatArray:
+    """What errors of the motion add to the least-squares parameters on average, (n_params,) in their units.
+
+    To first order -(B'B + N)^-1 (N p - n), where N is the mean that the errors add to B'B of the exact motion, and n
+    what they add to B'c through the known properties. Measured motion holds N in its own B'B.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+    motion : Motion
+    variance : mapping of quantity to error variance
+        As for `identify_motion`; errors independent between degrees of freedom and between quantities.
+    values : (n_params,) array, optional
+        True parameters, as far as known; the initial values of `unknown` by default.
+    row_weights : (n_dofs,) array, optional
+    exact_motion : bool
+        Whether `motion` is free of the errors, as in a simulation.
+    """
+    fit = motion_fit(structure, unknown, row_weights).updated(motion, variance)
+    return fit.bias(np.asarray(unknown.start if values is None else values, dtype=np.float64), exact_motion)
+
+
+def _summed(variance: MotionVariance, shape: tuple[int, ...]) -> FloatArray:
+    """Error variances summed over samples, (4 n_dofs,) with zeros for the force."""
+    for name in variance:
+        if name not in MOTION_QUANTITIES:
+            raise InputError(f"`variance` must be of {', '.join(MOTION_QUANTITIES)}, got {name!r}")
+    parts = []
+    for name in MOTION_QUANTITIES:
+        try:
+            given = np.broadcast_to(np.asarray(variance.get(name, 0.0), dtype=np.float64), shape)
+        except ValueError as error:
+            raise InputError(
+                f"`variance` of {name} must be one number, ({shape[1]},) or {shape}, got {np.shape(variance[name])}"
+            ) from error
+        if not np.isfinite(given).all() or (given < 0).any():
+            raise InputError(f"`variance` of {name} must be finite and not negative")
+        parts.append(given.sum(axis=0))
+    return np.concatenate([*parts, np.zeros(shape[1])])

@@ -1,0 +1,255 @@
+"""The motion of every free degree of freedom and the forces on it, measured or completed by a stated rule."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, locked, require_finite, require_shape
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.records import TimeRecord
+from structid.records.on_disk import ChunkedRecord
+
+Rule = Literal["trapezoid", "difference"]
+MOTION_QUANTITIES = ("acceleration", "velocity", "displacement")
+NO_MOTION = "the record holds no motion; it needs displacement, velocity or acceleration channels"
+NO_FORCE = "the record holds no force channel; the forces must be known: add the channels"
+#: Smallest pivot of what sensors read, in parts of the largest, that tells degrees of freedom apart.
+_APART = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Motion of all free degrees of freedom of a structure, and the forces on them.
+
+    Parameters
+    ----------
+    time : (n_times,) float array
+        Instants in s, increasing; evenly spaced or not, since the equations of motion hold at each by itself.
+    force : (n_times, n_dofs) float array
+        N at translations, N m at rotations, in the order of `Structure.dofs`.
+    acceleration, velocity, displacement : (n_times, n_dofs) float arrays, optional
+        SI units; None where not known.
+    """
+
+    time: FloatArray
+    force: FloatArray
+    acceleration: FloatArray | None = None
+    velocity: FloatArray | None = None
+    displacement: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            given = getattr(self, item.name)
+            if given is not None:
+                object.__setattr__(self, item.name, locked(given, np.float64))
+        require_shape("time", self.time, (None,))
+        require_shape("force", self.force, (len(self.time), None), "one row an instant, one column a degree of freedom")
+        for name in ("force", *MOTION_QUANTITIES):
+            given = getattr(self, name)
+            if given is not None:
+                require_shape(name, given, self.force.shape)
+                require_finite(name, given, "remove or repair these samples")
+        require_finite("time", self.time)
+        if (np.diff(self.time) <= 0).any():
+            raise InputError("`time` must increase from sample to sample; sort the samples and drop repeated ones")
+
+    @property
+    def n_times(self) -> int:
+        return len(self.time)
+
+    def at(self, rows: slice | ArrayLike) -> Motion:
+        """The same motion at some of its instants only."""
+        index = rows if isinstance(rows, slice) else np.asarray(rows)
+        motions = (getattr(self, name) for name in MOTION_QUANTITIES)
+        chosen = (None if part is None else part[index] for part in motions)
+        return Motion(self.time[index], self.force[index], *chosen)
+
+
+def recorded_motion(
+    structure: Structure,
+    record: TimeRecord,
+    rule: Rule | None = None,
+    force: ArrayLike | None = None,
+    initial_displacement: ArrayLike | None = None,
+    initial_velocity: ArrayLike | None = None,
+) -> Motion:
+    """The motion that `record` holds, each quantity on all free degrees of freedom.
+
+    Parameters
+    ----------
+    structure : Structure
+    record : TimeRecord
+        A quantity that it measures anywhere must be measured at every free degree of freedom (signs and ties as
+        given). Its force channels act at their own places, and nothing acts elsewhere.
+    rule : {"trapezoid", "difference"}, optional
+        How missing quantities are made; None leaves them out. See `completed`.
+    force : (n_times, n_dofs) array, optional
+        Forces, instead of force channels.
+    initial_displacement, initial_velocity : (n_dofs,) arrays, optional
+        Values at the first sample, for ``trapezoid``; zero by default.
+
+    Raises
+    ------
+    InputError
+        If degrees of freedom are not measured (they are named), if there is no force, or if the rule lacks what it
+        starts from.
+    """
+    structure.require_modes("motion in time")
+    readers = {name: field_map(structure, record, name) for name in MOTION_QUANTITIES}
+    if all(reader is None for reader in readers.values()):
+        raise InputError(NO_MOTION)
+    loads = _forces(structure, record, force)
+    values = {name: None if reader is None else (reader @ record.values.T).T for name, reader in readers.items()}
+    measured = Motion(record.time, loads, **values)
+    return measured if rule is None else completed(measured, rule, initial_displacement, initial_velocity)
+
+
+def completed(
+    motion: Motion,
+    rule: Rule,
+    initial_displacement: ArrayLike | None = None,
+    initial_velocity: ArrayLike | None = None,
+) -> Motion:
+    """`motion` with its missing quantities made from the others.
+
+    ``trapezoid`` integrates upwards by the cumulative trapezoidal rule: velocity from acceleration, displacement
+    from velocity. ``difference`` goes down by central differences, (w_{k+1} - w_{k-1}) / 2h and
+    (w_{k+1} - 2 w_k + w_{k-1}) / h^2, and loses the first and the last sample.
+
+    Notes
+    -----
+    Integration turns white noise of standard deviation s into a random walk: after k steps of h that of the velocity
+    is s h k^(1/2), that of the displacement s h^2 (k^3 / 3)^(1/2). A longer record is then worse, not better. The
+    trapezoidal error of a motion of angular frequency omega is (omega h)^2 / 12 of it. Differences multiply noise by
+    2^(-1/2) / h and 6^(1/2) / h^2.
+
+    Raises
+    ------
+    InputError
+        If the rule lacks the quantity that it starts from, or ``difference`` meets unequal or too few samples.
+    """
+    if rule == "trapezoid":
+        return _integrated(motion, initial_displacement, initial_velocity)
+    if rule != "difference":
+        raise InputError(f"`rule` must be 'trapezoid' or 'difference', got {rule!r}")
+    if initial_displacement is not None or initial_velocity is not None:
+        raise InputError("initial values belong to rule 'trapezoid'; leave them out, or integrate")
+    return _differenced(motion)
+
+
+def _integrated(motion: Motion, displacement_0: ArrayLike | None, velocity_0: ArrayLike | None) -> Motion:
+    if motion.acceleration is None:
+        raise InputError(
+            "rule 'trapezoid' starts from acceleration, which is missing; measure it, or take rule 'difference'"
+        )
+    velocity = motion.velocity
+    if velocity is None:
+        velocity = _from_start("initial_velocity", velocity_0, motion.acceleration, motion.time)
+    elif velocity_0 is not None:
+        raise InputError("`initial_velocity` is not used, since velocity is measured; leave it out")
+    displacement = motion.displacement
+    if displacement is None:
+        displacement = _from_start("initial_displacement", displacement_0, velocity, motion.time)
+    elif displacement_0 is not None:
+        raise InputError("`initial_displacement` is not used, since displacement is measured; leave it out")
+    return Motion(motion.time, motion.force, motion.acceleration, velocity, displacement)
+
+
+def _from_start(name: str, start: ArrayLike | None, rate: FloatArray, time: FloatArray) -> FloatArray:
+    """Integral of `rate` from its first sample, plus `start`."""
+    from scipy.integrate import cumulative_trapezoid  # here, because it brings all of scipy.optimize
+
+    first = np.zeros(rate.shape[1]) if start is None else np.asarray(start, dtype=np.float64)
+    require_shape(name, first, (rate.shape[1],), "one value a free degree of freedom")
+    return first + cumulative_trapezoid(rate, time, axis=0, initial=0.0)
+
+
+def _differenced(motion: Motion) -> Motion:
+    if motion.displacement is None:
+        raise InputError(
+            "rule 'difference' starts from displacement, which is missing; measure it, or take rule 'trapezoid'"
+        )
+    if motion.n_times < 3:
+        raise InputError(f"rule 'difference' needs at least 3 samples, got {motion.n_times}")
+    steps = np.diff(motion.time)
+    step = float(np.mean(steps))
+    if np.abs(steps - step).max() > 1e-6 * step:
+        raise InputError(
+            f"rule 'difference' needs equal steps, got {steps.min():g} to {steps.max():g} s; resample the record evenly,"
+            " or measure velocity and acceleration, which need no even steps"
+        )
+    w, inner = motion.displacement, motion.at(slice(1, -1))
+    velocity = inner.velocity if inner.velocity is not None else (w[2:] - w[:-2]) / (2 * step)
+    acceleration = inner.acceleration
+    if acceleration is None:
+        acceleration = (w[2:] - 2 * w[1:-1] + w[:-2]) / step**2
+    return Motion(inner.time, inner.force, acceleration, velocity, inner.displacement)
+
+
+def _forces(structure: Structure, record: TimeRecord, force: ArrayLike | None) -> FloatArray:
+    """Forces on the free degrees of freedom, (n_times, n_dofs)."""
+    reader, size = field_map(structure, record, "force"), (len(record.values), structure.n_dofs)
+    if force is None:
+        if reader is None:
+            raise InputError(f"{NO_FORCE}, or give `force` {size}")
+        return (reader @ record.values.T).T
+    if reader is not None:
+        raise InputError("`force` is given although the record holds force channels; give one or the other")
+    given = np.asarray(force, dtype=np.float64)
+    require_shape("force", given, size, "one column a free degree of freedom")
+    return given
+
+
+def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity: str) -> sparse.csr_array | None:
+    """The field of `quantity` on all free degrees of freedom from the channels of one sample, (n_dofs, n_channels).
+
+    By least squares where a motion is measured more than once. None where no channel is of that quantity.
+
+    Raises
+    ------
+    InputError
+        If a motion is measured at some degrees of freedom only.
+    """
+    chosen = np.flatnonzero([name == quantity for name in record.quantities])
+    if not len(chosen):
+        return None
+    sensors = sparse.csc_array(structure.selection([record.channels[i] for i in chosen]))
+    table = sparse.coo_array(sensors if quantity == "force" else _motion_of(structure, sensors, quantity))
+    place = table.row, chosen[table.col]
+    return sparse.csr_array(sparse.coo_array((table.data, place), (structure.n_dofs, len(record.channels))))
+
+
+def _motion_of(structure: Structure, sensors: sparse.csc_array, quantity: str) -> sparse.sparray:
+    """(S S')^-1 S: motion of the free degrees of freedom from what sensors S' read of it."""
+    from scipy.sparse.linalg import splu  # here, because it takes time to load
+
+    gram = sparse.csc_array(sensors @ sensors.T)
+    unseen = np.flatnonzero(gram.diagonal() <= 0)
+    if len(unseen):
+        missing = [structure.words(structure.dofs[i]) for i in unseen[:6]]
+        more = f" and {len(unseen) - 6} more" if len(unseen) > 6 else ""
+        raise InputError(
+            f"{quantity} is not measured at {', '.join(missing)}{more}; identification from motion needs every one of"
+            f" the {structure.n_dofs} free degrees of freedom. Add sensors there (a rotation from two translations close"
+            " by), condense the model to what is measured, or use FRFs and `identify`, which need only some"
+        )
+    if gram.count_nonzero() == structure.n_dofs:
+        return sparse.diags_array(1.0 / gram.diagonal()) @ sensors
+    try:
+        factor = splu(gram)
+        pivots = np.abs(factor.U.diagonal())
+        is_singular = bool(pivots.min() <= _APART * pivots.max())
+    except RuntimeError:
+        is_singular = True
+    if is_singular:
+        raise InputError(
+            f"the {quantity} channels do not determine every degree of freedom: tied ones are measured only together;"
+            " add sensors"
+        )
+    return sparse.csc_array(factor.solve(sensors.toarray()))

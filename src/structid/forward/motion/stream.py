@@ -1,0 +1,281 @@
+"""Identification from motion on disk: one pass over the record by chunks, of any length and for any number of elements.
+
+The record is never in memory as a whole. Each degree of freedom keeps the triangle of its few parameters; parts of a
+record, several records and the work of several processes merge; a checkpoint holds all that is needed to go on.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward.motion.checkpoint import load_motion_fit, save_motion_fit
+from structid.forward.motion.equations import TimeEquations
+from structid.forward.motion.fit import RecursiveMotionFit, motion_fit, reduced_state
+from structid.forward.motion.motion import MOTION_QUANTITIES, NO_FORCE, NO_MOTION, field_map
+from structid.forward.motion.words import solution_words
+from structid.inversion import Status
+from structid.inversion.regression.block_least_squares import BlockFit, block_solution
+from structid.inversion.regression.local_reduction import Kernels, RowMaker, only_operator, row_maker
+from structid.records.on_disk import ChunkedRecord
+from structid.unknowns import Parameters
+
+_KEEPING = 0.1  # of the time may go into checkpoints
+
+#: Called with the samples done and the number of samples.
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSolution:
+    """Parameters from a record of any size, with what is needed to judge them.
+
+    Attributes
+    ----------
+    unknown : Parameters
+    fit : BlockFit
+        Values, residual and factor; covariances of any parameters on demand.
+    std : (n_params,) float array
+        Standard deviations from the residual: right for errors of the force, blind to the bias that noise of the
+        motion brings (see `identify_motion`). NaN where a value is.
+    n_rows, n_samples : int
+        Equations and instants.
+    engine : str
+        How the rows were reduced: numba and its threads, or NumPy.
+    """
+
+    unknown: Parameters
+    fit: BlockFit
+    std: FloatArray
+    n_rows: int
+    n_samples: int
+    engine: str
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.unknown.names
+
+    @property
+    def values(self) -> FloatArray:
+        return self.fit.values
+
+    @property
+    def identified(self) -> np.ndarray:
+        """Whether each value is known to better than its own size, (n_params,)."""
+        return np.asarray(self.std <= np.abs(self.values))
+
+    @property
+    def status(self) -> Status:
+        return Status.CONVERGED if self.identified.all() else Status.NOT_IDENTIFIABLE
+
+    @property
+    def message(self) -> str:
+        """What the reader should know, the most important first."""
+        words = solution_words(self.unknown, self.fit, self.n_rows, self.n_samples)
+        return "; ".join([*words, f"rows reduced by {self.engine}, solved by {self.fit.method}"])
+
+    def covariance(self, indices: IntArray) -> FloatArray:
+        """Covariance of some parameters, (k, k)."""
+        return self.fit.covariance(indices)
+
+
+def identify_motion_by_chunks(
+    structure: Structure,
+    unknown: Parameters,
+    record: ChunkedRecord,
+    row_weights: ArrayLike | None = None,
+    work: Kernels | None = None,
+    longest: int | None = None,
+    checkpoint: Path | None = None,
+    progress: Progress | None = None,
+) -> MotionSolution:
+    """Masses, viscous dampings and stiffnesses from a record that may be far larger than memory, in one pass.
+
+    The same equations and the same answer as `identify_motion`; the time grows with samples times degrees of freedom,
+    and the memory with degrees of freedom only.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+        As for `identify_motion`.
+    record : ChunkedRecord
+        Acceleration, velocity and displacement, as far as the equations hold them, of every free degree of freedom,
+        and the forces; see `open_record`.
+    row_weights : (n_dofs,) array, optional
+    work : Kernels, optional
+        Compiled or not, and on how many threads.
+    longest : int, optional
+        Samples a chunk; by default about a 64th of the record or 32 MB, whichever is less, and at least 24.
+    checkpoint : Path, optional
+        NPZ file that holds the state, written by renaming now and then and at any end. If it is there already, the
+        pass goes on where it ended.
+    progress : callable, optional
+
+    Raises
+    ------
+    InputError
+        If degrees of freedom, forces or quantities are missing, or a sample is; the message names the sample.
+    FileError
+        If the record shrinks or cannot be read on, or the checkpoint is of another study.
+    """
+    fit = motion_fit(structure, unknown, row_weights)
+    if checkpoint is not None and checkpoint.exists():
+        fit = load_motion_fit(checkpoint, fit)
+    fit = reduced_by_chunks(fit, structure, record, work, longest, checkpoint, progress, fit.n_samples)
+    return motion_solution(fit, work)
+
+
+def reduced_by_chunks(
+    fit: RecursiveMotionFit,
+    structure: Structure,
+    record: ChunkedRecord,
+    work: Kernels | None = None,
+    longest: int | None = None,
+    checkpoint: Path | None = None,
+    progress: Progress | None = None,
+    first: int = 0,
+    last: int | None = None,
+) -> RecursiveMotionFit:
+    """`fit` after samples `first` to `last` of the record; parts of a record may be reduced apart and `merged`."""
+    at = record_rows(fit.equations, structure, record)
+    _give_back_memory()
+    keeper = FitKeeper(checkpoint)
+    try:
+        for chunk in record.chunks(first, last, longest):
+            fit = at.reduced(fit, chunk, work)
+            del chunk  # before the next one is read
+            keeper.offer(fit)
+            if progress is not None:
+                progress(fit.n_samples, record.n_times)
+    finally:
+        keeper.close(fit)
+    return fit
+
+
+def _give_back_memory() -> None:
+    """Return to the system what making the equations has freed, where the C library can (glibc)."""
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+    except (AttributeError, OSError, TypeError):  # another C library
+        return
+
+
+@dataclass(frozen=True, eq=False)
+class RecordRows:
+    """What makes the rows of the equations from a record; made once for all of its chunks.
+
+    Attributes
+    ----------
+    rows : RowMaker
+    gross : (4 n_dofs, n_channels) sparse array
+        Sizes of the entries that make the fields from the channels.
+    """
+
+    rows: RowMaker
+    gross: sparse.csr_array
+
+    def reduced(self, fit: RecursiveMotionFit, chunk: FloatArray, work: Kernels | None = None) -> RecursiveMotionFit:
+        """`fit` after a chunk of the record, (n_channels, n_times)."""
+        state = reduced_state(fit.equations, fit.state, self.rows, chunk, work)
+        channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
+        energy = locked(fit.energy + (self.gross @ channels) ** 2)
+        return replace(fit, state=state, energy=energy, n_samples=fit.n_samples + chunk.shape[1])
+
+
+def record_rows(equations: TimeEquations, structure: Structure, record: ChunkedRecord) -> RecordRows:
+    """The `RecordRows` of a record on a structure.
+
+    Raises
+    ------
+    InputError
+        If degrees of freedom, forces or quantities are missing.
+    """
+    mapping = channel_map(structure, record)
+    equations.require(record.quantities)
+    return RecordRows(channel_rows(equations, mapping), abs(mapping))
+
+
+def channel_rows(equations: TimeEquations, mapping: sparse.csr_array) -> RowMaker:
+    """What makes the rows of the equations from the channels of a record."""
+    operator = equations.operator  # shared where the channels are the fields, one by one
+    if not _is_identity(mapping):
+        operator = sparse.csr_array(operator @ mapping)
+    if len(equations.columns) == equations.n_dofs:
+        return row_maker(operator, equations.columns)
+    return only_operator(operator)
+
+
+def _is_identity(matrix: sparse.csr_array) -> bool:
+    n = matrix.shape[0]
+    one_each = matrix.shape == (n, n) and matrix.nnz == n and bool((np.diff(matrix.indptr) == 1).all())
+    return one_each and bool((matrix.indices == np.arange(n)).all() and (matrix.data == 1.0).all())
+
+
+class FitKeeper:
+    """Writes checkpoints, so seldom that they take a small part of the time, and the last one at any end."""
+
+    def __init__(self, path: Path | None) -> None:
+        self.path, self.kept = path, -1
+        self.ended, self.taken = time.perf_counter(), 0.0
+
+    def offer(self, fit: RecursiveMotionFit) -> None:
+        if self.path is not None and time.perf_counter() - self.ended >= self.taken / _KEEPING:
+            self._write(self.path, fit)
+
+    def close(self, fit: RecursiveMotionFit) -> None:
+        if self.path is not None and fit.n_samples not in (0, self.kept):
+            self._write(self.path, fit)
+
+    def _write(self, path: Path, fit: RecursiveMotionFit) -> None:
+        begun = time.perf_counter()
+        save_motion_fit(path, fit)
+        self.ended = time.perf_counter()
+        self.taken, self.kept = self.ended - begun, fit.n_samples
+
+
+def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> MotionSolution:
+    """The parameters that a fit holds, without any dense matrix of their number.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to fit; see `RecursiveMotionFit.solution`.
+    """
+    fit.require_content()
+    _give_back_memory()
+    chosen = work or Kernels()
+    found = block_solution(fit.state, fit.equations.sizes(fit.energy))
+    size = fit.n_samples * len(fit.state.columns)
+    engine = chosen.words(size) if len(fit.state.columns) == fit.equations.n_dofs else "NumPy"
+    std = locked(found.standard_deviations())
+    return MotionSolution(fit.equations.unknown, found, std, fit.state.n_rows, fit.n_samples, engine)
+
+
+def channel_map(structure: Structure, record: ChunkedRecord) -> sparse.csr_array:
+    """[acceleration velocity displacement force] of all free degrees of freedom from the channels of one sample.
+
+    (4 n_dofs, n_channels), without entries for what the record does not hold.
+
+    Raises
+    ------
+    InputError
+        If a quantity is measured at some degrees of freedom only, or there is no motion or no force.
+    """
+    fields = [field_map(structure, record, wanted) for wanted in (*MOTION_QUANTITIES, "force")]
+    if all(field is None for field in fields[:3]):
+        raise InputError(NO_MOTION)
+    if fields[3] is None:
+        raise InputError(NO_FORCE)
+    nothing = sparse.csr_array((structure.n_dofs, len(record.channels)))
+    return sparse.csr_array(sparse.vstack([nothing if field is None else field for field in fields]))

@@ -1,0 +1,144 @@
+"""What a fit of measured motion tells its reader: an `Estimate` with what is missing and what would supply it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.display import listed
+from structid.forward.motion.equations import TimeEquations
+from structid.inversion import DenseCovariance, Direction, Estimate, Identifiability, Status
+from structid.inversion.diagnostics.identifiability import identifiability
+from structid.inversion.regression.block_least_squares import BlockFit
+from structid.inversion.regression.streaming_qr import LinearFit
+from structid.unknowns import Parameters
+
+_UNSEEN = {
+    "stiffness": (
+        "the motion does not strain these elements (rigid-body motion only, or no motion there);"
+        " excite an elastic mode that bends or stretches them"
+    ),
+    "mass": "these masses do not accelerate; excite a motion in which they move",
+    "rotary_inertia": "these inertias do not turn; excite a motion in which they rotate",
+    "viscous_damping": "these dampers do not move; excite a motion that gives them velocity",
+}
+_BIAS = (
+    "least squares takes the motion as exact: its noise biases the values, mostly towards zero, and neither more"
+    " samples nor these standard deviations show it (see least_squares_bias)"
+)
+_SWAMPED = 0.5
+
+
+def motion_estimate(
+    equations: TimeEquations, found: LinearFit, n_samples: int, bias: FloatArray | None = None
+) -> Estimate:
+    """The `Estimate` of a linear fit; `bias` is the predicted one, where the noise of the motion is known."""
+    unknown = equations.unknown
+    std = np.sqrt(np.diag(found.covariance))
+    identified = std <= np.abs(found.values)
+    if bias is not None:
+        identified &= np.abs(bias) <= _SWAMPED * np.abs(found.values)
+    none = np.full_like(found.covariance, np.nan)
+    return Estimate(
+        names=unknown.names,
+        kinds=unknown.kinds,
+        units=unknown.units,
+        initial=unknown.start,
+        values=found.values,
+        noise=DenseCovariance(found.covariance),
+        model_error=DenseCovariance(none),
+        covariance_basis="noise",
+        identified=locked(identified),
+        status=Status.CONVERGED if identified.all() else Status.NOT_IDENTIFIABLE,
+        message="; ".join(_words(equations, found, n_samples, bias)),
+        identifiability=_identifiability(equations, found),
+        chi_square=float("nan"),
+        n_data=equations.n_dofs * n_samples,
+        degrees_of_freedom=found.degrees_of_freedom,
+        residual_correlation=float("nan"),
+        n_iterations=1,
+        n_starts=1,
+        n_agreeing=1,
+        theta=found.values,
+        history=locked(np.array([unknown.start, found.values])),
+    )
+
+
+def _words(equations: TimeEquations, found: LinearFit, n_samples: int, bias: FloatArray | None) -> list[str]:
+    """What the reader should know, the most important first."""
+    words = solution_words(equations.unknown, found, equations.n_dofs * n_samples, n_samples)
+    return [*words[:-1], *_bias_words(equations, found, bias), words[-1]]
+
+
+def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int, n_samples: int) -> list[str]:
+    """What is missing and what would supply it, then the quality of the fit in one part."""
+    n_params, n = unknown.n_params, n_rows // max(1, n_samples)
+    words = []
+    if n_rows < n_params:
+        words.append(
+            f"{n_samples} samples of {n} degrees of freedom give {n_rows} equations for {n_params} parameters;"
+            f" at least {-(-n_params // n)} samples are needed"
+        )
+    lost = np.flatnonzero(~found.seen)
+    for kind in dict.fromkeys(unknown.kinds[i] for i in lost):
+        names = [unknown.names[i] for i in lost if unknown.kinds[i] == kind]
+        words.append(f"not seen: {listed(names)}: {_UNSEEN[kind]}")
+    if found.rank < found.seen.sum() and n_rows >= n_params:
+        words.append(
+            f"the regressors have rank {found.rank} for {n_params} parameters; samples at other instants, a force at"
+            " another place or of other frequencies, or fewer parameters would supply what is missing"
+        )
+    if found.rank == n_params and found.degrees_of_freedom == 0:
+        words.append("as many equations as parameters: no residual is left to tell the noise from; add samples")
+    outside = (found.values <= unknown.transforms.lower) | (found.values >= unknown.transforms.upper)
+    if outside.any():
+        words.append(
+            f"outside the declared range: {listed([unknown.names[i] for i in np.flatnonzero(outside)])};"
+            " least squares does not impose it, and noise or a wrong model is the usual cause"
+        )
+    words.append(
+        f"rank {found.rank} of {n_params}, condition {found.condition:.3g} with unit columns, residual"
+        f" {np.sqrt(found.residual_variance):.3g} RMS over {found.degrees_of_freedom} degrees of freedom"
+    )
+    return words
+
+
+def _bias_words(equations: TimeEquations, found: LinearFit, bias: FloatArray | None) -> list[str]:
+    if bias is None:
+        return [_BIAS]
+    relative = np.abs(bias / found.values)
+    worst = int(np.argmax(relative))
+    words = [
+        f"predicted bias from the noise of the motion: up to {relative[worst]:.2g} of {equations.unknown.names[worst]}"
+    ]
+    swamped = np.flatnonzero(relative > _SWAMPED)
+    if len(swamped):
+        words.append(
+            f"the motion does not rise above its noise for {listed([equations.unknown.names[i] for i in swamped])};"
+            " measure it better, excite it more, or take the displacements from a better sensor than an integral"
+        )
+    return words
+
+
+def _identifiability(equations: TimeEquations, found: LinearFit) -> Identifiability:
+    """Directions in relative parameters; each parameter that is not seen at all is a direction of its own."""
+    unknown = equations.unknown
+    values = np.where(np.isfinite(found.values) & (found.values != 0), found.values, unknown.start)
+    values = np.where(values != 0, values, 1.0)
+    noise = np.sqrt(found.residual_variance)
+    sigma = noise if noise > 0 else 1.0
+    seen = np.flatnonzero(found.seen)
+    relative = found.triangle[:, seen] * np.abs(values[seen]) / sigma
+    part = identifiability(relative, values[seen], tuple(unknown.names[i] for i in seen))
+    directions = []
+    for i in np.flatnonzero(~found.seen):
+        unit = np.zeros(unknown.n_params)
+        unit[i] = 1.0
+        directions.append(Direction(unit, float("inf"), f"{unknown.names[i]} not at all"))
+    for item in part.directions:
+        vector = np.zeros(unknown.n_params)
+        vector[seen] = item.vector
+        directions.append(Direction(vector, item.relative_std, item.words))
+    singular = np.concatenate([part.singular_values, np.zeros(unknown.n_params - len(seen))])
+    condition = part.condition if len(seen) == unknown.n_params else float("inf")
+    return Identifiability(part.rank, condition, singular, tuple(directions))

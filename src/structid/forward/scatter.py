@@ -1,0 +1,111 @@
+"""Values that differ from record to record as rows of data: each is drawn about the common one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.forward.record_problem import NamedProblem, RecordProblem
+from structid.inversion.linearization import Linearization
+from structid.unknowns import Coupling, NamedUnknowns, Transforms
+from structid.unknowns.priors import no_priors
+
+
+@dataclass(frozen=True, eq=False)
+class ScatterProblem(NamedProblem):
+    """log(own / common) / std of every record's value, whose expectation is 0 and variance 1.
+
+    These rows count as data: with them the minimum over the own values is the generalized least squares of the common
+    ones, its chi-square and its information.
+
+    Attributes
+    ----------
+    named : NamedUnknowns
+        The common values, then those of each record.
+    coupling : Coupling
+        Rows at a standard deviation of 1, record by record.
+    std : float
+
+    References
+    ----------
+    Lee and Nelder (1996), J. R. Stat. Soc. B 58, 619, section 3.2: random effects as data beside the data.
+    """
+
+    named: NamedUnknowns
+    coupling: Coupling
+    std: float
+
+    @property
+    def unknowns(self) -> NamedUnknowns:
+        return self.named
+
+    @property
+    def name(self) -> str:
+        """Of the scatter."""
+        return self.coupling.name
+
+    @property
+    def n_data(self) -> int:
+        return len(self.coupling.target)
+
+    @property
+    def lines(self) -> IntArray:
+        return np.arange(self.n_data)
+
+    @property
+    def series(self) -> IntArray:
+        return np.zeros(self.n_data, dtype=int)
+
+    @property
+    def matrix_free_obstacle(self) -> str:
+        return "takes no unknown that varies from record to record"
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        return self._residual(theta, self.coupling.residual(self.physical(theta)) / self.std)
+
+    def linearize(self, theta: FloatArray) -> Linearization:
+        residual, change = self.coupling.rows(self.physical(theta))
+        return self._linearized(theta, residual / self.std, change * self.slope(theta) / self.std)
+
+
+def scatter_problems(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ...]:
+    """One for each scatter of the problems' parameters, over all records that have it."""
+    members: dict[str, list[RecordProblem]] = {}
+    for problem in problems:
+        for scatter in problem.parameters.scatters:
+            if scatter.own:
+                members.setdefault(scatter.name, []).append(problem)
+    return tuple(_scatter_problem(name, own) for name, own in members.items())
+
+
+def _scatter_problem(name: str, problems: Sequence[RecordProblem]) -> ScatterProblem:
+    scatters = [next(s for s in p.parameters.scatters if s.name == name) for p in problems]
+    where: dict[str, tuple[NamedUnknowns, int]] = {}
+    for problem, scatter in zip(problems, scatters, strict=True):
+        place = {label: i for i, label in enumerate(problem.parameters.names)}
+        for label in (*scatter.common, *scatter.own):
+            where.setdefault(label, (problem.parameters, place[label]))
+    pairs = [pair for one in scatters for pair in zip(one.common, one.own, strict=True)]
+    names = (*dict.fromkeys(common for common, _ in pairs), *(own for _, own in pairs))
+    column = {label: i for i, label in enumerate(names)}
+    matrix = np.zeros((len(pairs), len(names)))
+    for row, (common, own) in enumerate(pairs):
+        matrix[row, column[own]], matrix[row, column[common]] = 1.0, -1.0
+    origin = [where[label] for label in names]
+    named = NamedUnknowns(
+        names=names,
+        kinds=tuple(one.kinds[i] for one, i in origin),
+        units=tuple(one.units[i] for one, i in origin),
+        start=locked([one.start[i] for one, i in origin], float),
+        transforms=Transforms(
+            tuple(one.transforms.kinds[i] for one, i in origin),
+            locked([one.transforms.lower[i] for one, i in origin], float),
+            locked([one.transforms.upper[i] for one, i in origin], float),
+        ),
+        priors=no_priors(len(names)),
+        scale=locked([one.scale[i] for one, i in origin], float),
+    )
+    return ScatterProblem(named, Coupling(name, matrix, np.zeros(len(pairs)), logarithmic=True), scatters[0].std)

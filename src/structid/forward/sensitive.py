@@ -1,0 +1,163 @@
+"""Element matrices that the parameters of a structure weigh, and how their weights change with each parameter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import InputError
+from structid.fem import Contribution, Structure
+from structid.fem.matrices.blocks import ElementMatrices
+from structid.forward.contraction import WeightedElements
+from structid.unknowns import Parameters
+
+
+def weight_slope(part: Contribution, unknown: Parameters, values: FloatArray) -> sparse.csr_array:
+    """Derivative of the element weights of one contribution with respect to the parameters, (n_elements, n_params)."""
+    return part.change(values, unknown.design.tocsr())
+
+
+_REMEDIES = {"thickness": "take Young's modulus as the unknown", "position": "fix it"}
+
+
+def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
+    """Raise `InputError` where what weighs matrices other than in proportion is a parameter or not nominal.
+
+    A thickness, the place of a node, bending and shear stiffness of a beam that shears, and modal damping.
+    """
+    if structure.damping_ratio is not None:
+        raise InputError(
+            "modal damping (`damping_ratio` of all modes) is not linear in masses and stiffnesses, and these equations of motion"
+            " are; fit spectra or output error, or FRFs, or take viscous elements in its place"
+        )
+    changing = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != structure.values)
+    factors = np.zeros(len(changing), dtype=bool)
+    for place in (place for part in structure.contributions if part.scale for place in part.scale.places):
+        factors[place] = True
+    for item in structure.properties:
+        if (factors[item.values] & changing[item.values]).any():
+            remedy = _REMEDIES.get(item.term.kind, "leave the shear out")
+            raise InputError(
+                f"{item.label} must be known here, where equations of motion are linear in the parameters; {remedy}, or"
+                f" identify the {item.term.property.replace('_', ' ')} from FRFs, spectra or output error"
+            )
+
+
+def require_laws_in_time(structure: Structure, unknown: Parameters) -> None:
+    """Raise `InputError` where friction or loss factors take part, which have no linear equation in time."""
+    touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
+    for part in structure.contributions:
+        if part.law.startswith("friction:") and touched[part.value].any():
+            raise InputError(
+                f"friction {part.law.removeprefix('friction:')!r} is not linear in the motion; take it out, or identify it"
+                " from FRFs with `identify`"
+            )
+        if part.factor is not None and touched[part.factor].any():
+            raise InputError(
+                "loss factors have no equation in time (structural damping is defined for harmonic motion only); set them to 0"
+                " and use viscous damping, or identify them from FRFs with `identify`"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class SensitiveElements:
+    """Elements of one family of blocks whose weights depend on the parameters, and in which laws they appear."""
+
+    blocks: ElementMatrices
+    rows: IntArray
+    members: tuple[int, ...]
+
+
+def sensitive_elements(structure: Structure, unknown: Parameters) -> tuple[SensitiveElements, ...]:
+    """Families of element matrices that the parameters weigh, contributions that share matrices together."""
+    touched = np.diff(unknown.design.tocsr().indptr) > 0
+    families: dict[int, list[int]] = {}
+    for member, part in enumerate(structure.contributions):
+        families.setdefault(id(part.blocks), []).append(member)
+    found = []
+    for members in families.values():
+        masks = []
+        for member in members:
+            part = structure.contributions[member]
+            masks.append(part.touched(touched))
+        rows = np.flatnonzero(np.any(masks, axis=0))
+        used = tuple(m for m, mask in zip(members, masks, strict=True) if mask.any())
+        if len(rows):
+            found.append(SensitiveElements(structure.contributions[members[0]].blocks.take(rows), rows, used))
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedParts:
+    """All element matrices that the parameters weigh, and by which laws they enter.
+
+    Attributes
+    ----------
+    parts : tuple of WeightedElements
+    members : tuple of (int, (n_elements,) int array)
+        For each part: a contribution of the structure that has its matrices, and which of its elements they are.
+    uses : tuple of tuples of (str, float)
+        For each kind of part: the laws by which it enters, each with a number that multiplies it.
+    variable : tuple of float arrays
+        Of the slopes what may change with the values of the parameters.
+    """
+
+    parts: tuple[WeightedElements, ...]
+    members: tuple[tuple[int, IntArray], ...]
+    uses: tuple[tuple[tuple[str, float], ...], ...]
+    variable: tuple[FloatArray, ...]
+
+    def same_slopes(self, other: WeightedParts) -> bool:
+        """Whether what may change is the same."""
+        if [part.kind for part in self.parts] != [part.kind for part in other.parts]:
+            return False
+        return all(np.array_equal(a, b) for a, b in zip(self.variable, other.variable, strict=True))
+
+
+def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]) -> IntArray:
+    """Which values of the structure `weighted_elements` depends on: factors, and what they multiply if they vary."""
+    counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
+    for member in (member for group in sensitive for member in group.members):
+        item = structure.contributions[member]
+        for place in item.places[1:]:
+            marks[place] = True
+            if counts[place].any():
+                marks[item.value] = True
+    return np.flatnonzero(marks)
+
+
+def weighted_elements(
+    structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...], physical: FloatArray
+) -> WeightedParts:
+    """The `WeightedParts` of a parametrized structure.
+
+    A loss factor that is one number in all elements of a family, and no parameter, is a multiple of their stiffness:
+    the two laws then share one part. Parts that enter alike are of one kind.
+    """
+    weights, design = unknown.values(physical), unknown.design.tocsr()
+    counts = np.diff(design.indptr)
+    found: dict[tuple[int, int, int], tuple[ElementMatrices, sparse.csr_array, list[tuple[str, float]]]] = {}
+    members: list[tuple[int, IntArray]] = []
+    variable: list[FloatArray] = []
+    for number, group in enumerate(sensitive):
+        for member in group.members:
+            item = structure.contributions[member]
+            factor = np.ones(1) if item.factor is None else weights[item.factor][group.rows]
+            other = 0 if item.factor is None else counts[item.factor][group.rows].sum()
+            if item.scale is not None:
+                factor = factor * item.scale.of(weights)[group.rows]
+                other += item.scale.touched(counts > 0)[group.rows].sum()
+            simple = np.ptp(factor) == 0 and not other
+            key = (number, item.first, -1 if simple else member)
+            if key not in found:
+                slope = design[item.value] if simple else weight_slope(item, unknown, weights)
+                found[key] = (group.blocks, sparse.csr_array(slope[group.rows]), [])
+                members.append((member, group.rows))
+                variable += [] if simple else [found[key][1].data]
+            found[key][2].append((item.law, float(factor[0]) if simple else 1.0))
+    kinds = {uses: kind for kind, uses in enumerate(dict.fromkeys(tuple(uses) for _, _, uses in found.values()))}
+    parts = tuple(WeightedElements(blocks, slope, kinds[tuple(uses)]) for blocks, slope, uses in found.values())
+    return WeightedParts(parts, tuple(members), tuple(kinds), tuple(variable))

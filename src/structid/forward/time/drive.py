@@ -1,0 +1,109 @@
+"""How forces, or the motion of supports, run from the start over the samples of a record: exactly, between them too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.forward.time.options import Hold, Oscillation
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What drives a structure, as the outputs of a linear system of its own.
+
+    Parameters
+    ----------
+    force : {"first", "zero"} or Oscillation
+    n_loads : int
+        Of forces, or of supports whose accelerations take the place of forces.
+    moves_supports : bool
+        They are at rest at the start, and displacements and velocities count from there.
+    step : float
+        Time between samples, s.
+    gap : float
+        Time from the start to the first sample, s.
+    start : float
+        Time of the start, s.
+    """
+
+    force: Hold | Oscillation
+    n_loads: int
+    moves_supports: bool
+    step: float
+    gap: float
+    start: float
+
+    @cached_property
+    def generator(self) -> FloatArray:
+        """Rate of the inputs, for `exact_step`, (n_inputs, n_inputs).
+
+        Their state is all forces, and then slopes or quadratures; of supports accelerations and slopes, and then velocities
+        over a step and displacements over its square.
+        """
+        eye = np.eye(self.n_loads)
+        if self.moves_supports:
+            rate = np.zeros((4, 4))
+            rate[0, 1] = rate[2, 0] = rate[3, 2] = 1.0
+            return np.kron(rate, eye) / self.step
+        if isinstance(self.force, Oscillation):
+            return self.force.omega * np.kron(np.array([[0.0, 1.0], [-1.0, 0.0]]), eye)
+        if self.force == "zero":
+            return np.zeros((self.n_loads, self.n_loads))
+        return np.kron(np.array([[0.0, 1.0], [0.0, 0.0]]), eye) / self.step
+
+    @property
+    def oscillates(self) -> bool:
+        return isinstance(self.force, Oscillation)
+
+    def times(self, n_times: int) -> FloatArray:
+        """The start where it precedes the first sample, and the samples, s."""
+        samples = self.start + self.gap + self.step * np.arange(n_times)
+        return np.concatenate([[self.start], samples]) if self.gap > 0 else samples
+
+    def oscillation(self, n_times: int) -> FloatArray:
+        """State of the generator at all `times` for unit amplitudes, (n_steps + 1, n_inputs, n_force_values)."""
+        assert isinstance(self.force, Oscillation)
+        time, eye = self.times(n_times), np.eye(self.n_loads)
+        c, s = np.cos(self.force.omega * time), np.sin(self.force.omega * time)
+        cosine = np.kron(np.stack([c, -s], axis=1)[..., None], eye)
+        if not self.force.sine:
+            return cosine
+        return np.concatenate([cosine, np.kron(np.stack([s, c], axis=1)[..., None], eye)], axis=2)
+
+    def waveforms(self, n_times: int) -> FloatArray:
+        """Force samples for unit amplitudes of an oscillation, (n_times, n_loads, n_force_values)."""
+        return self.oscillation(n_times)[-n_times:, : self.n_loads]
+
+    def known(self, samples: FloatArray) -> FloatArray:
+        """The force as far as its samples (n_times, n_loads) tell: they themselves, or amplitudes by least squares."""
+        if not self.oscillates:
+            return samples
+        waveforms = self.waveforms(len(samples))
+        wide = waveforms.reshape(-1, waveforms.shape[2])
+        return np.asarray(np.linalg.lstsq(wide, samples.ravel(), rcond=None)[0])
+
+    def inputs(self, force: FloatArray, n_times: int) -> FloatArray:
+        """State of the generator at each sample, from the start on, (n_steps + 1, n_inputs).
+
+        `force` holds samples (n_times, n_loads), or amplitudes (n_force_values,) of an oscillation.
+        """
+        if self.oscillates:
+            return self.oscillation(n_times) @ force
+        slope = np.diff(force, axis=0, append=force[-1:]) * (self.force == "first")
+        if self.moves_supports:
+            velocity = _summed(force + slope / 2)
+            return np.concatenate([force, slope, velocity, _summed(velocity + force / 2 + slope / 6)], axis=1)
+        return force if self.force == "zero" else np.concatenate([force, slope], axis=1)
+
+    def pushes(self, mass: FloatArray, damping: FloatArray, stiffness: FloatArray) -> FloatArray:
+        """Forces (..., n_inputs) of the inputs where supports move, from the matrices (..., n_loads) times unit motions of them."""
+        return -np.concatenate([mass, 0 * mass, damping * self.step, stiffness * self.step**2], axis=-1)
+
+
+def _summed(rates: FloatArray) -> FloatArray:
+    """What sums to before each sample, (n_times, n)."""
+    return np.concatenate([np.zeros((1, rates.shape[1])), np.cumsum(rates[:-1], axis=0)])

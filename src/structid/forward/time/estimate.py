@@ -1,0 +1,175 @@
+"""The `Estimate` of an iterated linear fit to time records: instrumental variables and the weak form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.forward.motion.equations import TimeEquations
+from structid.forward.record_problem import ParameterProblem
+from structid.inversion import DenseCovariance, Estimate, Linearization, Status
+from structid.inversion.covariance import correlation_length, inverse_information, model_error_covariance
+from structid.inversion.diagnostics.identifiability import identifiability
+from structid.unknowns import Parameters
+
+_UNSOUND = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedRows(ParameterProblem):
+    """Equations linear in the parameters, with rows of unit variance, and instruments for them; no variable is transformed.
+
+    Attributes
+    ----------
+    parameters : Parameters
+    regressors : (n_rows, n_params) float array
+    right : (n_rows,) float array
+    instruments : (n_rows, n_params) float array
+        Regressors as far as they are free of the noise of the rows.
+    lines, series : (n_rows,) int arrays
+        Instant (or window), and twice the degree of freedom, of each row.
+    """
+
+    parameters: Parameters
+    regressors: FloatArray
+    right: FloatArray
+    instruments: FloatArray
+    lines: IntArray
+    series: IntArray
+
+    @property
+    def theta_start(self) -> FloatArray:
+        return self.parameters.start
+
+    def physical(self, theta: FloatArray) -> FloatArray:
+        return theta
+
+    def slope(self, theta: FloatArray) -> FloatArray:
+        return np.ones(len(theta))
+
+    @property
+    def n_data(self) -> int:
+        return len(self.right)
+
+    def residual(self, theta: FloatArray) -> FloatArray:
+        return self.regressors @ theta - self.right
+
+    def linearize(self, theta: FloatArray) -> Linearization:
+        return Linearization(self.residual(theta), self.instruments)
+
+    @cached_property
+    def _system(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """Q' B S^-1, Q' c and S, where Q R S = Z with unit columns Z S^-1; None where rows do not determine all."""
+        scale = np.linalg.norm(self.instruments, axis=0)
+        if len(self.right) < len(scale) or not (scale > 0).all() or not np.isfinite(scale).all():
+            return None
+        basis, triangle = np.linalg.qr(self.instruments / scale)
+        singular = np.linalg.svd(triangle, compute_uv=False)
+        system = basis.T @ self.regressors / scale
+        if singular[-1] < _UNSOUND * singular[0] or not np.linalg.cond(system) < 1 / _UNSOUND:
+            return None
+        return system, basis.T @ self.right, scale
+
+    @property
+    def determine_all(self) -> bool:
+        """Whether there is one solution."""
+        return self._system is not None
+
+    def solution(self) -> FloatArray | None:
+        """Parameters for which the residual is orthogonal to all instruments; None where there are several."""
+        if self._system is None:
+            return None
+        system, right, scale = self._system
+        return np.asarray(np.linalg.solve(system, right) / scale)
+
+    def covariance(self) -> FloatArray:
+        """(Z'B)^-1 Z'Z (B'Z)^-1 for rows of unit variance; NaN for what is not determined."""
+        if self._system is None:
+            return inverse_information(self.instruments)
+        system, _, scale = self._system
+        half = np.linalg.inv(system) / scale[:, None]
+        return half @ half.T
+
+
+def whitened_rows(
+    unknown: Parameters, regressors: FloatArray, right: FloatArray, instruments: FloatArray
+) -> WhitenedRows:
+    """The `WhitenedRows` of (n_times, n_dofs, n_params), (n_times, n_dofs) and (n_times, n_dofs, n_params)."""
+    lines, series = np.divmod(np.arange(right.size), right.shape[1])
+    flat = (right.size, unknown.n_params)
+    return WhitenedRows(unknown, regressors.reshape(flat), right.ravel(), instruments.reshape(flat), lines, 2 * series)
+
+
+def dense_rows(equations: TimeEquations, fields: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Regressors (n_times, n_dofs, n_params) and right-hand side (n_times, n_dofs) of fields (4 n_dofs, n_times)."""
+    n, n_params, n_times = equations.n_dofs, equations.unknown.n_params, fields.shape[1]
+    rows = equations.rows(fields).reshape(n, n_times, equations.side)
+    columns = np.broadcast_to(equations.columns, (n, equations.side - 1))
+    found = np.zeros((n, n_times, n_params + 1))
+    for dof in range(n):
+        found[dof][:, columns[dof]] += rows[dof][:, :-1]
+    regressors = np.swapaxes(found[..., :n_params], 0, 1)
+    return np.ascontiguousarray(regressors), rows[..., -1].T
+
+
+def linear_estimate(
+    rows: WhitenedRows,
+    values: FloatArray | None,
+    history: list[FloatArray],
+    converged: bool,
+    message: str,
+    known_noise: bool,
+    misfit_probability: float,
+) -> Estimate:
+    """What `rows` say of the parameters, with covariance, status and identifiability.
+
+    `values` None stands for none found; `known_noise` False for rows whose unit
+    variance is that of their own residual, so that chi-square says nothing.
+    """
+    unknown = rows.parameters
+    n_params, determined = unknown.n_params, values is not None
+    found = np.full(n_params, np.nan) if values is None else values
+    residual = rows.residual(found) if determined else np.full(rows.n_data, np.nan)
+    chi_square, freedom = float(residual @ residual), max(rows.n_data - n_params, 0)
+    misfit = (
+        bool(freedom and special.gammaincc(freedom / 2, chi_square / 2) < misfit_probability) if determined else False
+    )
+    blank = np.full((n_params, n_params), np.nan)
+    noise = rows.covariance() if determined else blank
+    model = model_error_covariance(rows, rows.linearize(found)) if determined else blank
+    basis = "model_error" if misfit or not known_noise else "noise"
+    adopted = np.sqrt(np.diag(model if basis == "model_error" else noise))
+    identified = adopted <= np.abs(found)
+    size = np.where(np.isfinite(found) & (found != 0), np.abs(found), np.where(unknown.start != 0, unknown.start, 1.0))
+    status = Status.CONVERGED if identified.all() else Status.NOT_IDENTIFIABLE
+    if not converged and rows.determine_all:
+        status = Status.NOT_CONVERGED
+    return Estimate(
+        names=unknown.names,
+        kinds=unknown.kinds,
+        units=unknown.units,
+        initial=locked(unknown.start),
+        values=locked(found),
+        noise=DenseCovariance(noise),
+        model_error=DenseCovariance(model),
+        covariance_basis=basis,
+        identified=locked(identified),
+        status=status,
+        message=message,
+        identifiability=identifiability(
+            rows.instruments * size, found, unknown.names, np.sqrt(chi_square / freedom) if misfit else 1.0
+        ),
+        n_data=rows.n_data,
+        chi_square=chi_square if known_noise else float("nan"),
+        degrees_of_freedom=freedom,
+        residual_correlation=correlation_length(residual, rows.lines, rows.series) if determined else float("nan"),
+        n_iterations=len(history) - 1,
+        n_starts=1,
+        n_agreeing=1,
+        theta=locked(found),
+        history=locked(np.array(history)),
+    )

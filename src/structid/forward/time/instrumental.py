@@ -1,0 +1,268 @@
+"""Refined instrumental variables: equations of motion at sampled instants, solved without the bias of noisy motion.
+
+Least squares takes products of the noisy motion with itself, whose mean does not vanish. Instruments are the same
+regressors made from a simulated motion, which has nothing to do with the noise: Z' W (B p - c) = 0 with Z from the
+model at the present parameters, W the inverse covariance of the equation error there; again with the new ones, until
+they stay (Young and Jakeman 1979; Soderstrom and Stoica 1983).
+
+References
+----------
+Young and Jakeman (1979), Int. J. Control 29, 1-30: refined instrumental variables. Soderstrom and Stoica (1983),
+Instrumental Variable Methods for System Identification, chapter 4: consistency and covariance. Norris (1986),
+Eqs. 3.6 to 3.15: the regressors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg, sparse, special
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError, SingularModelError
+from structid.fem import Structure
+from structid.forward.motion.equations import TimeEquations, time_equations
+from structid.forward.motion.fit import identify_motion
+from structid.forward.motion.motion import MOTION_QUANTITIES, Motion, field_map, recorded_motion
+from structid.forward.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
+from structid.forward.time.instrumental_steps import UNDETERMINED, UNSTABLE, InstrumentalSteps
+from structid.forward.time.model import ORDERS, TimeModel
+from structid.forward.time.options import TimeOptions
+from structid.forward.time.problem import declared_variance, time_model
+from structid.inversion import Estimate
+from structid.inversion.search.work import ALONE, Work
+from structid.records import TimeRecord
+from structid.unknowns import Parameters
+
+_LAWS = {"acceleration": "inertia", "velocity": "viscous", "displacement": "elastic"}
+_TOLERANCE = 1e-2  # of a standard deviation; instruments need no more, since any make a consistent estimate
+_STEPS_A_STAGE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class InstrumentalFit:
+    """Equations of motion of a record, and what makes instruments for them.
+
+    Attributes
+    ----------
+    equations : TimeEquations
+    structure : Structure
+    model : TimeModel
+        With a sensor for each quantity of `simulated` at every degree of freedom.
+    simulated : tuple of str
+    motion : Motion
+        Measured.
+    noise : mapping of quantity to (n_dofs, n_dofs) float array, or None
+        Error covariance of motion and force; None where it is not declared.
+    force : float array
+        What drives the simulation: samples, or amplitudes of an oscillation.
+    initial : (2 n_dofs,) float array, optional
+    """
+
+    equations: TimeEquations
+    structure: Structure
+    model: TimeModel
+    simulated: tuple[str, ...]
+    motion: Motion
+    noise: dict[str, FloatArray] | None
+    force: FloatArray
+    initial: FloatArray | None
+
+    def first(self, n_times: int) -> InstrumentalFit:
+        """The same with the first samples only."""
+        force = self.force if self.model.drive.oscillates else self.force[:n_times]
+        return replace(self, motion=self.motion.at(slice(0, n_times)), force=force)
+
+    def rows(self, values: FloatArray) -> WhitenedRows:
+        """Equations and instruments for the parameters `values`.
+
+        Raises
+        ------
+        SingularModelError
+            If motion cannot be simulated with these parameters.
+        """
+        n_times, n = self.motion.n_times, self.equations.n_dofs
+        regressors, right = dense_rows(self.equations, self.equations.fields(self.motion))
+        with np.errstate(over="ignore", invalid="ignore"):
+            readings = self.model.readings(values, self.force, self.initial, n_times)
+        if not np.isfinite(readings).all():
+            raise SingularModelError("the simulated motion grows without bound")
+        parts = dict(zip(self.simulated, readings.reshape(n_times, len(self.simulated), n).swapaxes(0, 1), strict=True))
+        instruments, _ = dense_rows(self.equations, self.equations.fields(replace(self.motion, **parts)))
+        if self.initial is not None:
+            instruments[0] = 0.0  # it starts from the noisy state of this sample
+        weight = self._whitening(values, right - regressors @ values)
+        return whitened_rows(
+            self.equations.unknown, weight @ regressors, right @ weight.T, np.asarray(weight @ instruments)
+        )
+
+    def _whitening(self, values: FloatArray, residual: FloatArray) -> FloatArray:
+        """L^-1 with L L' the covariance of the equation error at an instant, (n_dofs, n_dofs)."""
+        if self.noise is None:
+            size = np.sqrt((residual**2).mean(axis=0))
+            return np.diag(1 / np.where(size > 0, size, max(float(size.max(initial=0.0)), 1e-300)))
+        properties = self.equations.unknown.values(values)
+        total = self.noise["force"].copy()
+        for quantity in MOTION_QUANTITIES:
+            if quantity in self.noise:
+                matrix = self.structure.matrix(_LAWS[quantity], properties)
+                total += matrix @ (matrix @ self.noise[quantity]).T
+        try:
+            factor = np.linalg.cholesky(total)
+        except np.linalg.LinAlgError as error:
+            raise InputError(
+                "the declared noise leaves some equation of motion exact, so that no finite weight exists; declare noise"
+                " of the acceleration of every degree of freedom, or leave `variance` out"
+            ) from error
+        return linalg.solve_triangular(factor, np.eye(len(factor)), lower=True)
+
+
+def instrumental_fit(
+    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions
+) -> InstrumentalFit:
+    """The `InstrumentalFit` of a record.
+
+    Raises
+    ------
+    InputError
+        If a quantity that the equations hold is not measured at every degree of freedom, or the force or the start of
+        the simulation is not known.
+    """
+    equations = time_equations(structure, unknown)
+    motion = recorded_motion(structure, record)
+    equations.fields(motion.at(slice(0, 1)))  # so that a missing quantity shows here
+    simulated = tuple(q for q in MOTION_QUANTITIES if getattr(motion, q) is not None)
+    base = time_model(structure, unknown, record, options)
+    dofs = tuple(Dof(d.node, d.direction, d.sign) for d in structure.dofs)
+    orders = np.repeat([ORDERS[q] for q in simulated], structure.n_dofs)
+    model = replace(base, sensors=dofs * len(simulated), orders=orders)
+    loads = [i for i, q in enumerate(record.quantities) if q == "force"]
+    force, initial = model.drive.known(record.values[:, loads]), None
+    if options.initial == "unknown":
+        if motion.velocity is None or motion.displacement is None:
+            raise InputError(
+                "displacement and velocity at the first sample are needed to start the simulation that makes the"
+                " instruments; record both, begin at rest, or take method 'output_error'"
+            )
+        initial = np.concatenate([motion.displacement[0], motion.velocity[0]])
+    noise = None if record.variance is None else _noise(structure, record)
+    return InstrumentalFit(equations, structure, model, simulated, motion, noise, force, initial)
+
+
+def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
+    """Error covariance of each quantity at the free degrees of freedom, as `recorded_motion` makes it from channels."""
+    variance, found = declared_variance(record), {}
+    for quantity in (*MOTION_QUANTITIES, "force"):
+        reader = field_map(structure, record, quantity)
+        if reader is not None:
+            found[quantity] = (reader @ sparse.diags_array(variance) @ reader.T).toarray()
+    return found
+
+
+def identified_by_instruments(
+    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, work: Work = ALONE
+) -> Estimate:
+    """Refined instrumental variables, first from few samples and then from ever more; see `identify_time`."""
+    fit = instrumental_fit(structure, unknown, record, options)
+    size = options.first_samples or max(4, -(-2 * unknown.n_params // structure.n_dofs))
+    steps = InstrumentalSteps(work.keeper(_no_rows(unknown)))
+    ends: list[_End] = []
+    for first, values in _ways(fit, unknown, size):
+        ends.append(_followed(fit, first, values, options.max_iterations, steps))
+        if ends[-1].fits(fit.noise is not None, options.misfit_probability):
+            break
+    end = min(ends, key=lambda e: (not e.converged, e.chi_square))
+    message = "the parameters stay" if end.converged else f"stopped after {options.max_iterations} iterations"
+    if end.rows is None:
+        message = "motion cannot be simulated with the parameters found"
+    elif end.values is None:
+        message = "the samples do not determine the parameters"
+    rows, known = end.rows or _plain_rows(fit), fit.noise is not None
+    found = linear_estimate(rows, end.values, end.history, end.converged, message, known, options.misfit_probability)
+    return replace(found, n_starts=len(ends))
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where the iteration from one start ended; `rows` None where motion cannot be simulated there."""
+
+    values: FloatArray | None
+    converged: bool
+    rows: WhitenedRows | None
+    history: list[FloatArray]
+
+    @property
+    def chi_square(self) -> float:
+        if self.rows is None or self.values is None:
+            return float("inf")
+        residual = self.rows.residual(self.values)
+        return float(residual @ residual)
+
+    def fits(self, known_noise: bool, probability: float) -> bool:
+        """Whether chi-square is no larger than noise makes it; True where the noise is not known."""
+        if self.rows is None or not known_noise:
+            return self.rows is not None
+        freedom = self.rows.n_data - len(self.history[0])
+        return bool(freedom <= 0 or special.gammaincc(freedom / 2, self.chi_square / 2) >= probability)
+
+
+def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tuple[int, FloatArray]]:
+    """Samples of the first stage and start: least squares of few and of all samples, and the given start, in turn."""
+    n_times, given = fit.motion.n_times, np.array(unknown.start)
+    for first in dict.fromkeys((min(size, n_times), min(8 * size, n_times))):
+        found = identify_motion(fit.structure, unknown, fit.motion.at(slice(0, first))).values
+        if np.isfinite(found).all():
+            yield first, found
+    yield min(8 * size, n_times), given
+    yield n_times, given
+
+
+def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:
+    """From a stage of `size` samples by doubling to all of them."""
+    history = [values]
+    while size < fit.motion.n_times:
+        stage, _, _ = _iterated(fit.first(size), values, _STEPS_A_STAGE, history, steps)
+        values = values if stage is None else stage
+        size *= 2
+    found, converged, rows = _iterated(fit, values, most, history, steps)
+    return _End(found, converged, rows, history)
+
+
+def _iterated(
+    fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray], steps: InstrumentalSteps
+) -> tuple[FloatArray | None, bool, WhitenedRows | None]:
+    """Parameters after at most so many solutions, whether they stay, and the rows of the last one.
+
+    Solutions that swing to and fro are halved in between.
+    """
+    converged, last, before = False, None, values
+    for _ in range(most):
+        at = steps.taken(fit, values)
+        if at.outcome == UNSTABLE:
+            return None, False, None
+        if at.outcome == UNDETERMINED:
+            return None, False, at.rows or fit.rows(values)
+        history.append(at.solution)
+        step = (at.solution - values) / at.deviation
+        swings = last is not None and float(step @ last) < -0.5 * float(last @ last)
+        before, last = values, step
+        values = 0.5 * (values + at.solution) if swings else at.solution
+        if np.abs(step).max(initial=0.0) < _TOLERANCE:
+            converged = True
+            break
+    return values, converged, at.rows or fit.rows(before)
+
+
+def _no_rows(unknown: Parameters) -> WhitenedRows:
+    """What says whose values are kept."""
+    none = np.zeros((0, 1, unknown.n_params))
+    return whitened_rows(unknown, none, np.zeros((0, 1)), none)
+
+
+def _plain_rows(fit: InstrumentalFit) -> WhitenedRows:
+    """The equations as they are, with the noisy regressors in place of instruments."""
+    regressors, right = dense_rows(fit.equations, fit.equations.fields(fit.motion))
+    return whitened_rows(fit.equations.unknown, regressors, right, regressors)

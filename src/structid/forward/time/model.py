@@ -1,0 +1,338 @@
+"""What sensors of a structure read at the samples of a record, and its derivatives, without discretization error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.dof import Dof
+from structid.core.errors import InputError, SingularModelError
+from structid.dynamics.exact_discretization import Step, exact_step, stepped
+from structid.fem import Base, Structure
+from structid.forward.sensitive import require_laws_in_time, weight_slope
+from structid.forward.time.drive import Drive
+from structid.unknowns import Parameters
+
+_MOST_DOFS = 200
+_LAWS = ("inertia", "viscous", "elastic")
+_CHUNK = 4_000_000
+ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True, eq=False)
+class TimeModel:
+    """A structure with mass, viscous damping and stiffness, its loads and its sensors.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+    drive : Drive
+    loads : tuple of Dof
+        Of forces, or where `bases` drive supports, whose accelerations take the place of forces.
+    sensors : tuple of Dof
+    orders : (n_sensors,) int array
+        Derivative that each sensor reads: 0 displacement, 1 velocity, 2 acceleration.
+    bases : tuple of Base
+        What supports drive the structure, one a load.
+    """
+
+    structure: Structure
+    unknown: Parameters
+    drive: Drive
+    loads: tuple[Dof, ...]
+    sensors: tuple[Dof, ...]
+    orders: IntArray
+    bases: tuple[Base, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_viscous(self.structure, self.unknown)
+        if self.structure.n_dofs > _MOST_DOFS:
+            raise InputError(
+                f"the structure must have at most {_MOST_DOFS} free degrees of freedom for a time-domain fit, got"
+                f" {self.structure.n_dofs}; condense it (see `reduction`), or identify from FRFs with `identify`"
+            )
+        if self.bases and self.drive.oscillates:
+            raise InputError(
+                f"base {self.bases[0].name!r} drives the structure by samples of its acceleration; take force = 'first' or 'zero'"
+            )
+        if self.drive.gap > 0 and not self.drive.oscillates:
+            raise InputError(
+                f"the rest must last until the first sample where the force is known by samples, but they begin {self.drive.gap:g}"
+                " s later; begin the record at rest, take initial 'unknown', or give the force as an Oscillation"
+            )
+
+    @cached_property
+    def moving(self) -> Structure:
+        """The structure with the supports that drive it let go."""
+        return self.structure.let_go(self.bases) if self.bases else self.structure
+
+    @cached_property
+    def load_columns(self) -> FloatArray:
+        """Where each load acts, or which support it moves, (n_dofs, n_loads) of `moving`."""
+        return np.asarray(self.moving.selection(self.loads).toarray(), dtype=np.float64)
+
+    @cached_property
+    def free(self) -> IntArray:
+        """Degrees of freedom of `moving` that no support drives."""
+        return np.flatnonzero(~self.load_columns.any(axis=1)) if self.bases else np.arange(self.structure.n_dofs)
+
+    @cached_property
+    def sensor_columns(self) -> FloatArray:
+        """What each sensor reads, (n_free, n_sensors).
+
+        Raises
+        ------
+        InputError
+            If one reads a support that drives.
+        """
+        columns = np.asarray(self.moving.selection(self.sensors).toarray(), dtype=np.float64)
+        still = np.delete(columns, self.free, axis=0).any(axis=0)
+        if still.any():
+            raise InputError(
+                f"sensor {self.sensors[int(np.argmax(still))]} moves with the support that drives the structure; leave it out"
+                " of `channels_used`"
+            )
+        return columns[self.free]
+
+    def readings(self, values: FloatArray, force: FloatArray, initial: FloatArray | None, n_times: int) -> FloatArray:
+        """What the sensors read, (n_times, n_sensors).
+
+        Parameters
+        ----------
+        values : (n_params,) float array
+            Physical parameters.
+        force : (n_times, n_loads) float array
+            N or N m; for an `Oscillation` (n_force_values,), all cosines and then all sines.
+        initial : (2 n_free,) float array, optional
+            Displacement and velocity at the start; rest if None.
+        n_times : int
+
+        Raises
+        ------
+        SingularModelError
+            If the mass matrix is not positive definite.
+        """
+        system = self._linear(values, derivatives=False)
+        inputs = self.drive.inputs(force, n_times)[..., None]
+        return system.readings(system.start_of(initial)[:, None], inputs, n_times)[..., 0]
+
+    def derivatives(
+        self, values: FloatArray, force: FloatArray, initial: FloatArray | None, n_times: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """`readings`, and their derivative with respect to the parameters, (n_times, n_sensors, n_params)."""
+        system = self._linear(values, derivatives=True)
+        return system.derivatives(system.start_of(initial), self.drive.inputs(force, n_times), n_times)
+
+    def unit_forces(self, values: FloatArray, n_times: int) -> FloatArray:
+        """Readings from rest for unit amplitudes of an oscillation, (n_times, n_sensors, n_force_values)."""
+        system, inputs = self._linear(values, derivatives=False), self.drive.oscillation(n_times)
+        return system.readings(np.zeros((2 * len(self.free), inputs.shape[2])), inputs, n_times)
+
+    def unit_starts(self, values: FloatArray, n_times: int) -> FloatArray:
+        """Readings of free motion from unit displacements and velocities, (n_times, n_sensors, 2 n_free)."""
+        system = self._linear(values, derivatives=False)
+        nothing = np.zeros((len(self.drive.times(n_times)), len(self.drive.generator), 2 * len(self.free)))
+        return system.readings(system.start_of(np.eye(2 * len(self.free))), nothing, n_times)
+
+    def unit_pulses(self, values: FloatArray, n_times: int) -> FloatArray:
+        """Readings from rest for a unit of each force sample alone, (n_times, n_sensors, n_times, n_loads)."""
+        system, n_loads = self._linear(values, derivatives=False), len(self.loads)
+        found = np.zeros((n_times, len(self.sensors), n_times, n_loads))
+        rest = np.zeros((2 * len(self.free), 2))
+        for load in range(n_loads):
+            signal = np.zeros((2, n_times + 1, n_loads))
+            signal[0, 0, load] = signal[1, 1, load] = 1.0
+            inputs = np.stack([self.drive.inputs(s, n_times + 1) for s in signal], axis=2)
+            both = system.readings(rest, inputs, n_times + 1)
+            found[:, :, 0, load] = both[:n_times, :, 0]
+            for k in range(1, n_times):
+                found[k:, :, k, load] = both[1 : n_times - k + 1, :, 1]
+        return found
+
+    def _linear(self, values: FloatArray, derivatives: bool) -> LinearSystem:
+        """State-space matrices at these parameters, and their derivatives."""
+        properties = self.unknown.values(values)
+        whole = [self.moving.matrix(law, properties).toarray() for law in _LAWS]
+        mass, damping, stiffness = (matrix[np.ix_(self.free, self.free)] for matrix in whole)
+        try:
+            squares, shapes = linalg.eigh(stiffness, mass)
+        except (linalg.LinAlgError, ValueError) as error:
+            raise SingularModelError(
+                "the mass matrix must be positive definite; give every degree of freedom some mass"
+            ) from error
+        scale = np.sqrt(np.maximum(squares, 0.0))
+        step, n_inputs = self.drive.step, len(self.drive.generator)
+        scale = np.where(scale * step > 1e-3, scale, 1e-3 / step)
+        n_params = self.unknown.n_params if derivatives else 0
+        n, modal_damping = len(squares), shapes.T @ damping @ shapes
+        wide = np.zeros((self.moving.n_dofs, n))
+        wide[self.free] = shapes
+        load: FloatArray = wide.T @ self.load_columns
+        if self.bases:
+            load = self.drive.pushes(*(wide.T @ matrix @ self.load_columns for matrix in whole))
+        rate = np.zeros((2 * n, 2 * n))
+        rate[:n, n:], rate[n:, :n], rate[n:, n:] = np.diag(scale), np.diag(-squares / scale), -modal_damping
+        coupling = np.zeros((2 * n, n_inputs))
+        coupling[n:, : load.shape[1]] = load
+        rate_change, coupling_change = (np.zeros((2 * n, n_params, width)) for width in (2 * n, n_inputs))
+        if derivatives:
+            right = np.concatenate([wide, self.load_columns], axis=1) if self.bases else wide
+            changes = [_change_between(self.moving, self.unknown, law, wide, right, properties) for law in _LAWS]
+            inertia, viscous, elastic = (change[..., :n] for change in changes)
+            rate_change[n:, :, :n] = (inertia * squares - elastic) / scale
+            rate_change[n:, :, n:] = inertia @ modal_damping - viscous
+            coupling_change[n:, :, : load.shape[1]] = -(inertia @ load)
+            if self.bases:
+                coupling_change[n:] += self.drive.pushes(*(change[..., n:] for change in changes))
+        return LinearSystem(self, shapes, scale, shapes.T @ mass, rate, coupling, rate_change, coupling_change)
+
+
+def _change_between(
+    structure: Structure, unknown: Parameters, law: str, left: FloatArray, right: FloatArray, properties: FloatArray
+) -> FloatArray:
+    """left' (dA/dp) right of a matrix A for each parameter, (n_left, n_params, n_right)."""
+    n_params, n_left, n_right = unknown.n_params, left.shape[1], right.shape[1]
+    total = np.zeros((n_params, n_left * n_right))
+    for part in structure.contributions:
+        if part.law != law:
+            continue
+        rows = weight_slope(part, unknown, properties)
+        used = np.flatnonzero(np.diff(rows.indptr))
+        if len(used) > n_params:  # as modal damping has, an element an entry
+            changes = (part.blocks.assemble(column) for column in rows.toarray().T)
+            total += np.stack([(left.T @ (matrix @ right)).ravel() for matrix in changes])
+        elif len(used):
+            forms = part.blocks.take(used).bilinear(left, right).reshape(len(used), -1)
+            total += rows[used].T @ forms
+    return np.swapaxes(total.reshape(n_params, n_left, n_right), 0, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSystem:
+    """Modal state space of a `TimeModel` at given parameters; shapes stay fixed where derivatives are taken."""
+
+    model: TimeModel
+    shapes: FloatArray
+    scale: FloatArray
+    inverse_shapes: FloatArray
+    rate: FloatArray
+    coupling: FloatArray
+    rate_change: FloatArray
+    coupling_change: FloatArray
+
+    def _step(self, length: float) -> Step:
+        generator = self.model.drive.generator
+        return exact_step(self.rate, self.coupling, generator, length, self.rate_change, self.coupling_change)
+
+    @cached_property
+    def _steps(self) -> tuple[Step, Step]:
+        """The first step, and all others."""
+        step, gap = self.model.drive.step, self.model.drive.gap
+        usual = self._step(step)
+        same = gap == 0 or abs(gap - step) < 1e-12 * step
+        return (usual if same else self._step(gap)), usual
+
+    def _pieces(self, n_times: int, width: int) -> Iterator[tuple[Step, slice]]:
+        """Steps and stretches of them that fit into memory; the first may be of another length than the others."""
+        n_steps = n_times - 1 + (self.model.drive.gap > 0)
+        first = 0
+        if self.model.drive.gap > 0:
+            yield self._steps[0], slice(0, 1)
+            first = 1
+        chunk = max(1, _CHUNK // (len(self.rate) * width))
+        for begin in range(first, n_steps, chunk):
+            yield self._steps[1], slice(begin, min(begin + chunk, n_steps))
+
+    def start_of(self, initial: FloatArray | None) -> FloatArray:
+        """Modal state of displacement and velocity (2 n_free, ...); rest for None."""
+        n = len(self.scale)
+        if initial is None:
+            return np.zeros(2 * n)
+        displacement, velocity = self.inverse_shapes @ initial[:n], self.inverse_shapes @ initial[n:]
+        return np.concatenate([(displacement.T * self.scale).T, velocity])
+
+    @cached_property
+    def _output(self) -> tuple[FloatArray, FloatArray]:
+        """Rows of the sensors for state (n_sensors, n_states) and input (n_sensors, n_inputs)."""
+        n, seen = len(self.scale), self.model.sensor_columns.T @ self.shapes
+        order = self.model.orders[:, None]
+        slow = [np.where(order == 0, seen / self.scale, 0.0), np.where(order == 1, seen, 0.0)]
+        fast = np.where(order == 2, seen, 0.0)
+        return np.concatenate(slow, axis=1) + fast @ self.rate[n:], fast @ self.coupling[n:]
+
+    def readings(self, start: FloatArray, inputs: FloatArray, n_times: int) -> FloatArray:
+        """Readings of several motions at once, (n_times, n_sensors, n_motions).
+
+        Parameters
+        ----------
+        start : (n_states, n_motions) float array
+        inputs : (n_steps + 1, n_inputs, n_motions) float array
+        n_times : int
+        """
+        of_state, of_input = self._output
+        found = np.empty((len(inputs), len(of_state), start.shape[1]))
+        found[0], state = of_state @ start, start
+        for step, span in self._pieces(n_times, start.shape[1]):
+            states = stepped(step.transition, step.entry @ inputs[span], state)
+            found[span.start + 1 : span.stop + 1], state = of_state @ states[1:], states[-1]
+        return (found + of_input @ inputs)[-n_times:]
+
+    def derivatives(self, start: FloatArray, inputs: FloatArray, n_times: int) -> tuple[FloatArray, FloatArray]:
+        """Readings of one motion and their derivatives, (n_times, n_sensors) and (n_times, n_sensors, n_params).
+
+        Parameters
+        ----------
+        start : (n_states,) float array
+        inputs : (n_steps + 1, n_inputs) float array
+        n_times : int
+        """
+        n_params = self.rate_change.shape[1]
+        values, slopes = [], []
+        state = np.concatenate([start[:, None], np.zeros((len(start), n_params))], axis=1)
+        if self.model.drive.gap == 0:
+            value, slope = self._read(state[None], inputs[:1])
+            values.append(value)
+            slopes.append(slope)
+        for step, span in self._pieces(n_times, 1 + n_params):
+            states = self._advanced(step, state, inputs[span])
+            value, slope = self._read(states[1:], inputs[span.start + 1 : span.stop + 1])
+            values.append(value)
+            slopes.append(slope)
+            state = states[-1]
+        return np.concatenate(values), np.concatenate(slopes)
+
+    def _advanced(self, step: Step, state: FloatArray, inputs: FloatArray) -> FloatArray:
+        """States and their derivatives over the next steps, (n_steps + 1, n_states, 1 + n_params)."""
+        own = stepped(step.transition, inputs @ step.entry.T, state[:, 0])
+        wide = np.concatenate([step.transition_change, step.entry_change], axis=2)
+        given = np.concatenate([own[:-1], inputs], axis=1)
+        pushed = (wide.reshape(-1, wide.shape[2]) @ given.T).reshape(len(state), -1, len(inputs))
+        drive = np.ascontiguousarray(np.moveaxis(pushed, 2, 0))
+        return np.concatenate([own[..., None], stepped(step.transition, drive, state[:, 1:])], axis=2)
+
+    def _read(self, states: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Readings and their derivatives at some states, (n_times, n_sensors) and (n_times, n_sensors, n_params)."""
+        of_state, of_input = self._output
+        n_params, n = self.rate_change.shape[1], len(self.scale)
+        found = of_state @ states
+        values, slopes = found[..., 0] + inputs @ of_input.T, found[..., 1:]
+        fast = np.flatnonzero(self.model.orders == 2)
+        if len(fast):
+            seen = self.model.sensor_columns[:, fast].T @ self.shapes
+            wide = np.concatenate([self.rate_change[n:], self.coupling_change[n:]], axis=2)
+            given = np.concatenate([states[..., 0], inputs], axis=1)
+            pushed = seen @ (wide.reshape(-1, wide.shape[2]) @ given.T).reshape(n, -1)
+            slopes[:, fast] += np.moveaxis(pushed.reshape(len(fast), n_params, -1), 2, 0)
+        return values, slopes
+
+
+def require_viscous(structure: Structure, unknown: Parameters) -> None:
+    """Raise `InputError` where friction, loss factors or measured FRFs take part: they have no linear equation in time."""
+    structure.require_modes("histories")
+    require_laws_in_time(structure, unknown)

@@ -1,0 +1,319 @@
+"""Output error from few samples to all of them: where the search starts, and how it is led to the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward.motion.fit import identify_motion
+from structid.forward.time.options import TimeOptions
+from structid.forward.time.output_error import OutputErrorProblem
+from structid.forward.time.problem import output_error_problem
+from structid.forward.time.weak_form import identified_by_weak_form
+from structid.inversion import Estimate, LevenbergMarquardt, Linearization, OperatorLinearization
+from structid.inversion.diagnostics.refusal import bound_at
+from structid.inversion.estimate import estimate
+from structid.inversion.search.minimum import residual_at, squared
+from structid.inversion.search.multistart import named
+from structid.inversion.search.posterior_linearization import posterior_linearized
+from structid.inversion.search.work import ALONE, StageProgress, Tools, Work
+from structid.records import TimeRecord
+from structid.unknowns import Parameters
+
+_NEAR, _FAR = 0.05, 0.2
+_HELD = 0.5
+_STAGE_TOLERANCE = 1e-4
+_LINEAR_SAMPLES = (4, 8, 16)
+#: Posterior linearization: standard deviation in parts of each value, of the given start and about a minimum that a few
+#: modes keep from the noise, and rows for each unknown.
+_SPREAD, _NEAR_SPREAD, _SPREAD_ROWS = 0.5, 0.1, 16
+#: At most so many, and none after so many that come back to the same minimum, to a part of its sum of squares.
+_MOST_FAR, _AGREE, _SAME = 6, 2, 0.01
+#: By how much chi-square is less at a better answer: at the same one it is the same to less.
+_BETTER = 1.0
+
+
+class _Start(NamedTuple):
+    """Free variables to begin at, and the first stage of the way from there."""
+
+    theta: FloatArray
+    first: int = 0
+
+
+#: Stages passed, chi-square per degree of freedom of the last with a minus, and free variables where it ended.
+_Way = tuple[int, float, FloatArray]
+
+
+def identified_by_output_error(
+    structure: Structure,
+    unknown: Parameters,
+    record: TimeRecord,
+    options: TimeOptions,
+    work: Work = ALONE,
+    progress: StageProgress | None = None,
+) -> Estimate:
+    """Maximum likelihood, first from few samples and then from ever more of them.
+
+    A long record has a narrow valley about the answer, since phase errors grow with time; a short one has a wide one.
+    Each stage doubles the samples and starts where the one before ended. A stage that misses the noise by its
+    chi-square ends the way from this start, and the next start is tried; where all fail (as with a model that cannot
+    fit), the way that came furthest is followed to its end. Where `work` has several workers, starts that do not
+    depend on each other run ahead of the verdict on those before them; the answer is the same.
+
+    Where modes turn far between two samples, the shortest stage has wrong minima already: posterior linearization is
+    the start that passes them.
+    """
+    problem = output_error_problem(structure, unknown, record, options)
+    sizes = _stages(problem, options)
+    ways: list[_Way] = []
+    iterations = 0
+    for way, spent in _tried(
+        _rounds(problem, record, options, sizes, ways, work, progress), (problem, sizes, options), work, progress
+    ):
+        iterations += spent
+        ways.append(way)
+        if way[0] == len(sizes):
+            break
+    reached, _, theta = _furthest(ways)
+    if reached < len(sizes):
+        tools = Tools(work.minimize, progress)
+        _, _, theta, spent = _followed(problem, sizes[reached:], theta, options, False, tools)
+        iterations += spent
+    elif options.restarts and len(ways) > 1:
+        theta, spent = _confirmed(problem, options, sizes, theta, work, progress)
+        iterations += spent
+    final = problem.with_parameters(unknown.started_at(unknown.transforms.physical(theta)))
+    method = LevenbergMarquardt(max_iterations=2 * options.max_iterations)
+    found = estimate(final, method, misfit_probability=options.misfit_probability, progress=progress, work=work)
+    return replace(
+        found,
+        initial=locked(unknown.start),
+        bound_initial=bound_at(problem, unknown.theta_start, "the initial values").std,
+        n_iterations=found.n_iterations + iterations,
+        n_starts=len(ways),
+    )
+
+
+def _tried(
+    rounds: Iterator[list[_Start]],
+    shared: tuple[OutputErrorProblem, list[int], TimeOptions],
+    work: Work,
+    progress: StageProgress | None,
+) -> Iterator[tuple[_Way, int]]:
+    """What became of each start in turn, and the iterations spent; `rounds` is asked for more when these are taken."""
+    count = 0
+    for starts in rounds:
+        for first in range(0, len(starts), work.n_workers):
+            ahead = starts[first : first + work.n_workers]
+            for found in work.map("starts", _way, shared, ahead, progress, first=count):
+                yield (int(found["reached"]), -float(found["excess"]), np.asarray(found["theta"])), int(found["spent"])
+            count += len(ahead)
+
+
+def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Start, tools: Tools) -> dict[str, Any]:
+    """The way from one start, as a task; one that ends at its first stage has passed none."""
+    problem, sizes, options = shared
+    reached, excess, theta, spent = _followed(problem, sizes[start.first :], start.theta, options, True, tools)
+    reached += start.first if reached else 0
+    return {"reached": reached, "excess": excess, "theta": theta, "spent": spent}
+
+
+def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
+    """Numbers of samples, the last all of them."""
+    size = options.first_samples or max(2, _samples(problem, 1))
+    sizes = []
+    while size < problem.n_times:
+        sizes.append(size)
+        size *= 2
+    return [*sizes, problem.n_times]
+
+
+def _samples(problem: OutputErrorProblem, rows: int) -> int:
+    """Samples that give at least so many rows for each unknown, as far as there are."""
+    n_times, n_sensors = problem.measured.shape
+    n_initial = 2 * len(problem.model.free) if problem.free_start else 0
+    return min(n_times, -(-rows * (problem.parameters.n_params + n_initial) // n_sensors))
+
+
+def _followed(
+    problem: OutputErrorProblem,
+    sizes: list[int],
+    theta: FloatArray,
+    options: TimeOptions,
+    strict: bool,
+    tools: Tools,
+) -> tuple[int, float, FloatArray, int]:
+    """Stages passed, chi-square per degree of freedom of the last one, free variables there, and iterations spent.
+
+    While stages are short, parameters are drawn to where they begin by half of each value, so that what the data do
+    not say yet stays where it is; the last stage is without.
+    """
+    spent, excess = 0, np.inf
+    method = LevenbergMarquardt(max_iterations=options.max_iterations, gain_tolerance=_STAGE_TOLERANCE)
+    for passed, size in enumerate(sizes):
+        stage = problem.first(size)
+        if size < problem.n_times:
+            begin = problem.parameters.started_at(problem.physical(theta))
+            stage = stage.with_parameters(begin.kept_near_start(_HELD))
+        minimum = tools.minimize(stage, method, theta, named(tools.progress, f"{size} samples"))
+        spent += len(minimum.costs) - 1
+        excess, probability = _misfit(stage, minimum.linearization)
+        if strict and probability < options.misfit_probability:
+            return passed, excess, minimum.theta, spent
+        theta = minimum.theta
+    return len(sizes), excess, theta, spent
+
+
+def _misfit(problem: OutputErrorProblem, at: Linearization | OperatorLinearization) -> tuple[float, float]:
+    """Chi-square per degree of freedom, and the probability of a larger one."""
+    data = at.residual[: problem.n_data]
+    freedom, chi_square = problem.n_data - at.n_params - at.n_eliminated, float(data @ data)
+    if freedom <= 0:
+        return 1.0, 1.0
+    return chi_square / freedom, float(special.gammaincc(freedom / 2, chi_square / 2))
+
+
+def _furthest(ways: list[_Way]) -> _Way:
+    return max(ways, key=lambda way: way[:2])
+
+
+def _rounds(
+    problem: OutputErrorProblem,
+    record: TimeRecord,
+    options: TimeOptions,
+    sizes: list[int],
+    ways: list[_Way],
+    work: Work,
+    progress: StageProgress | None,
+) -> Iterator[list[_Start]]:
+    """Where to start from: linear fits where they can be had, the given start, and others.
+
+    The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
+    of the first. Between the first two and the rest comes where posterior linearization leads, which costs more and
+    finds the answer more often. Each round is made when those before have failed; `ways` holds what became of them.
+    """
+    structure, unknown = problem.structure, problem.parameters
+    sound: list[FloatArray] = []
+    rng = np.random.default_rng(options.seed)
+    for makers in (_given_start,) if problem.model.bases else (_linear_starts, _given_start, _weak_start):
+        made = list(makers(structure, unknown, record))
+        sound += made
+        yield [_Start(theta) for theta in made]
+    for attempt in range(0, options.restarts, 2):
+        centres = [(_NEAR, _furthest(ways)[2]), (_FAR, sound[attempt // 2 % len(sound)])]
+        points: list[_Start] = []
+        for distance, theta in centres[: options.restarts - attempt]:
+            size = np.abs(unknown.transforms.physical(theta)) / unknown.transforms.slope(theta)
+            points.append(_Start(theta + distance * size * rng.standard_normal(len(theta))))
+        yield points
+        if attempt == 0:
+            yield from _far_rounds(problem, options, sizes, ways, work, progress)
+
+
+def _far_rounds(
+    problem: OutputErrorProblem,
+    options: TimeOptions,
+    sizes: list[int],
+    ways: list[_Way],
+    work: Work,
+    progress: StageProgress | None,
+) -> Iterator[list[_Start]]:
+    """Where posterior linearization leads, once from the given start and twice from the best minimum so far, in turn.
+
+    The one looks far; what it misses are often a few high modes, some periods off, which the others find. A way
+    begins at the samples that were linearized, since fewer may lead away again, and then at the first. Where the data
+    lead back to the same minimum, the model is wrong and there is no other.
+    """
+    first = _first_far(problem, sizes)
+    short, agreed = problem.first(sizes[first]), 0
+    for count in range(_MOST_FAR):
+        misfit, best = _best(short, ways)
+        centre = (short.theta_start, _SPREAD) if count % 3 == 0 else (best, _NEAR_SPREAD)
+        task = (*centre, options.seed + count)
+        [found] = work.map("far starts", _far_start, short, [task], progress, first=count)
+        before = len(ways)
+        yield [_Start(np.asarray(found["theta"]), begin) for begin in dict.fromkeys((first, 0))]
+        agreed += abs(_best(short, ways[before:])[0] - misfit) < _SAME * misfit
+        if agreed == _AGREE:
+            return
+
+
+def _confirmed(
+    problem: OutputErrorProblem,
+    options: TimeOptions,
+    sizes: list[int],
+    theta: FloatArray,
+    work: Work,
+    progress: StageProgress | None,
+) -> tuple[FloatArray, int]:
+    """An answer that others missed before, or a better one near it, and the iterations spent.
+
+    Where there are minima that miss the noise, there may be one beside the answer that does not.
+    """
+    first = _first_far(problem, sizes)
+    short, task = problem.first(sizes[first]), (theta, _NEAR_SPREAD, options.seed + _MOST_FAR)
+    [found] = work.map("confirming starts", _far_start, short, [task], progress)
+    starts = [_Start(np.asarray(found["theta"]), first)]
+    [way] = work.map("confirming ways", _way, (problem, sizes, options), starts, progress)
+    beside = np.asarray(way["theta"])
+    is_better = int(way["reached"]) == len(sizes) and _cost(problem, beside) < _cost(problem, theta) - _BETTER
+    return beside if is_better else theta, int(way["spent"])
+
+
+def _first_far(problem: OutputErrorProblem, sizes: list[int]) -> int:
+    """The stage at whose samples posterior linearization looks."""
+    return next(number for number, size in enumerate(sizes) if size >= _samples(problem, _SPREAD_ROWS))
+
+
+def _cost(problem: OutputErrorProblem, theta: FloatArray) -> float:
+    return squared(residual_at(problem, theta))
+
+
+def _best(short: OutputErrorProblem, ways: Sequence[_Way]) -> tuple[float, FloatArray]:
+    """Least sum of squares of the samples of `short` where a way ended, and free variables there."""
+    return min(((_cost(short, theta), theta) for _, _, theta in ways), key=lambda end: end[0])
+
+
+def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], tools: Tools) -> dict[str, Any]:
+    """Where posterior linearization comes to from a centre with a spread and a seed, as a task."""
+    progress = named(tools.progress, f"far start, {short.n_times} samples")
+    return {"theta": posterior_linearized(short, *task, progress)}
+
+
+def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
+    """Free variables of linear fits to the first 4, 8 and 16 samples, where every degree of freedom is measured."""
+    for n_samples in _LINEAR_SAMPLES:
+        if n_samples > len(record.values):
+            return
+        short = replace(record, values=record.values[:n_samples])
+        try:
+            found = identify_motion(structure, unknown.without_priors(), short).values
+        except InputError:
+            return
+        yield _free(unknown, found)
+
+
+def _given_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
+    yield unknown.theta_start
+
+
+def _weak_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
+    """Free variables of the weak form, which needs no start, where every degree of freedom is measured."""
+    try:
+        found = identified_by_weak_form(structure, unknown.without_priors(), record, TimeOptions(method="weak"))
+    except InputError:
+        return
+    yield _free(unknown, found.values)
+
+
+def _free(unknown: Parameters, values: FloatArray) -> FloatArray:
+    """Free variables of `values`; of the start where these are out of range or not determined."""
+    inside = (values > unknown.transforms.lower) & (values < unknown.transforms.upper)
+    return unknown.transforms.free(np.where(inside, values, unknown.start))

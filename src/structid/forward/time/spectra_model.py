@@ -1,0 +1,346 @@
+"""Finite spectra of motions as a structure makes them of forces, of its state at both ends, and of tones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import ComplexArray, FloatArray, stack_real
+from structid.dynamics.modes import modes
+from structid.fem import Structure
+from structid.forward.channel_errors import ChannelErrors
+from structid.forward.frf.channels import read as readings_of
+from structid.forward.frf.response import Models, Response, response
+from structid.forward.latest import Latest
+from structid.records import FrfRecord
+from structid.records.record import FrfKind
+from structid.records.transforms.finite_spectra import FiniteSpectra
+from structid.unknowns import Parameters
+
+#: Modes up to this multiple of the highest line take part in the transient.
+_REACH = 2.0
+#: By which part of a line a tone is kept off it.
+_OFF_LINE = 1e-4
+#: Line at which a structure answers by its mass alone, in parts of the sampling rate.
+_FAR = 10.0
+#: Columns with singular values below this part of the largest count as dependent.
+_DEPENDENT = 1e-10
+#: An evaluation is kept for its derivative where it takes no more than this; rows of a block of the orthogonalization.
+_KEPT_BYTES, _BLOCK_ROWS = 2e8, 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What is known of a `SpectraProblem` at one point, its linear unknowns solved for.
+
+    Attributes
+    ----------
+    y : (n_frequencies, n_dofs, n_outputs) complex array
+        Motions under unit forces at the sensors.
+    read : (n_frequencies, n_outputs) complex array
+        What sensors read over the displacement.
+    forced : (n_frequencies, n_outputs, n_inputs) complex array
+        The part of each likeliest force in each reading.
+    free : (n_frequencies, n_outputs) complex array
+        The part of the transient but its polynomials.
+    motion : (n_frequencies, n_dofs, 1) complex array
+    aliased : (n_frequencies, n_outputs, n_inputs) complex array
+        What readings hold of the likeliest forces through aliases, in parts of the response far above all modes.
+    whitening : (n_frequencies, n_outputs, n_outputs) complex array
+    basis : (n_data, rank) float array
+        What the linear unknowns can explain of the whitened data.
+    data : (n_data,) float array
+    """
+
+    y: ComplexArray
+    read: ComplexArray
+    forced: ComplexArray
+    free: ComplexArray
+    motion: ComplexArray
+    aliased: ComplexArray
+    whitening: ComplexArray
+    basis: FloatArray
+    data: FloatArray
+
+    @property
+    def is_small(self) -> bool:
+        """Whether it may be kept."""
+        return self.basis.nbytes + self.y.nbytes < _KEPT_BYTES
+
+
+@dataclass(frozen=True, eq=False)
+class MassLine:
+    """The response far above all modes, by which aliases of straight forces answer.
+
+    Attributes
+    ----------
+    response : Response
+        At one line up there.
+    columns : (n_dofs, n_inputs + n_outputs) sparse array
+        Loads, then sensors.
+    spectra : FiniteSpectra
+    """
+
+    response: Response
+    columns: sparse.csc_array
+    spectra: FiniteSpectra
+
+    def values(self, own: FloatArray) -> FloatArray:
+        """Accelerations per unit force (or motion per unit motion of supports) far above all modes, (n_outputs, n_inputs)."""
+        x, _ = self._fields(own)
+        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
+        sensors = self.columns[:, n_in : n_in + n_out]
+        return np.real(self._powers * (sensors.T @ x[0]))
+
+    def change(self, own: FloatArray) -> FloatArray:
+        """Its derivative, (n_outputs, n_inputs, n_own_params)."""
+        x, y = self._fields(own)
+        return np.real(self._powers[:, None] * self.response.sensitivity_at(own, x, y)[0])
+
+    def _fields(self, own: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        n_in, fields = len(self.spectra.inputs), self.response.fields_at(own, self.columns)
+        return fields[:, :, :n_in], fields[:, :, n_in:]
+
+    @cached_property
+    def _powers(self) -> ComplexArray:
+        """s^2 at that line for forces, 1 for accelerations of supports, (n_inputs,)."""
+        s = self.spectra.decay + 2j * np.pi * _FAR / self.spectra.straight
+        return s ** (2.0 * ~self.spectra.driven)
+
+
+@dataclass(frozen=True, eq=False)
+class Transient:
+    """What motions hold that no force of the record made: linear unknowns, of which only the shapes are known.
+
+    Attributes
+    ----------
+    spectra : FiniteSpectra
+    forces : (n_dofs, n) float array
+        Of which the changes of state over the record are sums.
+    order : int or None
+        Highest power of s in the polynomial of each output; None without a transient.
+    tones : tuple of float
+        Hz.
+    """
+
+    spectra: FiniteSpectra
+    forces: FloatArray
+    order: int | None
+    tones: tuple[float, ...]
+
+    @cached_property
+    def relative_laplace(self) -> ComplexArray:
+        """s in parts of its size at the highest line, (n_frequencies,)."""
+        return self.spectra.laplace / abs(self.spectra.laplace[-1])
+
+    def reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
+        """How the transient's forces show in the motions, (n_frequencies, n_outputs, n_forces)."""
+        return np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
+
+    def columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
+        """Every linear unknown in the whitened motions: jumps of each mode, then each output's polynomial and tones.
+
+        Shape (n_frequencies * n_outputs, n_unknowns).
+        """
+        n_lines, n_out = self.spectra.motion.shape
+        s = self.relative_laplace[:, None, None]
+        own = (whitening[..., None] * self._own_shapes[:, None, None]).reshape(n_lines, n_out, -1)
+        return np.concatenate([reach, s * reach, own], axis=2).reshape(n_lines * n_out, -1)
+
+    @cached_property
+    def _own_shapes(self) -> ComplexArray:
+        """What each output may hold of its own, (n_frequencies, n_shapes): a polynomial in s, and tones."""
+        s = self.relative_laplace
+        powers = [s**k for k in range(0 if self.order is None else self.order + 1)]
+        for tone in self.tones:
+            off = _OFF_LINE / self.spectra.duration  # a tone on a line has no finite transform
+            pole = s**2 + ((tone + off) / self.spectra.frequency[-1]) ** 2
+            powers += [1 / pole, s / pole, 1 / pole**2, s / pole**2]
+        return np.stack(powers, axis=1) if powers else np.zeros((len(s), 0), dtype=np.complex128)
+
+
+@dataclass(frozen=True, eq=False)
+class SpectraModel:
+    """What a `SpectraProblem` predicts at any values of its parameters; see there.
+
+    `errors` are those of its channels, whose parameters follow those of the structure; `order` is None without a transient.
+    """
+
+    structure: Structure
+    parameters: Parameters
+    spectra: FiniteSpectra
+    errors: ChannelErrors | None
+    models: Models
+    order: int | None
+    tones: tuple[float, ...]
+
+    @cached_property
+    def response(self) -> Response:
+        """At the record's lines."""
+        return _response(self, self.spectra.frequency)
+
+    @cached_property
+    def mass_line(self) -> MassLine:
+        far = np.array([_FAR / self.spectra.straight])
+        sides = self.columns[:, : len(self.spectra.inputs) + len(self.spectra.outputs)]
+        return MassLine(_response(self, far), sides, self.spectra)
+
+    @cached_property
+    def transient(self) -> Transient:
+        return Transient(self.spectra, _forces(self), self.order, self.tones)
+
+    @cached_property
+    def columns(self) -> sparse.csc_array:
+        """Loads, then sensors, then the forces of the transient, each (n_dofs, ...)."""
+        structure = self.response.slopes.structure
+        loads, sensors = structure.selection(self.spectra.inputs), structure.selection(self.spectra.outputs)
+        return sparse.csc_array(sparse.hstack([loads, sensors, sparse.csc_array(self.transient.forces)]))
+
+    def predicted(self, physical: FloatArray) -> ComplexArray:
+        """FRFs with errors of channels, (n_frequencies, n_outputs, n_inputs)."""
+        return self._state(*self._split(physical))[2]
+
+    def evaluated(self, physical: FloatArray) -> Evaluation:
+        """All that is known at these parameters, kept for `changes` where it is small."""
+        at = self._found(physical)
+        if at.is_small:
+            self._latest.keep(physical, at)
+        return at
+
+    def changes(self, physical: FloatArray) -> tuple[Evaluation, ComplexArray]:
+        """That, and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params)."""
+        at, own = self._latest.taken(physical) or self._found(physical), physical[: self.parameters.n_params]
+        change = self.response.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
+        if self.spectra.straight:
+            change = change + np.einsum("foi,oip->fop", at.aliased, self.mass_line.change(own))
+        return at, at.whitening @ np.concatenate([change, self._channel_changes(physical, at)], axis=2)
+
+    @cached_property
+    def _latest(self) -> Latest[Evaluation]:
+        """The derivative is asked for where a step was tried."""
+        return Latest()
+
+    def _state(
+        self, own: FloatArray, read: ComplexArray, stated: ComplexArray
+    ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Motions under loads and transient forces, motions under unit sensor forces, and H with errors of channels."""
+        n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
+        fields = self.response.fields_at(own, self.columns)
+        y = fields[:, :, n_in : n_in + n_out]
+        x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
+        h = readings_of(sparse.csr_array(self.columns[:, n_in : n_in + n_out].T), x[:, :, :n_in])
+        h = h * read[:, :, None] * (self.spectra.straight_share[:, None] / stated)[:, None, :]
+        if self.spectra.straight:
+            h += _alias_factors(self.spectra, read, stated) * self.mass_line.values(own)
+        return x, y, h
+
+    def _split(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
+        """Parameters of the structure, what sensors read over the displacement, and what load cells read over the force.
+
+        Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
+        """
+        own, rest = np.split(physical, [self.parameters.n_params])
+        if self.errors is None:
+            return own, self.spectra.output_powers, self.spectra.input_powers
+        sensors, loads = self.errors.readings(rest, self.spectra.laplace)
+        return own, self.spectra.output_powers * sensors, self.spectra.input_powers * loads
+
+    def _found(self, physical: FloatArray) -> Evaluation:
+        spectra = self.spectra
+        own, read, stated = self._split(physical)
+        x, y, h = self._state(own, read, stated)
+        noise = np.einsum("foi,fi,fpi->fop", h, spectra.force_variance, h.conj())
+        diagonal = np.arange(len(spectra.outputs))
+        noise[:, diagonal, diagonal] += spectra.motion_variance
+        whitening = np.linalg.inv(np.linalg.cholesky(noise) / np.sqrt(2))
+        error = (h @ spectra.force[:, :, None])[:, :, 0] - spectra.motion
+        reach = self.transient.reach(y, read)
+        whitened = whitening @ np.concatenate([error[:, :, None], reach], axis=2)
+        basis, unknowns, scale = _orthonormal(stack_real(self.transient.columns(whitening, whitened[:, :, 1:])))
+        misfit = stack_real(whitened[:, :, 0].reshape(-1))
+        given = basis.T @ misfit
+        data = misfit - basis @ given
+        coefficients = -scale * (unknowns @ given)
+        # the likeliest forces as load cells read them, u - cov(u) H' C^-1 e, with e = L (data) of the whitened misfit
+        own_data = data[: error.size] + 1j * data[error.size :]
+        weighed = np.conj(np.swapaxes(whitening, 1, 2)) @ own_data.reshape(*error.shape, 1) / 2
+        force = spectra.force - spectra.force_variance * (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
+        n = self.transient.forces.shape[1]
+        left = coefficients[:n] + self.transient.relative_laplace[:, None] * coefficients[n : 2 * n]
+        acting = force * self.spectra.straight_share[:, None] / stated
+        motion = x @ np.concatenate([acting, left], axis=1)[:, :, None]
+        aliased = _alias_factors(self.spectra, read, stated) * force[:, None, :]
+        free = (reach @ left[:, :n, None])[:, :, 0]
+        return Evaluation(y, read, h * force[:, None, :], free, motion, aliased, whitening, basis, data)
+
+    def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
+        """Derivative of the motions with respect to the errors of channels, (n_frequencies, n_outputs, n_params).
+
+        That of the transient is read with the sensor's error alone.
+        """
+        if self.errors is None:
+            return np.zeros((*self.spectra.motion.shape, 0), dtype=np.complex128)
+        rest, laplace = physical[self.parameters.n_params :], self.spectra.laplace
+        of_loads = np.einsum("foik,foi->fok", self.errors.log_slopes(rest, laplace), at.forced)
+        changes: ComplexArray = of_loads + self.errors.output_slopes(rest, laplace) * at.free[:, :, None]
+        return changes
+
+
+def _response(model: SpectraModel, frequency: FloatArray) -> Response:
+    """The structure at these lines; of its sensors one stands for each place and direction."""
+    distinct = tuple(dict.fromkeys(model.spectra.outputs))
+    shape = (len(frequency), len(distinct), len(model.spectra.inputs))
+    decay = np.full(shape[0], model.spectra.decay)
+    kind: FrfKind = "transmissibility" if model.spectra.driven.any() else "receptance"
+    place = FrfRecord(frequency, np.zeros(shape, complex), distinct, model.spectra.inputs, kind, decay=decay)
+    return response(model.structure, model.parameters, place, models=model.models)
+
+
+def _forces(model: SpectraModel) -> FloatArray:
+    """M times the shapes of the start's modes near the band: what changes of state act like, (n_dofs, n).
+
+    Supports that drive the structure are held in these, and carry no force.
+    """
+    known = model.response.slopes.structure
+    n_dofs = known.n_dofs
+    if model.order is None:
+        return np.zeros((n_dofs, 0))
+    values = model.parameters.values(model.parameters.start)
+    mass = model.structure.matrix("inertia", values)
+    found = modes(mass, model.structure.matrix("elastic", values))
+    near = found.frequency <= _REACH * model.spectra.frequency[-1]
+    forces = np.zeros((n_dofs, int(near.sum())))
+    place = {code: i for i, code in enumerate(known.numbering.free)}
+    forces[[place[code] for code in model.structure.numbering.free]] = mass @ found.mode_shapes[:, near]
+    return forces
+
+
+def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexArray) -> ComplexArray:
+    """What multiplies the response far above all modes in H, errors of channels included."""
+    of_sensors = spectra.straight_aliases * read / spectra.output_powers
+    return of_sensors[:, :, None] * (spectra.input_powers / stated)[:, None, :]
+
+
+def _orthonormal(columns: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Q, W and d with Q orthonormal over the span of `columns` and columns @ (d * (W @ a)) = Q a.
+
+    By blocks of rows that stay in the processor's cache (Demmel et al. 2012, SIAM J. Sci. Comput. 34, A206-A239, TSQR).
+    """
+    if columns.shape[1] == 0:
+        return columns, np.zeros((0, 0)), np.zeros(0)
+    scale = np.linalg.norm(columns, axis=0)
+    safe = np.where(scale > 0, scale, 1.0)
+    n_rows, n = columns.shape
+    blocks = max(1, n_rows // max(_BLOCK_ROWS, 2 * n))
+    size = -(-n_rows // blocks)
+    padded = np.zeros((blocks * size, n))
+    np.divide(columns, safe, out=padded[:n_rows])
+    within, triangles = np.linalg.qr(padded.reshape(blocks, size, n))
+    between, triangle = np.linalg.qr(triangles.reshape(-1, n))
+    left, singular, right = np.linalg.svd(triangle)
+    rank = int((singular > _DEPENDENT * singular.max(initial=0.0)).sum())
+    across = (between @ left[:, :rank]).reshape(blocks, -1, rank)
+    return (within @ across).reshape(-1, rank)[:n_rows], right[:rank].T / singular[:rank], 1 / safe

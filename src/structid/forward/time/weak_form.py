@@ -1,0 +1,276 @@
+"""Weak form: the equations of motion integrated against smooth test functions of compact support.
+
+With a test function f that vanishes with its derivatives at both ends of its window, the integral of f d^e x / dt^e is
+(-1)^(e-o) times that of (d^(e-o) f) d^o x / dt^o. So one of displacement, velocity and acceleration of each degree of
+freedom is enough, noise is never differentiated nor summed up, and the state at the start never enters. With
+f = d^b g for an accelerometer of order b, the derivative of negative order that stiffness asks for is one of g.
+
+The rows R = B p - c are linear in the noise of all channels, with a covariance C(p) that follows from it. The
+parameters solve B^' C^-1 R = 0, where B^ is B of the data less the noise expected from R: the maximum of the
+likelihood of noisy regressors (errors in variables), found by iteration.
+
+References
+----------
+Bortz, Messenger and Dukic (2023), Bull. Math. Biol. 85, 110: weak-form estimation with the covariance of the equation
+error (WENDy). Shinbrot (1957), Trans. ASME 79, 579-588: modulating functions. Fuller (1987), Measurement Error Models,
+section 3.2: functional maximum likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import comb
+
+import numpy as np
+from scipy import linalg
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError
+from structid.fem import Structure
+from structid.forward.motion.equations import TimeEquations, time_equations
+from structid.forward.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
+from structid.forward.time.model import ORDERS, require_viscous
+from structid.forward.time.options import TimeOptions
+from structid.forward.time.problem import declared_variance
+from structid.inversion import Estimate
+from structid.records import TimeRecord
+from structid.unknowns import Parameters
+
+_POWER = 8
+_MOST_ROWS = 3000
+_DENSITY = 8  # test functions begin so many times in the length of one
+_BAND = 5.0  # a test function of length T passes frequencies up to about 5 / T
+_FEWEST_SAMPLES = 12
+_POWER_IN_BAND = 0.95
+_LAWS = ("elastic", "viscous", "inertia")  # by the order of the derivative that they multiply
+_TOLERANCE = 1e-4  # of a standard deviation
+_DEPENDENT = (
+    "the test functions must be independent under the declared noise; take fewer `windows`, and declare noise of every"
+    " channel of motion"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class WeakForm:
+    """Filtered motion and force of a record, and the covariance of their noise.
+
+    Attributes
+    ----------
+    equations : TimeEquations
+    structure : Structure
+    fields : (4 n_dofs, n_windows) float array
+        Integrals of the test functions with acceleration, velocity, displacement and force.
+    spread : mapping of int to (n_dofs, n_dofs) float array
+        Noise covariance of the degrees of freedom that are measured as derivative of this order.
+    grams : mapping of (int, int) to (n_windows, n_windows) float array
+        Products of the sampled derivatives of these orders of all pairs of test functions.
+    base : int
+        Order of the derivative that the test functions are.
+    force_spread : (n_dofs, n_dofs) float array
+    """
+
+    equations: TimeEquations
+    structure: Structure
+    fields: FloatArray
+    spread: Mapping[int, FloatArray]
+    grams: Mapping[tuple[int, int], FloatArray]
+    base: int
+    force_spread: FloatArray
+
+    @property
+    def n_windows(self) -> int:
+        return self.fields.shape[1]
+
+    def covariance(self, values: FloatArray) -> FloatArray:
+        """Covariance of the rows at the parameters `values`, windows first, (n_rows, n_rows)."""
+        matrices = self._matrices(values)
+        total = np.kron(self.grams[self.base, self.base], self.force_spread)
+        for order, spread in self.spread.items():
+            for e in range(3):
+                for other in range(3):
+                    gram = self.grams[self.base + e - order, self.base + other - order]
+                    total += (-1) ** (e + other) * np.kron(gram, matrices[e] @ spread @ matrices[other].T)
+        return total
+
+    def noise(self, values: FloatArray, weighted: FloatArray) -> FloatArray:
+        """Noise of the fields expected from C^-1 R = `weighted` (n_windows, n_dofs), (4 n_dofs, n_windows)."""
+        matrices, n = self._matrices(values), self.equations.n_dofs
+        found = np.zeros((3, n, self.n_windows))
+        for order, spread in self.spread.items():
+            for e in range(3):
+                for other in range(3):
+                    gram = self.grams[self.base + e - order, self.base + other - order]
+                    found[2 - e] += (-1) ** (e + other) * spread @ matrices[other].T @ weighted.T @ gram.T
+        force = -self.force_spread @ weighted.T @ self.grams[self.base, self.base].T
+        return np.concatenate([*found, force])
+
+    def _matrices(self, values: FloatArray) -> list[FloatArray]:
+        properties = self.equations.unknown.values(values)
+        return [self.structure.matrix(law, properties).toarray() for law in _LAWS]
+
+    def rows(self, values: FloatArray) -> WhitenedRows:
+        """Equations weighted by their covariance at `values`, and instruments freed of the noise that they share.
+
+        Raises
+        ------
+        InputError
+            If the covariance is singular: too many windows, or channels without noise.
+        """
+        regressors, right = dense_rows(self.equations, self.fields)
+        n = self.equations.n_dofs
+        covariance = self.covariance(values)
+        size = np.sqrt(np.diag(covariance))
+        if not (size > 0).all():
+            raise InputError(_DEPENDENT)
+        try:
+            factor = linalg.cholesky(covariance / np.outer(size, size), lower=True)
+        except linalg.LinAlgError as error:
+            raise InputError(_DEPENDENT) from error
+
+        def whitened(array: FloatArray) -> FloatArray:
+            scaled = array.reshape(len(size), -1) / size[:, None]
+            return np.asarray(linalg.solve_triangular(factor, scaled, lower=True))
+
+        wide, single = whitened(regressors), whitened(right)[:, 0]
+        weighted = linalg.solve_triangular(factor, single - wide @ values, lower=True, trans="T") / size
+        noise = self.noise(values, -weighted.reshape(self.n_windows, n))
+        instruments, _ = dense_rows(self.equations, self.fields - noise)
+        return whitened_rows(self.equations.unknown, wide, single.reshape(self.n_windows, n), whitened(instruments))
+
+
+def weak_form(structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions) -> WeakForm:
+    """The `WeakForm` of a record.
+
+    Raises
+    ------
+    InputError
+        If a degree of freedom is measured in no way, forces are missing, noise is not declared, or the record is
+        shorter than its windows.
+    """
+    require_viscous(structure, unknown)
+    equations, n = time_equations(structure, unknown), structure.n_dofs
+    variance = declared_variance(record)
+    loads = [i for i, q in enumerate(record.quantities) if q == "force"]
+    if not loads:
+        raise InputError("the record must hold force channels; the weak form takes the force where it acts as known")
+    where = structure.selection([record.channels[i] for i in loads]).toarray()
+    readers = _readers(structure, record, options)
+    base = max(readers) + options.drift
+    orders = {base + e - order for order in readers for e in range(3)} | {base}
+    used = np.flatnonzero(np.any([np.abs(reader).any(axis=0) for reader in readers.values()], axis=0))
+    length = options.window or _suited_length(record.values[:, used], 1 / record.sampling_rate)
+    filters = _filters(len(record.values), 1 / record.sampling_rate, n, length, options.windows, orders)
+    grams = {(a, b): filters[a] @ filters[b].T for a in orders for b in orders}
+    found = np.zeros((3, n, len(filters[base])))
+    for order, reader in readers.items():
+        motion = reader @ record.values.T
+        for e in range(3):
+            found[2 - e] += (-1) ** (e - order) * motion @ filters[base + e - order].T
+    force = where @ (filters[base] @ record.values[:, loads]).T
+    spread = {order: (reader * variance) @ reader.T for order, reader in readers.items()}
+    force_spread = (where * variance[loads]) @ where.T
+    return WeakForm(equations, structure, np.concatenate([*found, force]), spread, grams, base, force_spread)
+
+
+def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> dict[int, FloatArray]:
+    """By order of derivative, what maps all channels to the degrees of freedom taken from it, (n_dofs, n_channels).
+
+    Quantities are taken in the order of `TimeOptions.quantities`, each for the degrees of freedom that are still
+    missing.
+    """
+    n, missing = structure.n_dofs, np.arange(structure.n_dofs)
+    found: dict[int, FloatArray] = {}
+    for quantity in options.quantities:
+        chosen = [i for i, q in enumerate(record.quantities) if q == quantity]
+        if not chosen or not len(missing):
+            continue
+        sensors = structure.selection([record.channels[i] for i in chosen]).toarray().T
+        inverse = np.linalg.pinv(sensors)
+        resolved = np.abs(inverse @ sensors - np.eye(n)).max(axis=1) < 1e-9
+        taken = missing[resolved[missing]]
+        if len(taken):
+            reader = np.zeros((n, len(record.channels)))
+            reader[np.ix_(taken, chosen)] = inverse[taken]
+            found[ORDERS[quantity]] = reader
+            missing = missing[~resolved[missing]]
+    if len(missing):
+        raise InputError(
+            f"every degree of freedom must be measured as {' or '.join(options.quantities)} for the weak form, got none at"
+            f" {', '.join(structure.words(structure.dofs[i]) for i in missing)}; add sensors, condense the model, or take method"
+            " 'output_error', which needs only some"
+        )
+    return found
+
+
+def _suited_length(motion: FloatArray, step: float) -> float:
+    """Window length in s whose test functions pass 95 % of the power of every channel, if the record allows it."""
+    n_times = len(motion)
+    hann = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n_times) + 0.5) / n_times)
+    power = np.abs(np.fft.rfft(hann[:, None] * (motion - motion.mean(axis=0)), axis=0)) ** 2
+    share = np.cumsum(power, axis=0) / np.maximum(power.sum(axis=0), np.finfo(float).tiny)
+    highest = float((share < _POWER_IN_BAND).sum(axis=0).max(initial=1)) / (n_times * step)
+    span = (n_times - 1) * step
+    return float(np.clip(_BAND / max(highest, 1 / span), _FEWEST_SAMPLES * step, max(span / 5, _FEWEST_SAMPLES * step)))
+
+
+def _filters(
+    n_times: int, step: float, n_dofs: int, length: float, windows: int | None, orders: set[int]
+) -> dict[int, FloatArray]:
+    """Test functions' derivatives of these orders, sampled, times the step: (n_windows, n_times) each."""
+    span, shortest = (n_times - 1) * step, _FEWEST_SAMPLES * step
+    if not shortest <= length * (1 + 1e-9) or length > span * (1 + 1e-9):
+        raise InputError(
+            f"`window` must be from {shortest:g} s ({_FEWEST_SAMPLES} samples) to the record's {span:g} s, got"
+            f" {length:g} s; measure longer, sample faster, or give `window`"
+        )
+    most = max(1, _MOST_ROWS // n_dofs)
+    count = windows or min(most, int(_DENSITY * (span - length) / length) + 1)
+    if count > most:
+        raise InputError(
+            f"`windows` must be at most {most} for {n_dofs} degrees of freedom, got {count}; take fewer and longer ones"
+        )
+    middle = np.linspace(length / 2, span - length / 2, count) if count > 1 else np.array([span / 2])
+    place = (np.arange(n_times) * step - middle[:, None]) / length
+    return {order: step * modulating_function(place, order) / length**order for order in orders}
+
+
+def modulating_function(place: FloatArray, order: int) -> FloatArray:
+    """Derivative of cos(pi x)^16 on |x| < 1/2, 0 elsewhere; x in window lengths.
+
+    Its first 15 derivatives vanish at both ends, so that sums over samples integrate it as exactly as the samples show
+    the motion.
+    """
+    total = np.zeros_like(place)
+    for k in range(_POWER + 1):
+        weight = comb(2 * _POWER, _POWER - k) / 4**_POWER * (2.0 if k else 1.0)
+        rate = 2 * np.pi * k
+        total += weight * rate**order * np.cos(rate * place + 0.5 * np.pi * order)
+    return np.where(np.abs(place) < 0.5, total, 0.0)
+
+
+def identified_by_weak_form(
+    structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions
+) -> Estimate:
+    """Weak form with the noise of its regressors accounted for; see `identify_time`."""
+    form = weak_form(structure, unknown, record, options)
+    values: FloatArray = np.array(unknown.start)
+    history: list[FloatArray] = [values]
+    converged, found = False, None
+    for _ in range(options.max_iterations):
+        rows = form.rows(values)
+        if len(history) == 1:  # the given start serves for the weight alone: its residual says nothing of the noise
+            rows = replace(rows, instruments=rows.regressors)
+        found = rows.solution()
+        if found is None:
+            break
+        history.append(found)
+        moved = np.abs(found - values) / np.sqrt(np.diag(rows.covariance()))
+        values = found
+        if moved.max(initial=0.0) < _TOLERANCE:
+            converged = True
+            break
+    message = "the parameters stay" if converged else f"stopped after {options.max_iterations} iterations"
+    if found is None:
+        message = "the windows do not determine the parameters"
+    return linear_estimate(rows, found, history, converged, message, True, options.misfit_probability)

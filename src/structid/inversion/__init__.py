@@ -1,0 +1,57 @@
+"""Estimators: they see a problem through its protocol only, and give an `Estimate`."""
+
+from structid.inversion.diagnostics.identifiability import Direction, Identifiability, identifiability
+from structid.inversion.diagnostics.residual_tests import ResidualTests, residual_tests
+from structid.inversion.estimate import Estimate, Status, estimate
+from structid.inversion.intervals.bootstrap import Bootstrap, bootstrap, bootstrap_repeats
+from structid.inversion.intervals.export import to_arviz
+from structid.inversion.intervals.intervals import Intervals, intervals
+from structid.inversion.intervals.profile import Profile, profile, profiles
+from structid.inversion.intervals.sampling import Samples, sample
+from structid.inversion.linearization import Linearization, OperatorLinearization
+from structid.inversion.problem import BaseProblem, Problem
+from structid.inversion.problems.joint import JointProblem
+from structid.inversion.search.gauss_newton import GaussNewton
+from structid.inversion.search.least_squares import Method, minimize
+from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
+from structid.inversion.search.matrix_free import MatrixFree
+from structid.inversion.search.minimum import Minimum
+from structid.inversion.search.multistart import Answer, Search
+from structid.inversion.uncertainty import Covariance, DenseCovariance
+
+__all__ = [
+    "Answer",
+    "BaseProblem",
+    "Bootstrap",
+    "Covariance",
+    "DenseCovariance",
+    "Direction",
+    "Estimate",
+    "GaussNewton",
+    "Identifiability",
+    "Intervals",
+    "JointProblem",
+    "LevenbergMarquardt",
+    "Linearization",
+    "MatrixFree",
+    "Method",
+    "Minimum",
+    "OperatorLinearization",
+    "Problem",
+    "Profile",
+    "ResidualTests",
+    "Samples",
+    "Search",
+    "Status",
+    "bootstrap",
+    "bootstrap_repeats",
+    "estimate",
+    "identifiability",
+    "intervals",
+    "minimize",
+    "profile",
+    "profiles",
+    "residual_tests",
+    "sample",
+    "to_arviz",
+]

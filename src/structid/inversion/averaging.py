@@ -1,0 +1,55 @@
+"""What noise leaves where its size comes from few averages: the variance that whitens a value is then itself uncertain."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray
+
+#: Averages up to which squares over their estimated variance have no variance, so that nothing is expected of them.
+TOO_FEW = 3.0
+
+
+def expected_square(averages: FloatArray | float) -> FloatArray:
+    """Mean square of complex errors over variances estimated from n averages: n / (n - 2), infinite up to two.
+
+    n times the estimate over the variance is half a chi-square of 2 (n - 1) degrees of freedom, independent of the error: the
+    square is n / (n - 1) times one of F(2, 2 (n - 1)).
+
+    References
+    ----------
+    Goodman (1963), Ann. Math. Stat. 34, section 3, for the law of estimated spectra.
+    """
+    n = np.asarray(averages, dtype=np.float64)
+    return np.divide(1.0, 1 - 2 / n, out=np.full(n.shape, np.inf), where=n > 2)
+
+
+def square_variance(averages: FloatArray) -> FloatArray:
+    """Variance that each of the two real rows of such an error adds to the sum of squares: 2 where variances are known."""
+    mean = expected_square(averages)
+    return 2 * mean**2 * (2 * (1 - 2 / averages) / (1 - 3 / averages) - 1)
+
+
+def score_factor(averages: FloatArray) -> FloatArray:
+    """By how much the covariance of weighted sums of such errors is above what the weights say: n / (n - 3).
+
+    Sums J'r of whitened rows have the covariance E(1/g^2) / E(1/g) J'J for estimates g of a variance of 1; 1 where there
+    are too few averages to tell.
+    """
+    return np.divide(1.0, 1 - 3 / averages, out=np.ones_like(averages), where=averages > TOO_FEW)
+
+
+def normal_values(values: FloatArray, averages: FloatArray) -> FloatArray:
+    """Whitened real rows, which are sqrt(n / (n - 1)) times Student's t of 2 (n - 1) degrees of freedom, as normal ones."""
+    known = np.isinf(averages)
+    n = np.where(known, 2.0, averages)
+    size = special.stdtr(2 * (n - 1), -np.abs(values) * np.sqrt(1 - 1 / n))
+    return np.where(known, values, -np.sign(values) * special.ndtri(np.maximum(size, np.finfo(float).tiny)))
+
+
+def few_averages(averages: FloatArray | None) -> FloatArray | None:
+    """`averages` where they say something: None where all variances are known, or some are told by too few."""
+    if averages is None or np.isinf(averages).all() or (averages <= TOO_FEW).any():
+        return None
+    return averages

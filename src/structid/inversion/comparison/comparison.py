@@ -1,0 +1,373 @@
+"""What changed between two states of a structure: tests of every change, kept honest for their number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import InputError
+from structid.inversion.comparison.multiple_tests import Correction, adjusted_p_values, detectable, require_levels
+from structid.inversion.comparison.states import LATER, OF_RECORD
+from structid.inversion.estimate import Status
+
+
+class Identified(Protocol):
+    """What a comparison takes from an estimate, be it fresh or read from a file."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def kinds(self) -> tuple[str, ...]: ...
+
+    @property
+    def units(self) -> tuple[str, ...]: ...
+
+    @property
+    def values(self) -> FloatArray: ...
+
+    @property
+    def covariance(self) -> FloatArray: ...
+
+    @property
+    def status(self) -> Status: ...
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class States:
+    """Two states side by side.
+
+    Attributes
+    ----------
+    names, kinds, units : tuple of str
+        The parameters compared.
+    before, after : (n,) float arrays
+        Values in both states, physical units. With `carried` parameters, `before` is the baseline's value corrected by what
+        the later data say about those.
+    covariance_before, covariance_after : (n, n) float arrays
+        NaN where a state does not determine a parameter.
+    carried : tuple of str
+        Parameters taken as the same in both states, known to the later state as the baseline found them.
+    only_before, only_after : tuple of str
+        Parameters of one state only; what is held fixed in the other adds no uncertainty to the changes.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    units: tuple[str, ...]
+    before: FloatArray
+    after: FloatArray
+    covariance_before: FloatArray
+    covariance_after: FloatArray
+    carried: tuple[str, ...]
+    only_before: tuple[str, ...]
+    only_after: tuple[str, ...]
+
+    @property
+    def change(self) -> FloatArray:
+        """(n,), physical units."""
+        return self.after - self.before
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Comparison(States):
+    """Change of every parameter from a baseline to a later state, with its significance; see `States` for the states.
+
+    Attributes
+    ----------
+    covariance : (n, n) float array
+        Of `change`; NaN where a state does not determine a parameter.
+    level, power : float
+    correction : str
+        ``holm``: `level` is the probability of any false declaration; ``benjamini_hochberg``: the expected part of
+        false ones among those declared.
+    status : Status
+        The worse of the two states'.
+    """
+
+    covariance: FloatArray
+    level: float
+    power: float
+    correction: Correction
+    status: Status
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of every change."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def p_values(self) -> FloatArray:
+        """Probability of a change as large in either direction if there were none, (n,); NaN where it is not tested."""
+        return locked(2 * special.ndtr(-np.abs(self.change / _tested_std(self.covariance))))
+
+    @cached_property
+    def adjusted(self) -> FloatArray:
+        """`p_values` corrected for their number, (n,); a change is declared where it is at most `level`."""
+        return locked(adjusted_p_values(self.p_values, self.correction))
+
+    @property
+    def changed(self) -> np.ndarray:
+        """Where a change is declared, (n,) bool."""
+        return self.adjusted <= self.level
+
+    @property
+    def detection_limit(self) -> FloatArray:
+        """Smallest single change that is declared with probability `power`, (n,), physical units."""
+        std = _tested_std(self.covariance)
+        return std * detectable(int(np.isfinite(std).sum()), self.level, self.power)
+
+    @property
+    def statistic(self) -> float:
+        """Chi-square of all changes together."""
+        return _together(self.change, self.covariance)[0]
+
+    @property
+    def probability(self) -> float:
+        """Of a larger `statistic` if nothing had changed."""
+        return _together(self.change, self.covariance)[1]
+
+    @property
+    def relative_change(self) -> FloatArray:
+        """Change as a part of the value before; NaN where that is 0."""
+        return self.change / np.where(self.before != 0, np.abs(self.before), np.nan)
+
+    @property
+    def relative_std(self) -> FloatArray:
+        return self.std / np.where(self.before != 0, np.abs(self.before), np.nan)
+
+    @property
+    def relative_detection_limit(self) -> FloatArray:
+        return self.detection_limit / np.where(self.before != 0, np.abs(self.before), np.nan)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether both states determine all that is compared."""
+        return self.status is Status.CONVERGED and bool(np.isfinite(self.p_values).all())
+
+    @property
+    def words(self) -> str:
+        """The result in one sentence."""
+        declared = [
+            f"{name} ({100 * ratio:{'+.1f' if abs(ratio) > 1e-3 else '+.2g'}} %)"
+            for name, ratio, changed in zip(self.names, self.relative_change, self.changed, strict=True)
+            if changed
+        ]
+        family = "family-wise" if self.correction == "holm" else "false discovery"
+        tail = f"at the {family} level of {100 * self.level:g} %"
+        if declared:
+            return f"changed {tail}: {', '.join(declared)}"
+        return f"no parameter changed {tail}"
+
+
+def compare_states(
+    baseline: Identified,
+    later: Identified,
+    carried: Sequence[str] = (),
+    level: float = 0.05,
+    power: float = 0.9,
+    correction: Correction = "holm",
+) -> Comparison:
+    """Change of every parameter that both estimates have, and which changes are more than noise.
+
+    With d the difference of the estimates and C its covariance, each change is tested by d / sqrt(C_ii) against the
+    normal distribution in both directions; the p-values are corrected for their number.
+
+    Parameters
+    ----------
+    baseline, later : Estimate
+        From independent data. Their adopted covariances count, which carry model error where there was one.
+    carried : sequence of str
+        Parameters that did not change, such as masses, and whose Gaussian prior in the later estimate was the
+        baseline's result with its covariance (`joint_prior`). They tie the states: the later data correct the
+        baseline too, and what is common to both drops out of the difference.
+    level : float
+        Accepted rate of false declarations; see `correction`.
+    power : float
+        Probability with which a change of the detection limit is declared.
+    correction : {"holm", "benjamini_hochberg"}
+
+    Returns
+    -------
+    Comparison
+        Also where an estimate is not determined: see `status` and NaN.
+
+    Raises
+    ------
+    InputError
+        If the estimates share no parameter but the carried ones, a unit differs, or an argument is out of range.
+
+    Notes
+    -----
+    Independent states: C = P + Q, the sum of the covariances. With carried parameters m and covariance P of the
+    baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
+
+        k_before = k + G (m_later - m),   C = Q_kk + P_kk - G P_mk + G Q_mm G' - G Q_mk - Q_km G',
+
+    which is the Gaussian estimate from all data at once where the estimates are linear in the carried parameters. It is
+    computed in logarithms of what is positive; `compare_jointly` needs no such thing.
+
+    References
+    ----------
+    Holm (1979), Scand. J. Statist. 6, 65; Benjamini and Hochberg (1995), J. R. Statist. Soc. B 57, 289.
+    """
+    require_levels(level, power, correction)
+    carried = tuple(carried)
+    for label in carried:
+        if label not in baseline.names or label not in later.names:
+            raise InputError(f"`carried` must name parameters of both states, got {label!r}; identify it in both")
+    names = _common(baseline.names, later.names, carried)
+    first, second = _places(baseline, names), _places(later, names)
+    _require_units(names, [baseline.units[i] for i in first], [later.units[j] for j in second])
+    before, p, q, cross = _carried(baseline, later, first, second, carried)
+    return Comparison(
+        names=names,
+        kinds=tuple(baseline.kinds[i] for i in first),
+        units=tuple(baseline.units[i] for i in first),
+        before=locked(before),
+        after=locked(later.values[second]),
+        covariance_before=locked(p),
+        covariance_after=locked(q),
+        carried=carried,
+        only_before=tuple(n for n in baseline.names if n not in later.names and OF_RECORD not in n),
+        only_after=tuple(n for n in later.names if n not in baseline.names and OF_RECORD not in n),
+        covariance=locked(p + q - cross - cross.T),
+        level=level,
+        power=power,
+        correction=correction,
+        status=baseline.status if baseline.status is not Status.CONVERGED else later.status,
+    )
+
+
+def compare_jointly(
+    found: Identified,
+    shared: Sequence[str],
+    level: float = 0.05,
+    power: float = 0.9,
+    correction: Correction = "holm",
+) -> Comparison:
+    """The same from one estimate of both states at once, in which the shared parameters are common.
+
+    Nothing is taken as linear but the covariance; it is the surer way where shared parameters are known poorly.
+
+    Parameters
+    ----------
+    found : Estimate
+        Of a `states_problem`.
+    shared : sequence of str
+        The parameters that it has in common for both states.
+    level, power, correction
+        As in `compare_states`.
+
+    Raises
+    ------
+    InputError
+        If the states have nothing but the shared parameters in common, or an argument is out of range.
+    """
+    require_levels(level, power, correction)
+    own = [(name, i) for i, name in enumerate(found.names) if OF_RECORD not in name]
+    second = {name.removesuffix(LATER): i for name, i in own if name.endswith(LATER)}
+    first = {name: i for name, i in own if not name.endswith(LATER)}
+    names = tuple(name for name in first if name in second)
+    if not names:
+        raise InputError(_NOTHING_IN_COMMON)
+    at, to = (np.array([place[name] for name in names]) for place in (first, second))
+    _require_units(names, [found.units[i] for i in at], [found.units[i] for i in to])
+    p, q, cross = (found.covariance[np.ix_(*pair)] for pair in ((at, at), (to, to), (at, to)))
+    return Comparison(
+        names=names,
+        kinds=tuple(found.kinds[i] for i in at),
+        units=tuple(found.units[i] for i in at),
+        before=locked(found.values[at]),
+        after=locked(found.values[to]),
+        covariance_before=locked(p),
+        covariance_after=locked(q),
+        carried=tuple(shared),
+        only_before=tuple(name for name in first if name not in second and name not in shared),
+        only_after=tuple(name for name in second if name not in first),
+        covariance=locked(p + q - cross - cross.T),
+        level=level,
+        power=power,
+        correction=correction,
+        status=found.status,
+    )
+
+
+_NOTHING_IN_COMMON = "the two states have no parameter in common to compare; give them the same unknowns"
+
+
+def _common(first: Sequence[str], second: Sequence[str], shared: Sequence[str]) -> tuple[str, ...]:
+    names = tuple(n for n in first if n in second and n not in shared and OF_RECORD not in n)
+    if not names:
+        raise InputError(_NOTHING_IN_COMMON)
+    return names
+
+
+def _require_units(names: Sequence[str], first: Sequence[str], second: Sequence[str]) -> None:
+    for name, one, other in zip(names, first, second, strict=True):
+        if one != other:
+            raise InputError(f"{name} must have one unit in both states, got {one} and {other}; declare `factor` alike")
+
+
+def _tested_std(covariance: FloatArray) -> FloatArray:
+    """Standard deviations of changes; NaN of those that cannot be tested."""
+    variance = np.diag(covariance)
+    return np.sqrt(np.where(variance > 0, variance, np.nan))
+
+
+def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
+    return np.array([estimate.names.index(name) for name in names], dtype=int)
+
+
+def _carried(
+    baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Baseline values, both covariances and the covariance between them, with what the carried parameters tie.
+
+    The tie is linear in the logarithms of what is positive in both states, in the values of the rest.
+    """
+    p, q = baseline.covariance, later.covariance
+    values, other = baseline.values[first], q[np.ix_(second, second)]
+    if not carried:
+        own = p[np.ix_(first, first)]
+        return values, own, other, np.zeros_like(own)
+    at, to = _places(baseline, carried), _places(later, carried)
+    rows, columns = np.concatenate([at, first]), np.concatenate([to, second])
+    log = (baseline.values[rows] > 0) & (later.values[columns] > 0)
+    scale = np.where(log, baseline.values[rows], 1.0)
+    p = p[np.ix_(rows, rows)] / np.outer(scale, scale)
+    scale = np.where(log, later.values[columns], 1.0)
+    q = q[np.ix_(columns, columns)] / np.outer(scale, scale)
+    n = len(at)
+    if not np.isfinite(p[:n, :n]).all():
+        nothing = np.full_like(other, np.nan)
+        return values, nothing, other, nothing
+    safe = np.where(log, baseline.values[rows], 1.0), np.where(log, later.values[columns], 1.0)
+    moved = np.where(log, np.log(safe[1] / safe[0]), later.values[columns] - baseline.values[rows])[:n]
+    gain = np.linalg.solve(p[:n, :n], p[:n, n:]).T
+    step = gain @ moved
+    before = np.where(log[n:], values * np.exp(np.where(log[n:], step, 0.0)), values + step)
+    updated = p[n:, n:] - gain @ p[:n, n:] + gain @ q[:n, :n] @ gain.T
+    scales = np.where(log[n:], before, 1.0), np.where(log[n:], later.values[second], 1.0)
+    return before, updated * np.outer(scales[0], scales[0]), other, gain @ q[:n, n:] * np.outer(*scales)
+
+
+def _together(change: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """Chi-square of all changes that are determined, and its probability."""
+    seen = np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
+    if not seen.any():
+        return float("nan"), float("nan")
+    std = np.sqrt(np.diag(covariance)[seen])
+    correlation = covariance[np.ix_(seen, seen)] / np.outer(std, std)
+    values, vectors = np.linalg.eigh(correlation)
+    if values[0] <= 1e-10:
+        return float("nan"), float("nan")
+    scores = vectors.T @ (change[seen] / std)
+    statistic = float((scores**2 / values).sum())
+    return statistic, float(special.gammaincc(len(values) / 2, statistic / 2))

@@ -1,0 +1,264 @@
+"""Covariance of an estimate: from the noise alone, and from residuals that the model leaves correlated."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.inversion.averaging import expected_square, few_averages, square_variance
+from structid.inversion.linearization import Linearization, triangle_of
+from structid.inversion.problem import Problem
+
+_FEWEST_BLOCKS = 10
+_FEWEST_CHANNELS = 4
+_ROUNDED = 1e-12
+
+#: Least degrees of freedom of Student's t: with one the intervals of simulated truths held them all.
+LEAST_FREEDOM = 2.0
+
+
+def inverse_information(jacobian: FloatArray) -> FloatArray:
+    """(J'J)^-1 by a scaled singular value decomposition; NaN for every parameter that takes part in a null direction.
+
+    A direction is null where its singular value, with unit columns, is below 1e-10 of the largest.
+    """
+    scale = np.linalg.norm(jacobian, axis=0)
+    n_params = len(scale)
+    if not np.isfinite(jacobian).all():
+        return np.full((n_params, n_params), np.nan)
+    safe = np.where(scale > 0, scale, 1.0)
+    _, singular, rows = np.linalg.svd(triangle_of(jacobian / safe))
+    singular = np.concatenate([singular, np.zeros(n_params - len(singular))])
+    sound = singular > 1e-10 * singular.max(initial=0.0)
+    covariance = (rows[sound].T / singular[sound] ** 2) @ rows[sound] / np.outer(safe, safe)
+    lost = (np.abs(rows[~sound]) > 1e-6).any(axis=0) | (scale == 0)
+    covariance[lost, :] = covariance[:, lost] = np.nan
+    return covariance
+
+
+def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
+    """Of the free variables, from the noise alone: A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, P the priors' rows.
+
+    With rows of independent unit errors it is A^-1; where n averages tell their variances, Sigma is n / (n - 3). NaN where the
+    data do not tell.
+    """
+    bread, rows = inverse_information(at.jacobian), problem.n_data
+    seen = np.isfinite(np.diag(bread))
+    scores = problem.score_covariance(theta, at.jacobian[:rows])
+    if scores is None or not seen.any():
+        return bread
+    inner, prior = np.ix_(seen, seen), at.jacobian[rows:, seen]
+    meat = scores[inner] + prior.T @ prior
+    covariance = np.full_like(bread, np.nan)
+    covariance[inner] = bread[inner] @ meat @ bread[inner]
+    return covariance
+
+
+def chi_square_law(problem: Problem, theta: FloatArray, at: Linearization) -> tuple[float, float]:
+    """Scale and degrees of freedom of the chi-square that noise alone would leave.
+
+    Where few averages tell the variances of rows, see `row_law`. For rows with errors that vary together, the residual's
+    covariance is P Sigma P with P the projection past the Jacobian: sums of squares have the mean and variance of scale
+    times chi-square (Satterthwaite 1946, Biometrics Bull. 2, 110-114).
+    """
+    freedom = float(max(len(at.residual) - at.n_params - at.n_eliminated, 0))
+    changes = problem.data_changes(theta)
+    if changes is None or freedom == 0:
+        scale, share = row_law(problem.averages)
+        return scale, share * freedom
+    basis = np.linalg.qr(at.jacobian[: problem.n_data])[0]
+    left = changes - (changes @ basis) @ basis.T
+    gram = left @ left.T if len(left) <= left.shape[1] else left.T @ left
+    mean, square = float(np.trace(gram)), float(np.sum(gram**2))
+    return square / mean, mean**2 / square
+
+
+def row_law(averages: FloatArray | None) -> tuple[float, float]:
+    """Scale of the chi-square that the squares of data rows have by mean and variance, and its degrees of freedom a row.
+
+    Their product is the chi-square per degree of freedom that is expected where all is right.
+
+    Parameters
+    ----------
+    averages : (n_data,) float array or None
+        See `Problem.averages`.
+    """
+    few = few_averages(averages)
+    if few is None:
+        return 1.0, 1.0
+    mean, variance = float(expected_square(few).mean()), float(square_variance(few).mean())
+    return variance / (2 * mean), 2 * mean**2 / variance
+
+
+def fit_covariance(problem: Problem, theta: FloatArray) -> FloatArray:
+    """(J'J)^-1 of the free variables: what the sum of squares itself says, whatever the law of the errors."""
+    return inverse_information(problem.linearize(theta).jacobian)
+
+
+def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) -> float:
+    """How many neighbouring lines a residual stays correlated over: 1 + 2 sum of its autocorrelations.
+
+    The sum runs over lags up to the first autocorrelation below 0.05, on the mean over all channels.
+    """
+    n_lines = int(lines.max(initial=0)) + 1
+    numerator = np.zeros(n_lines)
+    for channel in np.unique(series):
+        rows = series == channel
+        values = np.zeros(n_lines)
+        np.add.at(values, lines[rows], residual[rows])
+        spectrum = np.abs(np.fft.rfft(values, 2 * n_lines)) ** 2
+        numerator += np.fft.irfft(spectrum)[:n_lines]
+    if numerator[0] <= 0:
+        return 1.0
+    correlation = numerator / numerator[0]
+    below = np.flatnonzero(correlation < 0.05)
+    last = int(below[0]) if below.size else n_lines
+    return float(1 + 2 * correlation[1:last].sum())
+
+
+def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
+    """Covariance that counts each stretch of lines, and each channel, as one observation of the model's error.
+
+    With A = J'J and g_b = J_b' r_b summed over a block b of rows, it is A^-1 (sum of g_b g_b') A^-1, with blocks
+    along the frequency or time axis (four correlation lengths long, at least ten of them). Where there are four
+    channels or more, a variance is raised to that with channels as blocks if that is larger, and always to that of
+    independent errors as large as the residual. Priors add their own information unchanged. Few blocks make a rough
+    variance: standard deviations are scaled so that 1.96 of them are the 95 % interval of Student's t with one degree of
+    freedom less than there are effective blocks (at least two), fewer than blocks where a parameter is seen at few
+    resonances. It needs no noise level, but no error that is the same in all blocks can show in it.
+
+    Where several records repeat the same quantities, such as each mode, it is raised in every direction to
+    `left_out_covariance`: errors of a quantity go together in all records.
+
+    References
+    ----------
+    Liang and Zeger (1986), Biometrika 73, Eq. (5); Carter, Schnepel and Steigerwald (2017), Rev. Econ. Stat. 99,
+    Eq. (8), for the effective number of blocks, here for errors of one size.
+    """
+    rows = problem.n_data
+    residual, jacobian = at.residual[:rows], at.jacobian[:rows]
+    prior = at.jacobian[rows:]
+    bread = inverse_information(at.jacobian)
+    seen = np.isfinite(np.diag(bread))
+    inner = np.ix_(seen, seen)
+    covariance = np.full_like(bread, np.nan)
+    if not seen.any():
+        return covariance
+    root, known = bread[inner], prior[:, seen].T @ prior[:, seen]
+    sums = [
+        _block_scores(jacobian[:, seen], residual, b) for b in error_blocks(residual, problem.lines, problem.series)
+    ]
+    along = root @ (sums[0] + known) @ root
+    freedom = effective_blocks(problem, at)[seen] - 1
+    scale = special.stdtrit(np.maximum(freedom, LEAST_FREEDOM), 0.975) / special.ndtri(0.975)
+    least = max(1.0, float(residual @ residual) / max(rows - int(seen.sum()), 1)) * np.diag(root)
+    if len(sums) > 1:
+        channels = np.diag(root @ (sums[1] + known) @ root)
+        least = np.maximum(least, channels)
+    size = np.diag(along)
+    along[np.diag_indices_from(along)] = size = np.where(size > 0, size, least)  # rounding, where nothing is left over
+    scale = np.maximum(scale, np.sqrt(least / size))
+    covariance[inner] = along * np.outer(scale, scale)
+    quantities = repeated_quantities(problem)
+    return covariance if quantities is None else larger_covariance(covariance, left_out_covariance(at, quantities))
+
+
+def repeated_quantities(problem: Problem) -> IntArray | None:
+    """Which quantity each data row measures, 0, 1, ..., -1 for none, (n_data,), where several records repeat them.
+
+    None where there are fewer than four, or where one is measured at one line only, which is a block already.
+    """
+    numbers = problem.quantities
+    if numbers is None:
+        return None
+    found, block = np.unique(numbers, return_inverse=True)
+    block = block - int(np.count_nonzero(found < 0))
+    pairs = np.unique(np.stack([block, problem.lines])[:, block >= 0], axis=1)
+    if len(found[found >= 0]) < _FEWEST_CHANNELS or (np.bincount(pairs[0]) < 2).any():
+        return None
+    return np.maximum(block, -1)
+
+
+def left_out_covariance(at: Linearization, block: IntArray) -> FloatArray:
+    """Jackknife over blocks of rows: (B - 1) / B times the sum of d_b d_b', d_b the step of all parameters when b is left out.
+
+    To first order d_b = (A - A_b)^-1 J_b' r_b. With few blocks that carry much each it is rather too large than too small, and is
+    not widened by Student's t besides. NaN for a parameter that one block alone carries.
+
+    Parameters
+    ----------
+    at : Linearization
+    block : (n_data,) int array
+        Block of each data row from 0; rows of -1, and priors, stay.
+
+    References
+    ----------
+    Efron and Stein (1981), Ann. Stat. 9, Eq. (1.6), for its sign; MacKinnon, Nielsen and Webb (2023), J. Econometrics 232,
+    Eq. (16).
+    """
+    n_blocks, n_data = int(block.max()) + 1, len(block)
+    moved = []
+    for number in range(n_blocks):
+        out = np.zeros(len(at.residual), dtype=bool)
+        out[:n_data] = block == number
+        score = at.jacobian[out].T @ at.residual[out]
+        rest = inverse_information(at.jacobian[~out])
+        lost = np.isnan(np.diag(rest))
+        moved.append(np.where(lost, np.nan, np.nan_to_num(rest) @ score))
+    steps = np.array(moved)
+    return steps.T @ steps * ((n_blocks - 1) / n_blocks)
+
+
+def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
+    """`first` raised so that the variance of no combination of parameters is below that by either.
+
+    With first = L L' and L^-1 second L^-T = V diag(w) V' it is L V diag(max(w, 1)) V' L'. Where one of the two is NaN, `first`
+    stays.
+    """
+    both = np.isfinite(np.diag(first)) & np.isfinite(np.diag(second))
+    inner = np.ix_(both, both)
+    found = first.copy()
+    scale = np.sqrt(np.diag(first)[both])
+    values, vectors = np.linalg.eigh(first[inner] / np.outer(scale, scale))
+    values = np.maximum(values, _ROUNDED * values.max(initial=0.0))
+    root = (vectors * np.sqrt(values)) * scale[:, None]
+    back = (vectors / np.sqrt(values)).T / scale
+    ratios, turned = np.linalg.eigh(back @ second[inner] @ back.T)
+    more = root @ turned * np.sqrt(np.maximum(ratios - 1, 0.0))
+    found[inner] += more @ more.T
+    return found
+
+
+def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tuple[IntArray, ...]:
+    """Which block each data row belongs to, (n_data,) each: stretches of lines, and channels where there are four."""
+    n_lines = int(lines.max(initial=0)) + 1
+    length = 4 * correlation_length(residual, lines, series)
+    n_blocks = int(np.clip(n_lines / length, min(_FEWEST_BLOCKS, n_lines), n_lines))
+    _, stretches = np.unique(lines * n_blocks // n_lines, return_inverse=True)
+    found, channels = np.unique(series // 2, return_inverse=True)
+    return (stretches, channels) if len(found) >= _FEWEST_CHANNELS else (stretches,)
+
+
+def effective_blocks(problem: Problem, at: Linearization) -> FloatArray:
+    """How many stretches of lines each parameter rests on, (n_params,): (sum a)^2 / sum a^2 of their shares a.
+
+    The share of a block in the variance of parameter j is (A^-1 J_b' J_b A^-1)_jj; NaN where it is not seen.
+    """
+    rows = problem.n_data
+    block = error_blocks(at.residual[:rows], problem.lines, problem.series)[0]
+    influence = at.jacobian[:rows] @ np.nan_to_num(inverse_information(at.jacobian))
+    shares = np.zeros((int(block.max(initial=0)) + 1, influence.shape[1]))
+    np.add.at(shares, block, influence**2)
+    total, squares = shares.sum(axis=0), (shares**2).sum(axis=0)
+    return np.divide(total**2, squares, out=np.full(len(total), np.nan), where=squares > 0)
+
+
+def _block_scores(jacobian: FloatArray, residual: FloatArray, block: IntArray) -> FloatArray:
+    """Sum over blocks of g g' with g = J_b' r_b, times B / (B - 1)."""
+    n_blocks = int(block.max(initial=0)) + 1
+    scores = np.zeros((n_blocks, jacobian.shape[1]))
+    np.add.at(scores, block, jacobian * residual[:, None])
+    if n_blocks < 2:
+        return np.full((jacobian.shape[1],) * 2, np.nan)
+    return scores.T @ scores * (n_blocks / (n_blocks - 1))

@@ -1,0 +1,82 @@
+"""Whether what several records measure alike, such as the k-th mode of each, asks for the same parameters as the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray
+from structid.inversion.covariance import repeated_quantities
+from structid.inversion.linearization import Linearization
+from structid.inversion.problem import Problem
+
+_NULL = 1e-10
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """The test that each quantity alone, in all records, gives the same parameters.
+
+    Attributes
+    ----------
+    ratio : float
+        Mean square of what parameters of each quantity's own would take from the residual, over that of what they would leave.
+    between, within : float
+        Degrees of freedom of the two.
+    probability : float
+        Of a larger ratio where model and data are right, whatever the size of the noise.
+    """
+
+    ratio: float
+    between: float
+    within: float
+    probability: float
+
+    @property
+    def words(self) -> str:
+        """What a small probability says."""
+        return (
+            f"each mode, as all records have it, asks for other values than the other modes do (F = {self.ratio:.2g},"
+            f" {self.between:.0f} and {self.within:.0f} degrees of freedom, p = {self.probability:.1g}): model error that goes"
+            " together in all records"
+        )
+
+
+def agreement(problem: Problem, at: Linearization) -> Agreement | None:
+    """Whether the quantities that several records repeat agree on the parameters; None where they cannot be tested.
+
+    With S the sum of squares that all quantities leave with the same parameters, S_q that of quantity q with parameters of its own,
+    all to first order and without priors, (S - sum S_q) / between over (sum S_q) / within has Fisher's distribution where the
+    errors are independent and of one size in their stated deviations. That size may be unknown: an error that is set
+    from the scatter of the fit itself makes chi-square no test, but leaves this one.
+
+    References
+    ----------
+    Chow (1960), Econometrica 28, 591-605, section 3; Fisher (1970), Econometrica 38, 361-366.
+    """
+    block = repeated_quantities(problem)
+    if block is None:
+        return None
+    residual, jacobian = at.residual[: problem.n_data], at.jacobian[: problem.n_data]
+    rows = [block == number for number in range(int(block.max()) + 1)]
+    told = block >= 0
+    whole, rank = _left(jacobian[told], residual[told])
+    own = [_left(jacobian[q], residual[q]) for q in rows]
+    least = sum(square for square, _ in own)
+    ranks = sum(count for _, count in own)
+    between, within = ranks - rank, int(told.sum()) - ranks - at.n_eliminated
+    if between <= 0 or within <= 0 or least <= 0:
+        return None
+    ratio = (whole - least) / between / (least / within)
+    return Agreement(ratio, between, within, float(special.fdtrc(between, within, max(ratio, 0.0))))
+
+
+def _left(jacobian: FloatArray, residual: FloatArray) -> tuple[float, int]:
+    """Sum of squares that a linear fit leaves, and how many directions it has."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    vectors, singular, _ = np.linalg.svd(jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)
+    used = vectors[:, singular > _NULL * singular.max(initial=0.0)]
+    left = residual - used @ (used.T @ residual)
+    return float(left @ left), used.shape[1]

@@ -1,0 +1,135 @@
+"""Parameters that end at a bound: how hard the data push them beyond it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.inversion.linearization import Linearization
+from structid.inversion.problem import Problem
+
+#: Largest distance from a bound, in parts of the range and in standard deviations, at which a parameter is at it.
+_CLOSE, _CLOSE_STD = 0.01, 0.1
+#: Standard deviations beyond a bound where a push is more than chance.
+_HARD = 3.0
+
+
+@dataclass(frozen=True)
+class AtBound:
+    """A parameter whose best value lies at or beyond one of its bounds.
+
+    Attributes
+    ----------
+    name, unit : str
+    index : int
+        Its position among the parameters.
+    side : {"lower", "upper"}
+    limit : float
+        The bound.
+    multiplier : float
+        Decrease of half chi-square (priors included) for each unit of the parameter beyond the bound, at the bound, the
+        other free parameters fitted again.
+    std : float
+        Standard deviation that the parameter would have without its bounds, from the noise.
+    noise_scale : float
+        The noise in parts of what is stated, where the fit misses it; else 1.
+    """
+
+    name: str
+    unit: str
+    index: int
+    side: Literal["lower", "upper"]
+    limit: float
+    multiplier: float
+    std: float
+    noise_scale: float = 1.0
+
+    @property
+    def gain_per_std(self) -> float:
+        """By how much chi-square would be lower with a bound that is wider by one `std`, to second order."""
+        push = self.multiplier * self.std
+        return 2 * push - 1 if push > 1 else push**2
+
+    @property
+    def push(self) -> float:
+        """How far beyond the bound the best value lies, to first order, in standard deviations (those of the fit)."""
+        return self.multiplier * self.std / self.noise_scale
+
+    @property
+    def is_pushed(self) -> bool:
+        """Whether the data push it beyond by more than chance."""
+        return self.push > _HARD
+
+    @property
+    def words(self) -> str:
+        """Where it is, how hard the data push, and what to do."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        at = f"{self.name} is at its {self.side} bound {self.limit:.6g}{unit}"
+        if not self.is_pushed:
+            return f"{at}: the data allow it, and do not push beyond it by more than chance"
+        side = "below" if self.side == "lower" else "above"
+        return (
+            f"{at}; the data push {side} it (a bound wider by one standard deviation, {self.std:.2g}{unit}, would lower"
+            f" chi-square by {self.gain_per_std:.3g}): widen the bound or doubt the model"
+        )
+
+
+def is_free(at_bound: Sequence[AtBound], n_params: int) -> np.ndarray:
+    """Which of `n_params` parameters are not at a bound, (n_params,)."""
+    free = np.ones(n_params, dtype=bool)
+    free[[one.index for one in at_bound]] = False
+    return free
+
+
+def at_bounds(problem: Problem, theta: FloatArray, at: Linearization, noise_scale: float = 1.0) -> tuple[AtBound, ...]:
+    """The parameters at a bound, by the linearization at the end of a search.
+
+    One is at a bound where it lies within a hundredth of its range and a tenth of its standard deviation from it, and the
+    linear model has its minimum beyond. One that data without bounds would leave open over its whole range is not at
+    a bound but not determined.
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : (n_params,) float array
+    at : Linearization
+        At `theta`.
+    noise_scale : float
+        As in `AtBound`.
+
+    References
+    ----------
+    Nocedal and Wright (2006), Numerical Optimization, section 12.3: multipliers of active bounds.
+    """
+    bounds, values, slope = problem.bounds, problem.physical(theta), problem.slope(theta)
+    span = bounds[:, 1] - bounds[:, 0]
+    side = np.argmin(np.abs(bounds - values[:, None]), axis=1)
+    limit = bounds[np.arange(len(values)), side]
+    distance = np.abs(values - limit)
+    near = np.isfinite(span) & (distance <= _CLOSE * span) & (slope != 0)
+    if not near.any():
+        return ()
+    basis, kept = np.linalg.qr(at.jacobian[:, ~near]) if not near.all() else (np.zeros((len(at.residual), 0)), None)
+    if kept is not None:
+        basis = basis[:, np.abs(np.diag(kept)) > 1e-12 * np.abs(np.diag(kept)).max(initial=0.0)]
+    found = []
+    for i in np.flatnonzero(near).tolist():
+        column = at.jacobian[:, i] / slope[i]
+        own = column - basis @ (basis.T @ column)
+        size = float(np.linalg.norm(own))
+        outward = -1.0 if side[i] == 0 else 1.0
+        multiplier = -outward * float(own @ at.residual)
+        if not size > 0:
+            continue
+        std = 1 / size
+        size_here = float(problem.sizes(values)[i])
+        is_beyond = multiplier * std**2 > distance[i] and distance[i] <= _CLOSE_STD * std
+        if is_beyond and noise_scale * std <= max(span[i], size_here):
+            words = problem.names[i], problem.units[i]
+            which: Literal["lower", "upper"] = "lower" if side[i] == 0 else "upper"
+            found.append(AtBound(*words, i, which, float(limit[i]), multiplier, std, noise_scale))
+    return tuple(found)

@@ -1,0 +1,225 @@
+"""Which of many possible measurements to make: optimal design on information, with no structure in sight.
+
+A candidate is a block of rows of the whitened Jacobian with respect to relative parameters; the information of a set
+is the sum of the squares of its blocks, so every law here is one of triangles: nothing is squared, and what is barely
+determined stays so to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError
+from structid.inversion.covariance import inverse_information
+
+Criterion = Literal["d", "a"]
+
+#: Relative standard deviation that stands for ignorance when sets that leave parameters undetermined are compared.
+IGNORANCE = 10.0
+_BLOCK_ENTRIES = 4_000_000
+_MOST_PASSES = 20
+_SMALLEST_GAIN = 1e-9
+
+
+def information_root(rows: FloatArray) -> FloatArray:
+    """R with R'R = J'J for blocks of rows J, (..., n_rows, n_params) to (..., min(n_rows, n_params), n_params)."""
+    if rows.shape[-2] <= rows.shape[-1]:
+        return rows
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def relative_std(rows: FloatArray) -> FloatArray:
+    """Standard deviation of each relative parameter from the rows of a set: the Cramer-Rao bound, (n_params,).
+
+    NaN where the rows do not determine it.
+    """
+    if not rows.size:
+        return np.full(rows.shape[-1], np.nan)
+    return np.sqrt(np.diag(inverse_information(rows)))
+
+
+def ignorance(n_params: int) -> FloatArray:
+    """Rows of a prior of relative standard deviation `IGNORANCE` on each parameter, so weak that it only ranks the hopeless."""
+    return np.eye(n_params) / IGNORANCE
+
+
+def merit(rows: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray | None = None) -> float:
+    """The criterion of a whole set, larger for a better one: -log det or -trace of the covariance of interest.
+
+    Parameters
+    ----------
+    rows : (n_rows, n_params) float array
+        Of full column rank.
+    criterion, of_interest
+        As for `gains`.
+    """
+    inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
+    part = inverse if of_interest is None else inverse[np.asarray(of_interest, dtype=bool)]
+    if criterion == "a":
+        return -float(np.sum(part**2))
+    singular = np.linalg.svd(part, compute_uv=False)
+    return -2 * float(np.log(singular).sum())
+
+
+def gains(
+    candidates: FloatArray, known: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray | None = None
+) -> FloatArray:
+    """How much each candidate would add to the criterion, (n_candidates,).
+
+    With C the covariance of what is known, A = (J'J)^-1, and C_i its part of the parameters of interest: ``d`` is the
+    fall of log det C_i (D-optimality, Ds-optimality for a part of the parameters), ``a`` that of trace C_i. By the
+    matrix determinant lemma a candidate with rows G costs one factorization of I + G C G', of the size of its rows.
+
+    Parameters
+    ----------
+    candidates : (n_candidates, n_rows, n_params) float array
+    known : (n_known, n_params) float array
+        Rows that are there already, of full column rank.
+    criterion : {"d", "a"}
+    of_interest : (n_params,) bool array, optional
+        Parameters whose covariance counts; all by default. The others count as unknown all the same.
+
+    References
+    ----------
+    Fedorov (1972), Theory of Optimal Experiments; Atkinson and Donev (1992), Optimum Experimental Designs.
+    """
+    n_candidates, n_rows, n_params = candidates.shape
+    root = np.asarray(np.linalg.qr(known, mode="r"))
+    inverse = np.linalg.inv(root)
+    wanted = np.ones(n_params, dtype=bool) if of_interest is None else np.asarray(of_interest, dtype=bool)
+    found = np.empty(n_candidates)
+    step = max(1, _BLOCK_ENTRIES // max(n_rows * max(n_params, n_rows), 1))
+    for first in range(0, n_candidates, step):
+        part = slice(first, first + step)
+        reached = candidates[part] @ inverse
+        found[part] = _gains(reached, inverse[wanted], criterion, bool(wanted.all()))
+    return found
+
+
+def _gains(reached: FloatArray, inverse: FloatArray, criterion: Criterion, is_all: bool) -> FloatArray:
+    """Gains of candidates whose rows, G R^-1, are `reached`; `inverse` are the rows of R^-1 of interest."""
+    grown = np.eye(reached.shape[1]) + reached @ np.swapaxes(reached, 1, 2)
+    if criterion == "a":
+        seen = reached @ inverse.T
+        return np.trace(np.linalg.solve(grown, seen @ np.swapaxes(seen, 1, 2)), axis1=1, axis2=2)
+    total = np.linalg.slogdet(grown)[1]
+    if is_all:
+        return total
+    basis = np.linalg.qr(inverse.T)[0]
+    others = reached - (reached @ basis) @ basis.T
+    return total - np.linalg.slogdet(np.eye(reached.shape[1]) + others @ np.swapaxes(others, 1, 2))[1]
+
+
+def greedy(
+    candidates: FloatArray,
+    known: FloatArray,
+    count: int,
+    criterion: Criterion = "d",
+    of_interest: np.ndarray | None = None,
+    enough: Callable[[tuple[int, ...]], bool] | None = None,
+) -> tuple[int, ...]:
+    """Candidates in the order in which each adds most to those before it: `count` of them, or until `enough`.
+
+    Parameters
+    ----------
+    candidates, known, criterion, of_interest
+        As for `gains`.
+    count : int
+    enough : callable, optional
+        Told those chosen so far; the choice ends where it says so.
+
+    Raises
+    ------
+    InputError
+        If there are fewer candidates than `count`.
+    """
+    _require_count(count, len(candidates))
+    chosen: list[int] = []
+    root = np.asarray(np.linalg.qr(known, mode="r"))
+    while len(chosen) < count and not (enough is not None and enough(tuple(chosen))):
+        gain = gains(candidates, root, criterion, of_interest)
+        gain[chosen] = -np.inf
+        chosen.append(int(np.argmax(gain)))
+        root = information_root(np.vstack([root, candidates[chosen[-1]]]))
+    return tuple(chosen)
+
+
+def exchanged(
+    candidates: FloatArray,
+    known: FloatArray,
+    chosen: Sequence[int],
+    criterion: Criterion = "d",
+    of_interest: np.ndarray | None = None,
+) -> tuple[int, ...]:
+    """`chosen` with members exchanged for better candidates until no single exchange gains (Fedorov's algorithm)."""
+    members = list(chosen)
+    for _ in range(_MOST_PASSES):
+        changed = False
+        for place, member in enumerate(members):
+            rest = members[:place] + members[place + 1 :]
+            gain = gains(candidates, np.vstack([known, *candidates[rest]]), criterion, of_interest)
+            own = gain[member]
+            gain[rest] = -np.inf
+            best = int(np.argmax(gain))
+            if gain[best] > own + _SMALLEST_GAIN * max(1.0, abs(own)):
+                members[place], changed = best, True
+        if not changed:
+            break
+    return tuple(members)
+
+
+def optimal(
+    candidates: FloatArray,
+    known: FloatArray,
+    count: int,
+    criterion: Criterion = "d",
+    of_interest: np.ndarray | None = None,
+) -> tuple[int, ...]:
+    """The best `count` candidates found: greedy, then exchanged; the most telling first."""
+    first = greedy(candidates, known, count, criterion, of_interest)
+    members = exchanged(candidates, known, first, criterion, of_interest)
+    order = greedy(candidates[list(members)], known, count, criterion, of_interest)
+    return tuple(members[i] for i in order)
+
+
+def effective_independence(shapes: FloatArray, count: int) -> tuple[int, ...]:
+    """Places that keep mode shapes apart best, by deleting one after another the place that adds least to their rank.
+
+    The effective independence of place i is row i of Phi times (Phi'Phi)^-1 times the same row: the part of the
+    rank of Phi that would go with it.
+
+    Parameters
+    ----------
+    shapes : (n_places, n_modes) float array
+        Mode shapes at the candidate places.
+    count : int
+        How many places stay; at least as many as there are modes.
+
+    Raises
+    ------
+    InputError
+        If `count` is less than the number of modes or more than that of places.
+
+    References
+    ----------
+    Kammer (1991), J. Guidance, Control, and Dynamics 14, 251-259.
+    """
+    n_places, n_modes = shapes.shape
+    _require_count(count, n_places)
+    if count < n_modes:
+        raise InputError(f"`count` must be at least the number of modes, got {count} for {n_modes}; take fewer modes")
+    kept = np.arange(n_places)
+    while len(kept) > count:
+        left, singular, _ = np.linalg.svd(shapes[kept], full_matrices=False)
+        sound = singular > 1e-12 * singular.max(initial=0.0)
+        kept = np.delete(kept, int(np.argmin(np.sum(left[:, sound] ** 2, axis=1))))
+    return tuple(int(i) for i in kept)
+
+
+def _require_count(count: int, n_candidates: int) -> None:
+    if not 0 <= count <= n_candidates:
+        raise InputError(f"`count` must be from 0 to the number of candidates, {n_candidates}, got {count}")

@@ -1,0 +1,97 @@
+"""What data cannot carry: the Cramer-Rao bound where a search starts and where it ends, and the refusal that follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.display import listed
+from structid.core.errors import SingularModelError
+from structid.inversion.covariance import inverse_information
+from structid.inversion.diagnostics.collinearity import percent_text
+from structid.inversion.problem import Problem
+
+#: An estimate that fits to the noise and is this well determined overrules a hopeless bound at the initial values: a
+#: value that wandered off with the noise is seldom four of its standard deviations from 0.
+_WELL_DETERMINED = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """Smallest standard deviations that an unbiased estimate can have if the truth lies at one point.
+
+    Attributes
+    ----------
+    std : (n_params,) float array
+        From noise and priors, physical units; NaN where nothing determines the parameter.
+    sizes : (n_params,) float array
+        What each is held against, physical units.
+    place : str
+        The point, in words.
+    """
+
+    std: FloatArray
+    sizes: FloatArray
+    place: str
+
+    @property
+    def relative(self) -> FloatArray:
+        """Standard deviations over sizes; infinite where nothing determines the parameter, or its size is 0."""
+        safe = np.where(self.sizes > 0, self.sizes, np.nan)
+        return np.nan_to_num(self.std / safe, nan=np.inf)
+
+    def words(self, names: tuple[str, ...]) -> str:
+        """The bound as a sentence: over all parameters, and of the worst."""
+        relative = self.relative
+        worst = int(np.argmax(relative))
+        if not np.isfinite(relative[worst]):
+            lost = [name for name, value in zip(names, relative, strict=True) if not np.isfinite(value)]
+            return f"at {self.place} the Cramér-Rao bound is infinite for {listed(lost, 3)}"
+        rms = percent_text(float(np.sqrt(np.mean(relative**2))))
+        return (
+            f"at {self.place} the Cramér-Rao bound is {rms} of the value (RMS of {len(names)} parameters),"
+            f" {percent_text(float(relative[worst]))} for {names[worst]}"
+        )
+
+
+def bound_at(problem: Problem, theta: FloatArray, place: str) -> Bound:
+    """The bound if the truth lay at free variables `theta`; NaN where the model cannot be evaluated there."""
+    values, slope = problem.physical(theta), problem.slope(theta)
+    try:
+        with np.errstate(all="ignore"):
+            covariance = inverse_information(problem.linearize(theta).jacobian)
+    except (SingularModelError, np.linalg.LinAlgError):
+        covariance = np.full((len(values), len(values)), np.nan)
+    return Bound(locked(np.sqrt(np.diag(covariance)) * np.abs(slope)), problem.sizes(values), place)
+
+
+def carried(initial: Bound, sizes: FloatArray, std: FloatArray, fits: bool) -> np.ndarray:
+    """Which parameters the data carry by the bound at the initial values, (n_params,) bool.
+
+    A parameter is refused where its bound there is larger than its size there: a search in data that cannot carry a
+    parameter ends anywhere, also where the standard deviation is small beside a value that wandered off. An estimate
+    that `fits` to the noise and is determined to a quarter overrules the initial values, and so does any where these
+    have no bound at all (a contact that sticks there).
+
+    Parameters
+    ----------
+    initial : Bound
+    sizes, std : (n_params,) float arrays
+        At the estimate, physical units.
+    fits : bool
+        Whether the search converged and its residual is noise.
+    """
+    hopeless = initial.std > initial.sizes
+    return ~(hopeless & ~(fits & (std <= _WELL_DETERMINED * sizes)))
+
+
+def refusal_words(initial: Bound, final: Bound, carried_at_start: np.ndarray, names: tuple[str, ...]) -> str:
+    """The bounds that say that the data cannot carry a parameter; empty where neither does."""
+    said = [] if carried_at_start.all() else [initial.words(names)]
+    if (final.relative > 1).any():
+        said.append(final.words(names))
+    elif said:
+        said.append("where the start was far off and the fit is good, start again from the estimate")
+    return "; ".join(said)

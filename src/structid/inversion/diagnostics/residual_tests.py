@@ -1,0 +1,266 @@
+"""Whether a residual looks like the noise it should be: its size, its whiteness, its signs and its shape."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray
+from structid.core.display import listed
+from structid.inversion.averaging import few_averages, normal_values
+from structid.inversion.comparison.multiple_tests import adjusted_p_values
+from structid.inversion.covariance import row_law
+from structid.inversion.problem import Problem
+
+_DOUBT = 1e-3
+_FEWEST_ROWS = 20
+_FEWEST_FOR_SHAPE = 50
+_MOST_NAMED = 6
+
+
+@dataclass(frozen=True)
+class SeriesTest:
+    """One channel's whitened residual along its axis.
+
+    Attributes
+    ----------
+    name : str
+    n_rows : int
+    lag_1 : float
+        First autocorrelation.
+    whiteness_distance : float
+        Largest distance of the cumulative periodogram, 0 to 1, from the straight line that it is on average for
+        white noise.
+    whiteness_probability : float
+        Of a larger distance for white noise, for this channel alone.
+    runs, runs_expected : int and float
+        Stretches of one sign, and how many there are on average for independent signs.
+    runs_probability : float
+        Of a number of runs as far from that or farther, either way.
+    """
+
+    name: str
+    n_rows: int
+    lag_1: float
+    whiteness_distance: float
+    whiteness_probability: float
+    runs: int
+    runs_expected: float
+    runs_probability: float
+
+
+def _doubted(series: Sequence[SeriesTest], p_values: Sequence[float]) -> tuple[str, ...]:
+    """Names of the channels whose p-value is too small, at 0.001 for all of them together."""
+    adjusted = adjusted_p_values(np.array(p_values))
+    return tuple(dict.fromkeys(test.name for test, p in zip(series, adjusted, strict=True) if p < _DOUBT))
+
+
+@dataclass(frozen=True)
+class ResidualTests:
+    """Tests of a whole residual; a small probability speaks against model or noise level, never for them.
+
+    Attributes
+    ----------
+    series : tuple of SeriesTest
+        One a channel (real and imaginary parts apart), in the order of `Problem.series`.
+    chi_square_per_dof : float
+    chi_square_probability : float
+        Of a larger chi-square, if model and noise level were right. Where few averages tell the noise, by the law of
+        these or of a noise that is known, whichever doubts it less.
+    whiteness_probability : float
+        The smallest of the channels', Holm-adjusted for their number.
+    runs_probability : float
+        Likewise for the runs.
+    normality_probability : float
+        Jarque-Bera, all channels together; NaN below 50 rows. Where few averages tell the noise, of the values or of the
+        normal ones that their law makes of them, whichever doubts it less.
+    """
+
+    series: tuple[SeriesTest, ...]
+    chi_square_per_dof: float
+    chi_square_probability: float
+    whiteness_probability: float
+    runs_probability: float
+    normality_probability: float
+
+    @property
+    def not_white(self) -> tuple[str, ...]:
+        """Names of the channels whose residual is correlated along its axis, at 0.001 for all of them together."""
+        return _doubted(self.series, [test.whiteness_probability for test in self.series])
+
+    @property
+    def one_sided(self) -> tuple[str, ...]:
+        """Names of the channels whose signs come in too long or too short runs, by the same measure."""
+        return _doubted(self.series, [test.runs_probability for test in self.series])
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What the tests say against the fit; empty where they say nothing."""
+        said = []
+        if self.chi_square_probability < _DOUBT:
+            said.append(
+                f"the residual is larger than the noise allows (chi-square per degree of freedom"
+                f" {self.chi_square_per_dof:.3g}, {_told(self.chi_square_probability)}): model error, or noise taken"
+                " too small"
+            )
+        elif 1 - self.chi_square_probability < _DOUBT:
+            said.append(
+                f"the residual is smaller than the noise allows (chi-square per degree of freedom"
+                f" {self.chi_square_per_dof:.3g}): noise taken too large, and so are the standard deviations"
+            )
+        n_names = len({test.name for test in self.series})
+        if self.not_white:
+            said.append(
+                f"residual of {_listed(self.not_white, n_names)} is not white"
+                f" ({_told(self.whiteness_probability)}): model error there"
+            )
+        if self.one_sided:
+            said.append(
+                f"signs of the residual of {_listed(self.one_sided, n_names)} do not alternate as those of noise do"
+                f" (runs test, {_told(self.runs_probability)})"
+            )
+        if self.normality_probability < _DOUBT:
+            said.append(
+                f"the residual is not normal (Jarque-Bera, {_told(self.normality_probability)}): outliers, or lines"
+                " whose noise is taken wrongly against the others"
+            )
+        return tuple(said)
+
+    def named(self, names: Sequence[str]) -> ResidualTests:
+        """The same tests with the names of their channels, one a series."""
+        series = [replace(test, name=name) for test, name in zip(self.series, names, strict=True)]
+        return replace(self, series=tuple(series))
+
+
+def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> ResidualTests:
+    """Tests of the whitened `residual` of `problem` at its minimum.
+
+    Parameters
+    ----------
+    problem : Problem
+        Says which row belongs to which channel and line.
+    residual : (n_residuals,) float array
+        Data rows first; rows of priors are not tested.
+    degrees_of_freedom : float
+        Of chi-square.
+
+    Returns
+    -------
+    ResidualTests
+
+    Notes
+    -----
+    Lines that were left out are passed over: neighbours are neighbours in the list of lines used. A fit takes a little
+    of the noise with it, so that its residual is slightly less than white; with many rows a parameter this is not seen.
+
+    References
+    ----------
+    Bartlett (1955), An Introduction to Stochastic Processes, section 9.2; Durbin (1969), Biometrika 56; Wald and
+    Wolfowitz (1940), Ann. Math. Stat. 11; Jarque and Bera (1987), Int. Stat. Rev. 55; Holm (1979), Scand. J. Stat. 6.
+    """
+    data = residual[: problem.n_data]
+    chi_square = float(data @ data)
+    freedom = degrees_of_freedom
+    tests = []
+    for number in np.unique(problem.series):
+        rows = np.flatnonzero(problem.series == number)
+        tests.append(_series_test(f"series {number}", data[rows[np.argsort(problem.lines[rows], kind="stable")]]))
+    return ResidualTests(
+        series=tuple(tests),
+        chi_square_per_dof=chi_square / freedom if freedom > 0 else float("nan"),
+        chi_square_probability=misfit_probability(problem, chi_square, freedom) if freedom > 0 else float("nan"),
+        whiteness_probability=_smallest(tests, lambda test: test.whiteness_probability),
+        runs_probability=_smallest(tests, lambda test: test.runs_probability),
+        normality_probability=_normality(data, few_averages(problem.averages)) if freedom > 0 else float("nan"),
+    )
+
+
+def has_order(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> bool:
+    """Whether a channel's residual is correlated along its axis, or its signs are."""
+    tests = residual_tests(problem, residual, degrees_of_freedom)
+    return bool(tests.not_white or tests.one_sided)
+
+
+def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> float:
+    """Of a larger sum of squares of the data: of the two laws that it may have, the one that doubts it less."""
+    scale, share = row_law(problem.averages)
+    known, few = (special.gammaincc(freedom * f / 2, chi_square / s / 2) for s, f in ((1.0, 1.0), (scale, share)))
+    return float(sorted((known, 0.5, few))[1]) if share < 1 else float(known)
+
+
+def _series_test(name: str, values: FloatArray) -> SeriesTest:
+    n, nan = len(values), float("nan")
+    if n < _FEWEST_ROWS or np.ptp(values) == 0:
+        return SeriesTest(name, n, nan, nan, nan, 0, nan, nan)
+    lag_1 = float(values[1:] @ values[:-1] / (values @ values))
+    distance, whiteness = periodogram_test(values)
+    runs, expected, by_runs = runs_test(values)
+    return SeriesTest(name, n, lag_1, distance, whiteness, runs, expected, by_runs)
+
+
+def periodogram_test(values: FloatArray) -> tuple[float, float]:
+    """Largest distance of the cumulative periodogram from that of white noise, and the probability of a larger one.
+
+    For normal white noise the ordinates without frequency 0 and the last are independent exponentials, so that their
+    cumulative sums over the total are ordered uniform numbers for any length: Kolmogorov's distance, with Stephens'
+    (1970) correction for their number.
+    """
+    ordinates = np.abs(np.fft.rfft(values)[1 : (len(values) + 1) // 2]) ** 2
+    steps = np.cumsum(ordinates)[:-1] / ordinates.sum()
+    m = len(steps)
+    above = (np.arange(1, m + 1) / m - steps).max()
+    below = (steps - np.arange(m) / m).max()
+    distance = float(max(above, below))
+    return distance, float(special.kolmogorov((np.sqrt(m) + 0.12 + 0.11 / np.sqrt(m)) * distance))
+
+
+def runs_test(values: FloatArray) -> tuple[int, float, float]:
+    """Runs of one sign, their mean for independent signs, and the two-sided probability by the normal limit.
+
+    With n1 positive and n2 negative values the mean is 2 n1 n2 / n + 1 and the variance (mean - 1)(mean - 2) / (n - 1);
+    the count is drawn half a run towards the mean.
+    """
+    signs = values[values != 0] > 0
+    n, n_positive = len(signs), int(signs.sum())
+    runs = 1 + int(np.count_nonzero(signs[1:] != signs[:-1])) if n else 0
+    if n_positive in (0, n):
+        return runs, 1.0 + n / 2, float(2.0 ** (1 - n)) if n else float("nan")
+    mean = 2 * n_positive * (n - n_positive) / n + 1
+    variance = (mean - 1) * (mean - 2) / (n - 1)
+    if variance <= 0:
+        return runs, mean, float("nan")
+    distance = max(abs(runs - mean) - 0.5, 0.0) / np.sqrt(variance)
+    return runs, mean, float(2 * special.ndtr(-distance))
+
+
+def _smallest(tests: Sequence[SeriesTest], probability: Callable[[SeriesTest], float]) -> float:
+    adjusted = adjusted_p_values(np.array([probability(test) for test in tests]))
+    known = adjusted[np.isfinite(adjusted)]
+    return float(known.min()) if known.size else float("nan")
+
+
+def _normality(values: FloatArray, averages: FloatArray | None) -> float:
+    """Of normal values, or of those that `normal_values` makes of them."""
+    own = _jarque_bera(values)
+    return own if averages is None else max(own, _jarque_bera(normal_values(values, averages)))
+
+
+def _jarque_bera(values: FloatArray) -> float:
+    """Probability of a larger n/6 (skewness^2 + excess^2 / 4) for normal values."""
+    if len(values) < _FEWEST_FOR_SHAPE or np.ptp(values) == 0:
+        return float("nan")
+    z = (values - values.mean()) / values.std()
+    statistic = len(values) / 6 * (float((z**3).mean()) ** 2 + (float((z**4).mean()) - 3) ** 2 / 4)
+    return float(np.exp(-statistic / 2))
+
+
+def _told(probability: float) -> str:
+    return f"p = {probability:.1g}" if probability > 0 else "p below 1e-300"
+
+
+def _listed(names: Sequence[str], n_all: int) -> str:
+    shown = listed(names, _MOST_NAMED)
+    return shown if n_all == len(names) == 1 else f"{shown} ({len(names)} of {n_all} channels)"

@@ -1,0 +1,400 @@
+"""The answer: values, covariance, status and diagnostics, complete when constructed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.display import Overview, Shown, counted, data_frame, figures, listed
+from structid.core.errors import InputError
+from structid.inversion.covariance import correlation_length
+from structid.inversion.diagnostics.residual_tests import ResidualTests, residual_tests
+from structid.inversion.problem import Problem, Way
+from structid.inversion.search.least_squares import Method
+from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
+from structid.inversion.search.minimum import Minimum
+from structid.inversion.search.multistart import Answer, Search, distinct_answers, named, searched_minima
+from structid.inversion.search.work import ALONE, StageProgress, Work
+from structid.inversion.uncertainty import Spread
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Status(Enum):
+    """How an identification ended; the value is what files and reports show."""
+
+    CONVERGED = "converged"
+    NOT_CONVERGED = "not_converged"
+    NOT_IDENTIFIABLE = "not_identifiable"
+
+    @property
+    def words(self) -> str:
+        """What happened, and what helps."""
+        return _STATUS_WORDS[self]
+
+
+_STATUS_WORDS = {
+    Status.CONVERGED: "the search converged and the data determine every parameter",
+    Status.NOT_CONVERGED: (
+        "the search did not converge; start closer, fix or tie parameters, or narrow the band, and look at the residual"
+    ),
+    Status.NOT_IDENTIFIABLE: (
+        "the data do not determine every parameter; tie or fix the parameters named, give a prior, or measure more places"
+    ),
+}
+#: Of very many parameters, which the data never determine without priors.
+_WORDS_WITH_PRIORS = {
+    Status.CONVERGED: "the search converged, and data and priors together hold every parameter",
+    Status.NOT_IDENTIFIABLE: (
+        "data and priors together do not hold every parameter; strengthen the smoothness, group the unknowns, or measure"
+        " more places"
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ParameterValues:
+    """Where the parameters are.
+
+    Attributes
+    ----------
+    names, kinds, units : tuple of str
+    initial, values : (n_params,) float arrays
+        Physical values before and after.
+    theta : (n_params,) float array
+        Free variables at the end.
+    slope : (n_params,) float array or None
+        Derivative of each physical value with respect to its free variable at `theta`; ones where None.
+    to_physical : callable
+        Physical values of free variables, each of its own (`Problem.physical`).
+    scale : (n_params,) float array or None
+        Of those that may vanish the size that their deviation is held against then, else 0.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    units: tuple[str, ...]
+    initial: FloatArray
+    values: FloatArray
+    theta: FloatArray
+    slope: FloatArray | None = None
+    to_physical: Callable[[FloatArray], FloatArray] = np.array
+    scale: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Goodness:
+    """How well the answer fits.
+
+    Attributes
+    ----------
+    chi_square : float
+        Sum of squared whitened data residuals.
+    n_data : int
+    degrees_of_freedom : float
+        A whole number where there is a Jacobian.
+    residual_correlation : float
+        Correlation length of the residual in lines; about 1 for noise.
+    residual_tests : ResidualTests or None
+        Whether the residual looks like noise; None where there is no residual to test.
+    """
+
+    chi_square: float
+    n_data: int
+    degrees_of_freedom: float
+    residual_correlation: float
+    residual_tests: ResidualTests | None = None
+
+    @property
+    def chi_square_per_dof(self) -> float:
+        return self.chi_square / self.degrees_of_freedom if self.degrees_of_freedom > 0 else float("nan")
+
+    @property
+    def chi_square_probability(self) -> float:
+        """Probability of a larger chi-square if model and noise level were right."""
+        if not self.degrees_of_freedom > 0:
+            return float("nan")
+        if self.residual_tests is not None:
+            return self.residual_tests.chi_square_probability
+        return float(special.gammaincc(self.degrees_of_freedom / 2, self.chi_square / 2))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SearchRecord:
+    """How the answer was found.
+
+    Attributes
+    ----------
+    n_iterations : int
+    n_starts, n_agreeing : int
+        How many searches were tried, and how many of them ended at this minimum.
+    history : (n_iterations + 1, n_params) float array
+        Physical values along the way of the last stage.
+    answers : tuple of Answer
+        The distinct minima that the searches found, best first; where a sample was searched, those of the sample.
+    """
+
+    n_iterations: int
+    n_starts: int
+    n_agreeing: int
+    history: FloatArray
+    answers: tuple[Answer, ...] = ()
+
+    @property
+    def n_fitting(self) -> int:
+        """How many distinct parameter sets among `answers` the data allow."""
+        return sum(answer.fits for answer in self.answers)
+
+
+class Value(NamedTuple):
+    """One parameter, in physical units."""
+
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
+    """Identified parameters with their uncertainty.
+
+    Its parts are documented as `ParameterValues`, `Spread`, `Goodness` and `SearchRecord`.
+
+    Attributes
+    ----------
+    status : Status
+    message : str
+        What ended the search, and the Cramer-Rao bound where the data do not determine every parameter.
+    """
+
+    status: Status
+    message: str
+
+    @property
+    def status_words(self) -> str:
+        """What happened, and what helps."""
+        few = self.uncertainty.has_matrix
+        if self.status is Status.CONVERGED and self.at_bound:
+            at_bound = ", ".join(one.name for one in self.at_bound)
+            return f"the search converged with {at_bound} at a bound, and the data determine every other parameter"
+        if self.status is Status.CONVERGED and few and not self.identified.all():
+            lost = listed([name for name, known in zip(self.names, self.identified, strict=True) if not known])
+            return f"the search converged; models that are about as likely leave {lost} open"
+        return self.status.words if few else _WORDS_WITH_PRIORS.get(self.status, self.status.words)
+
+    @property
+    def std_free(self) -> FloatArray:
+        """Standard deviations of the free variables, from `uncertainty`: of the logarithm for a log parameter."""
+        if self.slope is None:
+            return self.std
+        return np.divide(self.std, np.abs(self.slope), out=np.full(len(self.std), np.nan), where=self.slope != 0)
+
+    @property
+    def distance(self) -> FloatArray:
+        """Change from the initial value in standard deviations, (n_params,); NaN where there is none."""
+        std, change = self.std, self.values - self.initial
+        return np.divide(change, std, out=np.full(len(std), np.nan), where=std > 0)
+
+    def beyond_chance(self, level: float = 0.05) -> tuple[np.ndarray, float]:
+        """Which parameters changed by more than chance alone allows anywhere among all of them, and the limit.
+
+        With all parameters at their initial values the probability that any is marked is at most `level` (Bonferroni);
+        the limit, in standard deviations, is that of Student's t with the degrees of freedom of the standard deviations.
+        """
+        limit = float(special.stdtrit(self.uncertainty.freedom, 1 - level / (2 * max(len(self.names), 1))))
+        return np.abs(np.nan_to_num(self.distance)) > limit, limit
+
+    def interval(self, level: float = 0.95) -> FloatArray:
+        """Interval of each parameter in physical units, lower and upper end: (n_params, 2), NaN where not determined.
+
+        The normal interval of the free variable, taken to physical units: of a positive parameter it is
+        exp(log p -+ z s / p), positive and longer upwards; of a bounded one it stays between the bounds. A positive one
+        that may vanish, and that the data do not tell from 0, has p + z s above 0.
+
+        Parameters
+        ----------
+        level : float
+            Probability between 0 and 1 that it covers the truth, where the problem is nearly linear.
+        """
+        require_level(level)
+        quantile = float(special.ndtri(0.5 + level / 2))
+        half = quantile * self.std_free
+        with np.errstate(over="ignore"):
+            ends = np.stack([self.to_physical(self.theta - half), self.to_physical(self.theta + half)], axis=1)
+        absent = self.may_be_absent(level)
+        ends[absent] = np.stack([np.zeros(absent.sum()), (self.values + quantile * self.std)[absent]], axis=1)
+        return ends
+
+    def may_be_absent(self, level: float = 0.95) -> np.ndarray:
+        """Which positive parameters the data determine, and do not tell from 0, (n_params,) bool."""
+        if self.scale is None:
+            return np.zeros(len(self.names), dtype=bool)
+        quantile = float(special.ndtri(0.5 + level / 2))
+        with np.errstate(invalid="ignore", over="ignore"):
+            is_positive = self.to_physical(self.theta - quantile * self.std_free) >= 0
+            return is_positive & (self.scale > 0) & self.identified & (self.values < quantile * self.std)
+
+    def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
+        """Draws in physical units, (1, n_draws, n_params), of which `interval` holds the ends: normal in the free variables.
+
+        Parameters too many for a covariance matrix have as many draws as they were found with. NaN where not determined.
+        """
+        if not self.uncertainty.has_matrix:
+            return (self.values + self.uncertainty.draws)[None]
+        slope = np.ones(len(self.values)) if self.slope is None else np.abs(self.slope)
+        known = np.isfinite(self.std_free)
+        free = self.covariance[np.ix_(known, known)] / np.outer(slope[known], slope[known])
+        theta = np.full((n_draws, len(self.values)), np.nan)
+        theta[:, known] = rng.multivariate_normal(self.theta[known], free, n_draws, method="eigh")
+        with np.errstate(over="ignore"):
+            found = np.stack([self.to_physical(one) for one in theta])
+        absent = self.may_be_absent()
+        found[:, absent] = np.maximum(self.values + slope * (theta - self.theta), 0.0)[:, absent]
+        return found[None]
+
+    def __getitem__(self, name: str) -> Value:
+        """Value and standard deviation of one parameter.
+
+        Raises
+        ------
+        KeyError
+            If there is none of that name; with those that there are.
+        """
+        if name not in self.names:
+            raise KeyError(f"no parameter {name!r}; there are {listed(self.names)}")
+        index = self.names.index(name)
+        return Value(float(self.values[index]), float(self.std[index]))
+
+    def overview(self) -> Overview:
+        """Status and fit, and one row a parameter."""
+        words = (
+            f"{self.status.value}, {counted(len(self.names), 'parameter')} from {self.n_data} data,"
+            f" chi-square per degree of freedom {figures(self.chi_square_per_dof, 3)};"
+            f" standard deviations from {self.covariance_basis.replace('_', ' ')}"
+        )
+        rows = [
+            (name, figures(value), figures(std, 2), figures(initial), unit)
+            for name, value, std, initial, unit in zip(
+                self.names, self.values, self.std, self.initial, self.units, strict=True
+            )
+        ]
+        return Overview(words, ("parameter", "value", "std", "initial", "unit"), rows)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """One row a parameter: value, both standard deviations, 95 % interval, initial value, unit."""
+        low, high = self.interval().T
+        return data_frame(
+            {
+                "parameter": self.names, "value": self.values, "std": self.std, "low": low, "high": high,
+                "initial": self.initial, "std_noise": self.std_noise, "std_model_error": self.std_model_error,
+                "unit": self.units, "identified": self.identified,
+            },
+            "parameter",
+        )  # fmt: skip
+
+
+def require_level(level: float) -> None:
+    """Raise `InputError` unless `level` is the probability of an interval."""
+    if not 0 < level < 1:
+        raise InputError(f"`level` must be between 0 and 1, got {level:g}; 0.95 is usual")
+
+
+def estimate(
+    problem: Problem,
+    method: Method | None = None,
+    plans: Sequence[Way] = (),
+    search: Search | None = None,
+    misfit_probability: float = 1e-3,
+    progress: StageProgress | None = None,
+    sample: Problem | None = None,
+    work: Work = ALONE,
+    **moved: object,
+) -> Estimate:
+    """Parameters that minimize the problem's sum of squares, with their uncertainty.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its residual is whitened by the noise; it gives the final values and the covariance.
+    method : Method, optional
+        Levenberg-Marquardt by default; `MatrixFree` for very many parameters.
+    plans : sequence of sequences of (name, Problem), or of functions of the start that give one
+        Ways to the answer: easier forms of the same problem (same parameters), run one after another before it. The
+        first search takes the first way; restarts take the others in turn.
+    search : Search, optional
+        How often and from where is searched; once from the problem's start by default.
+    misfit_probability : float
+        Below this probability of its chi-square the fit is taken to hold model error, and the standard deviations
+        are those that carry it.
+    progress : callable, optional
+        Called with the stage's name, the iteration and the sum of squares.
+    sample : Problem, optional
+        The same problem with a part of its data, on which the searches are made; only the last iterations, from the
+        best minimum, then take all of the data.
+    work : Work
+        Where the searches run, and whether they are kept; in this process by default.
+    """
+    if moved:
+        name = next(iter(moved))
+        raise InputError(
+            f"`estimate` takes no {name!r}; restarts, uniqueness_starts and seed are given as search=Search(restarts=2)"
+        )
+    searched, chosen, search = sample or problem, method or LevenbergMarquardt(), search or Search()
+
+    def fits(minimum: Minimum) -> bool:
+        return not chosen.misfits(searched, minimum, misfit_probability)
+
+    minima = searched_minima(searched, chosen, plans, search, fits, progress, work)
+    answers = distinct_answers(searched, [minimum for minimum, _ in minima], fits, misfit_probability)
+    best, n_iterations = min(minima, key=lambda m: (not m[0].converged, m[0].costs[-1]))
+    if sample is not None:
+        best = work.minimize(problem, chosen.for_polishing(), best.theta, named(progress, "all data"))
+        n_iterations += len(best.costs) - 1
+    found = chosen.uncertainty(problem, best, misfit_probability, search.seed)
+    is_known = bool((found.identified | ~found.is_free).all())
+    if not best.converged and found.carried.all() and (found.misfit or is_known):
+        status = Status.NOT_CONVERGED  # one that fits the noise, and leaves a parameter open, need not go on
+    elif not is_known or sum(answer.fits for answer in answers) > 1:
+        status = Status.NOT_IDENTIFIABLE
+    else:
+        status = Status.CONVERGED
+    theta, residual = best.theta, best.linearization.residual
+    data = residual[: problem.n_data]
+    return Estimate(
+        names=problem.names,
+        kinds=problem.kinds,
+        units=problem.units,
+        initial=locked(problem.physical(np.asarray(problem.theta_start))),
+        values=locked(problem.physical(theta)),
+        theta=locked(theta),
+        slope=locked(problem.slope(theta)),
+        to_physical=problem.physical,
+        scale=locked(problem.sizes(np.zeros(len(theta)))),
+        noise=found.noise,
+        model_error=found.model_error,
+        covariance_basis=found.covariance_basis,
+        identified=locked(found.identified),
+        identifiability=found.identifiability,
+        determined=found.determined,
+        bound_initial=found.bound_initial,
+        at_bound=found.at_bound,
+        disagreement=found.disagreement,
+        chi_square=float(data @ data),
+        n_data=problem.n_data,
+        degrees_of_freedom=found.freedom,
+        residual_correlation=correlation_length(data, problem.lines, problem.series),
+        residual_tests=residual_tests(problem, residual, found.freedom),
+        n_iterations=n_iterations,
+        n_starts=len(minima),
+        n_agreeing=answers[0].n_searches if answers else 0,
+        history=locked(np.array([problem.physical(t) for t in best.history])),
+        answers=answers,
+        status=status,
+        message="; ".join(words for words in (best.message, *found.words) if words),
+    )

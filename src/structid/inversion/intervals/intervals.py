@@ -1,0 +1,121 @@
+"""One interval for each parameter, by the way that was chosen for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import InputError
+from structid.inversion.estimate import Estimate
+from structid.inversion.intervals.bootstrap import bootstrap
+from structid.inversion.intervals.profile import profiles
+from structid.inversion.intervals.sampling import sample
+from structid.inversion.problem import Problem
+from structid.inversion.search.work import ALONE, Work
+
+IntervalKind = Literal["laplace", "profile", "bootstrap", "sampling"]
+INTERVAL_KINDS: tuple[str, ...] = get_args(IntervalKind)
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Intervals of all parameters in physical units.
+
+    Attributes
+    ----------
+    kind : {"laplace", "profile", "bootstrap", "sampling"}
+    level : float
+    ends : (n_params, 2) float array
+        Lower and upper; 0 or infinite (or a bound) where the data give no limit, NaN where nothing is known.
+    notes : tuple of str
+        What the reader should know of them.
+    """
+
+    kind: str
+    level: float
+    ends: FloatArray
+    notes: tuple[str, ...]
+
+
+def span_digits(low: float, high: float) -> tuple[int, int]:
+    """Significant digits that show each end of an interval to a hundredth of its width, ten at most."""
+    largest = max(abs(low), abs(high))
+    if not (math.isfinite(largest) and high > low):
+        return 4, 4
+    last = math.floor(math.log10(high - low)) - 2
+    first, second = (math.floor(math.log10(abs(end))) - last + 1 if end else 1 for end in (low, high))
+    return min(max(first, 1), 10), min(max(second, 1), 10)
+
+
+def intervals(
+    problem: Problem,
+    estimate: Estimate,
+    kind: IntervalKind = "laplace",
+    level: float = 0.95,
+    seed: int = 0,
+    work: Work = ALONE,
+) -> Intervals:
+    """Intervals of every parameter.
+
+    Parameters
+    ----------
+    problem : Problem
+    estimate : Estimate
+        Of that problem.
+    kind : {"laplace", "profile", "bootstrap", "sampling"}
+        In rising order of cost: none, some tens of linearizations a parameter, some hundred refits, some ten thousand
+        linearizations.
+    level : float
+    seed : int
+        Of bootstrap and sampling.
+    work : Work
+        Where profiles, refits and chains run.
+
+    Returns
+    -------
+    Intervals
+        NaN, and a note that says why, where the way chosen cannot give them.
+    """
+    if kind not in INTERVAL_KINDS:
+        raise InputError(f"`kind` must be one of {', '.join(INTERVAL_KINDS)}, got {kind!r}; 'laplace' costs nothing")
+    ends, notes = _WAYS[kind](problem, estimate, level, seed, work)
+    return Intervals(kind, level, locked(ends), notes)
+
+
+_Ends = tuple[FloatArray, tuple[str, ...]]
+
+
+def _laplace(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
+    return estimate.interval(level), ()
+
+
+def _profile(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
+    found = profiles(problem, estimate, level=level, work=work)
+    notes = tuple(item.words for item in found if item.nonlinearity >= 0.1 or item.better < -0.01)
+    return np.array([(item.lower, item.upper) for item in found]).reshape(-1, 2), notes
+
+
+def _bootstrap(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
+    found = bootstrap(problem, estimate, rng=np.random.default_rng(seed), n_replicates=400, work=work)
+    return found.interval(level), found.words
+
+
+def _sampling(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
+    if not np.isfinite(estimate.covariance_noise).all():
+        none = np.full((len(estimate.names), 2), np.nan)
+        return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)
+    found = sample(problem, estimate, rng=np.random.default_rng(seed), work=work)
+    return found.interval(level), found.words
+
+
+_WAYS: dict[str, Callable[[Problem, Estimate, float, int, Work], _Ends]] = {
+    "laplace": _laplace,
+    "profile": _profile,
+    "bootstrap": _bootstrap,
+    "sampling": _sampling,
+}

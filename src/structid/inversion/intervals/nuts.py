@@ -1,0 +1,264 @@
+"""The no-U-turn sampler for a density whose covariance is roughly the unit matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.inversion.search.minimum import Stored
+
+#: Logarithm of a density and its gradient; minus infinity where there is none.
+LogDensity = Callable[[FloatArray], tuple[float, FloatArray]]
+
+_DIVERGED = 1000.0
+_DEEPEST = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A place, the logarithm of the density there and its gradient."""
+
+    x: FloatArray
+    log_density: float
+    gradient: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A place on a trajectory, and the momentum there."""
+
+    at: Place
+    p: FloatArray
+
+    @property
+    def energy(self) -> float:
+        return -self.at.log_density + 0.5 * float(self.p @ self.p)
+
+
+@dataclass(frozen=True, eq=False)
+class _Tree:
+    """A stretch of trajectory: its ends, a state drawn from it by weight, and what rules its growth."""
+
+    backward: _State
+    forward: _State
+    drawn: _State
+    log_weight: float
+    momentum: FloatArray
+    stopped: bool
+    diverged: bool
+    acceptance: float
+    n_steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class StepSize:
+    """Logarithms of the present step and of its mean, what the trajectories missed, and where steps are drawn to."""
+
+    log_size: float
+    log_mean: float
+    error: float
+    centre: float
+
+    def after(self, i: int, accepted: float) -> StepSize:
+        """After draw `i` of a phase, which was accepted with this probability, to come to 80 %."""
+        error = self.error + (0.8 - accepted - self.error) / (i + 11)
+        log_size = float(self.centre - np.sqrt(i + 1) / 0.05 * error)
+        return StepSize(
+            log_size, self.log_mean + (log_size - self.log_mean) * float(i + 1) ** -0.75, error, self.centre
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ChainState:
+    """Where a chain is between two draws: all that the next ones depend on, besides the random numbers.
+
+    Attributes
+    ----------
+    phase : int
+        0 and 1 in the two halves of the warm-up, 2 while draws are kept.
+    done : int
+        Draws of this phase so far.
+    at : Place
+        In the coordinates y with `factor` y = x.
+    factor : (n_params, n_params) float array
+    step : StepSize
+    warmup : (done, n_params) float array
+        Draws of this phase, empty in the last one.
+    n_gradients, n_divergent : int
+        Evaluations of all phases; divergent draws of this one.
+    acceptance : float
+        Sum over the draws of this phase.
+    """
+
+    phase: int
+    done: int
+    at: Place
+    factor: FloatArray
+    step: StepSize
+    warmup: FloatArray
+    n_gradients: int
+    n_divergent: int
+    acceptance: float
+
+
+def restored(kept: Stored) -> ChainState:
+    """The state of which `dataclasses.asdict` was kept."""
+    return ChainState(**{**kept, "at": Place(**kept["at"]), "step": StepSize(**kept["step"])})
+
+
+def begun(log_density: LogDensity, start: FloatArray) -> ChainState:
+    """A chain before its first draw."""
+    return _phase(log_density, start, np.eye(len(start)), 0.5, 0, 0)
+
+
+def continued(
+    log_density: LogDensity, state: ChainState, n_warmup: int, n_draws: int, n: int, rng: np.random.Generator
+) -> tuple[ChainState, FloatArray]:
+    """The chain after at most `n` more draws, and those of them that are kept, (at most n, n_params).
+
+    Draws by the no-U-turn sampler with multinomial weights; the step size is set in the warm-up, to accept 80 %. Half-way
+    through the warm-up the coordinates are turned and scaled by the covariance of the draws so far.
+
+    The kept draws are in the turned coordinates: `draws @ state.factor.T` are the samples. In pieces or at once, the
+    chain is the same to the last bit.
+
+    Parameters
+    ----------
+    log_density : callable
+    state : ChainState
+        Of `begun`, where the density is not 0, or of an earlier call.
+    n_warmup, n_draws, n : int
+    rng : numpy Generator
+
+    References
+    ----------
+    Hoffman and Gelman (2014), J. Mach. Learn. Res. 15, algorithm 6; Betancourt (2017), arXiv:1701.02434, A.3.
+    """
+    lengths = (n_warmup // 2, n_warmup - n_warmup // 2, n_draws)
+    kept: list[FloatArray] = []
+    with np.errstate(over="ignore", invalid="ignore"):
+        while True:
+            while state.phase < 2 and state.done == lengths[state.phase]:
+                state = _next_phase(log_density, state)
+            if n == 0 or state.done == lengths[state.phase]:
+                return state, np.array(kept).reshape(len(kept), len(state.at.x))
+            state, n = _drawn(log_density, state, rng), n - 1
+            if state.phase == 2:
+                kept.append(state.at.x)
+
+
+def _phase(
+    log_density: LogDensity, x: FloatArray, factor: FloatArray, size: float, phase: int, spent: int
+) -> ChainState:
+    """The state before the first draw of a phase."""
+    value, gradient = _turned(log_density, factor, phase)(x)
+    step = StepSize(float(np.log(size)), float(np.log(size)), 0.0, float(np.log(10 * size)))
+    return ChainState(phase, 0, Place(x, value, gradient), factor, step, np.zeros((0, len(x))), spent + 1, 0, 0.0)
+
+
+def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
+    """The state before the next phase, with the coordinates and the step size that the draws of this one give."""
+    size, x, factor = float(np.exp(state.step.log_mean)), state.at.x, state.factor
+    if state.phase == 0:
+        kept = state.warmup[len(state.warmup) // 4 :]
+        if len(kept) > 1:
+            factor = np.linalg.cholesky(_shrunk_covariance(kept))
+        x = np.linalg.solve(factor, x)
+    return _phase(log_density, x, factor, size, state.phase + 1, state.n_gradients)
+
+
+def _turned(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensity:
+    if phase == 0:
+        return log_density
+
+    def turned(y: FloatArray) -> tuple[float, FloatArray]:
+        value, gradient = log_density(factor @ y)
+        return value, factor.T @ gradient
+
+    return turned
+
+
+def _shrunk_covariance(draws: FloatArray) -> FloatArray:
+    """Sample covariance drawn to the unit matrix by the weight of five draws."""
+    n, dimension = draws.shape
+    covariance = np.cov(draws, rowvar=False).reshape(dimension, dimension)
+    return (n * covariance + 5 * np.eye(dimension)) / (n + 5)
+
+
+def _drawn(log_density: LogDensity, state: ChainState, rng: np.random.Generator) -> ChainState:
+    """The state after one more draw; the step size is set by its acceptance in the warm-up."""
+    density = _turned(log_density, state.factor, state.phase)
+    tree = _trajectory(density, state.at, float(np.exp(state.step.log_size)), rng)
+    accepted = tree.acceptance / max(tree.n_steps, 1)
+    moved = replace(
+        state, done=state.done + 1, at=tree.drawn.at, n_gradients=state.n_gradients + tree.n_steps,
+        n_divergent=state.n_divergent + tree.diverged, acceptance=state.acceptance + accepted,
+    )  # fmt: skip
+    if state.phase == 2:
+        return moved
+    warmup = np.concatenate([state.warmup, moved.at.x[None]])
+    return replace(moved, step=state.step.after(state.done, accepted), warmup=warmup)
+
+
+def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.random.Generator) -> _Tree:
+    """A trajectory doubled until it turns back, from a fresh momentum."""
+    begin = _State(start, rng.standard_normal(len(start.x)))
+    tree = _Tree(begin, begin, begin, 0.0, begin.p, False, False, 0.0, 0)
+    for depth in range(_DEEPEST):
+        sign = 1 if rng.random() < 0.5 else -1
+        grown = _grown(log_density, tree.forward if sign > 0 else tree.backward, sign * size, depth, begin.energy, rng)
+        counted = replace(
+            tree, acceptance=tree.acceptance + grown.acceptance, n_steps=tree.n_steps + grown.n_steps,
+            diverged=grown.diverged,
+        )  # fmt: skip
+        if grown.stopped:
+            return counted
+        takes_new = np.log(rng.random()) < grown.log_weight - tree.log_weight
+        tree = _joined(counted, grown, sign, grown.drawn if takes_new else tree.drawn)
+        if tree.stopped:
+            break
+    return tree
+
+
+def _grown(
+    log_density: LogDensity, end: _State, step: float, depth: int, energy: float, rng: np.random.Generator
+) -> _Tree:
+    """2^depth leapfrog steps on from `end`."""
+    if depth == 0:
+        half = end.p + 0.5 * step * end.at.gradient
+        x = end.at.x + step * half
+        value, gradient = log_density(x)
+        state = _State(Place(x, value, gradient), half + 0.5 * step * gradient)
+        gain = energy - state.energy if np.isfinite(value) else -np.inf
+        diverged = not gain > -_DIVERGED
+        return _Tree(state, state, state, gain, state.p, diverged, diverged, min(1.0, float(np.exp(min(gain, 0.0)))), 1)
+    near = _grown(log_density, end, step, depth - 1, energy, rng)
+    if near.stopped:
+        return near
+    sign = 1 if step > 0 else -1
+    far = _grown(log_density, near.forward if sign > 0 else near.backward, step, depth - 1, energy, rng)
+    both = replace(near, acceptance=near.acceptance + far.acceptance, n_steps=near.n_steps + far.n_steps)
+    if far.stopped:
+        return replace(both, stopped=True, diverged=far.diverged)
+    takes_far = np.log(rng.random()) < far.log_weight - np.logaddexp(near.log_weight, far.log_weight)
+    return _joined(both, far, sign, far.drawn if takes_far else near.drawn)
+
+
+def _joined(near: _Tree, far: _Tree, sign: int, drawn: _State) -> _Tree:
+    """Two neighbouring stretches as one, `far` ahead of `near` in the direction `sign`; counts are those of `near`."""
+    early, late = (near, far) if sign > 0 else (far, near)
+    momentum = near.momentum + far.momentum
+    turned = _turns(momentum, early.backward, late.forward)
+    turned |= _turns(early.momentum + late.backward.p, early.backward, late.backward)
+    turned |= _turns(late.momentum + early.forward.p, early.forward, late.forward)
+    return replace(
+        near, backward=early.backward, forward=late.forward, drawn=drawn, momentum=momentum, stopped=turned,
+        log_weight=float(np.logaddexp(near.log_weight, far.log_weight)),
+    )  # fmt: skip
+
+
+def _turns(momentum: FloatArray, first: _State, last: _State) -> bool:
+    return bool(momentum @ first.p <= 0 or momentum @ last.p <= 0)

@@ -1,0 +1,312 @@
+"""Samples from the posterior: by the no-U-turn sampler with exact gradients, or by emcee without any."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import InputError, SingularModelError
+from structid.inversion.averaging import few_averages
+from structid.inversion.covariance import fit_covariance
+from structid.inversion.estimate import Estimate, require_level
+from structid.inversion.intervals.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
+from structid.inversion.intervals.nuts import begun, continued, restored
+from structid.inversion.problem import Problem
+from structid.inversion.search.minimum import Stored
+from structid.inversion.search.work import ALONE, Tools, Work
+
+SamplerKind = Literal["nuts", "emcee"]
+FlatIn = Literal["physical", "free"]
+
+_LARGEST_R_HAT = 1.01
+_FEWEST_EFFECTIVE = 400.0
+_MOST_DIVERGENT = 0.01
+_AT_ONCE = 50  # draws between two states that are kept
+WITH_EXTRA = "install it with `pip install structid[sampling]`"
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Draws from a posterior, with what tells whether to trust them.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+    samples : (n_chains, n_draws, n_params) float array
+        Physical units.
+    stretched : bool
+        Whether the draws were stretched about the estimate to its covariance, which carries model error or few averages.
+    r_hat, bulk_size, tail_size : (n_params,) float arrays
+        Rank-normalized split R-hat, and effective sample sizes for the centre and for the tails.
+    n_divergent : int
+        Trajectories that broke down; always 0 with emcee.
+    n_evaluations : int
+        Of the model, over all chains, warm-up included.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    samples: FloatArray
+    stretched: bool
+    r_hat: FloatArray
+    bulk_size: FloatArray
+    tail_size: FloatArray
+    n_divergent: int
+    n_evaluations: int
+
+    def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
+        """The draws themselves, all of them."""
+        return self.samples
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Why the samples are not to be trusted; empty where they are."""
+        said = []
+        worst = int(np.argmax(np.where(np.isfinite(self.r_hat), self.r_hat, np.inf)))
+        if not self.r_hat[worst] <= _LARGEST_R_HAT:
+            said.append(
+                f"the chains disagree (R-hat {self.r_hat[worst]:.3f} of {self.names[worst]}, at most {_LARGEST_R_HAT}):"
+                " draw more; if it stays, the data have several answers or no limit there, and a prior is needed"
+            )
+        sizes = np.minimum(self.bulk_size, self.tail_size)
+        few = int(np.argmin(np.where(np.isfinite(sizes), sizes, -1.0)))
+        if not sizes[few] >= _FEWEST_EFFECTIVE:
+            said.append(
+                f"too few independent draws ({sizes[few]:.0f} of {self.names[few]}, {_FEWEST_EFFECTIVE:.0f} wanted):"
+                " draw more"
+            )
+        drawn = self.samples.shape[0] * self.samples.shape[1]
+        if self.n_divergent > _MOST_DIVERGENT * drawn:
+            said.append(
+                f"{self.n_divergent} of {drawn} trajectories broke down: the posterior has a corner that the sampler"
+                " cannot enter; give a prior or bounds"
+            )
+        return tuple(said)
+
+    @property
+    def is_reliable(self) -> bool:
+        """Whether R-hat is at most 1.01, 400 draws are effective and at most 1 % of the trajectories broke down."""
+        return not self.words
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the draws, physical units; NaN where they are not reliable."""
+        n_params = len(self.names)
+        if not self.is_reliable:
+            return np.full((n_params, n_params), np.nan)
+        return np.cov(self.samples.reshape(-1, n_params), rowvar=False).reshape(n_params, n_params)
+
+    def interval(self, level: float = 0.95) -> FloatArray:
+        """Central posterior interval, (n_params, 2); NaN where the draws are not reliable, see `words`."""
+        require_level(level)
+        n_params = len(self.names)
+        if not self.is_reliable:
+            return np.full((n_params, 2), np.nan)
+        ends = [0.5 - level / 2, 0.5 + level / 2]
+        return np.quantile(self.samples.reshape(-1, n_params), ends, axis=0).T
+
+
+def sample(
+    problem: Problem,
+    estimate: Estimate,
+    n_draws: int = 1000,
+    n_chains: int = 4,
+    n_warmup: int = 300,
+    sampler: SamplerKind = "nuts",
+    flat_in: FlatIn = "physical",
+    rng: np.random.Generator | None = None,
+    work: Work = ALONE,
+) -> Samples:
+    """Draws from the posterior of the parameters, started around the estimate in coordinates whitened by Laplace.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its priors count. Where a parameter has none, see `flat_in`.
+    estimate : Estimate
+        Of that problem; its noise covariance must be finite.
+    n_draws : int
+        A chain; with emcee of a walker.
+    n_chains : int
+        With emcee the number of walkers is the larger of this and twice the number of parameters and two.
+    n_warmup : int
+        Draws before those; with emcee at least as many as are kept.
+    sampler : {"nuts", "emcee"}
+        emcee needs the extra ``sampling``; its walkers are diagnosed as chains, though they are not quite independent.
+    flat_in : {"physical", "free"}
+        ``physical``: flat in physical units over the parameter's range, so that declared priors mean what they say.
+        ``free``: flat in the free variable, thus in the logarithm of a positive parameter; where the data allow 0 or
+        infinity such a posterior cannot be normalized, and the chains show it.
+    rng : numpy Generator, optional
+        Seed 0 by default. Each chain has random numbers of its own: the answer does not depend on where they run.
+    work : Work
+        Where the chains run, and whether they are kept every 50 draws; emcee runs here, and is not kept.
+
+    Returns
+    -------
+    Samples
+        Where the estimate carries model error, the draws are stretched about it so that, to first order, they have
+        its covariance (Shaby 2014).
+
+    Raises
+    ------
+    InputError
+        If the covariance is not finite, or emcee is missing.
+
+    Notes
+    -----
+    One gradient costs one linearization; a draw takes 3 to 7 where the posterior is nearly normal.
+
+    References
+    ----------
+    Neal (2011), Handbook of MCMC, chapter 5; Hoffman and Gelman (2014), J. Mach. Learn. Res. 15; Foreman-Mackey et al.
+    (2013), PASP 125; Shaby (2014), J. Comput. Graph. Stat. 23.
+    """
+    if sampler not in ("nuts", "emcee"):
+        raise InputError(f"`sampler` must be 'nuts' or 'emcee', got {sampler!r}; take 'nuts'")
+    if flat_in not in ("physical", "free"):
+        raise InputError(f"`flat_in` must be 'physical' or 'free', got {flat_in!r}; take 'physical'")
+    few = few_averages(problem.averages)
+    factor = _whitening(estimate, None if few is None else fit_covariance(problem, estimate.theta))
+    target, counts = _Target(problem, np.array(estimate.theta), factor, flat_in), (n_draws, n_chains, n_warmup)
+    rng = rng or np.random.default_rng(0)
+    drawn = _by_nuts(target, *counts, rng, work) if sampler == "nuts" else _by_emcee(target, *counts, rng)
+    stretched = estimate.covariance_basis == "model_error" or few is not None
+    white = drawn.draws @ _stretch(estimate, factor) if stretched else drawn.draws
+    theta = estimate.theta + white @ factor.T
+    with np.errstate(over="ignore"):
+        physical = np.array([[problem.physical(t) for t in chain] for chain in theta])
+    columns = [theta[:, :, j] for j in range(theta.shape[2])]
+    r_hat, bulk, tail = (locked([f(c) for c in columns]) for f in (split_r_hat, bulk_sample_size, tail_sample_size))
+    counted = drawn.n_divergent, drawn.n_evaluations
+    return Samples(problem.names, problem.units, locked(physical), stretched, r_hat, bulk, tail, *counted)
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """Draws (n_chains, n_draws, n_params) in whitened coordinates, divergent trajectories and evaluations."""
+
+    draws: FloatArray
+    n_divergent: int
+    n_evaluations: int
+
+
+def _whitening(estimate: Estimate, fitted: FloatArray | None = None) -> FloatArray:
+    """Lower factor of the noise covariance of the free variables, or of that of the fit alone where it differs."""
+    slope = np.ones(len(estimate.names)) if estimate.slope is None else estimate.slope
+    covariance = estimate.covariance_noise / np.outer(slope, slope) if fitted is None else fitted
+    if not np.isfinite(covariance).all():
+        lost = [n for n, v in zip(estimate.names, np.diag(covariance), strict=True) if not np.isfinite(v)]
+        raise InputError(
+            f"`estimate` must have a finite covariance, got none for {', '.join(lost)}; tie or fix these, or give a prior"
+        )
+    return np.linalg.cholesky(covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """Logarithm of the posterior, 0 at the estimate, and its gradient, in whitened coordinates about the estimate."""
+
+    problem: Problem
+    centre: FloatArray
+    factor: FloatArray
+    flat_in: FlatIn
+
+    @cached_property
+    def _at_centre(self) -> tuple[float, float]:
+        """Sum of squares, and logarithm of the slopes' product."""
+        residual = self.problem.residual(self.centre)
+        return float(residual @ residual), float(np.log(np.abs(self.problem.slope(self.centre))).sum())
+
+    def __call__(self, x: FloatArray) -> tuple[float, FloatArray]:
+        (least, log_slope), none, theta = self._at_centre, np.zeros(len(x)), self.centre + self.factor @ x
+        try:
+            with np.errstate(all="ignore"):
+                at = self.problem.linearize(theta)
+                value = 0.5 * (least - float(at.residual @ at.residual))
+                gradient = -at.jacobian.T @ at.residual
+                if self.flat_in == "physical":
+                    value += float(np.log(np.abs(self.problem.slope(theta))).sum()) - log_slope
+                    gradient = gradient + _log_slope_derivative(self.problem, theta)
+        except (SingularModelError, np.linalg.LinAlgError):
+            return -np.inf, none
+        if not (np.isfinite(value) and np.isfinite(gradient).all()):
+            return -np.inf, none
+        return value, self.factor.T @ gradient
+
+
+def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
+    """d log|dp/dtheta| / d theta by central differences; each parameter depends on its own variable alone."""
+    step = 1e-5
+    ratio = problem.slope(theta + step) / problem.slope(theta - step)
+    return np.log(np.abs(ratio)) / (2 * step)
+
+
+def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
+    """Symmetric root of the covariance that the estimate has, in coordinates in which that of `_whitening` is one."""
+    slope = np.ones(len(estimate.names)) if estimate.slope is None else estimate.slope
+    half = np.linalg.solve(factor, estimate.covariance / np.outer(slope, slope))
+    values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))
+    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+
+
+def _by_nuts(
+    target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: Work
+) -> _Drawn:
+    """Independent chains, each from a place drawn from Laplace, all of them by so many draws at a time."""
+    states: list[Stored] = [{"chain": None, "random": child.bit_generator.state} for child in rng.spawn(n_chains)]
+    kept: list[list[FloatArray]] = [[] for _ in states]
+    total = n_warmup + n_draws
+    for first in range(0, max(total, 1), _AT_ONCE):
+        name = f"chains to draw {min(first + _AT_ONCE, total)} of {total}"
+        found = work.map(name, _chain_piece, (target, n_warmup, n_draws), states)
+        for own, piece in zip(kept, found, strict=True):
+            own.append(np.asarray(piece["draws"]))
+        states = [{key: piece[key] for key in ("chain", "random")} for piece in found]
+    chains = [restored(state["chain"]) for state in states]
+    draws = np.array([np.concatenate(own) @ chain.factor.T for own, chain in zip(kept, chains, strict=True)])
+    return _Drawn(
+        draws, sum(int(chain.n_divergent) for chain in chains), sum(int(chain.n_gradients) for chain in chains)
+    )
+
+
+def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -> Stored:
+    """The next draws of a chain, as a task: its state with the random numbers is the item."""
+    target, n_warmup, n_draws = shared
+    rng = _generator(item["random"])
+    if item["chain"] is not None:
+        state = restored(item["chain"])
+    else:
+        start = rng.standard_normal(len(target.factor))
+        while not np.isfinite(target(start)[0]):
+            start = 0.5 * start
+        state = begun(target, start)
+    state, draws = continued(target, state, n_warmup, n_draws, _AT_ONCE, rng)
+    return {"chain": asdict(state), "random": rng.bit_generator.state, "draws": draws}
+
+
+def _generator(state: Stored) -> np.random.Generator:
+    """The generator in that state."""
+    made = np.random.Generator(getattr(np.random, str(state["bit_generator"]))())
+    made.bit_generator.state = state
+    return made
+
+
+def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator) -> _Drawn:
+    """The walkers of an ensemble as chains."""
+    n_params = len(target.factor)
+    try:
+        import emcee
+    except ImportError as error:
+        raise InputError(f"`emcee` must be installed for this sampler, got {error}; {WITH_EXTRA}") from error
+    n_walkers = max(n_chains, 2 * n_params + 2)
+    moves = emcee.EnsembleSampler(n_walkers, n_params, lambda x: target(x)[0])
+    seed = np.random.RandomState(int(rng.integers(2**31))).get_state()
+    start = emcee.State(rng.standard_normal((n_walkers, n_params)), random_state=seed)
+    burnt = max(n_warmup, n_draws)
+    moves.run_mcmc(start, burnt + n_draws)
+    return _Drawn(np.swapaxes(moves.get_chain(discard=burnt), 0, 1), 0, n_walkers * (burnt + n_draws + 1))

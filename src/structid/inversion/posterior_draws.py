@@ -1,0 +1,195 @@
+"""Draws of what errors of data and priors do to very many parameters: their uncertainty without a covariance matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import InputError
+from structid.inversion.averaging import few_averages, score_factor
+from structid.inversion.covariance import LEAST_FREEDOM, error_blocks, row_law
+from structid.inversion.diagnostics.identifiability import Identifiability
+from structid.inversion.linearization import OperatorLinearization
+from structid.inversion.problem import Problem
+from structid.inversion.search.conjugate_gradients import Solver, conjugate_gradients, preconditioner
+from structid.inversion.uncertainty import DrawnCovariance, Uncertainty, basis, misses_noise
+
+_SOLVED, _MOST_INNER = 1e-5, 2000
+_MISFIT = "the fit misses the noise: standard deviations come from the residual, not from the noise"
+
+
+def drawn_uncertainty(
+    problem: Problem,
+    theta: FloatArray,
+    at: OperatorLinearization,
+    draws: int,
+    solved: Sequence[str],
+    misfit_probability: float,
+    seed: int,
+) -> Uncertainty:
+    """By draws from the Gaussian posterior near `theta`.
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : (n_params,) float array
+    at : OperatorLinearization
+    draws : int
+        How many; 0 gives NaN.
+    solved : sequence of str
+        Parameters whose standard deviation is solved for, one system of equations each.
+    misfit_probability : float
+        Below this probability of its chi-square the fit holds model error.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        If `solved` names no parameter.
+    """
+    places = [_place(problem.names, name) for name in solved]
+    generator = np.random.default_rng(seed)
+    precondition = preconditioner(at, np.zeros(at.n_params)) if draws or places else None
+    sampled, determined, missed = counted_draws(at, draws, generator, precondition)
+    (scale, share), few = row_law(problem.averages), few_averages(problem.averages)
+    freedom = share * max(at.n_data - np.nan_to_num(determined), 1.0)
+    misfit = misses_noise(problem, at.residual, scale, freedom, misfit_probability)
+    wider = 1.0 if few is None else float(np.sqrt(score_factor(few).max()))
+    noise = drawn_covariance(problem, theta, at, wider * sampled)
+    std, error = np.array(noise.std), np.array(noise.std_error)
+    for place in () if misfit else places:
+        std[place] = wider * solved_std(at, place, precondition) * abs(problem.slope(theta)[place])
+        error[place] = 0.0
+    noise = DrawnCovariance(noise.draws, locked(std), locked(error))
+    model, used = drawn_covariance(problem, theta, at, sampled[:0]), len(sampled)
+    if misfit and used:
+        sampled, more = posterior_draws(at, draws, generator, error_draws(problem, at), precondition)
+        model = drawn_covariance(problem, theta, at, sampled[np.isfinite(sampled).all(axis=1)])
+        missed, used = missed + more, len(model.draws)
+    words = [at.words, _std_words(used, 0 if misfit else len(places), missed), _MISFIT if misfit else ""]
+    identified = (model if misfit else noise).std <= problem.sizes(problem.physical(theta))
+    return Uncertainty(
+        noise=noise,
+        model_error=model,
+        covariance_basis=basis(misfit),
+        identified=identified,
+        carried=np.ones(at.n_params, dtype=bool),
+        identifiability=Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ()),
+        determined=determined,
+        freedom=at.n_data - determined,
+        words=tuple(words),
+    )
+
+
+def drawn_covariance(
+    problem: Problem, theta: FloatArray, at: OperatorLinearization, sampled: FloatArray
+) -> DrawnCovariance:
+    """In physical units, of draws of the free variables; NaN for parameters that neither data nor priors see."""
+    slope, count = problem.slope(theta), len(sampled)
+    std = np.sqrt((sampled**2).mean(axis=0)) if count > 1 else np.full(at.n_params, np.nan)
+    std[at.squares <= 0] = np.nan
+    error = np.full(at.n_params, 1 / np.sqrt(2 * count) if count > 1 else np.nan)
+    return DrawnCovariance(locked(sampled * slope), locked(std * np.abs(slope)), locked(error))
+
+
+def _place(names: tuple[str, ...], name: str) -> int:
+    if name not in names:
+        raise InputError(f"`solved` must name parameters, got {name!r}; the first of {len(names)} is {names[0]!r}")
+    return names.index(name)
+
+
+def _std_words(draws: int, n_solved: int, missed: int) -> str:
+    words = (
+        f"standard deviations from {draws} posterior draws, +-{100 / np.sqrt(2 * draws):.0f} % each"
+        if draws > 1
+        else "no standard deviations from draws (NaN)"
+    )
+    words += f", {n_solved} of them solved for" if n_solved else ""
+    words += f"; {missed} draws did not converge and are left out" if missed else ""
+    return words + "; no covariance matrix: it would not fit"
+
+
+def posterior_draws(
+    at: OperatorLinearization,
+    count: int,
+    generator: np.random.Generator,
+    errors: Callable[[np.random.Generator], FloatArray] | None = None,
+    precondition: Solver | None = None,
+) -> tuple[FloatArray, int]:
+    """Draws of what errors of the data and the priors do to the answer, (count, n_params), and how many failed (NaN).
+
+    A draw solves J'J s = J'e. With e of unit variance, as by default, its covariance is (J'J)^-1, the posterior's.
+
+    Parameters
+    ----------
+    at : OperatorLinearization
+    count : int
+    generator : numpy.random.Generator
+    errors : callable, optional
+        Errors of the data rows, (n_data,), such as `error_draws` gives.
+    precondition : callable, optional
+        The `preconditioner` without damping, where it is made already.
+
+    References
+    ----------
+    Papandreou and Yuille (2010), Gaussian sampling by local perturbations, Advances in Neural Information Processing
+    Systems 23, section 2.
+    """
+    made = np.empty((count, at.n_params))
+    if not count:
+        return made, 0
+    precondition, missed = precondition or preconditioner(at, np.zeros(at.n_params)), 0
+    for row in made:
+        unit = generator.standard_normal(len(at.residual))
+        if errors is not None:
+            unit[: at.n_data] = errors(generator)
+        right = at.transposed(unit)
+        row[:], _, left = conjugate_gradients(at.information, right, precondition, _SOLVED, _MOST_INNER)
+        if left > _SOLVED:
+            row[:], missed = np.nan, missed + 1
+    return made, missed
+
+
+def counted_draws(
+    at: OperatorLinearization, count: int, generator: np.random.Generator, precondition: Solver | None = None
+) -> tuple[FloatArray, float, int]:
+    """Posterior draws that converged, how many combinations the data determine, and how many draws did not converge.
+
+    The number is tr(C J'J) = E |J s|^2 of the data rows; NaN without draws.
+    """
+    made, missed = posterior_draws(at, count, generator, None, precondition)
+    sound = made[np.isfinite(made).all(axis=1)]
+    determined = float(np.mean([np.sum(at.forward(draw) ** 2) for draw in sound])) if len(sound) else float("nan")
+    return sound, determined, missed
+
+
+def error_draws(problem: Problem, at: OperatorLinearization) -> Callable[[np.random.Generator], FloatArray]:
+    """Errors of the data as its residual shows them: each stretch of lines times a factor of its own, mean 0.
+
+    Their scores J'e have the covariance sum of g_b g_b' of `model_error_covariance`, raised for few blocks in the
+    same way.
+
+    References
+    ----------
+    Liang and Zeger (1986), Biometrika 73, Eq. (5); Wu (1986), Ann. Statist. 14, 1261, section 7, for the factors.
+    """
+    residual = at.residual[: at.n_data]
+    block = error_blocks(residual, problem.lines, problem.series)[0]
+    count = int(block.max(initial=0)) + 1
+    if count < 2:
+        return lambda generator: np.full(at.n_data, np.nan)
+    freedom = max(count - 1.0, LEAST_FREEDOM)
+    raised = np.sqrt(count / (count - 1)) * special.stdtrit(freedom, 0.975) / special.ndtri(0.975)
+    return lambda generator: residual * (raised * generator.standard_normal(count))[block]
+
+
+def solved_std(at: OperatorLinearization, place: int, precondition: Solver | None = None) -> float:
+    """sqrt of entry `place` of the diagonal of (J'J)^-1, NaN where the equations could not be solved."""
+    unit = np.zeros(at.n_params)
+    unit[place] = 1.0
+    precondition = precondition or preconditioner(at, np.zeros(at.n_params))
+    column, _, left = conjugate_gradients(at.information, unit, precondition, _SOLVED, _MOST_INNER)
+    return float(np.sqrt(column[place])) if left <= _SOLVED and column[place] > 0 else float("nan")

@@ -1,0 +1,191 @@
+"""Rows of every block made from fields and folded into its triangle, compiled where numba is installed.
+
+The compiled way never writes the rows to memory: it costs a few times the sum of the fields. Where the rows of a block
+are well conditioned it takes the triangle from their products, to 1e-13 of a QR; everywhere else, as NumPy does, by
+Householder's reflections. Blocks are independent, so threads share them out, and the answer does not depend on how many
+there are.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, IntArray, require_shape
+from structid.core.errors import InputError
+
+Engine = Literal["auto", "numba", "numpy"]
+
+#: Below so many samples times blocks, loading the compiled kernels takes longer than NumPy does in all.
+COMPILED_FROM = 200_000
+_ROW_ENTRIES = 125_000
+_TOGETHER = 3  # blocks whose rows are made at once
+_SHORTEST, _LONGEST, _ENTRIES = 64, 2048, 60_000  # samples, and numbers of a block's rows, folded at once
+
+
+@dataclass(frozen=True, eq=False)
+class Kernels:
+    """How rows are folded.
+
+    Parameters
+    ----------
+    engine : {"auto", "numba", "numpy"}
+        ``auto`` takes numba where it is installed and the work is large enough to load it.
+    threads : int
+        Of the compiled kernels.
+    """
+
+    engine: Engine = "auto"
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        if self.engine not in ("auto", "numba", "numpy"):
+            raise InputError(f"`engine` must be 'auto', 'numba' or 'numpy', got {self.engine!r}")
+        if self.threads < 1:
+            raise InputError(f"`threads` must be 1 or more, got {self.threads}")
+        if self.engine == "numba" and not has_numba():
+            raise InputError("`engine` is 'numba', which is not installed; pip install structid[fast], or use 'auto'")
+
+    def compiled(self, size: int) -> bool:
+        """Whether work on so many samples times blocks is done by the compiled kernels."""
+        return self.engine == "numba" or (self.engine == "auto" and size >= COMPILED_FROM and has_numba())
+
+    def words(self, size: int) -> str:
+        """The choice for work of this size, as a reader should know it."""
+        if not self.compiled(size):
+            return "NumPy" if has_numba() or self.engine == "numpy" else "NumPy (structid[fast] would compile it)"
+        import numba
+
+        return f"numba {numba.__version__}, {self.threads} thread{'s' if self.threads > 1 else ''}"
+
+
+def has_numba() -> bool:
+    """Whether numba is installed; it is not imported."""
+    return importlib.util.find_spec("numba") is not None
+
+
+def shared_out(n: int, threads: int, work: Callable[[int, int], object]) -> None:
+    """`work(first, last)` on `threads` equal parts of range(n) at once."""
+    edges = [n * k // threads for k in range(threads + 1)]
+    parts = [(a, b) for a, b in pairwise(edges) if b > a]
+    if len(parts) <= 1:
+        for part in parts:
+            work(*part)
+        return
+    with ThreadPoolExecutor(len(parts)) as pool:
+        for done in [pool.submit(work, *part) for part in parts]:
+            done.result()
+
+
+def block_widths(columns: IntArray) -> IntArray:
+    """Number of columns in use of each block, (n_blocks,); unused ones, -1, must come last."""
+    widths = (columns >= 0).sum(axis=1)
+    if (columns[np.arange(columns.shape[1]) < widths[:, None]] < 0).any():
+        raise InputError("unused columns (-1) must come last in every block")
+    return np.asarray(widths)
+
+
+class Blocks(NamedTuple):
+    """The rows of an operator block by block, as compiled code takes them.
+
+    Attributes
+    ----------
+    starts : (n_blocks (k + 1) + 1,) int array
+        Where the entries of each row begin.
+    which, data : (n_entries,) int and float arrays
+        Field and factor of each entry.
+    widths : (n_blocks,) int array
+        Columns in use of each block.
+    heads : (n_groups + 1,) int array
+        Where each group of neighbouring blocks with the same columns begins; three blocks at most.
+    """
+
+    starts: IntArray
+    which: NDArray[np.int32]
+    data: FloatArray
+    widths: IntArray
+    heads: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class RowMaker:
+    """What makes the rows of every block from fields; made once for all chunks of a record.
+
+    Attributes
+    ----------
+    operator : (n_blocks (k + 1), n_fields) sparse array
+        Regressors of every block and its right-hand side from the fields of one sample.
+    blocks : Blocks, optional
+        None where the operator does not go block by block.
+    """
+
+    operator: sparse.csr_array
+    blocks: Blocks | None
+
+
+def row_maker(operator: sparse.csr_array, columns: IntArray) -> RowMaker:
+    """The `RowMaker` of blocks with these columns, -1, last in its row, where a block has fewer."""
+    require_shape("operator", operator, (columns.shape[0] * (columns.shape[1] + 1), None))
+    starts, which = operator.indptr.astype(np.int64, copy=False), operator.indices.astype(np.int32, copy=False)
+    return RowMaker(operator, Blocks(starts, which, operator.data, block_widths(columns), _groups(columns)))
+
+
+def only_operator(operator: sparse.csr_array) -> RowMaker:
+    """A `RowMaker` for what does not go block by block."""
+    return RowMaker(operator, None)
+
+
+def _groups(columns: IntArray) -> IntArray:
+    """Where groups of at most `_TOGETHER` neighbouring blocks with the same columns begin, and the end."""
+    fresh = np.ones(len(columns), dtype=bool)
+    fresh[1:] = (columns[1:] != columns[:-1]).any(axis=1)
+    begin = np.flatnonzero(fresh)
+    since = np.arange(len(columns)) - begin[np.cumsum(fresh) - 1]
+    return np.append(np.flatnonzero(since % _TOGETHER == 0), len(columns))
+
+
+def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: Kernels) -> FloatArray:
+    """Triangles of [triangle; rows of all samples], (n_blocks, k + 1, k + 1).
+
+    Parameters
+    ----------
+    triangles : (n_blocks, k + 1, k + 1) float array
+    maker : RowMaker
+    fields : (n_fields, n_times) float array
+    work : Kernels
+    """
+    n_blocks, side = triangles.shape[:2]
+    require_shape("fields", fields, (maker.operator.shape[1], None))
+    blocks = maker.blocks
+    if blocks is None or not work.compiled(n_blocks * fields.shape[1]):
+        return _folded_by_numpy(triangles, maker.operator, fields)
+    from structid.inversion.regression.compiled import fold_fields
+
+    found, given = np.array(triangles), np.ascontiguousarray(fields, dtype=np.float64)
+    longest = min(_LONGEST, max(_SHORTEST, _ENTRIES // side))
+    groups = len(blocks.heads) - 1
+    shared_out(groups, work.threads, lambda first, last: fold_fields(found, given, blocks, first, last, longest))
+    return found
+
+
+def _folded_by_numpy(triangles: FloatArray, operator: sparse.csr_array, fields: FloatArray) -> FloatArray:
+    n_blocks, side = triangles.shape[:2]
+    found = np.array(triangles)
+    samples = max(1, min(fields.shape[1], _ROW_ENTRIES // (8 * side)))
+    blocks = max(1, _ROW_ENTRIES // (side * samples))
+    for first in range(0, n_blocks, blocks):
+        last = min(first + blocks, n_blocks)
+        part = operator[first * side : last * side] if blocks < n_blocks else operator
+        for at in range(0, fields.shape[1], samples):
+            rows = (part @ fields[:, at : at + samples]).reshape(last - first, side, -1)
+            stacked = np.concatenate([found[first:last], np.swapaxes(rows, 1, 2)], axis=1)
+            found[first:last] = np.linalg.qr(stacked, mode="r")
+    return found

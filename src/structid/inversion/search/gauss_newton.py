@@ -1,0 +1,64 @@
+"""Gauss-Newton: full steps on the linearized residual, halved where asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.constraints import Count, Positive
+from structid.inversion.linearization import Linearization
+from structid.inversion.problem import Problem
+from structid.inversion.search.least_squares import Damping, End, Point, Trial
+from structid.inversion.search.levenberg_marquardt import WithJacobian
+from structid.inversion.search.minimum import residual_at, squared
+
+_SHORTEST = 1e-6
+
+
+@dataclass(frozen=True)
+class GaussNewton(WithJacobian):
+    """Full Gauss-Newton steps, halved while the residual grows if `step_control` is on.
+
+    Parameters
+    ----------
+    max_iterations : int
+        After which a search that has not converged ends.
+    step_control : bool
+        Off: the classical iteration, which takes every step as it comes (Norris 1986, Eq. 4.17).
+    step_tolerance : float
+        Converged when no free variable moves by more.
+    """
+
+    max_iterations: Count = 50
+    step_control: bool = True
+    step_tolerance: Positive = 1e-11
+
+    initial_damping: ClassVar[float] = 0.0
+    largest_step: ClassVar[float] = np.inf
+
+    def for_polishing(self) -> GaussNewton:
+        return self
+
+    def at(self, problem: Problem, theta: FloatArray) -> Point[Linearization]:
+        none = np.zeros(len(theta))
+        return Point(theta, problem.linearize(theta), none, none + np.inf)
+
+    def tried(self, problem: Problem, here: Point[Linearization], damping: Damping) -> Trial:
+        def cost_at(theta: FloatArray) -> float:
+            return squared(residual_at(problem, theta))
+
+        step = -np.linalg.lstsq(here.at.jacobian, here.at.residual, rcond=None)[0]
+        size, cost = 1.0, cost_at(here.theta + step)
+        while self.step_control and not cost <= here.cost and size > _SHORTEST:
+            size /= 2
+            cost = cost_at(here.theta + size * step)
+        if not np.isfinite(cost):
+            return Trial(None, end=End(False, "the step leads where the model cannot be evaluated"))
+        if self.step_control and cost > here.cost:
+            is_small = bool(np.abs(step).max(initial=0.0) < 1e3 * self.step_tolerance)
+            return Trial(None, end=End(is_small, "no shorter step lowers the residual"))
+        arrived = np.abs(size * step).max(initial=0.0) < self.step_tolerance
+        return Trial(size * step, end=End(True, "the step fell below its tolerance") if arrived else None)

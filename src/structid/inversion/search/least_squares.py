@@ -1,0 +1,262 @@
+"""Nonlinear least squares: one loop, and a method that says how its steps are made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.inversion.linearization import Linearization, OperatorLinearization
+from structid.inversion.problem import Problem
+from structid.inversion.search.minimum import Keeper, Minimum, Progress, State
+from structid.inversion.uncertainty import Uncertainty
+
+_LEAST_DAMPING, _MOST_DAMPING = 1e-20, 1e40
+#: A step that keeps less than this part of what the linear model promises is not made.
+_ACCEPTED = 1e-4
+#: With more damping than this a small promise says nothing.
+_MUCH_DAMPING = 1e3
+#: The message of searches that end early, as others are better.
+LEFT = "left where other searches are better"
+
+
+class End(NamedTuple):
+    """Why a search ends."""
+
+    converged: bool
+    message: str
+
+
+class Trial(NamedTuple):
+    """What came of one iteration.
+
+    `step` is made where `gain`, the decrease in parts of what the linear model promises, is large enough; where there
+    is none the search ends. `end` without a step ends it at once, with a step after it.
+    """
+
+    step: FloatArray | None
+    gain: float = np.inf
+    inner: int = 0
+    end: End | None = None
+
+
+A = TypeVar("A", bound=Linearization | OperatorLinearization)
+
+
+@dataclass(frozen=True, eq=False)
+class Point(Generic[A]):
+    """One point of the path.
+
+    Attributes
+    ----------
+    theta : (n_params,) float array
+    at : Linearization or OperatorLinearization
+    scale : (n_params,) float array
+        Lengths of the columns of the Jacobian.
+    size : (n_params,) float array
+        Change of each free variable that, to first order, changes its parameter by the parameter's own size.
+    """
+
+    theta: FloatArray
+    at: A
+    scale: FloatArray
+    size: FloatArray
+
+    @cached_property
+    def cost(self) -> float:
+        """Sum of squares."""
+        return float(self.at.residual @ self.at.residual)
+
+
+@dataclass(frozen=True, eq=False)
+class Damping:
+    """How strongly steps are damped, in what units, and how far they may go: what an iteration hands to the next.
+
+    Attributes
+    ----------
+    factor : float
+        Multiple of the squares of `scale`.
+    growth : float
+        Factor on it after the next step that is not made.
+    scale, limit : (n_params,) float arrays
+        Recent largest lengths of the Jacobian's columns; most that each variable may change by in a step.
+    reach : (n_params, 2) float array
+        Free variables between which the search stays (`Problem.reach`).
+    """
+
+    factor: float
+    growth: float
+    scale: FloatArray
+    limit: FloatArray
+    reach: FloatArray
+
+    def at(self, here: Point[A], largest_step: float) -> Damping:
+        """The same with the lengths and sizes of a point taken into account."""
+        scale = np.maximum(here.scale, 0.1 * self.scale)
+        reach = np.where(here.size > 0, largest_step * here.size, np.inf)
+        return replace(self, scale=scale, limit=np.maximum(self.limit, reach))
+
+    def after(self, gain: float) -> Damping:
+        """The same after a step that kept the part `gain` of its promise."""
+        if gain > _ACCEPTED:
+            factor = self.factor * max(1 / 10, 1 - (2 * min(gain, 1.0) - 1) ** 3)
+            return replace(self, factor=max(factor, _LEAST_DAMPING), growth=2.0)
+        return replace(self, factor=self.factor * self.growth, growth=2 * self.growth)
+
+
+P = TypeVar("P", bound=Point)
+
+
+class Method(Protocol[P]):
+    """How a problem is solved: points and steps from them, and what the answer's linearization tells of it."""
+
+    @property
+    def max_iterations(self) -> int: ...
+
+    #: Whether no Jacobian is formed.
+    is_matrix_free: ClassVar[bool]
+
+    @property
+    def initial_damping(self) -> float:
+        """First multiple of diag(J'J)."""
+        ...
+
+    @property
+    def largest_step(self) -> float:
+        """No parameter changes in one step by more than this part of its largest magnitude so far."""
+        ...
+
+    def at(self, problem: Problem, theta: FloatArray) -> P:
+        """A `Point`: the problem linearized at free variables."""
+        ...
+
+    def tried(self, problem: Problem, here: P, damping: Damping) -> Trial:
+        """The next step from a point."""
+        ...
+
+    def for_stages(self) -> Method[P]:
+        """The method of easier forms of the problem, which only lead near."""
+        ...
+
+    def for_polishing(self) -> Method[P]:
+        """The same where the minimum is known to be close."""
+        ...
+
+    def raced(self, above: float) -> Method[P]:
+        """The same for one of several searches, which may end as `LEFT` where little is gained above a sum of squares."""
+        ...
+
+    def for_reduced(self) -> Method[P]:
+        """The same for a problem whose residual is off by a small part of its own."""
+        ...
+
+    def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
+        """Whether the end of a search misses the noise: a larger chi-square has less than this probability."""
+        ...
+
+    def uncertainty(self, problem: Problem, minimum: Minimum, misfit_probability: float, seed: int) -> Uncertainty:
+        """What is known of the parameters at the end of a search."""
+        ...
+
+
+def minimize(
+    problem: Problem,
+    method: Method[P],
+    theta: FloatArray | None = None,
+    progress: Progress | None = None,
+    keeper: Keeper | None = None,
+) -> Minimum:
+    """The nearest minimum of the sum of squared residuals that `method` reaches from `theta`.
+
+    Parameters
+    ----------
+    problem : Problem
+    method : GaussNewton, LevenbergMarquardt or MatrixFree
+    theta : (n_params,) float array, optional
+        Start; the problem's own by default.
+    progress : callable, optional
+        Called with the iteration and the sum of squares.
+    keeper : Keeper, optional
+        Takes the state of the search after each iteration; where it has one already, the search goes on from there.
+    """
+    begun = None if keeper is None else keeper.state
+    if begun is None:
+        start = np.array(problem.theta_start if theta is None else theta, dtype=np.float64)
+        costs, inner = [], []
+        history: list[FloatArray] = [start]
+        damping = Damping(
+            method.initial_damping, 2.0, np.zeros(len(start)), np.zeros(len(start)), _reach(problem, start)
+        )
+    else:
+        history, costs, inner = [*np.array(begun["history"])], [*begun["costs"]], [*begun["inner"]]
+        scale, limit = np.array(begun["scale"]), np.array(begun["limit"])
+        damping = Damping(float(begun["damping"]), float(begun["growth"]), scale, limit, _reach(problem, history[0]))
+    here = method.at(problem, history[-1])
+    costs = [float(cost) for cost in costs] or [here.cost]
+    end = End(False, f"stopped after {method.max_iterations} iterations")
+    for iteration in range(len(inner), method.max_iterations):
+        damping = damping.at(here, method.largest_step)
+        trial = method.tried(problem, here, damping)
+        if trial.step is None:
+            end = trial.end or end
+            break
+        if trial.gain > _ACCEPTED:
+            here = method.at(problem, here.theta + trial.step)
+        damping = damping.after(trial.gain)
+        history.append(here.theta)
+        costs.append(here.cost)
+        inner.append(trial.inner)
+        if progress is not None:
+            progress(iteration + 1, here.cost)
+        if trial.end is not None:
+            end = trial.end
+            break
+        if keeper is not None:
+            keeper.keep(iteration + 1, here.cost, partial(_state, damping, tuple(history), tuple(costs), tuple(inner)))
+    return Minimum(here.theta, here.at, np.array(history), np.array(costs), np.array(inner, dtype=int), *end)
+
+
+def _reach(problem: Problem, start: FloatArray) -> FloatArray:
+    """Between which free variables the search stays: the problem's, and its own start in any case."""
+    return np.stack([np.minimum(problem.reach[:, 0], start), np.maximum(problem.reach[:, 1], start)], axis=1)
+
+
+def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[float], inner: Sequence[int]) -> State:
+    """All that the next iteration depends on, but what the problem gives at ``theta``."""
+    return {
+        "theta": history[-1],
+        "damping": damping.factor,
+        "growth": damping.growth,
+        "scale": damping.scale,
+        "limit": damping.limit,
+        "history": np.array(history),
+        "costs": np.array(costs),
+        "inner": np.array(inner, dtype=int),
+    }
+
+
+def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
+    """`Point.size` at free variables."""
+    slope = np.maximum(np.abs(problem.slope(theta)), 1e-100)  # 0 where a bounded parameter is at its bound
+    size: FloatArray = problem.sizes(problem.physical(theta)) / slope
+    return size
+
+
+def damped_end(
+    here: Point[A], damping: Damping, step: FloatArray, promised: float, step_tolerance: float, gain_tolerance: float
+) -> End | None:
+    """Why a search by damped steps ends before the next step, which promises to lower the sum of squares so much."""
+    if (np.abs(step) <= step_tolerance * here.size).all() or damping.factor > _MOST_DAMPING:
+        return End(True, "the step fell below its tolerance")
+    if promised <= gain_tolerance * here.cost and damping.factor < _MUCH_DAMPING:
+        return End(True, "no further decrease is promised")
+    return None
+
+
+def shortened(step: FloatArray, limit: FloatArray) -> FloatArray:
+    """The step, as a whole, so short that no entry exceeds its limit."""
+    return step / max(1.0, float((np.abs(step) / limit).max(initial=0.0)))

@@ -1,0 +1,253 @@
+"""Levenberg-Marquardt with geodesic acceleration: damped steps that bend with the valley they follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from structid.core.arrays import FloatArray
+from structid.core.constraints import Count, NotNegative, Positive
+from structid.inversion.linearization import Linearization
+from structid.inversion.problem import Problem
+from structid.inversion.search.least_squares import LEFT, Damping, End, Point, Trial, damped_end, shortened, sizes_at
+from structid.inversion.search.minimum import Minimum, residual_at, squared
+from structid.inversion.uncertainty import Uncertainty, dense_uncertainty, misfits
+
+_ROUNDING = 1e-14
+#: A step that lowers the sum of squares by more than this part of what the linear model promises goes as it is.
+_KEPT = 0.7
+#: A parameter whose largest step changes the residual by less than this part of what the whole step promises is held.
+_NEGLIGIBLE = 0.01
+#: Rounds of holding those that leave the reach of the search and solving for the others again.
+_MOST_HOLDS = 4
+#: Gain below which a reduced basis promises nothing: of thousands of values, some hundredths of a standard deviation.
+_OF_REDUCED = 1e-8
+#: Part of the sum of squares that linear steps promise at most where one of several searches is left, and a search is not taken
+#: to gain more than so many times what they promise.
+_LEFT_AT, _MOST_GAINED = 1e-5, 4.0
+
+
+class WithJacobian:
+    """What all methods that form a Jacobian have in common."""
+
+    is_matrix_free: ClassVar[bool] = False
+
+    def for_stages(self) -> LevenbergMarquardt:
+        return LevenbergMarquardt(max_iterations=600, gain_tolerance=1e-6)
+
+    def for_reduced(self) -> Self:
+        return self
+
+    def raced(self, above: float) -> WithJacobian:
+        return self
+
+    def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
+        """By the law of chi-square that the errors of the data rows give it."""
+        return misfits(problem, minimum.theta, cast(Linearization, minimum.linearization), probability)
+
+    def uncertainty(self, problem: Problem, minimum: Minimum, misfit_probability: float, seed: int) -> Uncertainty:
+        """By the information matrix; see `dense_uncertainty`."""
+        at = cast(Linearization, minimum.linearization)
+        return dense_uncertainty(problem, minimum.theta, at, minimum.converged, misfit_probability)
+
+
+@dataclass(frozen=True, eq=False)
+class FactoredPoint(Point[Linearization]):
+    """A point with the triangle of the QR factorization J = Q R, all that steps from it need, and Q'r."""
+
+    triangle: FloatArray
+    projected: FloatArray
+
+    @property
+    def rounding(self) -> float:
+        """What a relative rounding of all parameters does to the residual."""
+        return _ROUNDING * float(np.linalg.norm(self.triangle * self.size))
+
+    def promised(self, step: FloatArray) -> float:
+        """By how much the linear model lowers the sum of squares."""
+        linear = self.triangle @ step
+        return -float(linear @ linear + 2 * linear @ self.projected)
+
+
+@dataclass(frozen=True, eq=False)
+class _Damped:
+    """QR factorization of [R; sqrt(damping) D], which turns a right-hand side into a damped step."""
+
+    orthogonal: FloatArray
+    triangle: FloatArray
+    scale: FloatArray
+
+    def step(self, projected: FloatArray) -> FloatArray:
+        """Minimizer of |R s + projected|^2 + damping |D s|^2."""
+        right = self.orthogonal[: len(projected)].T @ projected
+        return np.asarray(-linalg.solve_triangular(self.triangle, right, check_finite=False))
+
+    def downhill(self, gradient: FloatArray) -> FloatArray:
+        """The same from J'r: minimizer of |J s|^2 + 2 s'J'r + damping |D s|^2."""
+        down = linalg.solve_triangular(self.triangle, gradient, trans=1, check_finite=False)
+        return np.asarray(-linalg.solve_triangular(self.triangle, down, check_finite=False))
+
+    def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
+        """The same minimizer with the entries `held` at their `values`."""
+        right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
+        orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
+        step = np.array(values)
+        step[~held] = -linalg.solve_triangular(factor, orthogonal.T @ right, check_finite=False)
+        return step
+
+    def length(self, step: FloatArray) -> float:
+        return float(np.linalg.norm(self.scale * step))
+
+
+def _damped(triangle: FloatArray, damping: float, scale: FloatArray) -> _Damped:
+    safe = np.where(scale > 0, scale, 1.0)
+    orthogonal, factor = np.linalg.qr(np.vstack([triangle, np.diag(np.sqrt(damping) * safe)]))
+    return _Damped(orthogonal, factor, safe)
+
+
+def _velocity(here: FactoredPoint, damped: _Damped, damping: Damping) -> FloatArray:
+    """The damped step, with parameters that run away held at their limits.
+
+    One runs away where its step is beyond its limit though moving it that far would hardly change the residual, as
+    for a loss factor on its way to 0: the step would be cut for its sake, and all others would stand still. One that
+    would leave the reach of the search is held at its end.
+    """
+    limit, velocity = damping.limit, damped.step(here.projected)
+    effect = here.scale * limit
+    held = (np.abs(velocity) > limit) & (effect**2 < _NEGLIGIBLE * here.promised(velocity))
+    if held.all():
+        held = np.zeros(len(held), dtype=bool)
+    low, high = damping.reach.T - here.theta
+    for _ in range(_MOST_HOLDS):
+        short = np.clip(np.clip(velocity, -limit, limit), low, high)
+        leaves = np.clip(velocity, -limit, limit) != short
+        if not ((held | leaves) & (velocity != short)).any():
+            break
+        held = held | leaves
+        if held.all():
+            return short
+        velocity = damped.step_holding(here.projected, held, short)
+    return velocity
+
+
+@dataclass(frozen=True)
+class LevenbergMarquardt(WithJacobian):
+    """Steps damped by a multiple of diag(J'J), with the gain ratio ruling the damping.
+
+    A damped step v is the velocity of a path that goes downhill; its acceleration a solves the same equations with
+    the second derivative of the residual along v, 2 (r(theta + v) - r(theta) - J v) by a finite difference. Where v
+    alone keeps too little of its promise, v + a / 2 is tried: along the narrow curved valley of a badly determined
+    problem it may be much longer. It costs one more residual, there only.
+
+    Parameters
+    ----------
+    max_iterations : int
+        After which a search that has not converged ends.
+    step_tolerance : float
+        Converged when no parameter changes by more than this part of itself.
+    gain_tolerance : float
+        Converged when the next step promises to lower the sum of squares by less than this part of it.
+    initial_damping : float
+        First multiple.
+    largest_step : float
+        No parameter changes in one step by more than this part of its largest magnitude so far, measured by the
+        derivative of its free variable (0.7 is a factor of two where that is the logarithm).
+    acceleration : float
+        Largest |a| as a multiple of |v|, both scaled by the columns of J; 0 goes without acceleration.
+
+    References
+    ----------
+    Madsen, Nielsen and Tingleff (2004), Methods for Non-Linear Least Squares Problems, algorithm 3.16.
+    Transtrum and Sethna (2012), Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares
+    minimization, arXiv:1201.5885, section 2.
+    """
+
+    max_iterations: Count = 100
+    step_tolerance: Positive = 1e-10
+    gain_tolerance: Positive = 1e-13
+    initial_damping: Positive = 1e-2
+    largest_step: Positive = 0.7
+    acceleration: NotNegative = 0.75
+
+    def for_reduced(self) -> LevenbergMarquardt:
+        return replace(self, gain_tolerance=max(self.gain_tolerance, _OF_REDUCED))
+
+    def raced(self, above: float) -> Raced:
+        return Raced(**vars(self), above=above)
+
+    def for_polishing(self) -> LevenbergMarquardt:
+        """Steps are hardly damped."""
+        return replace(self, initial_damping=1e-9, acceleration=0.0, gain_tolerance=max(self.gain_tolerance, 1e-10))
+
+    def at(self, problem: Problem, theta: FloatArray) -> FactoredPoint:
+        at = problem.linearize(theta)
+        both, n = at.triangle(), at.n_params
+        triangle, projected = both[:n, :n], both[:n, n]
+        return FactoredPoint(
+            theta=theta,
+            at=at,
+            scale=np.linalg.norm(triangle, axis=0),
+            size=sizes_at(problem, theta),
+            triangle=triangle,
+            projected=projected,
+        )
+
+    def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
+        damped = _damped(here.triangle, damping.factor, damping.scale)
+        velocity = _velocity(here, damped, damping)
+        promised = here.promised(velocity)
+        end = damped_end(here, damping, velocity, promised, self.step_tolerance, self.gain_tolerance)
+        if end is not None:
+            return Trial(None, end=end)
+        step, cost = self._bent(problem, here, damped, velocity, damping)
+        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0)
+
+    def _bent(
+        self, problem: Problem, here: FactoredPoint, damped: _Damped, velocity: FloatArray, damping: Damping
+    ) -> tuple[FloatArray, float]:
+        """The step to try and the sum of squares there: the velocity, bent where it alone keeps too little of its promise.
+
+        A step cut to its limit is held to the promise of the whole: damping then grows until it turns downhill instead.
+        """
+        limit, promised = damping.limit, here.promised(velocity)
+        low, high = damping.reach.T - here.theta
+        step = np.clip(shortened(velocity, limit), low, high)
+        residual = residual_at(problem, here.theta + step)
+        cost = squared(residual)
+        if residual is None or self.acceleration <= 0 or here.cost - cost > _KEPT * promised:
+            return step, cost
+        bend = residual - here.at.residual - here.at.jacobian @ step
+        if np.linalg.norm(bend) <= here.rounding:
+            return step, cost
+        acceleration = 2 * damped.downhill(here.at.jacobian.T @ bend)
+        if not damped.length(acceleration) <= self.acceleration * damped.length(step):
+            return step, cost
+        bent = np.clip(shortened(step + 0.5 * acceleration, limit), low, high)
+        bent_cost = squared(residual_at(problem, here.theta + bent))
+        return (bent, bent_cost) if bent_cost < cost else (step, cost)
+
+
+@dataclass(frozen=True)
+class Raced(LevenbergMarquardt):
+    """Searches that end early where they would end above a sum of squares.
+
+    Parameters
+    ----------
+    above : float
+        Sum of squares from which on an end is of no use, or of use only where no other search ends below it.
+    left_at : float
+        Part of the sum of squares that linear steps promise at most before a search is ended.
+    """
+
+    above: float = np.inf
+    left_at: Positive = _LEFT_AT
+
+    def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
+        promised = float(here.projected @ here.projected)
+        if promised < self.left_at * here.cost and here.cost - _MOST_GAINED * promised > self.above:
+            return Trial(None, end=End(False, LEFT))
+        return super().tried(problem, here, damping)

@@ -1,0 +1,138 @@
+"""A search with parameters too many for a Jacobian: damped steps by conjugate gradients, the priors as preconditioner."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, cast
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import InputError
+from structid.inversion.covariance import row_law
+from structid.inversion.linearization import OperatorLinearization
+from structid.inversion.posterior_draws import drawn_uncertainty
+from structid.inversion.problem import Problem
+from structid.inversion.search.conjugate_gradients import conjugate_gradients, preconditioner
+from structid.inversion.search.least_squares import Damping, Point, Trial, damped_end, shortened, sizes_at
+from structid.inversion.search.minimum import Minimum, residual_at, squared
+from structid.inversion.uncertainty import Uncertainty, misses_noise
+
+#: A dense search takes some arrays of the Jacobian's size, and three of n_params squared.
+DENSE_BYTES = 2_000_000_000
+_DENSE_COPIES = 4
+
+
+@dataclass(frozen=True)
+class MatrixFree:
+    """Damped steps whose equations are solved by preconditioned conjugate gradients; uncertainty by posterior draws.
+
+    Parameters
+    ----------
+    max_iterations : int
+    step_tolerance : float
+        Converged when no parameter changes by more than this part of itself.
+    gain_tolerance : float
+        Converged when the next step promises to lower the sum of squares by less than this part of it.
+    initial_damping : float
+        First multiple of diag(J'J).
+    largest_step : float
+        No parameter changes in one step by more than this part of its largest magnitude so far.
+    inner_tolerance : float
+        Conjugate gradients end when the residual of the equations is this part of their right-hand side, in the norm
+        of the preconditioner.
+    max_inner : int
+        Conjugate gradient iterations a step.
+    draws : int
+        Posterior draws for the standard deviations; 0 gives NaN.
+    solved : tuple of str
+        Parameters whose standard deviation is solved for, one system of equations each.
+
+    Raises
+    ------
+    InputError
+        If `draws` is 1 or negative.
+
+    References
+    ----------
+    Madsen, Nielsen and Tingleff (2004), Methods for Non-Linear Least Squares Problems, algorithm 3.16.
+    Nocedal and Wright (2006), Numerical Optimization, section 7.1, for steps that are not exact.
+    """
+
+    is_matrix_free: ClassVar[bool] = True
+
+    max_iterations: int = 50
+    step_tolerance: float = 1e-6
+    gain_tolerance: float = 1e-6
+    initial_damping: float = 1e-3
+    largest_step: float = 0.7
+    inner_tolerance: float = 1e-6
+    max_inner: int = 500
+    draws: int = 32
+    solved: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.draws < 0 or self.draws == 1:
+            raise InputError(f"`draws` must be 0 or at least 2, got {self.draws}; 32 gives standard deviations to 12 %")
+
+    def at(self, problem: Problem, theta: FloatArray) -> Point[OperatorLinearization]:
+        at = problem.linearize_operator(theta)
+        return Point(theta, at, np.sqrt(at.squares), sizes_at(problem, theta))
+
+    def tried(self, problem: Problem, here: Point[OperatorLinearization], damping: Damping) -> Trial:
+        at, weight = here.at, damping.factor * damping.scale**2
+        gradient = at.transposed(at.residual)
+        step, count, _ = conjugate_gradients(
+            lambda v: at.information(v) + weight * v,
+            -gradient,
+            preconditioner(at, weight),
+            self.inner_tolerance,
+            self.max_inner,
+        )
+        linear = at.product(step)
+        promised = -float(linear @ linear + 2 * step @ gradient)
+        end = damped_end(here, damping, step, promised, self.step_tolerance, self.gain_tolerance)
+        if end is not None:
+            return Trial(None, end=end)
+        step = shortened(step, damping.limit)
+        cost = squared(residual_at(problem, here.theta + step))
+        return Trial(step, (here.cost - cost) / promised if promised > 0 else -1.0, count)
+
+    def for_stages(self) -> MatrixFree:
+        return replace(self, max_iterations=20, gain_tolerance=1e-3, inner_tolerance=1e-3)
+
+    def for_polishing(self) -> MatrixFree:
+        return replace(self, initial_damping=1e-9)
+
+    def raced(self, above: float) -> MatrixFree:
+        return self
+
+    def for_reduced(self) -> MatrixFree:
+        return self
+
+    def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
+        """With as many degrees of freedom as there are more rows, those of priors included, than parameters."""
+        at = minimum.linearization
+        freedom, (scale, share) = len(at.residual) - at.n_params, row_law(problem.averages)
+        return misses_noise(problem, at.residual, scale, share * freedom, probability)
+
+    def uncertainty(self, problem: Problem, minimum: Minimum, misfit_probability: float, seed: int) -> Uncertainty:
+        """By draws from the posterior; see `drawn_uncertainty`."""
+        at = cast(OperatorLinearization, minimum.linearization)
+        return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed)
+
+
+def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = DENSE_BYTES) -> tuple[bool, str]:
+    """Whether a search with its Jacobian fits in memory, and the reason in words.
+
+    Parameters
+    ----------
+    n_params, n_data : int
+    dense_bytes : float
+        Memory that a dense search may take.
+    """
+    size = 8.0 * _DENSE_COPIES * n_params * (n_data + n_params)
+    figures = f"{n_params} parameters and {n_data} data: a dense search would take {size / 1e9:.2g} GB"
+    if size <= dense_bytes:
+        return True, f"{figures}, which is within {dense_bytes / 1e9:.2g} GB"
+    return False, f"{figures}, more than {dense_bytes / 1e9:.2g} GB; steps are solved without forming J'J"

@@ -1,0 +1,80 @@
+"""What a search for a minimum gives back, and what every search needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import SingularModelError
+from structid.inversion.linearization import Linearization, OperatorLinearization
+from structid.inversion.problem import Problem
+
+Progress = Callable[[int, float], None]
+#: Numbers, texts, arrays, and lists or mappings of them by name: what goes to and from checkpoints and other processes.
+Stored: TypeAlias = Mapping[str, Any]
+#: All that a search needs to go on with the same digits, free variables as ``theta``.
+State: TypeAlias = Stored
+
+
+class Keeper(Protocol):
+    """Where a search leaves its state after each iteration, and finds one to go on from."""
+
+    @property
+    def state(self) -> State | None:
+        """Where an earlier run of the same search was; None where it has to begin."""
+        ...
+
+    def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
+        """Take the state after an iteration; `state` makes it, if it is wanted, then or later."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where a search ended, and how.
+
+    Attributes
+    ----------
+    theta : (n_params,) float array
+    linearization : Linearization or OperatorLinearization
+        At `theta`, as the method makes it.
+    history : (n_iterations + 1, n_params) float array
+        Free variables from the start to the end.
+    costs : (n_iterations + 1,) float array
+        Sum of squared residuals along the history.
+    inner : (n_iterations,) int array
+        Conjugate gradient iterations of every step; 0 where it is found at once.
+    converged : bool
+    message : str
+        What ended the search.
+    """
+
+    theta: FloatArray
+    linearization: Linearization | OperatorLinearization
+    history: FloatArray
+    costs: FloatArray
+    inner: IntArray
+    converged: bool
+    message: str
+
+
+def residual_at(problem: Problem, theta: FloatArray) -> FloatArray | None:
+    """The residual, None where the model cannot be evaluated."""
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        try:
+            residual = problem.residual(theta)
+        except SingularModelError:
+            return None
+    return residual if np.isfinite(residual).all() else None
+
+
+def squared(residual: FloatArray | None) -> float:
+    """Sum of squares, infinite where there is no residual."""
+    if residual is None:
+        return np.inf
+    with np.errstate(over="ignore"):
+        return float(residual @ residual)

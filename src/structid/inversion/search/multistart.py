@@ -1,0 +1,267 @@
+"""Several searches for one minimum: ways to it, starts around the given one, and the distinct answers they found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import cast
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import SingularModelError
+from structid.inversion.diagnostics.bounds import at_bounds
+from structid.inversion.linearization import Linearization
+from structid.inversion.problem import Problem, Stages, Way
+from structid.inversion.search.least_squares import LEFT, Method, sizes_at
+from structid.inversion.search.minimum import Minimum, Progress, Stored, residual_at, squared
+from structid.inversion.search.work import (
+    ALONE,
+    Minimizer,
+    StageProgress,
+    Tools,
+    Work,
+    restored_minimum,
+    stored_minimum,
+)
+
+_SPREAD = 0.2
+_SAME = 3.0
+#: Sum of squares per datum, and beside that, beyond which a search is only gone on with where no other is better; and how close
+#: to the best it has to be.
+_MISSES, _MISSES_AT_LEAST, _NEAR_BEST = 4.0, 30.0, 1.01
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """One minimum of the sum of squares, and how many searches ended there.
+
+    Attributes
+    ----------
+    values, theta : (n_params,) float arrays
+        Physical values and free variables.
+    cost : float
+        Sum of squares, priors included.
+    n_searches : int
+    distance : float
+        From the best answer, in posterior standard deviations: the larger of abs(J d) at both ends of the difference d.
+    fits : bool
+        Whether the data allow it: its chi-square is acceptable, and a likelihood ratio does not prefer the best one.
+    """
+
+    values: FloatArray
+    theta: FloatArray
+    cost: float
+    n_searches: int
+    distance: float
+    fits: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """How often and from where is searched.
+
+    Parameters
+    ----------
+    restarts : int
+        How many more searches are tried where the fit misses the noise: by each other way from the given start, then
+        from random points about 20 % from it. The lowest minimum is kept.
+    uniqueness_starts : int
+        How many more searches begin at random points about 20 % from the start even where a search fits: a test
+        whether other parameters fit the data as well. See ``Estimate.answers``.
+    doubt_starts : int
+        How many of these there are at least where an answer fits and yet is to be doubted: the data push a parameter beyond its
+        bound, or one ended farther from its start than `doubt_beyond`.
+    doubt_beyond : float
+        Factor on a start (from 1); infinite where none is doubted for its distance.
+    seed : int
+        Of the random starts, and of draws.
+    start : (n_params,) float array, optional
+        Free variables where the first search begins; the problem's own start by default.
+    """
+
+    restarts: int = 0
+    uniqueness_starts: int = 0
+    seed: int = 0
+    start: FloatArray | None = None
+    doubt_starts: int = 0
+    doubt_beyond: float = np.inf
+
+
+def searched_minima(
+    problem: Problem,
+    method: Method,
+    ways: Sequence[Way],
+    search: Search,
+    fits: Callable[[Minimum], bool],
+    progress: StageProgress | None = None,
+    work: Work = ALONE,
+) -> list[tuple[Minimum, int]]:
+    """The minima of all searches, with the iterations that each took.
+
+    The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
+    then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not, and so do
+    `doubt_starts` where an answer that fits is to be doubted. Where there are restarts, a search that clearly misses the noise
+    and hardly gains any more is left, and gone on with only if its end is about the best.
+    Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
+    """
+    start = np.array(problem.theta_start if search.start is None else search.start)
+    chosen: Sequence[Way] = ways or ((),)
+    spread = _SPREAD * problem.sizes(problem.physical(start)) / problem.slope(start)
+    rng = np.random.default_rng(search.seed)
+    most = max(search.uniqueness_starts, search.doubt_starts)
+    points = [spread * rng.standard_normal(len(start)) for _ in range(search.restarts + most)]
+    starts, drawn = [], 0
+    for attempt in range(search.restarts + 1):
+        if attempt < len(chosen):
+            starts.append((attempt, attempt, start))
+        else:
+            starts.append((attempt, attempt % len(chosen), start + points[drawn]))
+            drawn += 1
+    way = chosen[0]
+    racing = method.raced(_MISSES * problem.n_data + _MISSES_AT_LEAST) if search.restarts else method
+    minima = [staged(problem, racing, way(start) if callable(way) else way, start, progress, "", work.minimize)]
+    shared = (problem, racing, tuple(chosen))
+    good = fits(minima[0][0])
+    while not good and len(minima) < len(starts):
+        ahead = starts[len(minima) : len(minima) + work.n_workers]
+        for task in work.map("restarts", _search, shared, ahead, progress, first=len(minima) - 1):
+            minima.append(_found(problem, method, task))
+            good = fits(minima[-1][0])
+            if good:
+                break
+    minima = _ended(problem, method, minima, progress, work)
+    used = max(0, len(minima) - len(chosen))
+    best = min((minimum for minimum, _ in minima), key=lambda minimum: float(minimum.costs[-1]))
+    doubtful = good and _is_doubtful(problem, method, best, start, search)
+    count = most if doubtful else search.uniqueness_starts
+    more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
+    found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
+    return minima + [_found(problem, method, task) for task in found]
+
+
+def _ended(
+    problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
+) -> list[tuple[Minimum, int]]:
+    """Searches with those that were left gone on with, where they are about the best."""
+    most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
+    ended = []
+    for number, (minimum, iterations) in enumerate(minima):
+        if minimum.message == LEFT and minimum.costs[-1] <= most:
+            name = f"search {number + 1}, final" if number else "final"
+            minimum = _after(minimum, work.minimize(problem, method, minimum.theta, named(progress, name)))
+            iterations += len(minimum.inner) - len(minima[number][0].inner)
+        ended.append((minimum, iterations))
+    return ended
+
+
+def _after(first: Minimum, last: Minimum) -> Minimum:
+    """Where a search ended that went on from another, with the way of both."""
+    return replace(
+        last,
+        history=np.concatenate([first.history, last.history[1:]]),
+        costs=np.concatenate([first.costs, last.costs[1:]]),
+        inner=np.concatenate([first.inner, last.inner]),
+    )
+
+
+def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
+    """Whether an answer asks for others beside it; see `Search`."""
+    if not search.doubt_starts or method.is_matrix_free:
+        return False
+    moved = np.abs(best.theta - start)
+    far = np.log(search.doubt_beyond)
+    if np.isfinite(far) and (moved > far * sizes_at(problem, start)).any():
+        return True
+    return any(one.is_pushed for one in at_bounds(problem, best.theta, cast(Linearization, best.linearization)))
+
+
+def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools) -> Stored:
+    """One of several searches, as a task: its number, its way and its start are the item."""
+    (problem, method, ways), (number, which, theta) = shared, item
+    way = ways[which]
+    stages = way(theta) if callable(way) else way
+    prefix = f"search {number + 1}, "
+    try:
+        minimum, iterations = staged(problem, method, stages, theta, tools.progress, prefix, tools.minimize)
+    except (SingularModelError, np.linalg.LinAlgError) as error:
+        return {"failed": str(error)}
+    return {**stored_minimum(minimum), "iterations": iterations}
+
+
+def _found(problem: Problem, method: Method, task: Stored) -> tuple[Minimum, int]:
+    """What the task found; its failure counts when its turn comes, as if it had run then."""
+    if "failed" in task:
+        raise SingularModelError(task["failed"])
+    return restored_minimum(problem, method, task), int(task["iterations"])
+
+
+def staged(
+    problem: Problem,
+    method: Method,
+    stages: Stages,
+    theta: FloatArray,
+    progress: StageProgress | None,
+    prefix: str = "",
+    minimize: Minimizer = ALONE.minimize,
+) -> tuple[Minimum, int]:
+    """The minimum that the stages and then the problem itself lead to, and the iterations spent.
+
+    Where the stages end with a larger sum of squares of the problem itself than they began with, they led astray: the
+    problem is then solved from where they began.
+    """
+    start, iterations = theta, 0
+    for name, stage in stages:
+        minimum = minimize(stage, method.for_stages(), theta, named(progress, prefix + name))
+        theta, iterations = minimum.theta, iterations + len(minimum.costs) - 1
+    if stages and squared(residual_at(problem, start)) < squared(residual_at(problem, theta)):
+        theta = start
+    minimum = minimize(problem, method, theta, named(progress, prefix + "final"))
+    return minimum, iterations + len(minimum.costs) - 1
+
+
+def named(progress: StageProgress | None, name: str) -> Progress | None:
+    """`progress` of one stage."""
+    return None if progress is None else partial(progress, name)
+
+
+def distinct_answers(
+    problem: Problem, minima: Sequence[Minimum], fits: Callable[[Minimum], bool], probability: float
+) -> tuple[Answer, ...]:
+    """The different minima among those that converged, best first.
+
+    Two are the same where they are at most three posterior standard deviations apart.
+
+    Parameters
+    ----------
+    problem : Problem
+    minima : sequence of Minimum
+    fits : callable
+        Whether chi-square is acceptable at a linearization.
+    probability : float
+        Of a larger difference of two sums of squares than the one that rules an answer out, were it the truth.
+    """
+    groups: list[list[Minimum]] = []
+    for minimum in sorted((m for m in minima if m.converged), key=lambda m: float(m.costs[-1])):
+        own = next((g for g in groups if _distance(g[0], minimum) <= _SAME), None)
+        if own is None:
+            groups.append([minimum])
+        else:
+            own.append(minimum)
+    answers = []
+    for group in groups:
+        first, best = group[0], groups[0][0]
+        most = float(special.chdtri(max(len(first.theta), 1), probability))
+        fit = fits(first) and float(first.costs[-1] - best.costs[-1]) <= most
+        values, theta = locked(problem.physical(first.theta)), locked(first.theta)
+        answers.append(Answer(values, theta, float(first.costs[-1]), len(group), _distance(best, first), fit))
+    return tuple(answers)
+
+
+def _distance(first: Minimum, second: Minimum) -> float:
+    """Posterior standard deviations between two minima, by the linearization that sees more of them."""
+    step = second.theta - first.theta
+    found = max(float(np.linalg.norm(m.linearization.product(step))) for m in (first, second))
+    return found if np.isfinite(found) else np.inf

@@ -1,0 +1,137 @@
+"""What a search asks of whoever runs it: to run searches and repeated tasks, and perhaps to keep what is done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, TypeAlias, TypeVar
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.inversion.problem import Problem
+from structid.inversion.search.least_squares import Method, minimize
+from structid.inversion.search.minimum import Keeper, Minimum, Progress, Stored
+
+StageProgress = Callable[[str, int, float], None]
+
+
+class Minimizer(Protocol):
+    """`minimize`, or the same with its iterations kept."""
+
+    def __call__(
+        self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
+    ) -> Minimum: ...
+
+
+class Tools(NamedTuple):
+    """What a task may use besides its own data; on another process `progress` is None."""
+
+    minimize: Minimizer
+    progress: StageProgress | None
+
+
+#: Of tasks in another process, and of those that make no search.
+PLAIN_TOOLS = Tools(minimize, None)
+
+Shared = TypeVar("Shared")
+Item = TypeVar("Item")
+Found = TypeVar("Found")
+#: A function of a module (not a closure) of what all tasks share, the item, and the tools; gives numbers, texts,
+#: arrays, or lists and mappings of them.
+Task: TypeAlias = Callable[[Shared, Item, Tools], Found]
+
+
+class Work(Protocol):
+    """Where searches and repeated tasks run; the answer does not depend on it."""
+
+    @property
+    def n_workers(self) -> int:
+        """How many tasks run at once."""
+        ...
+
+    def minimize(
+        self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
+    ) -> Minimum:
+        """As `structid.inversion.minimize`."""
+        ...
+
+    def keeper(self, problem: Problem) -> Keeper | None:
+        """Where a search of its own kind leaves its state after each iteration; None where nothing is kept."""
+        ...
+
+    def map(
+        self,
+        name: str,
+        task: Task[Shared, Item, Found],
+        shared: Shared,
+        items: Sequence[Item],
+        progress: StageProgress | None = None,
+        first: int = 0,
+    ) -> list[Found]:
+        """`task` of every item, in their order.
+
+        Parameters
+        ----------
+        name : str
+            What they are, in the plural, as progress and checkpoints call them.
+        task : Task
+        shared : object
+            What all tasks need.
+        items : sequence
+            What each one needs of its own, small.
+        progress : callable, optional
+            Of the searches inside, where they run in this process.
+        first : int
+            Number of the first item, where the tasks of one name come in several calls: 0 in the first of them.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Alone:
+    """Everything in this process, one after another, nothing kept."""
+
+    n_workers: int = 1
+
+    def minimize(
+        self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
+    ) -> Minimum:
+        return minimize(problem, method, theta, progress)
+
+    def keeper(self, problem: Problem) -> Keeper | None:
+        return None
+
+    def map(
+        self,
+        name: str,
+        task: Task[Shared, Item, Found],
+        shared: Shared,
+        items: Sequence[Item],
+        progress: StageProgress | None = None,
+        first: int = 0,
+    ) -> list[Found]:
+        return [task(shared, item, Tools(minimize, progress)) for item in items]
+
+
+ALONE = Alone()
+
+
+def stored_minimum(found: Minimum) -> Stored:
+    """A minimum without its linearization, in plain arrays."""
+    return {
+        "theta": found.theta,
+        "history": found.history,
+        "costs": found.costs,
+        "inner": found.inner,
+        "converged": found.converged,
+        "message": found.message,
+    }
+
+
+def restored_minimum(problem: Problem, method: Method, stored: Stored) -> Minimum:
+    """The minimum that `stored_minimum` gave, linearized again."""
+    theta = np.asarray(stored["theta"], dtype=np.float64)
+    history, costs, inner = (np.asarray(stored[name]) for name in ("history", "costs", "inner"))
+    at = method.at(problem, theta).at
+    return Minimum(theta, at, history, costs, inner, bool(stored["converged"]), str(stored["message"]))

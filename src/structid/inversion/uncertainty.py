@@ -1,0 +1,333 @@
+"""What is known of the parameters at a minimum: a covariance, as a matrix or by draws, and which of them the data carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from scipy import sparse, special
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import InputError
+from structid.inversion.covariance import chi_square_law, model_error_covariance, noise_covariance, row_law
+from structid.inversion.diagnostics.agreement import Agreement, agreement
+from structid.inversion.diagnostics.bounds import AtBound, at_bounds, is_free
+from structid.inversion.diagnostics.identifiability import Identifiability, identifiability
+from structid.inversion.diagnostics.refusal import Bound, bound_at, carried, refusal_words
+from structid.inversion.diagnostics.residual_tests import has_order
+from structid.inversion.linearization import Linearization
+from structid.inversion.problem import Problem
+
+#: Combinations of parameters, one a row.
+Rows: TypeAlias = "FloatArray | sparse.csr_array"
+
+
+class Covariance(Protocol):
+    """The covariance of parameters in physical units, however it is known."""
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations, (n_params,); NaN where nothing is known."""
+        ...
+
+    @property
+    def std_error(self) -> FloatArray:
+        """Relative standard error of `std`, (n_params,); 0 where it is exact."""
+        ...
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of Student's t for a parameter over its `std`; infinite where that is exact."""
+        ...
+
+    @property
+    def has_matrix(self) -> bool: ...
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(n_params, n_params); NaN for what is not determined.
+
+        Raises
+        ------
+        InputError
+            Where there is none.
+        """
+        ...
+
+    @property
+    def draws(self) -> FloatArray:
+        """Draws of errors of the parameters, (n_draws, n_params), whose covariance it is; none where there is a matrix."""
+        ...
+
+    def variance(self, rows: Rows) -> FloatArray:
+        """Of combinations of parameters (n_rows, n_params), (n_rows,); NaN where nothing is known of what takes part."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class DenseCovariance:
+    """A covariance that is a matrix.
+
+    Parameters
+    ----------
+    matrix : (n_params, n_params) float array
+    """
+
+    matrix: FloatArray
+
+    has_matrix = True
+    freedom = np.inf
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrix", locked(self.matrix, np.float64))
+
+    @property
+    def std(self) -> FloatArray:
+        return np.sqrt(np.diag(self.matrix))
+
+    @property
+    def std_error(self) -> FloatArray:
+        return np.zeros(len(self.matrix))
+
+    @property
+    def draws(self) -> FloatArray:
+        return np.zeros((0, len(self.matrix)))
+
+    def variance(self, rows: Rows) -> FloatArray:
+        weights = sparse.csr_array(rows).toarray()
+        used, lost = weights != 0, ~np.isfinite(self.matrix)
+        found = np.einsum("kp,kp->k", weights @ np.where(lost, 0.0, self.matrix), weights)
+        return np.where(((used @ lost) & used).any(axis=1), np.nan, found)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnCovariance:
+    """A covariance that is known by draws, for parameters too many for a matrix.
+
+    Parameters
+    ----------
+    draws : (n_draws, n_params) float array
+    std, std_error : (n_params,) float arrays
+        Of the draws, and better where it was found otherwise.
+    """
+
+    draws: FloatArray
+    std: FloatArray
+    std_error: FloatArray
+
+    has_matrix = False
+
+    @property
+    def freedom(self) -> float:
+        return float(max(len(self.draws), 1))
+
+    @property
+    def matrix(self) -> FloatArray:
+        raise InputError(
+            f"a matrix-free search gives no covariance matrix of its {len(self.std)} parameters; take `std`, or `variance` of"
+            " combinations of them, or search with a Jacobian"
+        )
+
+    def variance(self, rows: Rows) -> FloatArray:
+        weights = sparse.csr_array(rows)
+        if len(self.draws) < 2:
+            return np.where(np.diff(weights.indptr) > 0, np.nan, 0.0)
+        return np.asarray(((weights @ self.draws.T) ** 2).mean(axis=1))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Spread:
+    """How well the parameters are known.
+
+    Attributes
+    ----------
+    noise : Covariance
+        From the noise of the data alone (and the priors), physical units.
+    model_error : Covariance
+        From the residuals themselves, correlated along the axis and within channels; carries model error.
+    covariance_basis : str
+        ``"noise"`` or ``"model_error"``: which of the two `uncertainty` and `std` are.
+    identified : (n_params,) bool array
+        Whether the relative standard deviation is at most 1, at the estimate and at the initial values (see
+        `diagnostics.refusal.carried`).
+    identifiability : Identifiability
+        Rank, condition and undetermined directions, from the data alone; of a matrix-free search the rank only.
+    determined : float
+        How many combinations of parameters the data determine: the rank, or by posterior draws tr(C J'J).
+    bound_initial : (n_params,) float array or None
+        Cramer-Rao bound of each parameter if the truth were the initial values, physical units.
+    at_bound : tuple of AtBound
+        Parameters that ended at a bound. They have no standard deviation; those of the others, rank and directions are
+        with them held there.
+    disagreement : Agreement or None
+        The test by which quantities that several records repeat ask for different parameters, where they do.
+    """
+
+    noise: Covariance
+    model_error: Covariance
+    covariance_basis: str
+    identified: np.ndarray
+    identifiability: Identifiability
+    determined: float = float("nan")
+    bound_initial: FloatArray | None = None
+    at_bound: tuple[AtBound, ...] = ()
+    disagreement: Agreement | None = None
+
+    @property
+    def is_free(self) -> np.ndarray:
+        """Which parameters are not at a bound, (n_params,) bool."""
+        return is_free(self.at_bound, len(self.identified))
+
+    @property
+    def uncertainty(self) -> Covariance:
+        """The one that `covariance_basis` names."""
+        return self.noise if self.covariance_basis == "noise" else self.model_error
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Matrix of `uncertainty`; a matrix-free search gives none."""
+        return self.uncertainty.matrix
+
+    @property
+    def covariance_noise(self) -> FloatArray:
+        return self.noise.matrix
+
+    @property
+    def covariance_model_error(self) -> FloatArray:
+        return self.model_error.matrix
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations from `uncertainty`."""
+        return self.uncertainty.std
+
+    @property
+    def std_noise(self) -> FloatArray:
+        return self.noise.std
+
+    @property
+    def std_model_error(self) -> FloatArray:
+        return self.model_error.std
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation matrix of the parameters; NaN where a variance is not known, or 0."""
+        scale = np.outer(self.std, self.std)
+        known = np.isfinite(scale) & (scale > 0)
+        return np.divide(self.covariance, scale, out=np.full_like(scale, np.nan), where=known)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Uncertainty(Spread):
+    """What a method knows of the parameters at a minimum.
+
+    Attributes
+    ----------
+    carried : (n_params,) bool array
+        Those that the initial values do not refuse; see `diagnostics.refusal.carried`.
+    freedom : float
+        Degrees of freedom of chi-square.
+    words : tuple of str
+        How it was found, or why a parameter is refused.
+    """
+
+    carried: np.ndarray
+    freedom: float
+    words: tuple[str, ...]
+
+    @property
+    def misfit(self) -> bool:
+        """Whether the fit misses the noise, so that `model_error` counts."""
+        return self.covariance_basis == "model_error"
+
+
+def dense_uncertainty(
+    problem: Problem, theta: FloatArray, at: Linearization, converged: bool, misfit_probability: float
+) -> Uncertainty:
+    """By the information matrix at `theta`.
+
+    Parameters
+    ----------
+    problem : Problem
+    theta : (n_params,) float array
+    at : Linearization
+    converged : bool
+        Whether the search did.
+    misfit_probability : float
+        Below this probability of its chi-square, or of the disagreement of what several records repeat, the fit holds model error.
+    """
+    values, slope = problem.physical(theta), problem.slope(theta)
+    data, sizes = at.residual[: problem.n_data], problem.sizes(values)
+    freedom = max(len(at.residual) - at.n_params - at.n_eliminated, 0)
+    misfit = misfits(problem, theta, at, misfit_probability)
+    noise_scale = float(np.sqrt(float(data @ data) / freedom)) if misfit else 1.0
+    held = at_bounds(problem, theta, at, noise_scale)
+    free = is_free(held, len(values))
+    at = replace(at, jacobian=np.where(free, at.jacobian, 0.0)) if held else at
+    tested = agreement(problem, at)
+    disagreement = None if tested is None or tested.probability >= misfit_probability else tested
+    is_doubted = misfit or disagreement is not None
+    noise = DenseCovariance(noise_covariance(problem, theta, at) * np.outer(slope, slope))
+    model = DenseCovariance(model_error_covariance(problem, at) * np.outer(slope, slope))
+    found = identifiability(relative_jacobian(problem, theta, at), values, problem.names, noise_scale, free)
+    adopted = (model if is_doubted else noise).std
+    initial = bound_at(problem, np.asarray(problem.theta_start), "the initial values")
+    at_start = carried(initial, sizes, adopted, converged and not misfit) | ~free
+    identified = at_start & (adopted <= sizes)
+    stopped = not converged and misfit and bool(at_start.all())
+    refused = not identified[free].all() and not stopped
+    final = Bound(np.where(free, noise.std, 0.0), sizes, "the estimate")
+    refusal = refusal_words(initial, final, at_start, problem.names) if refused else ""
+    return Uncertainty(
+        noise=noise,
+        model_error=model,
+        covariance_basis=basis(is_doubted),
+        identified=identified,
+        carried=at_start,
+        identifiability=found,
+        determined=float(found.rank),
+        bound_initial=initial.std,
+        freedom=freedom,
+        words=(refusal,),
+        at_bound=held,
+        disagreement=disagreement,
+    )
+
+
+def basis(misfit: bool) -> str:
+    """Which covariance counts where the fit misses the noise or not."""
+    return "model_error" if misfit else "noise"
+
+
+def misfits(problem: Problem, theta: FloatArray, at: Linearization, probability: float) -> bool:
+    """Whether chi-square is larger than noise alone would make it with this probability."""
+    return misses_noise(problem, at.residual, *chi_square_law(problem, theta, at), probability)
+
+
+def misses_noise(problem: Problem, residual: FloatArray, scale: float, freedom: float, probability: float) -> bool:
+    """Whether a larger chi-square than that of `residual` has less than this probability by its law.
+
+    What few averages leave more than known noise would is no misfit, but where it has an order that noise has not.
+    """
+    data, (_, share) = residual[: problem.n_data], row_law(problem.averages)
+    chi_square, of_known = float(data @ data), freedom / share
+    if freedom <= 0 or is_misfit(chi_square / scale, freedom, probability):
+        return freedom > 0
+    return share < 1 and is_misfit(chi_square, of_known, probability) and has_order(problem, residual, of_known)
+
+
+def is_misfit(chi_square: float, freedom: float, probability: float) -> bool:
+    """Whether a larger chi-square has less than this probability."""
+    return bool(special.gammaincc(freedom / 2, chi_square / 2) < probability)
+
+
+def relative_jacobian(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
+    """Data rows of the Jacobian with respect to relative changes of the physical parameters."""
+    return at.jacobian[: problem.n_data] * relative_steps(problem, theta)
+
+
+def relative_steps(problem: Problem, theta: FloatArray) -> FloatArray:
+    """Changes of the free variables that change each physical parameter by its size, (n_params,); 0 where none does."""
+    sizes, slope = problem.sizes(problem.physical(theta)), problem.slope(theta)
+    return np.divide(np.where(sizes != 0, sizes, 1.0), slope, out=np.zeros(len(slope)), where=slope != 0)

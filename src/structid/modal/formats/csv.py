@@ -1,0 +1,253 @@
+"""Modes as CSV, one row (or column) a mode: what a spreadsheet opens, and what a table of published modes becomes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, NumberArray
+from structid.core.dof import Dof, parse_dof
+from structid.core.errors import FileError, InputError
+from structid.modal.modal_record import ModalRecord, Scaling, independent_errors, largest_entries, unit_largest
+from structid.modal.poles.poles import modal_phase_collinearity
+from structid.records.formats.csv.recognition import is_number
+
+_NUMBERS = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
+#: Bytes that tell what a table holds.
+_HEAD = 16384
+_PARTS = ("real", "imaginary", "std")
+_COUNTERS = ("mode", "no", "#", "mode no", "mode number", "mode nr")
+_STD = r"(std|std dev|standard deviation|deviation)"
+#: Headers of frequencies and damping ratios in tables of other programs, blanks for points and underscores.
+_OTHER_WORDS = re.compile(
+    rf"(?P<before>{_STD}( of)? )?(natural |undamped |eigen)?(?P<quantity>frequency|freq|damping ratio|damping)(?P<after> {_STD})?"
+    r"( ?(?P<unit>\[hz\]|\(hz\)|hz|\[%\]|\(%\)|%|\[-\]|\[1\]))?"
+)
+
+
+def modes_csv(modes: ModalRecord) -> str:
+    """The text: frequency, damping ratio, their standard deviations, MPC, scaling, then the shape by channel."""
+    n, shapes = modes.n_modes, modes.mode_shapes
+    std = np.full(2 * n, np.nan) if modes.covariance is None else np.sqrt(np.diag(modes.covariance))
+    columns = [("mode", np.arange(1, n + 1)), ("frequency_hz", modes.frequency), ("frequency_std_hz", std[:n])]
+    columns += [("damping_ratio", modes.damping_ratio), ("damping_std", std[n:])]
+    columns += [("mpc", modal_phase_collinearity(shapes.astype(np.complex128))), ("scaling", np.full(n, modes.scaling))]
+    for i, dof in enumerate(modes.channels):
+        columns.append((f"{dof} real" if np.iscomplexobj(shapes) else str(dof), shapes[i].real))
+        if np.iscomplexobj(shapes):
+            columns.append((f"{dof} imaginary", shapes[i].imag))
+        if modes.shape_std is not None:
+            columns.append((f"{dof} std", modes.shape_std[i]))
+    stream = io.StringIO()
+    table = csv.writer(stream, lineterminator="\n")
+    table.writerow([name for name, _ in columns])
+    table.writerows([[_cell(values[k]) for _, values in columns] for k in range(n)])
+    return stream.getvalue()
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float | np.floating):
+        return repr(float(value)) if np.isfinite(value) else ""
+    return str(value)
+
+
+class _Table(NamedTuple):
+    """Cells of a table of modes, one of `lines` a mode, under a header in the words of `modes_csv`.
+
+    Numbers of columns in `factors` are multiplied by these. Whether the file `is_turned`, with one column a mode; `numbers` are
+    the lines of the file, or columns, of the modes.
+    """
+
+    path: Path
+    header: list[str]
+    lines: list[list[str]]
+    factors: dict[str, float]
+    is_turned: bool
+    numbers: list[int]
+
+    def place(self, k: int, name: str) -> str:
+        """Where the value called `name` of mode `k` is."""
+        return f"row `{name}`, {self.mode(k)}" if self.is_turned else f"{self.mode(k)}, column `{name}`"
+
+    def mode(self, k: int) -> str:
+        """Where mode `k` is."""
+        return f"{'column' if self.is_turned else 'line'} {self.numbers[k]}"
+
+
+def _table(path: Path) -> _Table:
+    """The table at `path`: commas, semicolons or tabs; with the latter two decimal commas; one row or one column a mode."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        separator = max((",", ";", "\t"), key=text.partition("\n")[0].count)
+        rows = list(csv.reader(text.splitlines(), delimiter=separator, strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FileError(f"{path}: is not a CSV table in UTF-8 ({error}); save it as CSV UTF-8") from error
+    kept = [i for i, row in enumerate(rows) if i == 0 or any(cell.strip() for cell in row)]
+    numbers, rows = [i + 1 for i in kept[1:]], [rows[i] for i in kept]
+    for number, row in zip(numbers, rows[1:], strict=True):
+        if len(row) != len(rows[0]):
+            raise FileError(f"{path}: line {number} has {len(row)} cells, the header {len(rows[0])}; mend the line")
+    turned = any(_own_word(row[0])[0] == "frequency_hz" and is_number(row[1]) for row in rows if len(row) > 1)
+    if turned:
+        numbers = list(range(2, len(rows[0]) + 1))
+        rows = [list(column) for column in zip(*rows, strict=True)]
+    words = [_own_word(cell) for cell in rows[0]]
+    header = [word for word, _ in words]
+    if "frequency_hz" not in header or len(rows) < 2:
+        raise FileError(f"{path}: must have a column `frequency_hz` and one row a mode, got {', '.join(header[:8])}")
+    doubled = [name for name in header if name and header.count(name) > 1]
+    if doubled:
+        raise FileError(f"{path}: has two columns `{doubled[0]}`; leave one out")
+    lines = rows[1:] if separator == "," else [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
+    return _Table(path, header, lines, {word: factor for word, factor in words if factor != 1}, turned, numbers)
+
+
+def _own_word(cell: str) -> tuple[str, float]:
+    """What this module calls a column that other programs head so, and the factor to its unit."""
+    text = re.sub(r"[\s_.]+", " ", cell.strip().lower()).strip()
+    match = _OTHER_WORDS.fullmatch(text)
+    if match is None:
+        return ("mode" if text in _COUNTERS else "" if text.startswith("complexity") else cell.strip()), 1.0
+    quantity, std = match["quantity"], bool(match["before"] or match["after"])
+    if quantity.startswith("damp"):
+        return ("damping_std" if std else "damping_ratio"), 0.01 if match["unit"] in ("[%]", "(%)", "%") else 1.0
+    return ("frequency_std_hz" if std else "frequency_hz"), 1.0
+
+
+def is_modes_table(path: Path) -> bool:
+    """Whether the head of a table names frequencies beside damping ratios or channels, in its first line or its first column."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(_HEAD).decode("utf-8-sig", "replace").splitlines()
+    except OSError:
+        return False
+    separator = max((",", ";", "\t"), key=head[0].count) if head else ","
+    rows = [[_own_word(cell)[0] for cell in line.split(separator)] for line in head]
+    turned = any(row[0] == "frequency_hz" and is_number(row[1]) for row in rows if len(row) > 1)
+    words = [row[0] for row in rows] if turned else rows[0] if rows else []
+    return "frequency_hz" in words and ("damping_ratio" in words or any(map(_is_channel, words)))
+
+
+def _is_channel(word: str) -> bool:
+    try:
+        parse_dof(word)
+    except InputError:
+        return False
+    return True
+
+
+def read_modes_csv(path: Path) -> ModalRecord:
+    """The modes in the table at `path`: ``frequency_hz`` and one column a channel are needed, the rest is optional.
+
+    ``Frequency [Hz]``, ``Std. Frequency [Hz]``, ``Damping [%]`` and the like of other programs are understood, and a table with
+    one column a mode. Standard deviations of shape entries are in columns such as ``1X+ std``. A shape entry that is blank or
+    ``nan`` is unknown.
+
+    Raises
+    ------
+    FileError
+        If the file is not such a table, or a cell cannot be used; with its line and column.
+    """
+    table = _table(path)
+    header, lines = table.header, table.lines
+    frequency = _column(table, "frequency_hz")
+    if np.isnan(frequency).any():
+        blank = table.mode(int(np.argmax(np.isnan(frequency))))
+        raise FileError(f"{path}: the mode of {blank} has no `frequency_hz`; give it, or leave the mode out")
+    order = np.argsort(frequency, kind="stable")
+    found = {name: _column(table, name)[order] for name in _NUMBERS}
+    scaling = _scaling(path, header, lines)
+    dofs = _channels(path, header)
+    shapes, shape_std = _shapes(table, dofs)
+    size = largest_entries(shapes, empty=1.0)
+    if not size.all():
+        raise FileError(
+            f"{path}: {table.mode(int(np.argmin(size)))} has a mode shape of zeros; give it, or leave it blank where it is unknown"
+        )
+    if scaling == "mass" or np.allclose(size, 1.0, rtol=0, atol=1e-9):
+        size = np.ones(len(lines))
+    else:
+        shapes = unit_largest(shapes)
+    stds = np.concatenate([found["frequency_std_hz"], found["damping_std"]])
+    return ModalRecord(
+        found["frequency_hz"], found["damping_ratio"], shapes[:, order], dofs, scaling=scaling, source=path.name,
+        covariance=None if np.isnan(stds).all() else independent_errors(stds),
+        shape_std=None if shape_std is None else (shape_std / size)[:, order],
+    )  # fmt: skip
+
+
+def _column(table: _Table, name: str) -> FloatArray:
+    """NaN where a cell is empty or the column is missing."""
+    values = np.full(len(table.lines), np.nan)
+    if name in table.header:
+        at, factor = table.header.index(name), table.factors.get(name, 1.0)
+        remedy = "" if name == "frequency_hz" else "; leave it blank where it is not known"
+        for k, row in enumerate(table.lines):
+            text = row[at].strip()
+            try:
+                values[k] = float(text) * factor if text else np.nan
+            except ValueError:
+                raise FileError(
+                    f"{table.path}: {table.place(k, name)} must be a number, got {text!r}{remedy}"
+                ) from None
+            if np.isinf(values[k]):
+                raise FileError(f"{table.path}: {table.place(k, name)} must be finite, got {text}{remedy}")
+            if name.endswith(("std", "_hz")) and values[k] < 0:
+                raise FileError(f"{table.path}: {table.place(k, name)} must not be negative, got {text}")
+    return values
+
+
+def _scaling(path: Path, header: list[str], lines: list[list[str]]) -> Scaling:
+    given = {row[header.index("scaling")].strip() for row in lines} if "scaling" in header else {"unit_largest"}
+    if given == {"mass"}:
+        return "mass"
+    if given == {"unit_largest"}:
+        return "unit_largest"
+    raise FileError(f"{path}: column `scaling` must be unit_largest or mass, the same for all, got {sorted(given)}")
+
+
+def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
+    """Every channel that a column names, in order."""
+    known = {"", "mode", "mpc", "scaling", *_NUMBERS}
+    found: dict[Dof, None] = {}
+    for name in header:
+        if name in known:
+            continue
+        first, _, part = name.partition(" ")
+        try:
+            dof = parse_dof(first)
+        except InputError as error:
+            raise FileError(f"{path}: column {name!r} is no channel ({error})") from error
+        if part and part not in _PARTS:
+            raise FileError(f"{path}: column {name!r} must end in {', '.join(_PARTS)}, or name the channel only")
+        found[dof] = None
+    return tuple(found)
+
+
+def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NumberArray, FloatArray | None]:
+    """Shapes and standard deviations of their entries, one row a channel."""
+    names = {}
+    for name in table.header:
+        first, _, part = name.partition(" ")
+        if first[:1].isdigit():
+            names[parse_dof(first), part or "real"] = name
+    rows: dict[str, list[FloatArray]] = {part: [] for part in _PARTS}
+    for dof in dofs:
+        for part in _PARTS:
+            rows[part].append(_column(table, names.get((dof, part), "-")))
+        halves = np.flatnonzero(np.isnan(rows["real"][-1]) & ~np.isnan(rows["imaginary"][-1]))
+        if halves.size:
+            where = table.place(int(halves[0]), names.get((dof, "real"), f"{dof} real"))
+            raise FileError(f"{table.path}: {where} is empty beside an imaginary part; give both, or neither")
+    n_modes = len(_column(table, "-"))
+    real, imaginary, std = (np.array(rows[part]).reshape(-1, n_modes) for part in _PARTS)
+    shapes: NumberArray = real
+    if not np.isnan(imaginary).all():
+        shapes = real.astype(np.complex128)
+        shapes.imag = np.where(np.isnan(imaginary), 0.0, imaginary)
+    return shapes, None if np.isnan(std).all() else std

@@ -1,0 +1,188 @@
+"""Modes written to files and read back: JSON (complete), universal files (dataset 55) and CSV."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.core.errors import FileError
+from structid.core.json_types import Entry, json_text
+from structid.files import atomic_write, damage_told, require_readable
+from structid.modal.formats.csv import modes_csv, read_modes_csv
+from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, read_modes_nastran
+from structid.modal.formats.uff import modes_uff, read_modes_uff
+from structid.modal.modal_record import ModalChanges, ModalRecord
+from structid.modal.poles.poles import modal_phase_collinearity
+from structid.records.formats import Geometry
+
+JSON_SUFFIXES, CSV_SUFFIXES, UFF_SUFFIXES = (".json",), (".csv",), (".uff", ".unv", ".uf")
+_WRITTEN = (*JSON_SUFFIXES, *UFF_SUFFIXES, *CSV_SUFFIXES)
+_READ = (*_WRITTEN, *F06_SUFFIXES, *PUNCH_SUFFIXES)
+
+
+def read_modes(path: str | Path) -> ModalRecord:
+    """The modes in the file at `path`, its format by the suffix.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.json`` as written by `write_modes` or by the command ``structid modes``; ``.uff``, ``.unv`` or ``.uf`` with
+        datasets 55; ``.csv`` with one row a mode; ``.f06``, ``.pch`` or ``.pun`` with real eigenvectors of Nastran.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, of another kind, or a field of it cannot be used; the message begins with
+        its path and names the field.
+
+    Notes
+    -----
+    JSON keeps everything. A universal file keeps six digits, and no covariance, standard deviations, warnings or unknown
+    entries of shapes; each sense becomes the positive one, and a damping ratio of 0 means that it is not known. CSV keeps
+    standard deviations but not how errors move together: they count as independent. Shape entries that are blank or
+    ``nan`` there, or null in JSON, are unknown. Of Nastran's files translations are read, not rotations, whose size beside
+    translations goes with the unit of length; they hold no damping and no deviations.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    _require_known(path, suffix, _READ)
+    require_readable(path)
+    readers: dict[str, Callable[[Path], ModalRecord]] = {
+        **dict.fromkeys(JSON_SUFFIXES, _read_json),
+        **dict.fromkeys(UFF_SUFFIXES, read_modes_uff),
+        **dict.fromkeys(CSV_SUFFIXES, read_modes_csv),
+        **dict.fromkeys((*F06_SUFFIXES, *PUNCH_SUFFIXES), read_modes_nastran),
+    }
+    with damage_told(path, "a file of modes", "copy it again, or run `structid modes` again"):
+        return readers[suffix](path)
+
+
+def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None = None) -> None:
+    """Write `modes` to `path`, whole or not at all; the format by the suffix (see `read_modes` for what it keeps).
+
+    Parameters
+    ----------
+    geometry : Geometry, optional
+        Nodes and lines of the test, which universal files hold (datasets 15, 2411, 82).
+
+    Raises
+    ------
+    FileError
+        If the suffix is not known, the format cannot hold the modes, or the file cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    _require_known(path, suffix, _WRITTEN)
+    if suffix in JSON_SUFFIXES:
+        content = json_text(modal_fields(modes)).encode("utf-8")
+    else:
+        content = modes_csv(modes).encode("utf-8") if suffix in CSV_SUFFIXES else modes_uff(path, modes, geometry)
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _require_known(path: Path, suffix: str, known: tuple[str, ...]) -> None:
+    if suffix not in known:
+        raise FileError(f"{path}: the suffix {suffix!r} is of no format for modes; use one of {' '.join(known)}")
+
+
+def modal_fields(modes: ModalRecord) -> dict[str, Entry]:
+    """What JSON holds of `modes`; matrices as lists of rows, a row of `mode_shapes` for each of `channels`."""
+    std = np.full(2 * modes.n_modes, np.nan) if modes.covariance is None else np.sqrt(np.diag(modes.covariance))
+    shapes = modes.mode_shapes
+    return {
+        "frequency_hz": modes.frequency.tolist(),
+        "frequency_std_hz": std[: modes.n_modes].tolist(),
+        "damping_ratio": modes.damping_ratio.tolist(),
+        "damping_std": std[modes.n_modes :].tolist(),
+        "mpc": modal_phase_collinearity(shapes.astype(np.complex128)).tolist(),
+        "channels": [str(dof) for dof in modes.channels],
+        "scaling": modes.scaling,
+        "mode_shapes": {
+            "real": shapes.real.tolist(),
+            "imaginary": shapes.imag.tolist() if np.iscomplexobj(shapes) else None,
+        },
+        "shape_std": None if modes.shape_std is None else modes.shape_std.tolist(),
+        "covariance": None if modes.covariance is None else modes.covariance.tolist(),
+        "changes": None if modes.changes is None else _changes_fields(modes.changes),
+        "source": modes.source,
+        "warnings": list(modes.warnings),
+    }
+
+
+def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
+    """Rows of one change each: frequencies, damping ratios, and shapes row by row, in nine digits."""
+    shapes = changes.mode_shapes.reshape(len(changes.frequency), -1)
+    parts = {
+        "frequency_hz": changes.frequency,
+        "damping_ratio": changes.damping_ratio,
+        "shapes_real": shapes.real,
+        "shapes_imaginary": shapes.imag,
+    }
+    return {key: [[float(f"{x:.9g}") for x in row] for row in part.tolist()] for key, part in parts.items()}
+
+
+def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]) -> ModalChanges | None:
+    fields = data.get("changes")
+    if fields is None:
+        return None
+    if not isinstance(fields, dict):
+        raise FileError(f"{path}: `changes` must hold tables of changes, got {_short(fields)}; write it again")
+    frequency, ratio, real, imaginary = (
+        _array(path, fields, key, 2, "changes.")
+        for key in ("frequency_hz", "damping_ratio", "shapes_real", "shapes_imaginary")
+    )
+    if real.shape != (len(frequency), shape[0] * shape[1]) or imaginary.shape != real.shape:
+        raise FileError(
+            f"{path}: `changes.shapes_real` and `changes.shapes_imaginary` must hold {shape[0] * shape[1]} entries in each"
+            f" of {len(frequency)} rows, got {real.shape} and {imaginary.shape}; write it again"
+        )
+    return ModalChanges(frequency, ratio, (real + 1j * imaginary).reshape(-1, *shape))
+
+
+def _read_json(path: Path) -> ModalRecord:
+    with damage_told(path, "JSON", "copy it again, or run `structid modes` again"):
+        data = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(data, dict) or "frequency_hz" not in data:
+        raise FileError(f"{path}: has no `frequency_hz`, so it holds no modes; give a modes.json of `structid modes`")
+    frequency = _array(path, data, "frequency_hz", 1)
+    shapes = data.get("mode_shapes")
+    if not isinstance(shapes, dict) or "real" not in shapes:
+        raise FileError(f"{path}: `mode_shapes` must hold `real` and `imaginary`, got {_short(shapes)}; write it again")
+    real = _array(path, shapes, "real", 2, "mode_shapes.")
+    shape = real + 1j * _array(path, shapes, "imaginary", 2, "mode_shapes.") if shapes.get("imaginary") else real
+    optional = {key: _array(path, data, key, 2) for key in ("covariance", "shape_std") if data.get(key) is not None}
+    return ModalRecord(
+        frequency, _array(path, data, "damping_ratio", 1), shape, _texts(path, data, "channels"),
+        warnings=_texts(path, data, "warnings", ()), source=str(data.get("source", "")),
+        scaling=data.get("scaling", "unit_largest"), changes=_read_changes(path, data, real.shape), **optional,
+    )  # fmt: skip
+
+
+def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix: str = "") -> np.ndarray:
+    """The numbers under `key`, null read as NaN."""
+    try:
+        array = np.array(data.get(key), dtype=float)
+    except (ValueError, TypeError) as error:
+        raise FileError(f"{path}: `{prefix}{key}` must hold numbers, in rows of one length; write it again") from error
+    if array.size == 0:
+        array = array.reshape((array.shape[0],) + (0,) * (n_axes - 1)) if array.ndim else array
+    if array.ndim != n_axes:
+        raise FileError(f"{path}: `{prefix}{key}` must be a list of {n_axes} levels, got {_short(data.get(key))}")
+    return array
+
+
+def _texts(path: Path, data: Mapping[str, object], key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
+    texts = data.get(key, default)
+    if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
+        raise FileError(f"{path}: `{key}` must be a list of texts, got {_short(texts)}; write it again")
+    return tuple(texts)
+
+
+def _short(value: object) -> str:
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

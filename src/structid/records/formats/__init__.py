@@ -1,0 +1,130 @@
+"""Records read from and written to files: one format a module, chosen by the suffix of the file; those of loggers are read only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import structid.records.formats.csv.csv as _csv
+import structid.records.formats.hdf5 as _hdf5
+import structid.records.formats.mat as _mat
+import structid.records.formats.npy as _npy
+import structid.records.formats.npz as _npz
+import structid.records.formats.uff.uff as _uff
+from structid.core.errors import FileError, InputError
+from structid.files import damage_told, require_readable
+from structid.records.formats.csv.layout import CsvLayout
+from structid.records.formats.geometry import Geometry, read_geometry
+from structid.records.formats.kept import keep_records, kept_or_read
+from structid.records.formats.loggers import LOGGERS, LoggerFormat
+from structid.records.formats.options import ReadOptions
+from structid.records.record import FrfRecord, TimeRecord
+
+#: Each has SUFFIXES, read(path, options) and write(path, record).
+FORMATS: tuple[ModuleType, ...] = (_npz, _hdf5, _mat, _csv, _uff, _npy)
+
+#: Those whose channels have names of their own, which `columns` and `time_column` of `ReadOptions` use.
+_NAMED: tuple[ModuleType | LoggerFormat, ...] = (_csv, *LOGGERS)
+
+_DEWESOFT = "only the vendor's own library reads Dewesoft files; export as UFF, TDMS, MAT or CSV from DewesoftX"
+#: What to do about files that are often at hand.
+_ELSEWHERE = {
+    **dict.fromkeys((".dxd", ".dxz", ".d7d", ".d7z"), _DEWESOFT),
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "is a workbook; save the sheet as CSV UTF-8, without merged cells"),
+}
+
+__all__ = [
+    "FORMATS",
+    "LOGGERS",
+    "CsvLayout",
+    "Geometry",
+    "ReadOptions",
+    "keep_records",
+    "read_geometry",
+    "read_record",
+    "write_record",
+]
+
+
+def _format(path: Path) -> ModuleType | LoggerFormat:
+    suffix = path.suffix.lower()
+    formats: tuple[ModuleType | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
+    for module in formats:
+        if suffix in module.SUFFIXES:
+            return module
+    if suffix in _ELSEWHERE:
+        raise FileError(f"{path}: {_ELSEWHERE[suffix]}")
+    known = " ".join(suffix for module in formats for suffix in module.SUFFIXES)
+    raise FileError(f"{path}: the suffix {suffix!r} is of no known format; rename or convert it to one of {known}")
+
+
+def how_read(source: str, path: str | Path) -> str:
+    """What a reader says in `source`, of a record of the file `path`, of how it took the file; "" for nothing."""
+    return source.removeprefix(str(path)).partition("; ")[2] if source.startswith(str(path)) else ""
+
+
+def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
+    """The record in the file at `path`, its format by the suffix, in SI units.
+
+    Parameters
+    ----------
+    path : str or Path
+        File with one of the suffixes in `FORMATS` or `LOGGERS`.
+    options : ReadOptions, optional
+        What the file does not say about itself; which channels to read.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, or holds no record; the message begins with its path.
+    InputError
+        If an option is missing or contradicts the file, or the data are not usable (NaN, a frequency
+        axis that does not increase, a doubled channel); the message begins with the path.
+
+    Examples
+    --------
+    >>> options = ReadOptions(sampling_rate=100, channels="1Z+,2Z+", units="g")
+    >>> record = read_record("impact.npy", options)  # doctest: +SKIP
+    """
+    path, options = Path(path), ReadOptions() if options is None else options
+    module = _format(path)
+    _require_fitting(path, module, options)
+    require_readable(path)
+
+    def read() -> FrfRecord | TimeRecord:
+        with damage_told(path, "a record that can be read"):
+            record: FrfRecord | TimeRecord = module.read(path, options)
+        return record
+
+    return kept_or_read(path, options, read)
+
+
+def _require_fitting(path: Path, module: ModuleType | LoggerFormat, options: ReadOptions) -> None:
+    """Refuse what is said of columns where a file has none."""
+    given = options.given()
+    if "csv" in given and module is not _csv:
+        raise InputError(f"{path}: is no table, which `csv` is about; leave it out", "csv")
+    for name in ("columns", "time_column"):
+        if name in given and module not in _NAMED:
+            raise InputError(
+                f"{path}: has no named columns, which `{name}` is about; choose with `channels` or `array`", name
+            )
+
+
+def write_record(path: str | Path, record: FrfRecord | TimeRecord) -> None:
+    """Write `record` to `path`, whole or not at all; the format by the suffix.
+
+    NPZ, HDF5 and MAT keep everything. CSV keeps values, coherence and standard deviations of FRFs; UFF keeps values,
+    coherence and averages.
+
+    Raises
+    ------
+    FileError
+        If the suffix is not known or the file cannot be written; a file already there stays as it was.
+    InputError
+        If the record lies right of the axis (`FrfRecord.decay`), which no format keeps.
+    """
+    path = Path(path)
+    if isinstance(record, FrfRecord) and record.decay is not None:
+        raise InputError(f"{path}: FRFs with `decay` cannot be written; write the record that they were made from")
+    _format(path).write(path, record)

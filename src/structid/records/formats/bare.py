@@ -1,0 +1,267 @@
+"""Arrays that do not describe themselves, made records by the user's options."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NoReturn, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.core.arrays import require_finite
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import FileError, InputError, UnnamedChannelsError, about
+from structid.core.units import parse_frf_unit, parse_unit
+from structid.records.formats.gaps import sourced, whole
+from structid.records.formats.options import ReadOptions, option_words
+from structid.records.record import DERIVATIVES, QUANTITY_UNITS, FrfKind, FrfRecord, Quantity, TimeRecord
+
+_FRF_OPTIONS = ("frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array")
+_TIME_OPTIONS = ("sampling_rate", "channels", "quantities", "units", "start", "stop", "longest_gap")
+
+#: Shape and type of each array in a file, without its values.
+Shapes = Mapping[str, tuple[tuple[int, ...], np.dtype]]
+
+
+def require_option(path: Path, options: ReadOptions, name: str, purpose: str) -> None:
+    """Raise `InputError` that names the option `name` unless it is given."""
+    if name in options.given():
+        return
+    raise InputError(f"{path}: the array does not say {purpose}; give {option_words(**{name: None})}")
+
+
+def read_bare(
+    path: Path, shapes: Shapes, load: Callable[[str], np.ndarray], options: ReadOptions
+) -> FrfRecord | TimeRecord:
+    """A record from arrays by name, as `options` describe them.
+
+    Parameters
+    ----------
+    path : Path
+        File, for messages and for the record's source.
+    shapes : mapping
+        Shape and type of each array in the file.
+    load : callable
+        Gives the values of an array by its name.
+    options : ReadOptions
+        Names, degrees of freedom, units.
+
+    Raises
+    ------
+    FileError
+        If the file has no numeric array, or not the one asked for.
+    InputError
+        If an option is missing or contradicts the array.
+    """
+    if "frequency_array" in options.given():
+        name = _array_name(path, shapes, options.array, {options.frequency_array, options.coherence_array})
+        _require_present(path, shapes, options.frequency_array)
+        frequency = load(options.frequency_array)
+        coherence = None
+        if options.coherence_array:
+            _require_present(path, shapes, options.coherence_array)
+            coherence = load(options.coherence_array)
+        return frf_from_array(path, load(name), frequency, coherence, options)
+    name = _array_name(path, shapes, options.array, set())
+    return time_from_array(path, load(name), options)
+
+
+def _listing(shapes: Shapes) -> str:
+    return ", ".join(f"{name} {shape}" for name, (shape, _) in sorted(shapes.items())[:20]) or "none"
+
+
+def _require_present(path: Path, shapes: Shapes, name: str) -> None:
+    if name not in shapes:
+        raise FileError(f"{path}: has no array {name!r}; its arrays are {_listing(shapes)}")
+
+
+def _array_name(path: Path, shapes: Shapes, wanted: str, taken: set[str]) -> str:
+    if wanted:
+        _require_present(path, shapes, wanted)
+        return wanted
+    free = [name for name, (_, dtype) in shapes.items() if name not in taken and dtype.kind in "fciu"]
+    if len(free) == 1:
+        return free[0]
+    if not free:
+        raise FileError(f"{path}: holds no array of numbers; its arrays are {_listing(shapes)}")
+    raise InputError(
+        f"{path}: holds several arrays and does not say which to read; give {option_words(array=None)}, one of"
+        f" {_listing(shapes)}"
+    )
+
+
+def _require_numbers(path: Path, array: np.ndarray, allowed: str, what: str) -> None:
+    if array.dtype.kind not in allowed:
+        raise FileError(f"{path}: the array of {what} must hold numbers, got type {array.dtype}")
+
+
+def _per_channel(path: Path, name: str, given: tuple[str, ...], count: int) -> tuple[str, ...]:
+    if len(given) == 1:
+        return given * count
+    if len(given) != count:
+        raise InputError(f"{path}: `{name}` must have 1 or {count} entries, one a channel, got {len(given)}", name)
+    return given
+
+
+def channel_units(
+    path: Path, channels: tuple[Dof, ...], options: ReadOptions
+) -> tuple[tuple[Quantity, ...], NDArray[np.float64]]:
+    """Quantity and SI factor of each of `channels` by the options `quantities` and `units`."""
+    if not options.units:
+        quantities = _per_channel(path, "quantities", options.quantities, len(channels))
+        for quantity in quantities:
+            if quantity not in QUANTITY_UNITS:
+                known = ", ".join(QUANTITY_UNITS)
+                raise InputError(f"{path}: `quantities` must be among {known}, got {quantity!r}", "quantities")
+        return cast(tuple[Quantity, ...], quantities), np.ones(len(channels))
+    with about("units"):
+        units = [parse_unit(text) for text in _per_channel(path, "units", options.units, len(channels))]
+        for dof, unit in zip(channels, units, strict=True):
+            require_same_rotation(path, str(dof), dof.is_rotation, unit.rotation)
+    if options.quantities:
+        declared = _per_channel(path, "quantities", options.quantities, len(channels))
+        for dof, unit, quantity in zip(channels, units, declared, strict=True):
+            if unit.quantity != quantity:
+                raise InputError(
+                    f"{path}: channel {dof} has a unit of {unit.quantity}, but `quantities` says {quantity}",
+                    "quantities",
+                )
+    return tuple(unit.quantity for unit in units), np.array([unit.factor for unit in units])
+
+
+def require_same_rotation(path: Path, name: str, dof_rotates: bool, unit_rotates: bool) -> None:
+    """Raise `InputError` when a unit of rotation meets a translation, or the reverse."""
+    if dof_rotates != unit_rotates:
+        words = ("translation", "rotation")
+        raise InputError(
+            f"{path}: {name} is a {words[dof_rotates]} but its unit belongs to a {words[unit_rotates]}; "
+            "correct one of them"
+        )
+
+
+def time_from_array(path: Path, values: np.ndarray, options: ReadOptions) -> TimeRecord:
+    """A time record from `values` (n_times, n_channels) as `options` describe them.
+
+    Raises
+    ------
+    UnnamedChannelsError
+        If the channels are missing.
+    InputError
+        If sampling rate, or quantities and units are missing, or do not fit the array.
+    """
+    frf_options = [name for name in options.given() if name in _FRF_OPTIONS]
+    if frf_options or values.dtype.kind == "c":
+        reason = f"`{frf_options[0]}` was given" if frf_options else "the array is complex"
+        _refuse_frf(path, reason)
+    _require_numbers(path, values, "fiu", "samples")
+    require_option(path, options, "sampling_rate", "how fast it was sampled")
+    try:
+        require_option(path, options, "channels", "where its channels were measured")
+    except InputError as error:
+        raise UnnamedChannelsError(str(error), 1 if values.ndim == 1 else values.shape[-1]) from None
+    if not options.quantities and not options.units:
+        require_option(path, options, "units", "what its channels hold (or quantities=...)")
+    with about("channels"):
+        channels = parse_dofs(options.channels)
+    if values.ndim == 1:
+        values = values[:, None]
+    if values.ndim != 2 or values.shape[1] != len(channels):
+        turned = values.ndim == 2 and values.shape[0] == len(channels)
+        hint = "the array is turned: store samples along rows" if turned else "name every column in `channels`"
+        raise InputError(
+            f"{path}: {len(channels)} channels were given for an array of shape {values.shape}; {hint}", "channels"
+        )
+    quantities, factors = channel_units(path, channels, options)
+    rate = float(options.sampling_rate or 0.0)
+    kept = whole(path, np.asarray(values, dtype=np.float64), channels, rate, 0.0, options, named=False)
+    return TimeRecord(
+        rate, kept.values * factors, channels, quantities, start=kept.start, source=sourced(path, kept.note)
+    )
+
+
+def _refuse_frf(path: Path, reason: str) -> NoReturn:
+    raise InputError(
+        f"{path}: {reason}, so this is read as frequency response functions, which need their frequencies; "
+        f"give {option_words(frequency_array=None)}, the name of the array of frequencies in Hz"
+    )
+
+
+def frf_kind(path: Path, options: ReadOptions) -> tuple[FrfKind, float]:
+    """FRF kind and SI factor by the options `kind` and `unit`."""
+    if options.kind and options.kind not in DERIVATIVES:
+        raise InputError(f"{path}: `kind` must be one of {', '.join(DERIVATIVES)}, got {options.kind!r}", "kind")
+    if not options.unit:
+        require_option(path, options, "kind", "whether it holds receptance, mobility, accelerance or transmissibility")
+        return cast(FrfKind, options.kind), 1.0
+    with about("unit"):
+        unit = parse_frf_unit(options.unit)
+    if options.kind and options.kind != unit.kind:
+        raise InputError(f"{path}: `unit` {options.unit!r} is of {unit.kind}, but `kind` says {options.kind}", "kind")
+    return unit.kind, unit.factor
+
+
+def frf_from_array(
+    path: Path,
+    values: np.ndarray,
+    frequency: np.ndarray,
+    coherence: np.ndarray | None,
+    options: ReadOptions,
+) -> FrfRecord:
+    """An FRF record from `values` (n_frequencies, n_outputs, n_inputs) as `options` describe them.
+
+    Raises
+    ------
+    InputError
+        If outputs, inputs or kind are missing, or do not fit the array.
+    """
+    time_options = [name for name in options.given() if name in _TIME_OPTIONS]
+    if time_options:
+        raise InputError(
+            f"{path}: `{time_options[0]}` belongs to time histories, but `frequency_array` was given; leave out one"
+        )
+    if values.dtype.kind in "fiu":
+        raise InputError(
+            f"{path}: the FRF array is real; frequency response functions are complex, so give real + 1j * imaginary"
+        )
+    _require_numbers(path, values, "c", "FRF values")
+    _require_numbers(path, frequency, "fiu", "frequencies")
+    require_option(path, options, "outputs", "where the responses were measured")
+    require_option(path, options, "inputs", "where the loads acted")
+    kind, factor = frf_kind(path, options)
+    with about("outputs"):
+        outputs = parse_dofs(options.outputs)
+    with about("inputs"):
+        inputs = parse_dofs(options.inputs)
+    if options.unit:
+        unit = parse_frf_unit(options.unit)
+        with about("unit"):
+            for dof in outputs:
+                require_same_rotation(path, f"output {dof}", dof.is_rotation, unit.output_rotation)
+            for dof in inputs:
+                require_same_rotation(path, f"input {dof}", dof.is_rotation, unit.input_rotation)
+    require_finite("values", values, "remove these lines or channels, or repair the file")
+    shape = (frequency.size, len(outputs), len(inputs))
+    return FrfRecord(
+        frequency=frequency.ravel().astype(np.float64),
+        values=_shaped(path, "array", values, shape).astype(np.complex128) * factor,
+        outputs=outputs,
+        inputs=inputs,
+        kind=kind,
+        coherence=None if coherence is None else _shaped(path, "coherence_array", coherence, shape).real,
+        averages=options.averages,
+        source=str(path),
+    )
+
+
+def _shaped(path: Path, name: str, values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
+    """`values` in `shape`; axes of length 1 may be missing at the end."""
+    full = values
+    while full.ndim < 3:
+        full = full[..., None]
+    if full.shape != shape:
+        raise InputError(
+            f"{path}: `{name}` has shape {values.shape}, but frequencies, outputs and inputs ask for {shape}; "
+            "give every output and input, in the order of the columns"
+        )
+    return full

@@ -1,0 +1,502 @@
+"""Columns of a CSV table by their headers, as records; and records as headed columns."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof, as_dof, parse_dof
+from structid.core.errors import FileError, InputError
+from structid.core.units import FrfUnit, parse_frf_unit
+from structid.records.formats.bare import require_same_rotation
+from structid.records.formats.csv.layout import CsvLayout
+from structid.records.formats.csv.recognition import as_date, is_axis
+from structid.records.formats.csv.table import Table
+from structid.records.formats.gaps import sourced
+from structid.records.formats.named_channels import TIME_UNITS, NamedChannels, chosen, is_time, name_and_unit, record_of
+from structid.records.formats.options import ReadOptions, option_words
+from structid.records.formats.selection import selected
+from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
+
+#: Words that headers have for parts of a response, and what structid calls them.
+_PART_WORDS = {
+    "re": "re", "real": "re", "real part": "re", "im": "im", "imag": "im", "imaginary": "im", "imaginary part": "im",
+    "magnitude": "magnitude", "mag": "magnitude", "abs": "magnitude", "amplitude": "magnitude", "ampl": "magnitude",
+    "phase": "phase", "angle": "phase", "coherence": "coherence", "coh": "coherence", "std": "std",
+}  # fmt: skip
+_PAIR = re.compile(
+    r"(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)(\s*\[(?P<unit>[^\[\]]*)\])?"
+    rf"((?<=\])|[\s_])\s*\(?(?P<part>{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})\)?\.?"
+    r"(\s*[\[(](?P<own>[^\[\]]*)[\])])?",
+    re.IGNORECASE,
+)
+_PHASE_UNITS = {"deg": math.pi / 180, "°": math.pi / 180, "degree": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0}
+#: Phases that reach beyond this are deg: of rad it were eight turns of an unwrapped phase.
+_MOST_RAD = 50.0
+#: Units of a number that has none.
+_RATIOS = ("1", "-")
+#: Unevenness of the time column allowed, as a part of the step.
+_EVEN = 1e-6
+#: Distance of a rounded time from the even one, as a part of its last digit.
+_ROUNDED = 0.75
+#: Relative error of a sampling rate from rounded times that is let pass.
+_SURE = 1e-4
+
+
+def _column(table: Table, j: int, error: InputError | None = None, text: str = "") -> FileError:
+    reason = str(error) if error else text
+    return FileError(f"{table.path}: line {table.header_line}, column {j + 1} ({table.names[j]!r}): {reason}")
+
+
+def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
+    """The time record in `table`, its gaps treated as `options` say.
+
+    Raises
+    ------
+    FileError
+        If a header is not a degree of freedom with its unit and `options` do not say it, time is not even, or a gap
+        stays.
+    """
+    options = options or ReadOptions()
+    count = len(table.names)
+    numbers = tuple(range(1, count + 1))
+    axis = _time_column(table, options)
+    keep = [j for j in range(count) if j != axis]
+    clock = _clock(table, axis, options)
+    plain = axis == 0 and is_axis(table.names[0]) and "commas, decimal points, names in line 1" in table.words
+    found = NamedChannels(
+        path=table.path,
+        names=tuple(table.names[j] for j in keep),
+        units=tuple(table.units[j] for j in keep),
+        values=table.values[:, keep],
+        rate=clock.rate,
+        start=clock.start,
+        numbers=tuple(numbers[j] for j in keep),
+        lines=(table.header_line, table.first_line),
+        words=", ".join(filter(None, (table.words, clock.words))),
+        tells_all=plain and not clock.words,
+    )
+    return record_of(found, options)
+
+
+def _time_column(table: Table, options: ReadOptions) -> int | None:
+    """The column of the times, None where `sampling_rate` stands for it."""
+    if options.time_column:
+        numbers = range(1, len(table.names) + 1)
+        return chosen(table.path, [options.time_column], table.names, list(numbers))[0]
+    for j, name in enumerate(table.names):
+        if is_time(name) and not _is_chosen(table, j, options):
+            return j
+    if options.sampling_rate is None:
+        shown = ", ".join(table.names[:8])
+        raise FileError(
+            f"{table.path}: line {table.header_line}: no column is headed as time, as in time_s, nor the first as frequency, as in"
+            f" Frequency [Hz]; the columns are {shown:.200}: give `time_column` (a name or number) or `sampling_rate` (Hz) of time"
+            ' histories, `frequency_unit = "Hz"` in [record.csv] of frequency responses'
+        )
+    return None
+
+
+def _is_chosen(table: Table, j: int, options: ReadOptions) -> bool:
+    return options.sampling_rate is not None and table.names[j] in options.columns
+
+
+class _Clock(NamedTuple):
+    rate: float
+    start: float
+    words: str
+
+
+def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
+    """Sampling rate and first time, by the column of times or as given."""
+    given = options.sampling_rate
+    if axis is None:
+        return _Clock(given or 1.0, 0.0, "sampling rate as given")
+    texts = table.column(axis)
+    unit = table.units[axis] or name_and_unit(table.names[axis])[1] or "s"
+    scale = TIME_UNITS.get(unit.lower())
+    if as_date(texts[0]) is not None:
+        time, scale = _seconds(table, axis, [as_date(text) for text in texts]), 1.0
+        texts = [text[11:].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]
+    else:
+        if scale is None:
+            raise _column(table, axis, text=f"times are in {unit!r}; use s, ms, us or min, or leave the column out and give"
+                          " `sampling_rate` and `columns`")  # fmt: skip
+        time = table.values[:, axis]
+        if not np.isfinite(time).all():
+            i = int(np.argmin(np.isfinite(time)))
+            raise FileError(
+                f"{table.path}: line {table.first_line + i}, column {axis + 1} ({table.names[axis]}) is NaN, infinite or empty;"
+                " repair or remove the line"
+            )
+    time = time * scale
+    rate, error, step = sampling_rate(table.path, time, texts, scale, table.first_line, axis + 1)
+    words = f"times rounded to {step:g} s" if error else ""
+    if given is None and error > _SURE:
+        raise FileError(
+            f"{table.path}: column {axis + 1} ({table.names[axis]}) is rounded to {step:g} s, so that it tells the sampling rate"
+            f" {rate:.6g} Hz to {100 * error:.2g} % only; give `sampling_rate`, or write more digits"
+        )
+    if given is None:
+        return _Clock(rate, float(time[0]), words)
+    if abs(given / rate - 1) > max(error, 1e-9):
+        raise InputError(
+            f"{table.path}: column {axis + 1} ({table.names[axis]}) says sampling_rate {rate:.9g}, but `sampling_rate`"
+            f" {given:g} was given; leave it out, or correct it"
+        )
+    return _Clock(given, float(time[0]), words)
+
+
+def last_digits(texts: Sequence[str]) -> FloatArray:
+    """Size of the last digit of numbers as they are written, (n,), zeros at their ends left out or not.
+
+    Numbers of one power of ten are taken to be written to the longest of them: 10.5 stands for 10.5000 beside 10.4375.
+    """
+    parts = [text.lower().replace("d", "e").replace(",", ".").partition("e") for text in texts]
+    shift = np.array([int(power) if power else 0 for _, _, power in parts])
+    digits = np.array([len(mantissa.partition(".")[2]) for mantissa, _, _ in parts]) - shift
+    number = np.abs([float(mantissa) for mantissa, _, _ in parts])
+    sized = number > 0
+    powers = shift[sized] + np.floor(np.log10(number[sized])).astype(int)
+    least = int(powers.min(initial=0))
+    longest = np.full(int(powers.max(initial=0)) - least + 1, digits.min(initial=0))
+    np.maximum.at(longest, powers - least, digits[sized])
+    found = np.full(len(texts), digits.max(initial=0))  # 0 is as exact as any
+    found[sized] = longest[powers - least]
+    return 10.0 ** -found.astype(float)
+
+
+def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> FloatArray:
+    """Dates as s after the first."""
+    first = dates[0]
+    found = np.empty(len(dates))
+    for i, date in enumerate(dates):
+        if date is None or first is None or (date.tzinfo is None) != (first.tzinfo is None):
+            raise FileError(
+                f"{table.path}: line {table.first_line + i}, column {axis + 1} ({table.names[axis]}) must be a date like those"
+                " above; repair or remove the line"
+            )
+        found[i] = (date - first).total_seconds()
+    return found
+
+
+def sampling_rate(
+    path: Path, time: FloatArray, texts: Sequence[str], scale: float, first_line: int, column: int
+) -> tuple[float, float, float]:
+    """Samples per second of an even column of times; where times were rounded its relative error and the rounding in s, else 0, 0.
+
+    Parameters
+    ----------
+    path : Path
+    time : (n_times,) float array
+        s.
+    texts : (n_times,) sequence of str
+        The times as written, in units of `scale` s: a step that differs by the rounding to the last digit is even too, where it
+        is longer than two such digits.
+    first_line, column : int
+        Of the file, for messages.
+
+    Raises
+    ------
+    FileError
+        If there are fewer than two samples, or a step differs by more than 1e-6 of it, rounding apart.
+    """
+    if time.size < 2:
+        raise FileError(f"{path}: one line does not tell a sampling rate; give at least two samples")
+    step = float(time[-1] - time[0]) / (time.size - 1)
+    if step <= 0:
+        raise FileError(f"{path}: column {column}: time must increase, got {time[0]:g} first and {time[-1]:g} last")
+    off = np.abs(np.diff(time) - step)
+    allowed = _EVEN * step + 4 * np.finfo(float).eps * float(np.abs(time).max())
+    if off.max() <= allowed:
+        return float(1 / step), 0.0, 0.0
+    digit = last_digits(texts) * scale
+    coarsest = float(digit.max())
+    if time.size > 2 and step > 2 * coarsest > 0:
+        order, weight = np.arange(time.size), (coarsest / np.maximum(digit, 1e-6 * coarsest)) ** 2
+        middle, mean = np.average(order, weights=weight), np.average(time, weights=weight)
+        slope = float(weight @ ((order - middle) * time) / (weight @ (order - middle) ** 2))
+        rounding = 4 * np.finfo(float).eps * float(np.abs(time).max())
+        if (np.abs(time - mean - slope * (order - middle)) <= _ROUNDED * digit + rounding).all():
+            rate, error = 1 / slope, coarsest / float(time[-1] - time[0])
+            near = round(rate) if abs(rate - round(rate)) <= rate * error < 0.1 else rate
+            return float(near), error, coarsest
+    i = int(np.argmax(off))
+    raise FileError(
+        f"{path}: line {i + first_line + 1}, column {column}: time must be even, got a step of {time[i + 1] - time[i]:.9g} s"
+        f" where the mean is {step:.9g} s; {_uneven_remedy(time, i)}"
+    )
+
+
+def _uneven_remedy(time: FloatArray, i: int) -> str:
+    """What to do about an uneven step from sample `i` to the next."""
+    usual = float(np.median(np.diff(time)))
+    missing = (time[i + 1] - time[i]) / usual - 1 if usual > 0 else 0.0
+    if missing > 0.5 and abs(missing - round(missing)) < 0.01 * (missing + 1):
+        return (
+            f"{round(missing)} lines are missing at the usual step of {usual:.9g} s: cut the file there, or add these lines "
+            f"with empty cells and interpolate with {option_words(longest_gap=round(missing))}"
+        )
+    return "resample, or write more digits"
+
+
+def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:
+    """Headers and columns of a time record."""
+    names = [f"{dof} [{unit}]" for dof, unit in zip(record.channels, record.units, strict=True)]
+    return ["time_s", *names], [record.time, *record.values.T]
+
+
+class _Head(NamedTuple):
+    """What the header of a column says, or the user in its place."""
+
+    output: str
+    input: str
+    unit: str
+    part: str
+
+
+class _Column(NamedTuple):
+    output: Dof
+    input: Dof
+    unit: FrfUnit | None
+    part: str
+    factor: float
+
+
+def _heads(table: Table, options: ReadOptions) -> list[_Head]:
+    """The headers of all columns but the axis, in their parts; by their order where `parts` are given."""
+    layout = options.csv or CsvLayout()
+    own = [unit or name_and_unit(name)[1] for name, unit in zip(table.names, table.units, strict=True)]
+    if layout.parts:
+        count = len(options.outputs) * len(options.inputs) * len(layout.parts)
+        if count != len(table.names) - 1:
+            raise InputError(
+                f"{table.path}: {len(table.names) - 1} columns follow the frequencies, but {len(options.outputs)} `outputs` x"
+                f" {len(options.inputs)} `inputs` x {len(layout.parts)} `parts` are {count}; give what each column is by these",
+                "outputs",
+            )
+        every = product(options.outputs, options.inputs, layout.parts)
+        return [_Head(a, b, own[j], part) for j, (a, b, part) in enumerate(every, start=1)]
+    found = []
+    for j, name in enumerate(table.names[1:], start=1):
+        match = _PAIR.fullmatch(name)
+        if match is None:
+            raise _column(table, j, text=(
+                "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, magnitude, phase, std,"
+                " coherence); or say what the columns are: `outputs`, `inputs` and `unit` in [record], and"
+                ' `parts = ["re", "im"]` in [record.csv], for every output and input in this order'
+            ))  # fmt: skip
+        unit = match["unit"] or match["own"] or table.units[j]
+        part = _PART_WORDS[match["part"].lower()]
+        found.append(
+            _Head(match["output"], match["input"], (match["own"] or table.units[j]) if part == "phase" else unit, part)
+        )
+    return found
+
+
+def _called(table: Table, option: str, names: list[str], given: tuple[str, ...]) -> dict[str, str]:
+    """What each of the sensors or loads called `names` is by `given`, in their order; {} where all say it themselves."""
+    distinct = list(dict.fromkeys(names))
+    if not given or all(map(as_dof, distinct)):
+        return {}
+    if len(given) != len(distinct):
+        shown = ", ".join(distinct[:8]) + (", ..." if len(distinct) > 8 else "")
+        raise InputError(
+            f"{table.path}: `{option}` must have {len(distinct)} entries, one for each of {shown}, in the order of the table,"
+            f" got {len(given)}",
+            option,
+        )
+    return dict(zip(distinct, given, strict=True))
+
+
+def _column_of(
+    table: Table, j: int, head: _Head, outputs: dict[str, str], inputs: dict[str, str], options: ReadOptions
+) -> _Column:
+    """The column in structid's terms, with what its numbers are multiplied by."""
+    try:
+        output = parse_dof(outputs.get(head.output, head.output))
+        load = parse_dof(inputs.get(head.input, head.input))
+        if head.part == "phase":
+            return _Column(
+                output, load, None, head.part, _phase_factor(table, j, head.unit, options.csv or CsvLayout())
+            )
+        if head.part == "coherence":
+            return _Column(output, load, None, head.part, 1.0)
+        if not (head.unit or options.unit):
+            raise InputError("has no unit; head it as in 12Z+/3Z+ [(m/s^2)/N] re, or give `unit` in [record]")
+        unit = _unit_of(head.unit or options.unit, output, load)
+        require_same_rotation(table.path, f"output {output}", output.is_rotation, unit.output_rotation)
+        require_same_rotation(table.path, f"input {load}", load.is_rotation, unit.input_rotation)
+    except InputError as error:
+        named = as_dof(head.output) and as_dof(head.input)
+        hint = (
+            "" if named else "; or say by `outputs` and `inputs` what the table's sensors and loads are, in their order"
+        )
+        raise _column(table, j, text=f"{error}{hint}") from error
+    return _Column(output, load, unit, head.part, unit.factor)
+
+
+def _phase_factor(table: Table, j: int, unit: str, layout: CsvLayout) -> float:
+    """To rad: by the unit, or by numbers that are too large for rad."""
+    factor = _PHASE_UNITS.get((unit or layout.phase_unit).strip().lower())
+    if factor is None and np.abs(table.values[:, j]).max() > _MOST_RAD:
+        factor = _PHASE_UNITS["deg"]
+    if factor is None:
+        raise InputError(
+            'does not say whether its phases are deg or rad; give `phase_unit = "deg"` or "rad" in [record.csv]'
+        )
+    return factor
+
+
+def _unit_of(text: str, output: Dof, load: Dof) -> FrfUnit:
+    """The unit in a header; without one, as 1 or -, what is headed is a ratio of one motion at two places."""
+    if text.strip() not in _RATIOS:
+        return parse_frf_unit(text)
+    if output.is_rotation != load.is_rotation:
+        raise InputError(
+            f"{text!r} is a ratio of one motion at two places, but one of {output} and {load} is a rotation; give the unit, as in"
+            " (rad/s^2)/(m/s^2)"
+        )
+    return FrfUnit("transmissibility", 1.0, output.is_rotation, load.is_rotation)
+
+
+def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
+    """The FRF record in `table`; every output needs a pair with every input.
+
+    Sensors and loads of a table with names of its own are what `options.outputs` and `options.inputs` say, in the order of
+    the table; where its names are degrees of freedom, these choose.
+
+    Raises
+    ------
+    FileError
+        If a header cannot be read, a pair is missing or doubled, or kinds are mixed.
+    InputError
+        If `options` do not fit the table.
+    """
+    to_hertz = table.to_hertz
+    if to_hertz is None or np.isnan(to_hertz):
+        raise _column(
+            table, 0, text='says no unit of the frequencies; give `frequency_unit = "Hz"` in [record.csv] (or "rad/s")'
+        )
+    heads = _heads(table, options)
+    of_outputs = _called(table, "outputs", [head.output for head in heads], options.outputs)
+    of_inputs = _called(table, "inputs", [head.input for head in heads], options.inputs)
+    columns = [_column_of(table, j, head, of_outputs, of_inputs, options) for j, head in enumerate(heads, start=1)]
+    _require_unit(table, columns, options.unit)
+    outputs = tuple(dict.fromkeys(column.output for column in columns))
+    inputs = tuple(dict.fromkeys(column.input for column in columns))
+    parts: dict[str, FloatArray] = {}
+    for j, column in enumerate(columns, start=1):
+        shape = (table.values.shape[0], len(outputs), len(inputs))
+        part = parts.setdefault(column.part, np.full(shape, np.nan))
+        place = (slice(None), outputs.index(column.output), inputs.index(column.input))
+        if not np.isnan(part[place]).all():
+            raise _column(table, j, text="this pair and part is there twice; remove one")
+        part[place] = table.values[:, j] * column.factor
+    polar = "magnitude" in parts or "phase" in parts
+    _require_complete(table, parts, ("magnitude", "phase") if polar else ("re", "im"), outputs, inputs)
+    _require_sound(table, columns)
+    made = FrfRecord(
+        frequency=table.values[:, 0] * to_hertz,
+        values=parts["magnitude"] * np.exp(1j * parts["phase"]) if polar else parts["re"] + 1j * parts["im"],
+        outputs=outputs,
+        inputs=inputs,
+        kind=_kind(table, columns),
+        variance=parts["std"] ** 2 if "std" in parts else None,
+        coherence=parts.get("coherence"),
+        noise_source="declared" if "std" in parts else "unknown",
+        source=sourced(table.path, ", ".join(f"{name} is {dof}" for name, dof in {**of_outputs, **of_inputs}.items())),
+    )
+    rest = replace(options, outputs=() if of_outputs else options.outputs, inputs=() if of_inputs else options.inputs)
+    return selected(table.path, made, rest)
+
+
+def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
+    """Refuse a unit that is given beside another in the header."""
+    if unit and {column.unit for column in columns} - {None, parse_frf_unit(unit)}:
+        raise FileError(
+            f"{table.path}: line {table.header_line} says the unit of each column, but `unit` {unit!r} was given; leave the"
+            " option out",
+            "unit",
+        )
+
+
+def _kind(table: Table, columns: list[_Column]) -> FrfKind:
+    kinds = {column.unit.kind for column in columns if column.unit is not None}
+    if len(kinds) != 1:
+        raise FileError(
+            f"{table.path}: line {table.header_line}: one table holds one kind, got {', '.join(sorted(kinds))}; split the table"
+        )
+    return kinds.pop()
+
+
+def _require_complete(
+    table: Table,
+    parts: dict[str, FloatArray],
+    needed: tuple[str, ...],
+    outputs: tuple[Dof, ...],
+    inputs: tuple[Dof, ...],
+) -> None:
+    for part in (*needed, *(name for name in parts if name not in needed)):
+        for a, output in enumerate(outputs):
+            for b, load in enumerate(inputs):
+                if part not in parts or np.isnan(parts[part][:, a, b]).any():
+                    raise FileError(
+                        f"{table.path}: line {table.header_line}: no column {output}/{load} {part}; every output needs one "
+                        "for every input"
+                    )
+
+
+def _require_sound(table: Table, columns: list[_Column]) -> None:
+    """Refuse frequencies that do not increase, coherences outside of 0 to 1 and negative deviations, with their lines."""
+    falls = np.diff(table.values[:, 0]) <= 0
+    if falls.any():
+        i = int(np.argmax(falls))
+        pair, line = table.values[i : i + 2, 0], table.first_line + i
+        raise FileError(
+            f"{table.path}: lines {line} and {line + 1}, column 1 ({table.names[0]}): frequencies must increase, got"
+            f" {pair[0]:.9g} Hz followed by {pair[1]:.9g} Hz; sort the lines and remove repeated ones"
+        )
+    for j, column in enumerate(columns, start=1):
+        most = {"coherence": COHERENCE_MOST, "std": np.inf, "magnitude": np.inf}.get(column.part)
+        wrong = np.zeros(0) if most is None else (table.values[:, j] < 0) | (table.values[:, j] > most)
+        if wrong.any():
+            i, words = int(np.argmax(wrong)), "from 0 to 1" if column.part == "coherence" else "at least 0"
+            raise FileError(
+                f"{table.path}: line {table.first_line + i}, column {j + 1} ({table.names[j]}) must be {words}, got"
+                f" {table.values[i, j]:.9g} at {table.values[i, 0]:.9g} Hz; repair or remove the line"
+            )
+
+
+def _frf_unit(record: FrfRecord, output: Dof, load: Dof) -> str:
+    motion = {"receptance": "", "mobility": "/s"}.get(record.kind, "/s^2")
+    above = ("rad" if output.is_rotation else "m") + motion
+    if record.is_per_motion:
+        return f"({above})/({'rad' if load.is_rotation else 'm'}{motion})"
+    return f"({above})/{'(N m)' if load.is_rotation else 'N'}"
+
+
+def frf_header(record: FrfRecord) -> tuple[list[str], list[FloatArray]]:
+    """Headers and columns of an FRF record."""
+    header, columns = ["frequency_hz"], [record.frequency]
+    for a, output in enumerate(record.outputs):
+        for b, load in enumerate(record.inputs):
+            name = f"{output}/{load} [{_frf_unit(record, output, load)}]"
+            header += [f"{name} re", f"{name} im"]
+            columns += [record.values[:, a, b].real, record.values[:, a, b].imag]
+            if record.coherence is not None:
+                header.append(f"{output}/{load} coherence")
+                columns.append(record.coherence[:, a, b])
+            if record.variance is not None:
+                header.append(f"{name} std")
+                columns.append(np.sqrt(record.variance[:, a, b]))
+    return header, columns

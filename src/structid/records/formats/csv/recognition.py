@@ -1,0 +1,290 @@
+"""What the lines of a table say about its layout: separator, decimal sign, header; refused with a remedy where in doubt."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import NamedTuple, overload
+
+from structid.core.display import counted
+from structid.core.errors import FileError, InputError
+from structid.core.units import parse_frf_unit, parse_unit
+from structid.records.formats.csv.layout import SEPARATORS, CsvLayout
+from structid.records.formats.named_channels import TIME_UNITS
+
+#: Headers of times, in small letters, as structid writes them and the like.
+_TIMES = ("time_s", "time [s]", "time (s)")
+_FREQUENCY = re.compile(
+    r"(?P<name>frequency|frequencies|freq|frequenz|fréquence|frequence|frecuencia|frequenza|f|omega|ω)\.?"
+    r"(?P<unit>(_|\s*[,/]\s*|\s+in\s+|\s*)[\[(]?(?P<of>hz|khz|rad/s|rad s-1|1/s)[\])]?)?",
+    re.IGNORECASE,
+)
+#: Units of frequencies, in Hz.
+FREQUENCY_UNITS = {"hz": 1.0, "khz": 1e3, "rad/s": 1 / (2 * math.pi), "rad s-1": 1 / (2 * math.pi)}
+_REAL = r"(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?"
+_NUMBER = re.compile(rf"[+-]?{_REAL}|[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_COMPLEX = re.compile(
+    rf"\(?\s*(?P<re>[+-]?{_REAL})\s*(?P<sign>[+-])\s*[ij]?\s*\*?\s*(?P<im>{_REAL})\s*\*?\s*[ij]?\s*\)?"
+)
+_POINT, _COMMA = re.compile(r"\d*\.\d"), re.compile(r"\d*,\d")
+#: With thousands apart.
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:[' ]\d{3})+[.,]\d+)")
+_SAMPLE, _HEAD, _LONGEST_UNIT = 40, 200, 16
+
+
+@dataclass(frozen=True)
+class Rows(Sequence[list[str]]):
+    """Lines without quotes, taken apart into cells where these are asked for."""
+
+    lines: list[str]
+    separator: str
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    @overload
+    def __getitem__(self, at: int) -> list[str]: ...
+    @overload
+    def __getitem__(self, at: slice) -> Rows: ...
+    def __getitem__(self, at: int | slice) -> list[str] | Rows:
+        return Rows(self.lines[at], self.separator) if isinstance(at, slice) else _split(self.lines[at], self.separator)
+
+    def column(self, j: int) -> list[str]:
+        """Cell `j` of every line."""
+        if self.separator == " ":
+            return [line.split(None, j + 1)[j] for line in self.lines]
+        return [line.split(self.separator, j + 1)[j] for line in self.lines]
+
+
+class Grid(NamedTuple):
+    """Cells of a table, (n_lines, any) each.
+
+    Attributes
+    ----------
+    header : sequence of list of str
+        None, one or two lines: names, and units below them.
+    rows : sequence of list of str
+    header_line, first_line : int
+        Lines of the file, counted from 1, of the names and of the first of `rows`.
+    decimal_comma : bool
+    words : str
+        What the layout is.
+    """
+
+    header: Sequence[list[str]]
+    rows: Sequence[list[str]]
+    header_line: int
+    first_line: int
+    decimal_comma: bool
+    words: str
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell is a number, with a decimal point or comma, complex or not."""
+    return _NUMBER.fullmatch(cell.strip()) is not None or complex_parts(cell) is not None
+
+
+def complex_parts(cell: str) -> tuple[str, str] | None:
+    """Real and imaginary part of a cell such as ``1.5-2e-3i`` or ``(1,5 + 2j)``, as written; None where it is none."""
+    match = _COMPLEX.fullmatch(cell.strip()) if {"i", "j"} & set(cell.lower()) else None
+    return match and (match["re"], match["sign"] + match["im"])
+
+
+def frequency_factor(name: str, unit: str = "") -> float | None:
+    """What turns a column of frequencies headed so into Hz; NaN where no unit is said, None of other columns.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``Frequency [Hz]``, ``freq_hz``, ``f [kHz]`` or ``omega [rad/s]``.
+    unit : str
+        As it stands below the name.
+    """
+    match = _FREQUENCY.fullmatch(name.strip())
+    if match is None:
+        return None
+    factor = FREQUENCY_UNITS.get((match["of"] or unit).strip().lower())
+    is_short = match["name"].lower() in ("f", "omega", "ω")  # which a force may be called too
+    return factor if factor is not None or is_short else float("nan")
+
+
+def is_axis(name: str) -> bool:
+    """Whether a first column headed so holds times as structid writes them, or frequencies."""
+    return name.lower() in _TIMES or frequency_factor(name) is not None
+
+
+def as_date(cell: str) -> datetime | None:
+    """The date and time in a cell as ISO 8601 writes them, None where it holds something else."""
+    text = cell.strip().replace(",", ".")
+    if not re.match(r"\d{4}-\d\d-\d\d[T ]\d", text):
+        return None
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        return None
+
+
+def is_unit(cell: str) -> bool:
+    """Whether a cell is the unit of a channel, a time, a frequency or a frequency response, in brackets or not."""
+    text = bare_unit(cell)
+    if text.lower() in TIME_UNITS or text.lower() in FREQUENCY_UNITS or text == "°":
+        return True
+    for parse in (parse_unit, parse_frf_unit):
+        try:
+            parse(text)
+        except InputError:
+            continue
+        return True
+    return False
+
+
+def bare_unit(cell: str) -> str:
+    """A unit without the brackets around it."""
+    text = cell.strip()
+    return text[1:-1].strip() if re.fullmatch(r"\[[^\[\]]*\]|\([^()]*\)", text) else text
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Whether most cells of a line are units that channels or times have, and the others as short as units are."""
+    cells = [cell.strip() for cell in row if cell.strip()]
+    known = sum(map(is_unit, cells))
+    return 2 * known > len(cells) and all(len(cell) <= _LONGEST_UNIT for cell in cells)
+
+
+def recognised(path: Path, text: str, layout: CsvLayout) -> Grid:
+    """The cells of a table and what heads them.
+
+    Raises
+    ------
+    FileError
+        If cells cannot be told, no line holds numbers, or what stands above the first of them is neither names nor
+        names and units; the message names lines and the keys of ``[record.csv]`` that help.
+    """
+    lines = text.splitlines()
+    while lines and not lines[-1].strip(" \t,;"):
+        lines.pop()
+    end = len(lines) - layout.footer_rows
+    if end <= layout.skip_rows:
+        raise FileError(
+            f"{path}: has {len(lines)} lines, of which `skip_rows` and `footer_rows` leave none; lower them"
+            if lines and layout.skip_rows + layout.footer_rows
+            else f"{path}: holds no header and no line of numbers; write it again"
+        )
+    lines = lines[layout.skip_rows : end]
+    separator = _separator(lines) if layout.separator == "auto" else SEPARATORS[layout.separator]
+    cells = _cells(path, lines, separator)
+    n_header = _header_rows(path, cells, layout)
+    rows = cells[n_header:]
+    if not rows:
+        raise FileError(f"{path}: has a header but no line of numbers; write it again")
+    first = layout.skip_rows + n_header + 1
+    comma = _decimal_comma(path, rows, separator, layout, first)
+    name = next(word for word, sign in SEPARATORS.items() if sign == separator)
+    head = {
+        0: "no header",
+        1: f"names in line {layout.skip_rows + 1}",
+        2: f"names in line {layout.skip_rows + 1}, units in line {layout.skip_rows + 2}",
+    }[n_header]
+    left = f", {counted(layout.footer_rows, 'footer line')} left out" if layout.footer_rows else ""
+    words = f"separated by {name}s, decimal {'commas' if comma else 'points'}, {head}{left}"
+    return Grid(cells[:n_header], rows, layout.skip_rows + 1, first, comma, words)
+
+
+def _split(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return line.split()
+    return line.split(separator) if line else []
+
+
+def _cells(path: Path, lines: list[str], separator: str) -> Sequence[list[str]]:
+    """The cells of every line; with quotes one after the other, as a quoted cell may hold separators and ends of lines."""
+    if separator == " " or not any('"' in line for line in lines):
+        return Rows(lines, separator)
+    try:
+        return list(csv.reader(lines, delimiter=separator, strict=True))
+    except csv.Error as error:
+        raise FileError(f"{path}: is not a CSV table ({error}); check quotes and separators") from error
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """The separator that makes most of some lines whole rows of numbers; else the one most frequent in the first line."""
+    step = max(1, len(lines) // _SAMPLE)
+    sample = lines[-1::-step][:_SAMPLE]
+    found = {sign: _whole_rows(sample, sign) for sign in SEPARATORS.values()}
+    best = max(found, key=lambda sign: found[sign])
+    if found[best]:
+        return best
+    outside = "".join(lines[0].split('"')[::2])
+    return max((";", "\t", ","), key=outside.count)
+
+
+def _whole_rows(sample: Sequence[str], sign: str) -> int:
+    """How many lines are rows of two numbers or more."""
+    count = 0
+    for line in sample:
+        cells = line.split() if sign == " " else line.split(sign)
+        numbers = [is_number(cell.strip().strip('"')) for cell in cells if cell.strip()]
+        whole = sum(numbers) == len(numbers) or (as_date(cells[0]) is not None and sum(numbers) == len(numbers) - 1)
+        count += len(numbers) > 1 and whole
+    return count
+
+
+def _is_data(row: Sequence[str]) -> bool:
+    """Whether a line holds numbers, and dates at most, in all cells that are not empty."""
+    numbers = [is_number(cell) for cell in row if cell.strip()]
+    dates = sum(as_date(cell) is not None for cell in row)
+    return any(numbers) and sum(numbers) + dates == len(numbers)
+
+
+def _header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> int:
+    if layout.header_rows is not None:
+        return layout.header_rows
+    first = next((i for i, row in enumerate(cells[:_HEAD]) if _is_data(row)), None)
+    if first in (0, 1):
+        return first or 0
+    named = [cell.strip() for cell in cells[0]] if cells else []
+    if first == 2 and _are_units(cells[1]):
+        return 2
+    if named and is_axis(named[0]):
+        return 1  # and a line below cannot be read, which is told with its cell
+    skip = layout.skip_rows
+    if first is None:
+        grouped = next((cell.strip() for row in cells[:_HEAD] for cell in row if _GROUPED.fullmatch(cell.strip())), "")
+        raise FileError(
+            f"{path}: has no line that holds only numbers in its first {min(len(cells), _HEAD)} lines; give what stands"
+            " above the numbers in `skip_rows`, or `separator` and `decimal` in [record.csv]"
+            + (f"; {grouped!r} looks like thousands separators: export without them" if grouped else "")
+        )
+    units = _are_units(cells[first - 1])
+    head = first - (2 if units else 1)
+    shown = ", ".join(cell.strip() for cell in cells[head][:6])
+    raise FileError(
+        f"{path}: lines {skip + 1} to {skip + first} stand above the numbers; where line {skip + head + 1} ({shown:.60}) names"
+        f" the columns, give `skip_rows = {skip + head}` in [record.csv]"
+        + ("" if units else ", and `header_rows` where units follow in one more line")
+    )
+
+
+def _decimal_comma(
+    path: Path, rows: Sequence[Sequence[str]], separator: str, layout: CsvLayout, first_line: int
+) -> bool:
+    if layout.decimal != "auto":
+        return layout.decimal == "comma"
+    if separator == ",":
+        return False
+    seen: dict[bool, int] = {}
+    for at in range(0, len(rows), max(1, len(rows) // _HEAD)):
+        for cell in rows[at]:
+            if is_number(cell) and (_COMMA.search(cell) or _POINT.search(cell)):
+                seen.setdefault("," in cell, first_line + at)
+    if len(seen) == 2:
+        raise FileError(
+            f"{path}: line {seen[True]} has decimal commas and line {seen[False]} decimal points; export all numbers alike, or"
+            ' give `decimal = "comma"` or "point" in [record.csv] and leave the other lines out'
+        )
+    return seen.popitem()[0] if seen else False

@@ -1,0 +1,306 @@
+"""The cells of a CSV file as numbers under names, with every complaint at its line and column."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import FileError
+from structid.files import require_readable
+from structid.records.formats.csv.layout import CsvLayout
+from structid.records.formats.csv.recognition import (
+    FREQUENCY_UNITS,
+    Grid,
+    Rows,
+    as_date,
+    bare_unit,
+    complex_parts,
+    frequency_factor,
+    is_axis,
+    is_number,
+    recognised,
+)
+
+_FEW = 20
+
+
+class Table(NamedTuple):
+    """A table of numbers.
+
+    Attributes
+    ----------
+    path : Path
+    names : tuple of str
+        Header of every column; its number where the table has none.
+    units : tuple of str
+        What stands below each name in a second line; "" else.
+    values : (n_rows, n_columns) float array
+        NaN where a cell of a time table is empty, and where a date stands.
+    header_line, first_line : int
+        Lines of the file, from 1.
+    words : str
+        What the layout is.
+    texts : sequence of list of str
+        The cells.
+    to_hertz : float, optional
+        What the first column is multiplied by where it is an axis of frequencies; NaN where nothing says its unit.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+    header_line: int
+    first_line: int
+    words: str
+    texts: Sequence[list[str]]
+    to_hertz: float | None = None
+
+    @property
+    def is_frequency(self) -> bool:
+        """Whether the first column is an axis of frequencies."""
+        return self.to_hertz is not None
+
+    def column(self, j: int) -> list[str]:
+        """The cells of column `j` as they are written."""
+        cells = self.texts.column(j) if isinstance(self.texts, Rows) else [row[j] for row in self.texts]
+        return [cell.strip() for cell in cells]
+
+
+def read_table(path: Path, layout: CsvLayout | None = None) -> Table:
+    """The table in the CSV file at `path`.
+
+    Raises
+    ------
+    FileError
+        If the file is not text, has no lines of numbers, or a cell is not a finite number. Samples of time
+        histories may be NaN, infinite or empty: gaps are judged by `structid.records.formats.gaps`.
+    """
+    path, layout = require_readable(path), layout or CsvLayout()
+    text = _text(path, layout)
+    grid = recognised(path, text, layout)
+    names = _names(path, grid)
+    units = [bare_unit(cell) for cell in grid.header[1]] if len(grid.header) > 1 else []
+    below = (*units, *("" for _ in names))[: len(names)]
+    to_hertz = FREQUENCY_UNITS.get(layout.frequency_unit.lower())
+    to_hertz = frequency_factor(names[0], below[0]) if to_hertz is None else to_hertz
+    if to_hertz is not None:
+        grid, names, below = _complex_apart(path, grid, names, below)
+    values = _numbers(path, grid, names, to_hertz is None)
+    return Table(path, names, below, values, grid.header_line, grid.first_line, grid.words, grid.rows, to_hertz)
+
+
+def _complex_apart(
+    path: Path, grid: Grid, names: tuple[str, ...], units: tuple[str, ...]
+) -> tuple[Grid, tuple[str, ...], tuple[str, ...]]:
+    """The table with columns of complex cells as two, headed by ``re`` and ``im``."""
+    split = [complex_parts(cell) is not None for cell in grid.rows[0][: len(names)]]
+    if not any(split):
+        return grid, names, units
+    rows = []
+    for i, row in enumerate(grid.rows):
+        cells: list[str] = []
+        for j, cell in enumerate(row):
+            parts = complex_parts(cell) if j < len(split) and split[j] else (cell,)
+            if parts is None:
+                raise FileError(
+                    f"{path}: line {grid.first_line + i}, column {j + 1} ({names[j]}) must be a complex number like those above, as"
+                    f" in 1.5-0.2i, got {cell!r:.60}"
+                )
+            cells += parts
+        rows.append(cells)
+    double = [
+        part
+        for name, two in zip(names, split, strict=True)
+        for part in ((f"{name} re", f"{name} im") if two else (name,))
+    ]
+    below = [unit for unit, two in zip(units, split, strict=True) for unit in ((unit, unit) if two else (unit,))]
+    return grid._replace(rows=rows), tuple(double), tuple(below)
+
+
+def _text(path: Path, layout: CsvLayout) -> str:
+    try:
+        text = path.read_text(encoding=_marked(path) if layout.encoding == "utf-8" else layout.encoding)
+    except UnicodeError as error:
+        at = error.start if isinstance(error, UnicodeDecodeError) else 0
+        raise FileError(
+            f"{path}: is not {layout.encoding.upper()} text (byte {at}); save it as CSV UTF-8, or give `encoding`, as in"
+            ' "cp1252" or "utf-16", in [record.csv]'
+        ) from error
+    except (OSError, LookupError) as error:
+        raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
+    if "\0" in text:
+        raise FileError(f"{path}: holds null characters, so it is not a CSV text; save it as CSV UTF-8")
+    if not text.endswith(("\n", "\r")) and not layout.footer_rows:
+        raise FileError(
+            f"{path}: its last line has no end, so it may be truncated; copy it again, end the line, or leave it out with"
+            " `footer_rows = 1` in [record.csv]"
+        )
+    return text
+
+
+def _marked(path: Path) -> str:
+    """The encoding that the first bytes of a file say, as spreadsheets write them; UTF-8 where they say nothing."""
+    with path.open("rb") as stream:
+        begin = stream.read(2)
+    return "utf-16" if begin in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8-sig"
+
+
+def _names(path: Path, grid: Grid) -> tuple[str, ...]:
+    """Of the header, or numbers where there is none."""
+    if not grid.header:
+        return tuple(str(j) for j in range(1, len(_without_end(grid.rows[0])) + 1))
+    names = _without_end([cell.strip() for cell in grid.header[0]])
+    if not names:
+        raise FileError(f"{path}: line {grid.header_line} names no column; head each column as in 12Z+ [m/s^2]")
+    count = len(_without_end(grid.rows[0]))
+    if count > len(names) and _is_whole(grid.rows[0]):
+        raise FileError(
+            f"{path}: line {grid.header_line} names {len(names)} columns, but line {grid.first_line} has {count} cells: other"
+            " separators in the header, decimal commas between commas, or merged cells; export all lines alike, name every"
+            " column, or give `separator`, `decimal` or `skip_rows` in [record.csv]"
+        )
+    if "" in names:
+        raise FileError(
+            f"{path}: line {grid.header_line}, column {names.index('') + 1} has no name, as where cells were merged; name every"
+            " column, or leave the line out with `skip_rows` and give `header_rows = 0` in [record.csv]"
+        )
+    if len(names) < 2 and is_axis(names[0]):
+        raise FileError(
+            f"{path}: line {grid.header_line} names no channel; head each column as in 12Z+ [m/s^2], or give the `separator`"
+        )
+    return tuple(names)
+
+
+def _without_end(row: Sequence[str]) -> list[str]:
+    """A row without empty cells at its end."""
+    kept = list(row)
+    while kept and not kept[-1].strip():
+        kept.pop()
+    return kept
+
+
+def _is_whole(row: Sequence[str]) -> bool:
+    return all(is_number(cell) or as_date(cell) is not None for cell in row if cell.strip())
+
+
+def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
+    """Cells as numbers; where `gaps` are allowed, empty ones beyond the first column as NaN, and dates too."""
+    rows, count = grid.rows, len(names)
+    dated = {j for j, cell in enumerate(rows[0][:count]) if as_date(cell) is not None} if gaps else set()
+    values = _at_once(rows, count, grid.decimal_comma, dated, gaps) if isinstance(rows, Rows) else None
+    return _one_by_one(path, grid, names, dated, gaps) if values is None else values
+
+
+def _at_once(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool) -> FloatArray | None:
+    """What `_one_by_one` gives, many times faster; None where a line is not plain numbers, which is told by its place there."""
+    lines, sign = rows.lines, rows.separator
+    if comma:
+        lines = [line.replace(",", ".") for line in lines]
+    if sign != " ":
+        if _ends_empty(lines[0], sign, count):
+            lines = [line.rstrip().removesuffix(sign) for line in lines]
+        if {line.count(sign) for line in lines} != {count - 1}:
+            return None
+        if gaps and count > 1:
+            lines = [_with_nan(line, sign) for line in lines]
+    values = np.full((len(lines), count), np.nan)
+    columns = [j for j in range(count) if j not in dated]
+    try:
+        found = np.loadtxt(
+            lines, delimiter=None if sign == " " else sign, comments=None, ndmin=2, usecols=columns if dated else None
+        )
+    except ValueError:
+        return None
+    if found.shape != (len(lines), len(columns)) or not (gaps or np.isfinite(found).all()):
+        return None
+    values[:, columns] = found
+    return values
+
+
+def _ends_empty(line: str, sign: str, count: int) -> bool:
+    """Whether a line ends with a separator behind its last cell."""
+    return line.rstrip().endswith(sign) and line.rstrip().count(sign) == count
+
+
+def _with_nan(line: str, sign: str) -> str:
+    """A line whose empty cells beyond the first are NaN."""
+    empty = sign + sign
+    if empty in line:
+        line = line.replace(empty, f"{sign}nan{sign}").replace(empty, f"{sign}nan{sign}")
+    return f"{line}nan" if line.endswith(sign) else line
+
+
+def _one_by_one(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int], gaps: bool) -> FloatArray:
+    rows, count = grid.rows, len(names)
+    values = np.empty((len(rows), count))
+    for i, row in enumerate(rows):
+        if len(row) < count or any(cell.strip() for cell in row[count:]):
+            raise _not_data(path, grid, i, count) or FileError(
+                f"{path}: line {grid.first_line + i} has {len(row)} cells, but {_where(grid)} {count}; complete or remove the"
+                " line"
+            )
+        cells = [cell.replace(",", ".") for cell in row[:count]] if grid.decimal_comma else row[:count]
+        if gaps and (dated or not all(cells)):
+            first = 0 if count > 1 else count
+            cells = [
+                "nan" if (j > first or j in dated) and (j in dated or not cell.strip()) else cell
+                for j, cell in enumerate(cells)
+            ]
+        try:
+            values[i] = [float(cell) for cell in cells]
+        except ValueError as error:
+            raise _not_data(path, grid, i, count) or _bad_cell(path, grid.first_line + i, row, cells, names) from error
+    if not gaps and not np.isfinite(values).all():
+        i, j = np.argwhere(~np.isfinite(values))[0]
+        raise FileError(
+            f"{path}: line {grid.first_line + i}, column {j + 1} ({names[j]}) is NaN or infinite; repair or remove the line"
+        )
+    return values
+
+
+def _where(grid: Grid) -> str:
+    return "the header has" if grid.header else f"line {grid.first_line} has"
+
+
+def _not_data(path: Path, grid: Grid, i: int, count: int) -> FileError | None:
+    """The error of a footer: few lines at the end, none of which is of numbers as those above."""
+    left, rest = grid.rows[i:], len(grid.rows) - i
+    while len(left) and not any(cell.strip() for cell in left[0]):
+        left = left[1:]
+    if (
+        i == 0
+        or not left
+        or len(left) > _FEW
+        or any(len(_without_end(row)) == count and _is_whole(row) for row in left)
+    ):
+        return None
+    if not any(re.search(r"[A-Za-z]", cell) and not is_number(cell) for cell in left[0]):
+        return None
+    if len(left) == 1 and len(left[0]) == count and is_number(left[0][0]):
+        return None  # a line of numbers with one bad cell
+    shown = ", ".join(cell.strip() for cell in left[0][:4])
+    return FileError(
+        f"{path}: line {grid.first_line + len(grid.rows) - len(left)} ({shown:.60}) ends the numbers: a footer? Leave it out with"
+        f" `footer_rows = {rest}` in [record.csv] (--csv-footer-rows {rest} on the command line)"
+    )
+
+
+def _bad_cell(path: Path, line: int, row: list[str], cells: list[str], names: tuple[str, ...]) -> FileError:
+    for j, name in enumerate(names):
+        try:
+            float(cells[j])
+        except ValueError:
+            hint = ""
+            if re.fullmatch(r"[+-]?\d{1,3}([.,' ]\d{3})*[.,]\d+", row[j].strip()):
+                hint = "; export without thousands separators, or give `decimal` in [record.csv]"
+            elif re.fullmatch(r"#.*|n/?a|-+|null|none|error|over(flow|load)?", row[j].strip(), re.IGNORECASE):
+                hint = "; clear the cell where a sample is missing: gaps are told, cut or filled"
+            return FileError(f"{path}: line {line}, column {j + 1} ({name}) must be a number, got {row[j]!r:.60}{hint}")
+    return FileError(f"{path}: line {line} cannot be read as numbers")

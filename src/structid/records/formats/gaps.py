@@ -1,0 +1,127 @@
+"""Gaps in time histories as files hold them (NaN, infinite or empty entries): named, cut away or filled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import FileError
+from structid.records.formats.options import ReadOptions, option_words
+from structid.records.formats.selection import between
+from structid.records.quality.sample_faults import filled, flagged_runs
+
+
+class Whole(NamedTuple):
+    """Samples without a gap, (n_times, n_channels), the time of the first in s, and words on what was done, or none."""
+
+    values: FloatArray
+    start: float
+    note: str
+
+
+class Lines(NamedTuple):
+    """Line of a file that holds the first sample, and the number of each channel's column there, from 1."""
+
+    first: int
+    columns: Sequence[int]
+
+
+def whole(
+    path: Path,
+    values: FloatArray,
+    channels: Sequence[Dof],
+    rate: float,
+    start: float,
+    options: ReadOptions,
+    named: bool = True,
+    lines: Lines | None = None,
+) -> Whole:
+    """The samples from `options.start` to `options.stop`, gaps up to `options.longest_gap` filled by cubics.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    values : (n_times, n_channels) float array
+    channels : sequence of Dof
+        One a column.
+    rate, start : float
+        Hz, and time of the first sample in s.
+    options : ReadOptions
+    named : bool
+        Whether the file names its channels, so that `options.channels` chooses among them; gaps of others do not count.
+    lines : Lines, optional
+        Of a file that has lines.
+
+    Raises
+    ------
+    FileError
+        If no sample is left, or a gap is too long or not to be filled; it names channel, sample, time and remedy.
+    """
+    time = start + np.arange(len(values)) / rate
+    first, last = between(path, time, options)
+    kept, begins = np.array(values[first:last], dtype=float), float(time[first])
+    missing = ~np.isfinite(kept)
+    if named and options.channels:
+        chosen = parse_dofs(options.channels)
+        others = [j for j, channel in enumerate(channels) if channel not in chosen]
+        kept[:, others], missing[:, others] = np.where(missing[:, others], 0.0, kept[:, others]), False
+    if not missing.any():
+        return Whole(kept, begins, "")
+    longest = options.longest_gap or 0
+    gaps = {j: flagged_runs(missing[:, j]) for j in np.flatnonzero(missing.any(axis=0)).tolist()}
+    if any(b - a > longest or a == 0 or b == len(kept) for found in gaps.values() for a, b in found):
+        here = None if lines is None else Lines(lines.first + first, lines.columns)
+        raise FileError(f"{path}: {_words(gaps, missing, channels, rate, begins, here, named)}")
+    for j in gaps:
+        kept[:, j] = filled(kept[:, j], missing[:, j])
+    counts = ", ".join(f"{channels[j]} {missing[:, j].sum()}" for j in gaps)
+    return Whole(kept, begins, f"samples invented to fill gaps, of {len(kept)}: {counts}")
+
+
+def sourced(path: Path, note: str) -> str:
+    """The source of a record from `path`, with the words `note` if there are any."""
+    return f"{path}; {note}" if note else str(path)
+
+
+def _words(
+    gaps: dict[int, list[tuple[int, int]]],
+    missing: np.ndarray,
+    channels: Sequence[Dof],
+    rate: float,
+    start: float,
+    lines: Lines | None,
+    named: bool,
+) -> str:
+    """The first gap, all of them in numbers, and what can be done."""
+    j, (a, b) = min(((j, found[0]) for j, found in gaps.items()), key=lambda entry: entry[1])
+    longest = max(b - a for found in gaps.values() for a, b in found)
+    number = sum(len(found) for found in gaps.values())
+    sound = flagged_runs(np.asarray(~missing.any(axis=1)))
+    inside = all(a > 0 and b < len(missing) for found in gaps.values() for a, b in found)
+    name = f"channel {channels[j]}"
+    if lines is not None:
+        name = f"line {lines.first + a}, column {lines.columns[j]} ({name})"
+    text = (
+        f"{name} is NaN or infinite for {b - a} samples from sample {a} ({start + a / rate:.6g} s) on; "
+        f"in {len(gaps)} of {len(channels)} channels there are {number} gaps of {int(missing.sum())} samples in all. "
+    )
+    remedies = []
+    p, q = max(sound, key=lambda part: part[1] - part[0], default=(0, 0))
+    if q - p > 1:
+        remedies.append(
+            "cut to the longest whole part with "
+            + option_words(start=f"{start + p / rate:.9g}", stop=f"{start + (q - 1) / rate:.9g}")
+        )
+    if inside:
+        remedies.append(f"interpolate with {option_words(longest_gap=longest)}")
+    if named and len(gaps) < len(channels):
+        remedies.append("leave the channel out with `channels`")
+    remedies.append("repair the file")
+    remedy = ", or ".join(remedies)
+    return text + remedy[0].upper() + remedy[1:]

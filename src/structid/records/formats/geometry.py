@@ -1,0 +1,116 @@
+"""Where the nodes of a test are and how lines join them, from universal files and CSV tables."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from structid.core.errors import FileError, InputError
+from structid.files import damage_told, require_readable
+from structid.records.formats.uff.blocks import Dataset, datasets
+from structid.records.formats.uff.scales import unit_factors
+
+Point = tuple[float, float, float]
+
+_REMEDY = "write node,x,y,z rows, and rows as line,1,2,3"
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Nodes of a test and the lines that draw it.
+
+    Parameters
+    ----------
+    nodes : dict of int to (x, y, z)
+        Position of each node label in m.
+    lines : tuple of tuple of int
+        Trace lines: node labels to join in order; 0 lifts the pen.
+
+    Raises
+    ------
+    InputError
+        If a line names a node that is not there.
+    """
+
+    nodes: dict[int, Point]
+    lines: tuple[tuple[int, ...], ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        for line in self.lines:
+            unknown = [node for node in line if node != 0 and node not in self.nodes]
+            if unknown:
+                raise InputError(f"a trace line joins node {unknown[0]}, which has no position; add it to `nodes`")
+
+
+def read_geometry(path: str | Path) -> Geometry:
+    """Nodes and lines of the CSV table (``node,x,y,z`` and ``line,1,2`` rows) or universal file at `path`, in m.
+
+    Of a universal file: datasets 15 and 2411 (nodes) and 82 (trace lines). A node in both 15 and 2411 is taken from
+    2411, which has more digits. Local coordinate systems are not applied.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged, has no nodes, or defines one node twice in different places.
+    """
+    path = require_readable(path)
+    with damage_told(path, "a geometry that can be read", "export it again"):
+        if path.suffix.lower() in (".csv", ".txt"):
+            return _of_table(path)
+        return _of_universal_file(path)
+
+
+def _of_universal_file(path: Path) -> Geometry:
+    found = datasets(path)
+    factors = unit_factors(path, found)
+    scale = 1.0 if factors is None else 1 / factors.length
+    nodes: dict[int, Point] = {}
+    for number in (15, 2411):
+        nodes.update(_nodes(path, [d for d in found if d["type"] == number], scale))
+    if not nodes:
+        raise FileError(f"{path}: has no nodes (dataset 15 or 2411); export the geometry too")
+    return Geometry(nodes, tuple(tuple(int(n) for n in d["nodes"]) for d in found if d["type"] == 82))
+
+
+def _nodes(path: Path, tables: list[Dataset], scale: float) -> dict[int, Point]:
+    nodes: dict[int, Point] = {}
+    for table in tables:
+        if not len(table["node_nums"]) == len(table["x"]) == len(table["y"]) == len(table["z"]):
+            raise FileError(f"{path}: dataset {table['type']} ends within a node; export the geometry again")
+        for label, x, y, z in zip(table["node_nums"], table["x"], table["y"], table["z"], strict=True):
+            point = (float(x) * scale, float(y) * scale, float(z) * scale)
+            if nodes.setdefault(int(label), point) != point:
+                raise FileError(f"{path}: dataset {table['type']} gives node {int(label)} two positions; keep one")
+    return nodes
+
+
+def _of_table(path: Path) -> Geometry:
+    """Of rows ``node,x,y,z`` and ``line,1,2``, which joins nodes in order."""
+    try:
+        rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines(), strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise FileError(f"{path}: is not a CSV table in UTF-8 ({error}); {_REMEDY}") from error
+    nodes: dict[int, Point] = {}
+    lines: list[tuple[int, ...]] = []
+    for number, cells in enumerate(rows, 1):
+        words = [cell.strip() for cell in cells]
+        while words and not words[-1]:
+            words.pop()
+        if not words or words[0].startswith("#") or [word.lower() for word in words] == ["node", "x", "y", "z"]:
+            continue
+        try:
+            if words[0].lower() == "line":
+                lines.append(tuple(int(word) for word in words[1:]))
+                continue
+            label, (x, y, z) = int(words[0]), (float(word) for word in words[1:])
+        except ValueError:
+            raise FileError(f"{path}: line {number} reads {','.join(cells)!r}; {_REMEDY}") from None
+        if nodes.setdefault(label, (x, y, z)) != (x, y, z):
+            raise FileError(f"{path}: line {number} gives node {label} a second position; keep one")
+    if not nodes:
+        raise FileError(f"{path}: holds no nodes; {_REMEDY}")
+    try:
+        return Geometry(nodes, tuple(lines))
+    except InputError as error:
+        raise FileError(f"{path}: {error}") from error

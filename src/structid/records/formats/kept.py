@@ -1,0 +1,62 @@
+"""Records that were read, kept where a process looks at the same files again and again; none by default."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from structid.records.formats.options import ReadOptions
+from structid.records.record import FrfRecord, TimeRecord
+
+Record = FrfRecord | TimeRecord
+Mark = tuple[Path, int, int, ReadOptions]
+
+
+class _Kept:
+    """The records read last, `most` bytes of them."""
+
+    def __init__(self) -> None:
+        self.most = 0
+        self.records = OrderedDict[Mark, Record]()
+
+
+_kept = _Kept()
+
+
+def keep_records(most_bytes: int) -> None:
+    """Keep records of this process in memory from now on, those read last up to `most_bytes`; none with 0."""
+    _kept.most = most_bytes
+    _forget()
+
+
+def kept_or_read(path: Path, options: ReadOptions, read: Callable[[], Record]) -> Record:
+    """The record of the file at `path` by `options`: the one kept if the file has not changed since, else what `read` gives."""
+    mark = _mark(path, options)
+    found = _kept.records.get(mark)
+    if found is None:
+        found = read()
+        if record_bytes(found) > _kept.most or _mark(path, options) != mark:
+            return found
+        _kept.records[mark] = found
+        _forget()
+    _kept.records.move_to_end(mark)
+    return found
+
+
+def _mark(path: Path, options: ReadOptions) -> Mark:
+    """What changes with the content of the file, and with how it is read."""
+    stamp = path.stat()
+    return path.absolute(), stamp.st_mtime_ns, stamp.st_size, options
+
+
+def _forget() -> None:
+    while sum(map(record_bytes, _kept.records.values())) > _kept.most:
+        _kept.records.popitem(last=False)
+
+
+def record_bytes(record: object) -> int:
+    """Bytes of the arrays of a record."""
+    return sum(value.nbytes for value in vars(record).values() if isinstance(value, np.ndarray))

@@ -1,0 +1,200 @@
+"""Files of loggers and recorders: TDMS, MDF, miniSEED, WAV and Parquet, read through libraries of their own.
+
+They hold time histories under names of the program that wrote them; `ReadOptions.columns` chooses by these, and `channels` and
+`units` say what they are where names and units do not. The libraries are extras of the installation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import FileError, InputError
+from structid.files.contained import ReaderError, contained
+from structid.files.loggers import PACKAGES, Channel
+from structid.records.formats.named_channels import TIME_UNITS, NamedChannels, chosen, is_time, name_and_unit, record_of
+from structid.records.formats.options import ReadOptions
+from structid.records.record import FrfRecord, TimeRecord
+
+#: A library of these may take its time to start.
+_SECONDS = 60.0
+_EVEN, _SAME_CLOCK, _SAME_RATE = 1e-3, 0.01, 1e-6
+
+
+@dataclass(frozen=True)
+class LoggerFormat:
+    """A format that is read only.
+
+    Attributes
+    ----------
+    kind : str
+        As `structid.files.loggers` calls it.
+    SUFFIXES : tuple of str
+    extra : str
+        Of the installation that brings its library; "" where none is needed.
+    words : str
+        What such a file is called.
+    """
+
+    kind: str
+    SUFFIXES: tuple[str, ...]
+    extra: str
+    words: str
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether its library is there."""
+        return find_spec(PACKAGES[self.kind].partition(".")[0]) is not None
+
+    def read(self, path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
+        """The time record in the file at `path`, one clock for all its channels.
+
+        Raises
+        ------
+        FileError
+            If the library is missing, or the file is damaged or holds no time histories.
+        InputError
+            If `options` do not fit, or channels of different clocks are not chosen from.
+        """
+        return record_of(_together(path, self._channels(path), options, self.words), options)
+
+    def write(self, path: Path, record: FrfRecord | TimeRecord) -> None:
+        """Refused."""
+        raise FileError(f"{path}: {self.words} files are read only; write .npz, .h5, .mat, .csv or .uff")
+
+    def _channels(self, path: Path) -> list[Channel]:
+        if not self.is_installed:
+            raise FileError(
+                f"{path}: {self.words} files need the package {PACKAGES[self.kind]}; pip install structid[{self.extra}], or"
+                " export the record as CSV or HDF5"
+            )
+        try:
+            found = contained(path, "logger", seconds=_SECONDS, kind=self.kind)
+        except ReaderError as error:
+            raise FileError(
+                f"{path}: cannot be read as {self.words} ({error}); it is damaged or of another kind, copy or export it again"
+            ) from error
+        channels = [Channel(*entry) for entry in found]
+        if not channels:
+            raise FileError(f"{path}: holds no time histories of numbers; export the channels again")
+        return channels
+
+
+LOGGERS: tuple[LoggerFormat, ...] = (
+    LoggerFormat("tdms", (".tdms",), "tdms", "TDMS"),
+    LoggerFormat("mdf", (".mf4", ".mdf"), "mdf", "MDF"),
+    LoggerFormat("miniseed", (".mseed", ".miniseed"), "miniseed", "miniSEED"),
+    LoggerFormat("wav", (".wav",), "", "WAV"),
+    LoggerFormat("parquet", (".parquet",), "parquet", "Parquet"),
+)
+
+
+def _together(path: Path, channels: Sequence[Channel], options: ReadOptions, words: str) -> NamedChannels:
+    """The channels that are read on one clock, cut to the span that they share."""
+    names = [channel.name for channel in channels]
+    numbers = list(range(1, len(channels) + 1))
+    time = _time_channel(path, channels, options)
+    wanted = (
+        chosen(path, options.columns, names, numbers)
+        if options.columns
+        else [j for j in range(len(names)) if j != time]
+    )
+    if not wanted:
+        raise FileError(f"{path}: holds no channel besides its times; export the channels too")
+    clock = None if time is None else _clock_of(path, channels[time])
+    clocks = {j: clock or _own_clock(path, channels[j], options) for j in wanted}
+    rate = _one_rate(path, [channels[j] for j in wanted], [clocks[j][0] for j in wanted])
+    parts, start, note = _cut(path, [channels[j] for j in wanted], [clocks[j][1] for j in wanted], rate)
+    return NamedChannels(
+        path=path,
+        names=tuple(names[j] for j in wanted),
+        units=tuple(channels[j].unit for j in wanted),
+        values=np.stack(parts, axis=1),
+        rate=rate,
+        start=start,
+        numbers=tuple(numbers[j] for j in wanted),
+        words=words + note + "".join(f", {told}" for told in dict.fromkeys(one.note for one in channels) if told),
+    )
+
+
+def _time_channel(path: Path, channels: Sequence[Channel], options: ReadOptions) -> int | None:
+    """The channel that holds the times: as told, or where no channel has a clock, by its name."""
+    names = [channel.name for channel in channels]
+    if options.time_column:
+        return chosen(path, [options.time_column], names, list(range(1, len(names) + 1)))[0]
+    if any(channel.rate for channel in channels):
+        return None
+    return next((j for j, name in enumerate(names) if is_time(name)), None)
+
+
+def _clock_of(path: Path, channel: Channel) -> tuple[float, float]:
+    """Rate and start by a channel of times."""
+    unit = channel.unit or name_and_unit(channel.name)[1] or "s"
+    scale = TIME_UNITS.get(unit.lower())
+    if scale is None:
+        raise FileError(f"{path}: channel {channel.name!r} has times in {unit!r}; use s, ms, us or min")
+    time = channel.values * scale
+    step = (time[-1] - time[0]) / max(len(time) - 1, 1)
+    if not np.isfinite(time).all() or not step > 0 or np.abs(np.diff(time) - step).max() > _EVEN * step:
+        raise FileError(
+            f"{path}: channel {channel.name!r} must hold even, increasing times; resample before the export"
+        )
+    return float(1 / step), float(time[0])
+
+
+def _own_clock(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
+    """Rate and start by what the file says of a channel, or by `sampling_rate`."""
+    given = options.sampling_rate
+    if not channel.rate:
+        if given is None:
+            raise InputError(
+                f"{path}: channel {channel.name!r} does not say its sampling rate; give `sampling_rate` (Hz), or `time_column`,"
+                " the channel that holds the times"
+            )
+        return given, channel.start
+    if channel.off > _EVEN:
+        raise FileError(
+            f"{path}: channel {channel.name!r} is not sampled evenly: a sample is {channel.off:.2g} steps off; resample it to one"
+            " raster before the export"
+        )
+    if given is not None and abs(given / channel.rate - 1) > _SAME_RATE:
+        raise InputError(
+            f"{path}: channel {channel.name!r} is sampled at {channel.rate:.9g} Hz, but `sampling_rate` {given:g} was given; leave"
+            " it out"
+        )
+    return channel.rate if given is None else given, channel.start
+
+
+def _one_rate(path: Path, channels: Sequence[Channel], rates: Sequence[float]) -> float:
+    for channel, rate in zip(channels, rates, strict=True):
+        if abs(rate / rates[0] - 1) > _SAME_RATE:
+            raise InputError(
+                f"{path}: channel {channel.name!r} is sampled at {rate:g} Hz and {channels[0].name!r} at {rates[0]:g} Hz; choose"
+                " channels of one rate with `columns`"
+            )
+    return rates[0]
+
+
+def _cut(
+    path: Path, channels: Sequence[Channel], starts: Sequence[float], rate: float
+) -> tuple[list[FloatArray], float, str]:
+    """The samples that all channels have, the time of the first, and words where any were cut off."""
+    offsets = (np.asarray(starts) - max(starts)) * rate
+    skip = np.round(-offsets).astype(int)
+    if np.abs(offsets + skip).max() > _SAME_CLOCK:
+        worst = int(np.argmax(np.abs(offsets + skip)))
+        raise InputError(
+            f"{path}: channel {channels[worst].name!r} is sampled {abs(offsets + skip)[worst]:.2g} of a step beside the others;"
+            " resample them to one clock before the export, or choose with `columns`"
+        )
+    length = min(len(channel.values) - own for channel, own in zip(channels, skip.tolist(), strict=True))
+    if length < 1:
+        raise InputError(f"{path}: the channels have no time in common; choose those that do with `columns`")
+    parts = [channel.values[own : own + length] for channel, own in zip(channels, skip.tolist(), strict=True)]
+    lost = any(len(channel.values) != length for channel in channels)
+    return parts, float(max(starts)), ", cut to the span that all channels have" if lost else ""

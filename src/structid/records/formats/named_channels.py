@@ -1,0 +1,241 @@
+"""Channels under the names that another program gave them, made a record: chosen, called by degrees of freedom, in SI units.
+
+Tables of laboratories and files of loggers go this way. A channel called ``12Z+`` says itself what it is; others are
+called by `ReadOptions.channels`, in the order of `ReadOptions.columns`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof, as_dof, parse_dof, parse_dofs
+from structid.core.errors import FileError, InputError, about
+from structid.core.units import Unit, parse_unit
+from structid.records.formats.bare import channel_units, require_same_rotation
+from structid.records.formats.gaps import Lines, sourced, whole
+from structid.records.formats.options import ReadOptions
+from structid.records.formats.selection import selected
+from structid.records.record import FrfRecord, TimeRecord
+
+_HEAD = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]+|[^\[\]]*\([^\[\]]*\)[^\[\]]*)[\])]$")
+_TIME = re.compile(r"^(time|times|t|zeit|temps|tiempo|tempo|timestamp|date|datetime|x)$|^(time|zeit)\b", re.IGNORECASE)
+#: Units of times, in s.
+TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
+_SHOWN = 8
+_NAMED_BY = '`channels`, in the order of the columns, as in channels = ["1X", "2X"]'
+
+
+@dataclass(frozen=True, eq=False)
+class NamedChannels:
+    """What a file holds, under its own names.
+
+    Attributes
+    ----------
+    path : Path
+    names : tuple of str
+        Of every channel; may hold its unit in brackets.
+    units : tuple of str
+        "" where the file says none beside the name.
+    values : (n_times, n_channels) float array
+        As the file has them; NaN where a sample is missing.
+    rate, start : float
+        Hz, and time of the first sample in s.
+    numbers : tuple of int
+        By which `columns` may ask for each channel, from 1; columns of a table.
+    lines : (int, int), optional
+        Of a table, that hold the names and the first samples.
+    words : str
+        How the file was understood.
+    tells_all : bool
+        Whether the file is laid out as structid writes it, so that nothing needs to be said of it.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+    rate: float
+    start: float = 0.0
+    numbers: tuple[int, ...] = ()
+    lines: tuple[int, int] | None = None
+    words: str = ""
+    tells_all: bool = False
+
+    def place(self, j: int) -> str:
+        """Where channel `j` is in the file."""
+        if self.lines is None:
+            return f"channel {self.number(j)} ({self.names[j]!r})"
+        return f"line {self.lines[0]}, column {self.number(j)} ({self.names[j]!r})"
+
+    @property
+    def told_units(self) -> list[str]:
+        """What the file says of the unit of each channel, beside its name or in it; "" where nothing."""
+        return [unit or name_and_unit(name)[1] for name, unit in zip(self.names, self.units, strict=True)]
+
+    def number(self, j: int) -> int:
+        return self.numbers[j] if self.numbers else j + 1
+
+
+def name_and_unit(text: str) -> tuple[str, str]:
+    """A header without its unit, and the unit in brackets behind it or ""."""
+    match = _HEAD.match(text.strip())
+    return (match["name"], match["unit"].strip()) if match else (text.strip(), "")
+
+
+def is_time(text: str) -> bool:
+    """Whether a header is one of times."""
+    return _TIME.match(name_and_unit(text)[0].replace("_s", "")) is not None
+
+
+def chosen(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:
+    """Where each of the names or numbers `wanted` is; a name counts first, with its unit or without.
+
+    Raises
+    ------
+    InputError
+        If there is no such column, or several of one name.
+    """
+    found = []
+    for text in map(str, wanted):
+        same = [j for j, name in enumerate(names) if text in (name, name_and_unit(name)[0])]
+        if len(same) > 1:
+            those = ", ".join(str(numbers[j]) for j in same)
+            raise InputError(f"{path}: {len(same)} columns are called {text!r}; choose by their numbers {those}")
+        if not same and text.isdigit():
+            same = [j for j, number in enumerate(numbers) if number == int(text)]
+        if not same:
+            known = ", ".join(f"{number} {name!r}" for number, name in zip(numbers, names, strict=True))
+            raise InputError(f"{path}: there is no column {text!r}; the file has {known:.400}")
+        found.append(same[0])
+    return found
+
+
+def record_of(found: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRecord:
+    """The time record of the channels that `options` choose, its gaps treated as they say.
+
+    Raises
+    ------
+    FileError
+        If a name is no degree of freedom, a unit cannot be read, or a gap stays; the message names the place.
+    InputError
+        If `channels` or `units` do not fit the file.
+    """
+    numbers = [found.number(j) for j in range(len(found.names))]
+    keep = chosen(found.path, options.columns, found.names, numbers) if options.columns else list(range(len(numbers)))
+    if not keep:
+        raise FileError(f"{found.path}: holds no channel besides its times; export the channels too")
+    part = replace(
+        found,
+        names=tuple(found.names[j] for j in keep),
+        units=tuple(found.units[j] for j in keep),
+        values=found.values[:, keep],
+        numbers=tuple(numbers[j] for j in keep),
+    )
+    dofs = [as_dof(name_and_unit(part.names[j])[0]) for j in range(len(keep))]
+    by_user = bool(options.channels) and (bool(options.columns) or any(dof is None for dof in dofs))
+    channels = _given_channels(part, options) if by_user else _own_channels(part, dofs)
+    quantities, factors = _units(part, channels, options)
+    chosen_here = replace(options, channels=()) if by_user else options
+    lines = None if found.lines is None else Lines(found.lines[1], part.numbers)
+    kept = whole(found.path, part.values, channels, found.rate, found.start, chosen_here, lines=lines)
+    words = "" if part.tells_all and not by_user else _understood(part, channels, options)
+    record = TimeRecord(
+        sampling_rate=found.rate,
+        values=kept.values * factors,
+        channels=channels,
+        quantities=quantities,
+        start=kept.start,
+        source=sourced(found.path, "; ".join(filter(None, (words, kept.note)))),
+    )
+    rest = replace(chosen_here, columns=(), units=(), quantities=(), sampling_rate=None)
+    return selected(found.path, record, replace(rest, quantities=options.quantities if part.tells_all else ()))
+
+
+def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof, ...]:
+    for j, dof in enumerate(dofs):
+        if dof is None:
+            try:
+                parse_dof(name_and_unit(part.names[j])[0])
+            except InputError as error:
+                raise FileError(
+                    f"{part.path}: {part.place(j)}: {error}; or head a channel with degree of freedom and unit, as in"
+                    f" 12Z+ [m/s^2]; or say what each of the {len(part.names)} columns is by {_NAMED_BY} (choose with `columns`)"
+                ) from error
+    return tuple(dof for dof in dofs if dof is not None)
+
+
+def _given_channels(part: NamedChannels, options: ReadOptions) -> tuple[Dof, ...]:
+    with about("channels"):
+        channels = parse_dofs(options.channels)
+    if len(channels) != len(part.names):
+        shown = ", ".join(name_and_unit(name)[0] for name in part.names[:_SHOWN])
+        more = ", ..." if len(part.names) > _SHOWN else ""
+        raise FileError(
+            f"{part.path}: `channels` must have {len(part.names)} entries, one for each of the columns {shown}{more}, got"
+            f" {len(channels)}; choose columns with `columns`",
+            "channels",
+        )
+    return channels
+
+
+def _units(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptions) -> tuple[tuple, FloatArray]:
+    """Quantity and SI factor of each channel: by the file, or by `units` and `quantities` where it does not say."""
+    told = part.told_units
+    own: list[Unit | None] = []
+    for j, text in enumerate(told):
+        try:
+            unit = _unit(text, bool(options.units))
+            if unit is not None:
+                require_same_rotation(part.path, str(channels[j]), channels[j].is_rotation, unit.rotation)
+        except InputError as error:
+            raise FileError(f"{part.path}: {part.place(j)}: {error}") from error
+        own.append(unit)
+    if not options.units and not (options.quantities and not any(told)):
+        for j, unit in enumerate(own):
+            if unit is None:
+                raise FileError(
+                    f"{part.path}: {part.place(j)}: has no unit; head a channel with degree of freedom and unit, as in"
+                    ' 12Z+ [m/s^2], or give `units`, as in "g" for all or one a column'
+                )
+        return tuple(u.quantity for u in own if u is not None), np.array([u.factor for u in own if u is not None])
+    quantities, factors = channel_units(part.path, channels, options)
+    for j, unit in enumerate(own):
+        if unit is not None and (unit.quantity != quantities[j] or abs(unit.factor / factors[j] - 1) > 1e-9):
+            raise InputError(
+                f"{part.path}: {part.place(j)}: is in {told[j]}, but `units` says another; leave `units` out, or correct it",
+                "units",
+            )
+    return quantities, factors
+
+
+def _unit(text: str, is_given: bool) -> Unit | None:
+    """The unit that the file says; None where it says none, or one that cannot be read where the user gives another."""
+    try:
+        return parse_unit(text) if text else None
+    except InputError:
+        if is_given:
+            return None
+        raise
+
+
+def _understood(part: NamedChannels, channels: Sequence[Dof], options: ReadOptions) -> str:
+    """What was read, in words."""
+    units = part.told_units
+    if options.units:
+        units = list(options.units) * (len(units) if len(options.units) == 1 else 1)
+    kinds = [unit or "SI" for unit in dict.fromkeys(units)]
+    names = [name_and_unit(name)[0] for name in part.names]
+    pairs = [f"{name} is {dof}" for name, dof in zip(names, channels, strict=True) if as_dof(name) != dof]
+    shown = ", ".join(pairs[:_SHOWN]) + (f", and {len(pairs) - _SHOWN} more" if len(pairs) > _SHOWN else "")
+    what = "channel" if part.lines is None else "column"
+    words = (
+        f"{len(channels)} {what}s, {len(part.values)} samples at {part.rate:.9g} Hz,"
+        f" unit{'s' if len(kinds) > 1 else ''} {', '.join(kinds)}"
+    )
+    return ", ".join(filter(None, (words, part.words))) + (f"; {shown}" if shown else "")

@@ -1,0 +1,137 @@
+"""What a file does not say about itself, and the user does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+from structid.core.constraints import Count, Positive
+from structid.core.errors import InputError
+from structid.records.formats.csv.layout import CsvLayout
+
+_TEXTS = ("array", "frequency_array", "kind", "unit", "coherence_array")
+_LISTS = ("channels", "quantities", "units", "outputs", "inputs", "columns")
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What is needed to read arrays that do not describe themselves, or a part of a file that does.
+
+    A list may also be given as one text with commas: ``channels="1Z+, 2Z+"``. Every field is a flag of the commands that
+    read a record, and a key of ``[record]``.
+    In a file that describes itself `outputs`, `inputs` and `channels` choose; the other options must
+    agree with the file where they are given.
+
+    Parameters
+    ----------
+    sampling_rate : float, optional
+        Samples per second of a bare time array.
+    channels : tuple of str
+        Degrees of freedom of the columns of a bare time array, or of columns and channels that another program named, as in
+        ``1X+,2X+``; else those to use.
+    quantities : tuple of str
+        ``displacement``, ``velocity``, ``acceleration`` or ``force`` of each channel, as in ``acceleration,force``, or
+        one for all.
+    units : tuple of str
+        Unit of each time channel, as in ``g,N`` or ``mm/s^2``, or one for all; says the quantity too. SI if not given.
+    array : str
+        Name of the array (NPZ, MAT, HDF5); in a UFF file with both, ``frf`` or ``time``.
+    frequency_array : str
+        Name of the array of frequencies in Hz that belongs to a bare FRF array.
+    outputs : tuple of str
+        Sensors of a bare FRF array, as in ``1X-,2X+``, shape (n_frequencies, n_outputs, n_inputs), or
+        (n_frequencies, n_outputs) with one input, or of a table with names of its own, in its order; else those to use.
+    inputs : tuple of str
+        Loads of a bare FRF array, as in ``3X+``, or of a table with names of its own; else those to use.
+    kind : str
+        ``receptance``, ``mobility`` or ``accelerance`` of a bare FRF array.
+    unit : str
+        Unit of a bare FRF array, or of a table of FRFs that says none, such as ``g/lbf``; says the kind too. Arrays are SI if not
+        given.
+    coherence_array : str
+        Name of an array of coherences of the same shape.
+    averages : int, optional
+        Number of independent averages behind each FRF value.
+    start : float, optional
+        Time in s of the first sample read of time histories; the rest of the file may hold gaps.
+    stop : float, optional
+        Time in s of the last sample read.
+    longest_gap : int, optional
+        Samples of the longest gap (NaN, infinite, an empty cell) in time histories that is filled by cubic
+        interpolation; the record's `source` then says how many samples were invented. Gaps are refused without it.
+    columns : tuple of str
+        Columns of a table, or channels of a logger's file (TDMS, MDF, miniSEED, WAV, Parquet), that are read, by name or by
+        number from 1, as in ``Acc 1,Acc 3`` or ``2,4``; all by default. `channels` says what they are, in this order.
+    time_column : str
+        Column or channel that holds the times, by name or number; recognised by its name by default.
+    csv : CsvLayout, optional
+        How a CSV table is laid out where that cannot be recognised.
+
+    Raises
+    ------
+    InputError
+        If an entry is of the wrong type.
+    """
+
+    sampling_rate: Positive | None = None
+    channels: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    array: str = ""
+    frequency_array: str = ""
+    outputs: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    kind: str = ""
+    unit: str = ""
+    coherence_array: str = ""
+    averages: Count | None = None
+    start: float | None = None
+    stop: float | None = None
+    longest_gap: Count | None = None
+    columns: tuple[str | int, ...] = ()
+    time_column: str | int = ""
+    csv: CsvLayout | None = None
+
+    def __post_init__(self) -> None:
+        for name in _LISTS:
+            object.__setattr__(self, name, _as_texts(name, getattr(self, name)))
+        object.__setattr__(self, "time_column", str(self.time_column))
+        for name in _TEXTS:
+            if not isinstance(getattr(self, name), str):
+                raise InputError(f"`{name}` must be a text, got {getattr(self, name)!r}")
+        if self.averages is not None and (not isinstance(self.averages, int) or self.averages < 1):
+            raise InputError(f"`averages` must be a whole number, at least 1, got {self.averages!r}")
+        if self.sampling_rate is not None and not _is_positive(self.sampling_rate):
+            raise InputError(f"`sampling_rate` must be a positive number of Hz, got {self.sampling_rate!r}")
+
+        for name in ("start", "stop"):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, (int, float)) and math.isfinite(value)):
+                raise InputError(f"`{name}` must be a time in s, got {value!r}")
+        if self.longest_gap is not None and (not isinstance(self.longest_gap, int) or self.longest_gap < 1):
+            raise InputError(f"`longest_gap` must be a whole number, at least 1, got {self.longest_gap!r}")
+
+    def given(self) -> tuple[str, ...]:
+        """Names of the options that were set."""
+        return tuple(f.name for f in fields(self) if getattr(self, f.name) not in (None, "", ()))
+
+
+def option_words(**values: object) -> str:
+    """Options, with their values where these are known, as a study, Python and the command line take them."""
+    keys = " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in values.items())
+    flags = [f"--{name.replace('_', '-')}" + ("" if value is None else f" {value}") for name, value in values.items()]
+    return f"{keys} in the study, beside `path`, or in ReadOptions ({' '.join(flags)} on the command line)"
+
+
+def _is_positive(value: object) -> bool:
+    return isinstance(value, (int, float)) and math.isfinite(value) and value > 0
+
+
+def _as_texts(name: str, value: str | Iterable[object]) -> tuple[str, ...]:
+    if isinstance(value, str):
+        return tuple(part.strip() for part in value.split(",") if part.strip())
+    try:
+        return tuple(str(part) for part in value)
+    except TypeError as error:
+        raise InputError(f"`{name}` must be a list of texts or one text with commas, got {value!r}") from error

@@ -1,0 +1,115 @@
+"""A part of a record that describes itself, chosen and checked by the user's options."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError, about
+from structid.records.formats.options import ReadOptions
+from structid.records.record import FrfRecord, TimeRecord
+
+_OF_HISTORIES = (
+    "sampling_rate", "channels", "quantities", "units", "start", "stop", "longest_gap", "columns", "time_column",
+)  # fmt: skip
+
+
+def selected(path: Path, record: FrfRecord | TimeRecord, options: ReadOptions) -> FrfRecord | TimeRecord:
+    """`record` with the outputs, inputs or channels that `options` name, after a check of the others.
+
+    Raises
+    ------
+    InputError
+        If a chosen channel is not there, or an option contradicts what the file says.
+    """
+    return (
+        _selected_frf(path, record, options) if isinstance(record, FrfRecord) else _selected_time(path, record, options)
+    )
+
+
+def _contradiction(path: Path, name: str, given: object, found: object) -> InputError:
+    return InputError(f"{path}: says {name} {found}, but `{name}` {given} was given; leave the option out", name)
+
+
+def positions(path: Path, name: str, texts: tuple[str, ...], present: tuple[Dof, ...]) -> list[int]:
+    """Where each of `texts` is in `present`; everything if `texts` is empty."""
+    if not texts:
+        return list(range(len(present)))
+    with about(name):
+        dofs = parse_dofs(texts)
+    missing = [str(dof) for dof in dofs if dof not in present]
+    if missing:
+        raise InputError(
+            f"{path}: `{name}` asks for {', '.join(missing)}, which the file does not have; "
+            f"it has {', '.join(map(str, present))}",
+            name,
+        )
+    return [present.index(dof) for dof in dofs]
+
+
+def _selected_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRecord:
+    _refuse(path, "frequency response functions", options, _OF_HISTORIES)
+    if options.kind and options.kind != record.kind:
+        raise _contradiction(path, "kind", options.kind, record.kind)
+    rows = positions(path, "outputs", options.outputs, record.outputs)
+    columns = positions(path, "inputs", options.inputs, record.inputs)
+    averages = record.averages if options.averages is None else options.averages
+    return replace(record.grid(rows, columns), averages=averages)
+
+
+def _selected_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRecord:
+    frf_options = ("frequency_array", "outputs", "inputs", "kind", "coherence_array", "averages")
+    _refuse(path, "time histories", options, frf_options)
+    rate = options.sampling_rate
+    if rate is not None and abs(rate - record.sampling_rate) > 1e-9 * rate:
+        raise _contradiction(path, "sampling_rate", rate, record.sampling_rate)
+    first, last = between(path, record.time, options)
+    keep = _time_positions(path, record, options)
+    quantities = tuple(record.quantities[i] for i in keep)
+    if options.quantities and options.quantities not in (quantities, tuple(dict.fromkeys(quantities))):
+        raise _contradiction(path, "quantities", options.quantities, quantities)
+    return replace(
+        record,
+        values=record.values[first:last, keep],
+        start=float(record.time[first]),
+        channels=tuple(record.channels[i] for i in keep),
+        quantities=quantities,
+        variance=None if record.variance is None else record.variance[keep],
+    )
+
+
+def between(path: Path, time: FloatArray, options: ReadOptions) -> tuple[int, int]:
+    """First sample from `options.start` to `options.stop`, and the one after the last.
+
+    Raises
+    ------
+    InputError
+        If no sample of `time` (s, even) lies between them.
+    """
+    slack = 1e-6 * (time[-1] - time[0]) / max(len(time) - 1, 1)
+    first = 0 if options.start is None else int(np.searchsorted(time, options.start - slack))
+    last = len(time) if options.stop is None else int(np.searchsorted(time, options.stop + slack, side="right"))
+    if last <= first:
+        raise InputError(
+            f"{path}: no sample is left of {time[0]:g}-{time[-1]:g} s between `start` and `stop`; widen them"
+        )
+    return first, last
+
+
+def _time_positions(path: Path, record: TimeRecord, options: ReadOptions) -> list[int]:
+    """Columns of the chosen channels; a place with several quantities gives each of them."""
+    first = positions(path, "channels", options.channels, record.channels)
+    if not options.channels:
+        return first
+    chosen = [record.channels[i] for i in first]
+    return [i for dof in dict.fromkeys(chosen) for i, channel in enumerate(record.channels) if channel == dof]
+
+
+def _refuse(path: Path, content: str, options: ReadOptions, names: tuple[str, ...]) -> None:
+    wrong = [name for name in options.given() if name in names]
+    if wrong:
+        raise InputError(f"{path}: holds {content} and says what they are; leave out `{wrong[0]}`", wrong[0])

@@ -1,0 +1,162 @@
+"""Records and geometry as datasets of a universal file, and the check that they came through.
+
+Dataset 58b is written here and not by pyuff, which leaves files open, states too few bytes for complex values and
+reads the whole file again after each dataset. pyuff reads the result back before the file takes its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import FileError
+from structid.records.formats.geometry import Geometry
+from structid.records.formats.uff.scales import DATA_TYPES, direction_of
+from structid.records.record import QUANTITY_UNITS, FrfRecord, TimeRecord
+
+_SIDES = {
+    "receptance": ("displacement", "force"),
+    "mobility": ("velocity", "force"),
+    "accelerance": ("acceleration", "force"),
+    "transmissibility": ("acceleration", "acceleration"),
+}
+_TAG = "    -1"
+_LARGEST_NODE = 999_999_999
+_NOTHING = f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'NONE':<20s}"
+
+
+def file_bytes(path: Path, record: FrfRecord | TimeRecord, geometry: Geometry | None) -> Iterator[bytes]:
+    """The bytes of a universal file of `record`, dataset by dataset: 164 (SI), geometry, 58b.
+
+    Raises
+    ------
+    FileError
+        If a node label has more than nine digits, or one point has an abscissa of more than six digits.
+    """
+    dofs = (*record.outputs, *record.inputs) if isinstance(record, FrfRecord) else record.channels
+    for node in (*(dof.node for dof in dofs), *(geometry.nodes if geometry else ())):
+        if node > _LARGEST_NODE:
+            raise FileError(f"{path}: node {node} has more than the nine digits the format keeps apart; renumber it")
+    yield SI_UNITS
+    yield from geometry_blocks(geometry)
+    yield from _frf_blocks(path, record) if isinstance(record, FrfRecord) else _time_blocks(path, record)
+
+
+def block(number: int, lines: list[str]) -> bytes:
+    """Dataset `number` as ASCII text, with its tags."""
+    return "\n".join([_TAG, f"{number:6d}", *lines, _TAG, ""]).encode("ascii", errors="replace")
+
+
+#: Dataset 164: what follows is in SI.
+SI_UNITS = block(164, [f"{1:10d}{'SI':<20s}{1:10d}", "".join(f"{n:25.17e}" for n in (1, 1, 1)), f"{273.15:25.17e}"])
+
+
+def geometry_blocks(geometry: Geometry | None) -> Iterator[bytes]:
+    """Datasets 15, 2411 and 82; none without nodes."""
+    if geometry is None or not geometry.nodes:
+        return
+    short, full = [], []
+    for node, point in geometry.nodes.items():
+        head = f"{node:10d}{0:10d}{0:10d}{0:10d}"
+        short.append(head + "".join(f"{x:13.5E}" for x in point))
+        full += [head, "".join(f"{x:25.16E}" for x in point)]
+    yield block(15, short)
+    yield block(2411, full)
+    for i, line in enumerate(geometry.lines, start=1):
+        rows = [line[at : at + 8] for at in range(0, len(line), 8)]
+        numbers = ["".join(f"{node:10d}" for node in row) for row in rows]
+        yield block(82, [f"{i:10d}{len(line):10d}{0:10d}", f"line {i}", *numbers])
+
+
+def _title(record: FrfRecord | TimeRecord) -> list[str]:
+    averages = record.averages if isinstance(record, FrfRecord) else None
+    return ["structid", "NONE", "NONE", "NONE" if averages is None else f"averages={averages}", "NONE"]
+
+
+class _Axis(NamedTuple):
+    """The abscissa: even where six digits, as the format has them, say it exactly; else one entry a point."""
+
+    points: FloatArray
+    even: bool
+    start: float
+    step: float
+    line: str
+
+
+def _axis(path: Path, points: FloatArray, step: float, data_type: int, unit: str) -> _Axis:
+    """The abscissa `points`, where `step` (of six digits or more) is what an even one would have."""
+    rounded_start, rounded_step = float(f"{points[0]:.5e}"), float(f"{step:.5e}")
+    rebuilt = rounded_start + rounded_step * np.arange(points.size)
+    even = bool(np.allclose(rebuilt, points, rtol=1e-14, atol=0)) and (points.size > 1 or rounded_step == step)
+    if points.size == 1 and not even:
+        raise FileError(f"{path}: one point has an axis of more than six digits, which is lost; write .npz instead")
+    line = f"{data_type:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {unit:<20s}"
+    return _Axis(points, even, rounded_start if even else 0.0, rounded_step if even else 0.0, line)
+
+
+def _function(
+    number: int, output: Dof, load: Dof | None, values: FloatArray | ComplexArray, axis: _Axis, text: list[str]
+) -> bytes:
+    """One dataset 58b; `text` is five title lines, then the lines of ordinate and denominator."""
+    is_complex = np.iscomplexobj(values)
+    columns = [values.real, values.imag] if is_complex else [values]
+    body = np.stack(columns if axis.even else [axis.points, *columns], axis=1).astype("<f8").tobytes()
+    reference = (load.node, direction_of(load)) if load else (0, 0)
+    header = [
+        _TAG,
+        f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(body):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
+        *text[:5],
+        f"{number:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10s}{output.node:10d}{direction_of(output):4d}"
+        f" {'NONE':<10s}{reference[0]:10d}{reference[1]:4d}",
+        f"{6 if is_complex else 4:10d}{len(values):10d}{int(axis.even):10d}{axis.start:13.5e}{axis.step:13.5e}{0.0:13.5e}",
+        axis.line,
+        *text[5:],
+        _NOTHING,
+        "",
+    ]
+    return "\n".join(header).encode("ascii") + body + f"{_TAG}\n".encode()
+
+
+def _side(quantity: str, dof: Dof) -> str:
+    unit = QUANTITY_UNITS[quantity][dof.is_rotation]
+    return f"{DATA_TYPES[quantity]:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {unit:<20s}"
+
+
+def _frf_blocks(path: Path, record: FrfRecord) -> Iterator[bytes]:
+    step = float(record.frequency[1] - record.frequency[0]) if record.frequency.size > 1 else 1.0
+    title, axis = _title(record), _axis(path, record.frequency, step, 18, "Hz")
+    for a, output in enumerate(record.outputs):
+        for b, load in enumerate(record.inputs):
+            above, below = _SIDES[record.kind]
+            sides = [_side(above, output), _side(below, load)]
+            yield _function(4, output, load, record.values[:, a, b], axis, [*title, *sides])
+            if record.coherence is not None:
+                text = [*title, _NOTHING, _NOTHING]
+                yield _function(6, output, load, record.coherence[:, a, b], axis, text)
+
+
+def _time_blocks(path: Path, record: TimeRecord) -> Iterator[bytes]:
+    title, axis = _title(record), _axis(path, record.time, 1 / record.sampling_rate, 17, "s")
+    for i, (dof, quantity) in enumerate(zip(record.channels, record.quantities, strict=True)):
+        yield _function(1, dof, None, record.values[:, i], axis, [*title, _side(quantity, dof), _NOTHING])
+
+
+def require_same(path: Path, record: FrfRecord | TimeRecord, back: FrfRecord | TimeRecord) -> None:
+    """Raise `FileError` unless `back`, read from the written file, has the values of `record` (0 and -0 are one)."""
+    same = type(back) is type(record) and np.array_equal(back.values, record.values)
+    if isinstance(record, FrfRecord) and isinstance(back, FrfRecord):
+        same = same and back.outputs == record.outputs and back.inputs == record.inputs and back.kind == record.kind
+        same = same and bool(np.allclose(back.frequency, record.frequency, rtol=1e-12, atol=0))
+        same = same and (back.coherence is None) == (record.coherence is None)
+    if isinstance(record, TimeRecord) and isinstance(back, TimeRecord):
+        same = same and back.channels == record.channels and back.quantities == record.quantities
+        same = same and abs(back.sampling_rate - record.sampling_rate) <= 1e-9 * record.sampling_rate
+    if not same:
+        raise FileError(
+            f"{path}: does not read back as it was written; nothing was kept, write .npz instead and report this"
+        )

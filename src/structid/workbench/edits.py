@@ -1,0 +1,244 @@
+"""Edits of a study's text: keys set, tables added and taken out; every other letter stays as it was."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import tomlkit
+from tomlkit.items import Array
+
+from structid.core.errors import InputError
+from structid.study.schema.toml_lines import KeyPath
+from structid.workbench.toml_places import Block, Place, blocks_of
+
+#: Sections of a study in the order in which they are written.
+_ORDER = ("structure", "unknown", "record", "method", "regularization", "plan")
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
+    """`text` with `edits` made, in order.
+
+    Parameters
+    ----------
+    text : str
+        A TOML text.
+    edits : sequence of mappings
+        ``{"set": path, "to": value}``, the value as it would be written, such as ``1.6e6`` or ``["1X"]``;
+        ``{"remove": path}``; ``{"add": path, "table": {key: value}}``, a new entry of an array of tables. Paths are lists
+        of names, and of positions in arrays of tables. ``{"list": path}`` makes a table the first of an array of tables.
+
+    Raises
+    ------
+    InputError
+        If the text is no TOML, a value is none, or a path leads nowhere; nothing is changed then.
+    """
+    if edits:
+        _require_toml(text, "the study is no TOML as it stands")
+    for edit in edits:
+        if "add" in edit:
+            text = _added(text, tuple(edit["add"]), edit["table"])
+        elif "list" in edit:
+            text = _listed(text, tuple(edit["list"]))
+        elif "remove" in edit:
+            text = _removed(text, tuple(edit["remove"]))
+        else:
+            text = _set(text, tuple(edit["set"]), value_of(str(edit["to"])))
+        _require_toml(text, "this edit would break the study")
+    return text
+
+
+def value_of(text: str) -> str:
+    """`text` without blanks around it, after a check that it writes exactly one value.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    written = text.strip()
+    try:
+        if "\n" in written or len(tomllib.loads(f"value = [{written}]")["value"]) != 1 or not written:
+            raise InputError(f"{text!r} is not one value")
+        tomllib.loads(f"value = {written}\n")
+    except (tomllib.TOMLDecodeError, KeyError) as error:
+        raise InputError(f'{text!r} is no value; write a number, "a text", or a list in brackets') from error
+    return written
+
+
+def _require_toml(text: str, words: str) -> None:
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{words}, so nothing was changed: {error}") from error
+
+
+def _set(text: str, path: KeyPath, value: str) -> str:
+    blocks = blocks_of(text)
+    if value.startswith("{") and _is_spread(blocks, path):
+        return _set_spread(text, path, value)
+    if not path or not isinstance(path[-1], str):
+        raise InputError(f"{_words(path)}: the last part of a path must be the name of a key")
+    for block in blocks:
+        for key, place in block.pairs.items():
+            if block.path + key == path:
+                return text[: place.value] + value + text[place.end :]
+            if len(block.path + key) < len(path) and path[: len(block.path + key)] == block.path + key:
+                return _changed_inline(text, place, path[len(block.path + key) :], value)
+    if any(block.path[: len(path)] == path for block in blocks):
+        raise InputError(f"{_words(path)}: is a table; change the keys in it")
+    for block in blocks:
+        for key, place in block.pairs.items():
+            if len(key) > 1 and block.path + key[:-1] == path[:-1]:  # its neighbours are written with points
+                return _inserted_line(text, place.line_end, f"{_name((*key[:-1], path[-1]))} = {value}\n")
+    holder = next((block for block in blocks if block.path == path[:-1]), None)
+    for length in range(1, len(path)):
+        if isinstance(path[length - 1], int) and not any(block.path[:length] == path[:length] for block in blocks):
+            raise InputError(f"the study has no {_words(path[:length])} any more; it was changed since")
+    line = f"{_name(path[-1:])} = {value}\n"
+    if holder is not None:
+        return _inserted_line(text, holder.own_end, line)
+    return _inserted_block(text, blocks, path[:-1], f"[{_name(path[:-1])}]\n{line}")
+
+
+def _is_spread(blocks: Sequence[Block], path: KeyPath) -> bool:
+    """Whether the table at `path` has a header of its own, or keys with points."""
+    named = [block.path + key[:-1] for block in blocks for key in block.pairs if len(key) > 1]
+    return path in [*(block.path for block in blocks), *named]
+
+
+def _set_spread(text: str, path: KeyPath, value: str) -> str:
+    """A table that is not written in line, key by key, so that its comments stay."""
+    wanted: Any = tomlkit.value(value)
+    there = [block.path + key for block in blocks_of(text) for key in block.pairs]
+    for key in (found for found in there if found[: len(path)] == path and found[len(path)] not in wanted):
+        text = _removed(text, key)
+    for name, one in wanted.items():
+        text = _set(text, (*path, str(name)), one.as_string())
+    return text
+
+
+def _changed_inline(text: str, place: Place, rest: KeyPath, value: str | None) -> str:
+    """What is at `rest` inside an inline table or a list set, or taken out where `value` is None."""
+    whole: Any = tomlkit.value(text[place.value : place.end])
+    try:
+        held = whole
+        for part in rest[:-1]:
+            held = held[part]
+        if value is None:
+            del held[rest[-1]]
+        else:
+            held[rest[-1]] = tomlkit.value(value)
+    except (LookupError, TypeError):
+        raise InputError(
+            f"{_words(rest)}: is not in {text[place.value : place.end]!r} and cannot be put there; edit the study file"
+        ) from None
+    if isinstance(whole, Array) and not len(whole):
+        return text[: place.start] + text[place.line_end :]
+    return text[: place.value] + whole.as_string() + text[place.end :]
+
+
+def _removed(text: str, path: KeyPath) -> str:
+    blocks = blocks_of(text)
+    for block in blocks:
+        for key, place in block.pairs.items():
+            if block.path + key == path:
+                return text[: place.start] + text[place.line_end :]
+            if path[: len(block.path + key)] == block.path + key:
+                return _changed_inline(text, place, path[len(block.path + key) :], None)
+    dotted = [
+        place
+        for block in blocks
+        for key, place in block.pairs.items()
+        if len(block.path) < len(path) and (block.path + key)[: len(path)] == path
+    ]
+    if dotted:
+        for place in reversed(dotted):
+            text = text[: place.start] + text[place.line_end :]
+        return text
+    gone = [block for block in blocks if block.path and block.path[: len(path)] == path]
+    if not gone:
+        raise InputError(f"the study has no {_words(path)} any more; it was changed since")
+    for block in reversed(gone):
+        after = text[block.own_end :].lstrip("\n")
+        before = text[: block.start]
+        text = before + after if after else before.rstrip("\n") + "\n"
+    return text
+
+
+def _listed(text: str, path: KeyPath) -> str:
+    """A table as the first entry of an array of tables, by the brackets of its header; tables in it stay in it."""
+    first = next((block for block in blocks_of(text) if block.path[: len(path)] == path), None)
+    if first is None or first.path != path:
+        raise InputError(
+            f"{_words(path)}: cannot become one of several as it is written; put [{_name(path)}] above its keys"
+        )
+    begin = text.index("[", first.start)
+    end = text.index("]", begin)
+    return f"{text[:begin]}[{text[begin : end + 1]}]{text[end + 1 :]}"
+
+
+def _added(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
+    """A new entry behind the last one of its array."""
+    keys = "".join(f"{_name((key,))} = {value_of(str(value))}\n" for key, value in table.items())
+    entry = f"[[{_name(path)}]]\n{keys}"
+    blocks = blocks_of(text)
+    for block in blocks:
+        for key, place in block.pairs.items():
+            if block.path + key == path:
+                listed: Any = tomlkit.value(text[place.value : place.end])
+                if isinstance(listed, Array):
+                    listed.append(tomlkit.value(f"{{ {', '.join(keys.splitlines())} }}"))
+                    return text[: place.value] + listed.as_string() + text[place.end :]
+    same = [block for block in blocks if block.path[: len(path)] == path and len(block.path) > len(path)]
+    if same:
+        return _inserted_text(text, max(block.own_end for block in same), entry)
+    return _inserted_block(text, blocks, path, entry)
+
+
+def _inserted_block(text: str, blocks: Sequence[Block], path: KeyPath, entry: str) -> str:
+    """A new table: behind what is in the same table, or where its section stands by custom."""
+    for length in range(len(path) - 1, 0, -1):
+        near = [block for block in blocks if block.path and block.path[:length] == path[:length]]
+        if near:
+            return _inserted_text(text, max(block.own_end for block in near), entry)
+    names = list(_ORDER[_ORDER.index(str(path[0])) + 1 :]) if path[0] in _ORDER else []
+    later = [block for block in blocks if block.path and block.path[0] in names]
+    if later:
+        at = _above_comments(text, later[0].start)
+        return text[:at] + entry + "\n" + text[at:]
+    return _inserted_text(text, len(text), entry)
+
+
+def _inserted_line(text: str, at: int, line: str) -> str:
+    before = text[:at]
+    return before + ("" if not before or before.endswith("\n") else "\n") + line + text[at:]
+
+
+def _inserted_text(text: str, at: int, entry: str) -> str:
+    """A table with a blank line before it."""
+    before = text[:at].rstrip("\n")
+    return before + ("\n\n" if before else "") + entry + text[at:]
+
+
+def _above_comments(text: str, at: int) -> int:
+    """Where the comment begins that stands directly above a header."""
+    while at > 0:
+        start = text.rfind("\n", 0, at - 1) + 1
+        if not text[start:at].startswith("#"):
+            break
+        at = start
+    return at
+
+
+def _name(path: KeyPath) -> str:
+    parts = [part for part in path if isinstance(part, str)]
+    return ".".join(part if _BARE.fullmatch(part) else json.dumps(part) for part in parts)
+
+
+def _words(path: KeyPath) -> str:
+    return ".".join(str(part) for part in path)

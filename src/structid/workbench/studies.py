@@ -1,0 +1,65 @@
+"""A study as the page knows it: its text, its digest, its tables, and where it is broken."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import re
+import tomllib
+from functools import cache
+from typing import Any
+
+from structid.records.formats import ReadOptions
+from structid.study.schema.tables import Table, table_of
+
+#: Tables that the page does not look at are left out where the text is longer.
+_LONG = 3_000_000
+
+
+def study_answer(text: str, digest: str) -> dict[str, Any]:
+    """What the page shows of a study.
+
+    ``table`` is None, and ``broken`` says line and words, where the text is no TOML. Of a very long study the tables of
+    nodes and elements are left out.
+    """
+    try:
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        place = re.search(r"at line (\d+)", str(error))
+        line = int(place[1]) if place else text.count("\n") + 1
+        return {"text": text, "digest": digest, "table": None, "broken": {"line": line, "words": str(error)}}
+    if len(text) > _LONG:
+        table = {name: part for name, part in table.items() if name != "structure"}
+    return {"text": text, "digest": digest, "table": _plain(table), "broken": None}
+
+
+@cache
+def reading_keys() -> list[dict[str, Any]]:
+    """What ``[record]`` and ``[record.csv]`` may say of a file that it does not say about itself, as their tables declare it."""
+    found = []
+    for name, key in table_of(ReadOptions).keys.items():
+        inner = key.holds.keys if isinstance(key.holds, Table) else {name: key}
+        for own, one in inner.items():
+            schema = one.holds.schema
+            found.append(
+                {
+                    "name": own,
+                    "within": name if own != name else "",
+                    "words": one.words.replace("`", ""),
+                    "default": "" if one.default is None else one.default,
+                    "choices": schema.get("enum", []),
+                    "is_list": "array" in str(schema),
+                    "is_number": schema.get("type") in ("number", "integer"),
+                }
+            )
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_plain(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return str(value) if isinstance(value, datetime.date | datetime.time) else value

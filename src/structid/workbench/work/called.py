@@ -1,0 +1,269 @@
+"""What the workbench asks of structid, each in a worker process: the server stays small and outlives a broken file.
+
+Every function takes the folder first and gives what JSON can hold.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+from structid.core.errors import InputError, StructidError
+from structid.workbench.folder import OpenFolder
+from structid.workbench.work.model import LOOKING
+
+if TYPE_CHECKING:  # NumPy comes with it, which the server does without
+    from structid.core.json_types import Entry
+
+#: Of records that a worker keeps, so that a look at one does not read it anew.
+_KEPT_BYTES = 500_000_000
+
+
+def called(name: str, root: str, given: dict[str, Any]) -> str:
+    """The answer of the function `name` as JSON, or ``{"error": words}``; all that is heavy is imported by then only."""
+    from structid.core.json_types import plain
+
+    try:
+        found = _FUNCTIONS[name](OpenFolder(Path(root)), **given)
+    except StructidError as error:
+        found = {"error": str(error).replace(f"{root}/", "")}
+    except MemoryError:
+        found = {"error": "does not fit in memory; close other programs, or take a smaller part"}
+    except (OSError, ArithmeticError, ValueError, LookupError) as error:
+        found = {"error": f"could not be computed ({type(error).__name__}: {error})"}
+    return json.dumps(plain(found), allow_nan=False, separators=(",", ":"))
+
+
+def called_again(name: str, root: str, given: dict[str, Any]) -> str:
+    """As `called`, in a process that is asked for more than once: records that it read are kept."""
+    from structid.records.formats import keep_records
+
+    keep_records(_KEPT_BYTES)
+    return called(name, root, given)
+
+
+def _warm(_: OpenFolder) -> Entry:
+    """Nothing but the imports of what is asked first."""
+    import structid.workbench.work.scene
+    import structid.workbench.work.signals  # noqa: F401
+
+    return {}
+
+
+def _scene(opened: OpenFolder, study: str, number: int = 0) -> Entry:
+    from structid.workbench.work.scene import scene
+
+    return scene(opened.inside(study), number)
+
+
+def _channels(opened: OpenFolder, study: str, number: int = 0) -> Entry:
+    from structid.study.schema.kinds import as_list
+    from structid.workbench.work.model import read_model, read_record_section
+    from structid.workbench.work.scene import placed_channels
+    from structid.workbench.work.signals import channels, options_of
+
+    path = opened.inside(study)
+    section = read_record_section(path, number)
+    names = as_list(section.table.get("path") or section.table.get("repeats") or "")
+    file = (path.parent / str(names[0])).resolve()
+    if not file.is_file():
+        raise InputError(f"the record {names} is not there; put it back, or choose another one on the start page")
+    found = channels(file, options_of(dict(section.table)))
+    return {"record": names, "channels": placed_channels(read_model(path, number), found)}
+
+
+def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> Entry:
+    from structid.study.templates import TEMPLATES, MeshTemplate, study_file, template_with, write_study
+
+    path = str(study_file(Path(path)))
+    if template not in TEMPLATES:
+        raise InputError(f"there is no template {template!r}")
+    made = template_with(TEMPLATES[template], numbers)
+    if isinstance(made, MeshTemplate):  # the one that reads a file
+        opened.inside(str(PurePosixPath(path).parent / made.path))
+    write_study(made, opened.inside(path))
+    return {"path": path}
+
+
+def _mesh(opened: OpenFolder, path: str, length_unit: str) -> Entry:
+    from structid.workbench.work.scene import mesh_facts
+
+    return mesh_facts(opened.inside(path), length_unit)
+
+
+def _facts(opened: OpenFolder, record: str, options: dict[str, Any]) -> Entry:
+    from structid.workbench.work.signals import facts, options_of
+
+    return facts(opened.inside(record), options_of(options))
+
+
+def _histories(
+    opened: OpenFolder, record: str, options: dict[str, Any], first: float, last: float | None, points: int
+) -> Entry:
+    from structid.workbench.work.signals import histories, options_of
+
+    kept = opened.own("overviews") if opened.is_writable else opened.root
+    return histories(opened.inside(record), options_of(options), first, last, points, kept)
+
+
+def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Entry:
+    from structid.workbench.work.signals import options_of, write_overview
+
+    write_overview(opened.inside(record), options_of(options), opened.own("overviews"))
+    return {}
+
+
+def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> Entry:
+    from structid.study.schema.method import read_method
+    from structid.study.schema.records.record import load_record
+    from structid.workbench.work.model import read_record_source
+    from structid.workbench.work.signals import responses
+
+    root, source = read_record_source(opened.inside(study), number)
+    if source.modes is not None:
+        raise InputError("this record holds modes and no responses")
+    method = read_method(root.section("method"))
+    return {**responses(load_record(source), outputs), "band": method.band, "exclude": method.exclude}
+
+
+def _check(opened: OpenFolder, study: str) -> Entry:
+    import numpy as np
+
+    from structid.study.run.check import check_study
+    from structid.study.schema.study import load_study
+    from structid.workbench.work.scene import told_findings
+
+    read = load_study(opened.inside(study), work=LOOKING)
+    found = check_study(read)
+    relative = found.std / np.where(found.sizes > 0, found.sizes, np.nan)
+    rows = zip(found.names, found.units, found.start, found.std, relative, strict=True)
+    return {
+        "determined": found.determined,
+        "records": found.records,
+        "warnings": found.warnings,
+        "findings": told_findings(read.structure, found.places),
+        "facts": [one.title + fact for one in found.beside for fact in one.facts],
+        "channels": [[one.channel, one.role, one.seen] for one in found.channels],
+        "modes": [[m.frequency, m.damping_ratio, m.in_band, m.lines_per_bandwidth] for m in found.modes],
+        "parameters": [
+            {"name": name, "unit": unit, "start": start, "std": std, "relative": part}
+            for name, unit, start, std, part in list(rows)[:2000]
+        ],
+        "n_parameters": len(found.names),
+        "rank": found.identifiability.rank,
+        "directions": [one.words for one in found.identifiability.directions[:12]],
+        "mass": [found.total_mass, found.total_mass_std],
+        "resonances": [
+            [pair.measured, pair.model, pair.half_bandwidths, pair.mac]
+            for one in found.beside
+            for pair in one.resonances
+        ],
+    }
+
+
+def _needs(opened: OpenFolder, study: str) -> Entry:
+    from structid.study.run.needs import available_bytes, expected
+    from structid.study.schema.study import load_study
+
+    needs, duration = expected(load_study(opened.inside(study), work=LOOKING))
+    return {
+        "bytes": needs.bytes_needed,
+        "free": available_bytes(),
+        "iteration_seconds": needs.iteration_seconds,
+        "seconds": duration.least,
+        "most_seconds": duration.most,
+        "causes_seconds": duration.causes,
+        "is_tried": duration.is_tried,
+    }
+
+
+def _plan(opened: OpenFolder, study: str, sensors: int) -> Entry:
+    from structid.study.schema.plan import load_plan, planned
+
+    found = planned(load_plan(opened.inside(study), n_sensors=sensors, work=LOOKING))
+    rows = zip(found.parameters.names, found.chosen.std, strict=True)
+    return {
+        "sensors": [str(dof) for dof in found.chosen.sensors],
+        "loads": [str(dof) for dof in found.chosen.loads],
+        "parameters": [{"name": name, "relative": std} for name, std in rows],
+    }
+
+
+def _survey(opened: OpenFolder, record: str, options: dict[str, Any], band: list[float] | None) -> Entry:
+    from structid.workbench.work.modes import survey
+    from structid.workbench.work.signals import options_of
+
+    return survey(opened.inside(record), options_of(options), band)
+
+
+def _pick(
+    opened: OpenFolder,
+    record: str,
+    options: dict[str, Any],
+    frequencies: list[float],
+    out: str,
+    band: list[float] | None,
+) -> Entry:
+    from structid.workbench.work.modes import save
+    from structid.workbench.work.signals import options_of
+
+    folder = opened.inside(out)
+    return {**save(opened.inside(record), options_of(options), frequencies, folder, band), "path": f"{out}/modes.json"}
+
+
+def _merge(
+    opened: OpenFolder, records: list[str], options: dict[str, Any], out: str, band: list[float] | None
+) -> Entry:
+    from structid.workbench.work.modes import merge
+    from structid.workbench.work.signals import options_of
+
+    paths = [opened.inside(record) for record in records]
+    return {**merge(paths, options_of(options), opened.inside(out), band), "path": f"{out}/modes.json"}
+
+
+def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Entry:
+    from structid.modal.formats.files import read_modes
+    from structid.workbench.work.model import read_model
+    from structid.workbench.work.modes import beside, posted_modes
+
+    results = opened.inside(at) if at else None
+    modes = read_modes(opened.inside(measured)) if isinstance(measured, str) else posted_modes(measured)
+    return beside(read_model(opened.inside(study), number), modes, results)
+
+
+def _line(opened: OpenFolder, study: str) -> Entry:
+    """What is wrong with a study as it stands; nothing where it can be read."""
+    from structid.study.schema.plan import load_plan
+    from structid.study.schema.root import read_root
+    from structid.study.schema.study import load_study
+
+    path = opened.inside(study)
+    root, _ = read_root(path, work=LOOKING)
+    if "record" in root.table:
+        load_study(path, work=LOOKING)
+    else:
+        load_plan(path, work=LOOKING)
+    return {}
+
+
+_FUNCTIONS: dict[str, Callable[..., Entry]] = {
+    "warm": _warm,
+    "scene": _scene,
+    "channels": _channels,
+    "init": _init,
+    "mesh": _mesh,
+    "facts": _facts,
+    "histories": _histories,
+    "overview": _overview,
+    "responses": _responses,
+    "check": _check,
+    "needs": _needs,
+    "plan": _plan,
+    "survey": _survey,
+    "pick": _pick,
+    "merge": _merge,
+    "beside": _beside,
+    "line": _line,
+}

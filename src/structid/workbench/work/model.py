@@ -1,0 +1,115 @@
+"""A study's structure and record as the page asks for them: of one record of several, before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from structid.core.errors import InputError
+from structid.external.runs import Solver
+from structid.fem import Structure
+from structid.inversion.search.work import Alone, StageProgress, Task
+from structid.study.schema.model.structure import read_structure
+from structid.study.schema.records.record import RecordSource, read_source
+from structid.study.schema.records.sensors import channel_names
+from structid.study.schema.root import read_root, record_sections
+from structid.study.schema.section import Section
+
+
+@dataclass(frozen=True)
+class ReadModel:
+    """A study's structure as it was under one of its records.
+
+    Attributes
+    ----------
+    root : Section
+        The study.
+    record : Section or None
+        ``[record]``, or one of several; None where there is none yet.
+    structure : Structure
+        With the changes that the record makes.
+    """
+
+    root: Section
+    record: Section | None
+    structure: Structure
+
+
+def read_model(path: Path, number: int = 0) -> ReadModel:
+    """The structure of the study at `path` under its record `number`, counted from 0.
+
+    Raises
+    ------
+    InputError
+        If the file or its structure cannot be used, or there are records but none of this number.
+    """
+    root, files = read_root(path, work=LOOKING)
+    record = _record(root, number)
+    changes = record.section("structure") if record is not None else None
+    return ReadModel(root, record, read_structure(root.inner("structure"), files, changes, record))
+
+
+def read_record_section(path: Path, number: int = 0) -> Section:
+    """``[record]`` of the study at `path`, or of several the one of this number, counted from 0.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    return _required(_record(read_root(path, work=LOOKING)[0], number))
+
+
+def _required(record: Section | None) -> Section:
+    if record is None:
+        raise InputError("the study has no record yet: drop a record file on the start page, and use it in this study")
+    return record
+
+
+def read_record_source(path: Path, number: int = 0) -> tuple[Section, RecordSource]:
+    """The study at `path`, and the source of its record `number`; files of its other records need not be there.
+
+    Raises
+    ------
+    InputError
+        If the file, its structure or this record cannot be used.
+    """
+    root, files = read_root(path, work=LOOKING)
+    record = _required(_record(root, number))
+    structure = read_structure(root.inner("structure"), files, record.section("structure"), record)
+    aimed = channel_names(structure)
+    return root, read_source(record, files, aimed, structure.base_supports)
+
+
+def _record(root: Section, number: int) -> Section | None:
+    listed = record_sections(root)
+    if not 0 <= number < max(len(listed), 1):
+        raise InputError(f"the study has {len(listed)} records and none of number {number + 1}; it was changed since")
+    return listed[number] if listed else None
+
+
+class Looking(Alone):
+    """Work that refuses to run solvers; runs that are kept are read all the same."""
+
+    def map(
+        self,
+        name: str,
+        task: Task,
+        shared: Any,
+        items: Sequence[Any],
+        progress: StageProgress | None = None,
+        first: int = 0,
+    ) -> list[Any]:
+        """As `Work.map`, except for runs of a solver."""
+        if isinstance(shared, Solver):
+            raise InputError(
+                f"[structure.solver] names a program that has yet to run {len(items)} times ({shared.command}), and looking at a"
+                " study runs none: where you trust the study, start a run, or `structid check` in a terminal; both keep what"
+                " the program gives"
+            )
+        return super().map(name, task, shared, items, progress, first)
+
+
+LOOKING = Looking()

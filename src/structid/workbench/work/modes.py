@@ -1,0 +1,191 @@
+"""Modes as the page has them: picked from poles of all orders, merged, saved, and beside those of a study's model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.compare.correlation.correlating import values_at
+from structid.compare.correlation.modes import correlated_modes
+from structid.core.display import file_names
+from structid.core.dof import parse_dofs, renamed
+from structid.core.errors import InputError
+from structid.core.json_types import Entry
+from structid.modal import ModalRecord
+from structid.modal.formats.files import read_modes
+from structid.modal.merging import merged_setups
+from structid.modal.survey.options import ModesOptions
+from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file, modes_of_setups
+from structid.records import ReadOptions
+from structid.report.figures.survey import pole_kinds
+from structid.report.modes import modes_page
+from structid.similarity import mac
+from structid.similarity.shapes import most_real
+from structid.study.results.folder import staged_folder
+from structid.study.results.modes import write_merged, write_modes_results
+from structid.study.results.values import stored_values
+from structid.study.schema.records.sensors import channel_names, used_names
+from structid.study.schema.unknowns import read_parameters
+from structid.workbench.folder import holds_modes
+from structid.workbench.work.model import ReadModel
+from structid.workbench.work.scene import packed
+
+_MOST_LINES = 3000
+
+
+def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str, Entry]:
+    """Modes of the record with all poles behind them.
+
+    Raises
+    ------
+    NoModesError, InputError
+        As `modes_of_file`.
+    """
+    found = modes_of_file(path, ModesOptions(band=None if band is None else (band[0], band[1])), read)
+    sweep = found.identification.sweep
+    step = max(1, len(found.spectra.frequency) // _MOST_LINES)
+    return {
+        **_modes(found),
+        "poles": {
+            "frequency": packed(np.concatenate([p.frequency for p in sweep]) if sweep else [], np.float64),
+            "damping": packed(np.concatenate([p.damping_ratio for p in sweep]) if sweep else [], np.float32),
+            "order": packed(np.repeat([p.order for p in sweep], [len(p.poles) for p in sweep]), np.float32),
+            "kind": packed(np.concatenate(pole_kinds(found)) if sweep else [], np.uint8),
+            "shape": packed(np.concatenate([most_real(p.shapes).T for p in sweep]) if sweep else [], np.float32),
+        },
+        "spectrum": {
+            "name": found.spectra.name,
+            "frequency": packed(found.spectra.frequency[::step], np.float64),
+            "value": packed(found.spectra.values[::step, 0], np.float32),
+        },
+    }
+
+
+def save(
+    path: Path, read: ReadOptions, frequencies: list[float], folder: Path, band: list[float] | None
+) -> dict[str, Entry]:
+    """The modes at `frequencies`, written as `structid modes --frequencies` writes them.
+
+    Raises
+    ------
+    NoModesError, InputError
+        As `modes_of_file`.
+    """
+    chosen = ModesOptions(frequencies=tuple(frequencies), band=None if band is None else (band[0], band[1]))
+    return _written(modes_of_file(path, chosen, read), folder)
+
+
+def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, Entry]:
+    """Modes of set-ups with common reference sensors, written as ``structid modes A B``, or ``--merge``, writes them.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Records, whose modes are found first, or files of modes.
+
+    Raises
+    ------
+    InputError
+        If there are records and files of modes, fewer than two, or set-ups that have no sensor or no mode in common.
+    """
+    saved = [path for path in paths if holds_modes(path)]
+    if saved and len(saved) < len(paths):
+        other = next(path.name for path in paths if path not in saved)
+        raise InputError(
+            f"{other} is a record and {saved[0].name} holds modes; save the modes of each record, merge these"
+        )
+    if saved:
+        merging = merged_setups([read_modes(path) for path in paths], names=file_names(paths))
+        with staged_folder(folder, MODES_PAGE) as staged:
+            write_merged(merging.modes, staged)
+        return {**_told(merging.modes), "setups": merging.frequency.T, "spread": merging.frequency_spread}
+    if len(paths) < 2:
+        raise InputError("choose two records or more, or two files of modes; one needs no merging")
+    options = ModesOptions(band=None if band is None else (band[0], band[1]))
+    return _written(modes_of_setups(paths, options, read), folder)
+
+
+def _written(found: ModesResult, folder: Path) -> dict[str, Entry]:
+    with staged_folder(folder, MODES_PAGE) as staged:
+        write_modes_results(found, staged)
+        modes_page(found).write(staged)
+    return _modes(found)
+
+
+def _modes(found: ModesResult) -> dict[str, Entry]:
+    return {
+        **_told(found.modes),
+        "method": found.identification.method,
+        "warnings": list(found.warnings),
+        "steps": list(found.steps),
+    }
+
+
+def _told(modes: ModalRecord) -> dict[str, Entry]:
+    std = modes.std
+    n = modes.n_modes
+    return {
+        "frequency": modes.frequency,
+        "frequency_std": std[:n],
+        "damping": modes.damping_ratio,
+        "damping_std": std[n:],
+        "likeness": mac(modes.mode_shapes, modes.mode_shapes),
+        "channels": [str(dof) for dof in modes.channels],
+        "shapes": most_real(modes.mode_shapes).T,
+        "warnings": list(modes.warnings),
+    }
+
+
+def posted_modes(given: dict[str, Any]) -> ModalRecord:
+    """Modes that the page has found and not saved yet, shapes as `picked` told them.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if not given["frequency"]:
+        raise InputError("no mode is taken that has a shape; take one, or save the modes first")
+    shapes = np.array(given["shapes"], dtype=float).T
+    return ModalRecord(given["frequency"], given["damping"], shapes, parse_dofs(given["channels"]), source="the page")
+
+
+def beside(model: ReadModel, measured: ModalRecord, results: Path | None) -> dict[str, Any]:
+    """`measured` beside the modes of `model` at its start values, or at those that the folder `results` holds.
+
+    Channels are renamed as the record of the study says, where it has them.
+
+    Raises
+    ------
+    InputError
+        If a channel is not part of the structure, or the folder holds no value of the study's parameters.
+    """
+    structure, unknown = model.structure, read_parameters(model.root, model.structure)
+    known = {} if results is None else stored_values(results)
+    values = unknown.values(values_at(unknown.names, unknown.start, known))
+    aimed = channel_names(structure)
+    given = {} if model.record is None else model.record.inner("relabel").table
+    relabel = {name: str(own) for name, own in given.items()}
+    channels = measured.channels
+    for names in (relabel, aimed):
+        channels = renamed(channels, (), used_names(names, channels))[0]
+    found = correlated_modes(structure, values, replace(measured, channels=channels))
+    pairing, shown = found.pairing, found.shown
+    column = {int(mode): k for k, mode in enumerate(shown)}
+    return {
+        "frequency": found.measured.frequency,
+        "model": found.model.frequency[shown],
+        "number": shown + 1,
+        "mac": pairing.mac[:, shown],
+        "pair": [column.get(int(mode)) for mode in pairing.number],
+        "together": [[column[k] for k in pairing.partners(i) if k in column] for i in range(found.measured.n_modes)],
+        "difference": found.frequency_difference,
+        "likeness": pairing.likeness,
+        "remarks": [found.remark(i) for i in range(found.measured.n_modes)],
+        "warnings": found.warnings,
+        "sensors": len(channels),
+    }

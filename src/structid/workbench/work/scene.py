@@ -1,0 +1,265 @@
+"""A structure as the page draws it: places of nodes, faces and lines by element set, supports, masses, sensors."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from structid.core.arrays import IntArray
+from structid.core.dof import Dof, parse_dof, parse_dofs
+from structid.core.json_types import Entry
+from structid.fem import Dashpot, Friction, Joint, PointMass, RotaryInertia, Solid, Spring, Structure
+from structid.fem.elements import ElementSet
+from structid.fem.meshes import read_mesh
+from structid.fem.places import AimedSensor, MeshPoint
+from structid.fem.supports import RigidLink
+from structid.identification.before.places import PlacedFinding, structure_findings
+from structid.report.drawing.faces import AREA_CORNERS, SOLID_CORNERS, SOLID_FACES, is_cells
+from structid.study.schema.kinds import as_list
+from structid.workbench.work.model import ReadModel, read_model
+
+#: Sides of cells beyond which only those between different directions or sets would help; none are drawn.
+_MOST_MARKED = 4000
+#: Degrees of freedom beyond which `check` alone looks for loose parts: here it would keep the picture waiting.
+_MOST_JUDGED = 60_000
+
+
+def scene(path: Path, number: int = 0) -> dict[str, Entry]:
+    """The structure of the study at `path`, the changes of its record `number` (from 0) made.
+
+    Raises
+    ------
+    InputError
+        If the file or its structure cannot be used.
+    """
+    model = read_model(path, number)
+    root, structure = model.root, model.structure
+    labels = np.array(list(structure.nodes), dtype=np.int64)
+    places = np.zeros((len(labels), 3), dtype=np.float32)
+    places[:, : structure.dimension] = np.array(list(structure.nodes.values()))
+    row = {int(label): k for k, label in enumerate(labels)}
+    order = np.argsort(labels)
+
+    def rows(nodes: ArrayLike) -> IntArray:
+        given = np.asarray(nodes, dtype=np.int64)
+        found: IntArray = order[np.searchsorted(labels, given, sorter=order)]
+        return found
+
+    plan = root.inner("plan").table
+    return {
+        "title": root.table.get("title", path.stem),
+        "moves": packed(_moves(structure, labels, rows), np.uint8),
+        "dimension": structure.dimension,
+        "n_dofs": structure.n_dofs,
+        "labels": packed(labels, np.int32),
+        "places": packed(places, np.float32),
+        "sets": [_set(element, structure, rows) for element in structure.elements],
+        "supports": _supports(structure, row),
+        "links": [
+            [row[tie.main], *(row[n] for n in tie.dependents)] for tie in structure.ties if isinstance(tie, RigidLink)
+        ],
+        "points": [
+            {
+                "node": row.get(tie.label, row[tie.node]),
+                "to": row[tie.node],
+                "distance": tie.distance,
+                "label": tie.label,
+            }
+            for tie in structure.ties
+            if isinstance(tie, MeshPoint)
+        ],
+        "planned": {
+            key: [str(dof) for dof in parse_dofs(map(str, as_list(plan.get(f"installed_{key}", []))))]
+            for key in ("sensors", "loads")
+        },
+        "has_record": model.record is not None,
+        "findings": told_findings(structure, structure_findings(structure, structure.values))
+        if structure.n_dofs <= _MOST_JUDGED
+        else [],
+    }
+
+
+def _moves(structure: Structure, labels: IntArray, rows: Any) -> IntArray:
+    """In which of X, Y and Z each node moves: 1, 2 and 4, added."""
+    nodes, axes = np.divmod(structure.numbering.moving, 6)
+    own = np.isin(nodes, labels) & (axes < 3)
+    bits = np.zeros(len(labels), dtype=np.int64)
+    np.add.at(bits, rows(nodes[own]), 1 << axes[own])
+    return bits
+
+
+def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> list[dict[str, Entry]]:
+    """Findings as the page marks them: words, nodes by their labels, elements by the labels around them."""
+    return [
+        {
+            "words": one.words,
+            "nodes": list(one.nodes[:_MOST_MARKED]),
+            "outlines": [
+                outline
+                for element in structure.elements
+                if element.name in one.elements
+                for outline in _outlines(element, one.elements[element.name])
+            ],
+        }
+        for one in findings
+    ]
+
+
+def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
+    """Labels around the elements `rows`: of lines their ends, of solids those of each face."""
+    found: list[list[int]] = []
+    for nodes in element.nodes[rows[:_MOST_MARKED]]:
+        own = nodes[nodes >= 0]
+        if isinstance(element, Solid):
+            found += [own[list(face)].tolist() for face in SOLID_FACES[SOLID_CORNERS[len(own)]]]
+        else:
+            found.append(own[: AREA_CORNERS[len(own)] if is_cells(element) else None].tolist())
+    return found
+
+
+def packed(values: ArrayLike, kind: type[np.generic]) -> str:
+    """`values` as bytes in letters, as the page unpacks them."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
+
+
+def _set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entry]:
+    """One element set: what it is, its properties, and how it is drawn."""
+    properties: list[dict[str, Entry]] = [
+        {
+            "name": item.term.property,
+            "unit": item.term.unit,
+            "kind": item.term.kind,
+            "low": float(np.min(item.term.values)),
+            "high": float(np.max(item.term.values)),
+        }
+        for item in structure.properties
+        if item.element == element.name
+    ]
+    found: dict[str, Entry] = {
+        "name": element.name,
+        "type": type(element).__name__,
+        "count": len(element.nodes),
+        "properties": properties,
+    }
+    if isinstance(element, Spring | Dashpot | Friction):
+        second = element.second or (None,) * len(element.first)
+        pairs = list(zip(element.first, second, strict=True))[:_MOST_MARKED]
+        found["connectors"] = [
+            {"from": int(rows(a.node)), "to": None if b is None else int(rows(b.node)), "direction": a.direction}
+            for a, b in pairs
+        ]
+    elif is_cells(element):
+        found["triangles"], found["edges"], found["owners"] = _faces(element, rows)
+    elif isinstance(element, PointMass | RotaryInertia | Joint) or element.nodes.shape[1] == 1:
+        weights = element.mass if isinstance(element, PointMass) else np.ones(len(element.nodes))
+        found["marks"] = packed(rows(element.nodes[:, 0]), np.uint32)
+        found["weights"] = packed(weights, np.float32)
+    elif element.nodes.shape[1] == 2:
+        found["lines"] = packed(rows(element.nodes), np.uint32)
+    else:
+        used = np.unique(element.nodes[element.nodes >= 0])
+        found["marks"] = packed(rows(used[:_MOST_MARKED]), np.uint32)
+    return found
+
+
+def _faces(element: ElementSet, rows: Any) -> tuple[str, str, str]:
+    """Triangles, sides, and the element of each triangle; of solids the outer faces only."""
+    corners, owners = [], []
+    counts = (element.nodes >= 0).sum(axis=1)
+    solid = isinstance(element, Solid)
+    for count in np.unique(counts):
+        which = np.flatnonzero(counts == count)
+        cells = element.nodes[which]
+        if solid:
+            for face in SOLID_FACES[SOLID_CORNERS[int(count)]]:
+                corners.append(_four(cells[:, list(face)]))
+                owners.append(which)
+        else:
+            corners.append(_four(cells[:, : AREA_CORNERS[int(count)]]))
+            owners.append(which)
+    faces, owner = np.concatenate(corners), np.concatenate(owners)
+    if solid:
+        _, inverse, number = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
+        outer = number[np.ravel(inverse)] == 1
+        faces, owner = faces[outer], owner[outer]
+    at = rows(faces)
+    four = faces[:, 3] != faces[:, 2]
+    triangles = np.concatenate([at[:, :3], at[four][:, [0, 2, 3]]])
+    sides = np.concatenate([at[:, [0, 1]], at[:, [1, 2]], at[:, [2, 3]][four], at[:, [3, 0]]])
+    sides = np.unique(np.sort(sides, axis=1), axis=0)
+    return (
+        packed(triangles, np.uint32),
+        packed(sides, np.uint32),
+        packed(np.concatenate([owner, owner[four]]), np.uint32),
+    )
+
+
+def _four(faces: IntArray) -> IntArray:
+    """Faces of three corners with the last one twice."""
+    return faces if faces.shape[1] == 4 else np.column_stack([faces, faces[:, 2]])
+
+
+def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Entry]]:
+    held: dict[int, list[str]] = {}
+    for dof in structure.fixed:
+        if dof.node in row:
+            held.setdefault(row[dof.node], []).append(dof.direction)
+    found: list[dict[str, Entry]] = [{"node": node, "directions": to} for node, to in held.items()]
+    return found[:_MOST_MARKED]
+
+
+def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[dict[str, Entry]]:
+    """Where each channel (name, role) of the model's record reads its structure.
+
+    ``node`` is the label of the structure's node, None where the channel is on none; ``direction`` a vector.
+    """
+    structure = model.structure
+    aimed = {tie.channel: tie for tie in structure.ties if isinstance(tie, AimedSensor)}
+    by_place = {
+        (name.startswith("load "), parse_dof(name.removeprefix("load ")).place): tie for name, tie in aimed.items()
+    }
+    found: list[dict[str, Entry]] = []
+    for name, role in channels:
+        dof = parse_dof(name)
+        tie = by_place.get((role == "load", dof.place)) or by_place.get((False, dof.place))
+        node: int | None = dof.node if dof.node in structure.nodes else None
+        direction, turned = _unit(dof), False
+        if tie is not None:
+            node, direction, turned = tie.node, [dof.sign * x for x in tie.direction], True
+        found.append(
+            {
+                "name": name,
+                "role": role,
+                "node": node,
+                "direction": direction,
+                "rotation": dof.is_rotation,
+                "declared": turned,
+            }
+        )
+    return found
+
+
+def _unit(dof: Dof) -> list[float]:
+    return [float(dof.sign) if k == dof.axis % 3 else 0.0 for k in range(3)]
+
+
+def mesh_facts(path: Path, length_unit: str) -> dict[str, Entry]:
+    """Nodes, cells, size in m and groups of the mesh at `path`.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    mesh = read_mesh(path, length_unit)
+    return {
+        "nodes": len(mesh.labels),
+        "size": np.ptp(mesh.positions, axis=0),
+        "cells": [[block.kind, len(block.nodes)] for block in mesh.blocks],
+        "groups": [name for name, rows in mesh.groups.items() if any(map(len, rows))] + list(mesh.node_groups),
+    }

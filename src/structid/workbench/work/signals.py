@@ -1,0 +1,266 @@
+"""What records look like: facts, long time histories as the least and greatest of stretches, and responses over lines."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import FileError, InputError, StructidError
+from structid.core.json_types import Entry
+from structid.files import atomic_write
+from structid.modal.formats.files import read_modes
+from structid.records import FrfRecord, TimeRecord
+from structid.records.formats import CsvLayout, ReadOptions, how_read, read_record
+from structid.records.on_disk import ChunkedRecord, MemoryRecord, open_record
+from structid.records.quality.signal_checks import signal_checks
+from structid.records.record import QUANTITY_UNITS
+from structid.workbench.folder import holds_modes
+from structid.workbench.work.scene import packed
+
+#: Samples of a stretch of the overview that is kept.
+STRETCH = 256
+#: Samples at most that are read for a look into a record; beyond, its overview serves.
+_READ = 400_000
+#: Bytes from which on a file is opened and not read.
+_LARGE = 100_000_000
+_SAMPLED, _SAMPLE = 1000, 32
+#: Values of responses at most that are sent at once.
+_MOST_VALUES = 1_500_000
+_CHECKED_BYTES = 200_000_000
+
+
+def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
+    """What the file at `path` is understood as, and what is doubtful about it.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read as it is; the message says what is missing.
+    """
+    if holds_modes(path):
+        modes = read_modes(path)
+        pairs = [[float(f), float(d)] for f, d in zip(modes.frequency, modes.damping_ratio, strict=True)]
+        return {"kind": "modes", "channels": _channels(modes.channels), "modes": pairs, "findings": []}
+    record = _opened(path, options)
+    if isinstance(record, FrfRecord):
+        return {
+            "kind": record.kind,
+            "unit": record.unit,
+            "lines": len(record.frequency),
+            "band": [float(record.frequency[0]), float(record.frequency[-1])],
+            "channels": _channels(record.outputs) + _channels(record.inputs, "load"),
+            "coherence": record.coherence is not None,
+            "averages": record.averages,
+            "read": how_read(record.source, path),
+            "findings": [],
+        }
+    findings: list[dict[str, str]] = []
+    if isinstance(record, MemoryRecord) and record.record.values.nbytes < _CHECKED_BYTES:
+        findings = [{"words": one.words, "severity": one.severity} for one in signal_checks(record.record)]
+    rows = [
+        {
+            "name": str(dof),
+            "role": "load" if quantity == "force" else "sensor",
+            "quantity": quantity,
+            "unit": unit,
+        }
+        for dof, quantity, unit in zip(record.channels, record.quantities, _units(record), strict=True)
+    ]
+    return {
+        "kind": "time histories",
+        "rate": record.sampling_rate,
+        "samples": record.n_times,
+        "seconds": record.n_times / record.sampling_rate,
+        "channels": rows,
+        "read": how_read(record.record.source, path) if isinstance(record, MemoryRecord) else "",
+        "findings": findings,
+        "segment": _segment(record.n_times),
+    }
+
+
+def channels(path: Path, options: ReadOptions) -> list[tuple[str, str]]:
+    """Name and role, ``sensor`` or ``load``, of every channel."""
+    return [(one["name"], one["role"]) for one in facts(path, options)["channels"]]
+
+
+def _channels(dofs: tuple[Dof, ...], role: str = "sensor") -> list[dict[str, Entry]]:
+    return [{"name": str(dof), "role": role} for dof in dofs]
+
+
+def _units(record: ChunkedRecord) -> list[str]:
+    """SI unit of each channel."""
+    return [QUANTITY_UNITS[kind][dof.is_rotation] for dof, kind in zip(record.channels, record.quantities, strict=True)]
+
+
+def _segment(n_times: int) -> int:
+    """Samples of a segment of spectra, about sixteen in the record."""
+    return int(2 ** np.clip(np.floor(np.log2(max(n_times, 256) / 8)), 8, 14))
+
+
+def _opened(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
+    """The record; a long one is only opened."""
+    try:
+        size = path.stat().st_size
+    except FileNotFoundError:
+        raise FileError(f"{path.name}: is not there any more; it was moved or removed while it was open") from None
+    if size > _LARGE and path.suffix.lower() in (".npy", ".h5", ".hdf5"):
+        try:
+            return open_record(path, options)
+        except InputError as error:
+            if "time histories" not in str(error):
+                raise
+    record = read_record(path, options)
+    return MemoryRecord(record) if isinstance(record, TimeRecord) else record
+
+
+def histories(
+    path: Path, options: ReadOptions, first: float, last: float | None, points: int, kept: Path
+) -> dict[str, Entry]:
+    """Every channel from `first` to `last`, s, as least and greatest of about `points` stretches.
+
+    Parameters
+    ----------
+    kept : Path
+        Folder of overviews. ``"sampled"`` in the answer says that none was there yet, see `write_overview`.
+    """
+    record = _opened(path, options)
+    if isinstance(record, FrfRecord):
+        raise InputError(f"{path.name}: holds responses over frequency and no time histories")
+    rate, n = record.sampling_rate, record.n_times
+    begin = int(np.clip(np.floor(first * rate), 0, n - 1))
+    end = n if last is None else int(np.clip(np.ceil(last * rate) + 1, begin + 1, n))
+    points, sampled = int(np.clip(points, 50, 4000)), False
+    overview = overview_path(path, options, kept)
+    if end - begin <= _READ or isinstance(record, MemoryRecord):
+        low, high, at = _read_stretches(record, begin, end, points)
+    elif overview.exists():
+        low, high, at = _overview_stretches(np.load(overview, mmap_mode="r"), begin, end, points)
+    else:
+        low, high, at, sampled = *_sampled_stretches(record, begin, end), True
+    names = [f"{dof} {quantity}" for dof, quantity in zip(record.channels, record.quantities, strict=True)]
+    return {
+        "names": names,
+        "units": _units(record),
+        "seconds": n / rate,
+        "time": packed(at / rate, np.float64),
+        "low": [packed(row, np.float32) for row in low],
+        "high": [packed(row, np.float32) for row in high],
+        "sampled": sampled,
+    }
+
+
+def _read_stretches(
+    record: ChunkedRecord, begin: int, end: int, points: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    parts = [np.asarray(part) for part in record.chunks(begin, end)]
+    values = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+    step = max(1, -(-values.shape[1] // points))
+    starts = np.arange(0, values.shape[1], step)
+    return np.minimum.reduceat(values, starts, axis=1), np.maximum.reduceat(values, starts, axis=1), begin + starts
+
+
+def _overview_stretches(
+    overview: FloatArray, begin: int, end: int, points: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """From the overview, (2, n_channels, n_stretches)."""
+    first, last = begin // STRETCH, -(-end // STRETCH)
+    part = overview[:, :, first:last]
+    step = max(1, -(-part.shape[2] // points))
+    starts = np.arange(0, part.shape[2], step)
+    low, high = np.minimum.reduceat(part[0], starts, axis=1), np.maximum.reduceat(part[1], starts, axis=1)
+    return low, high, (first + starts) * STRETCH
+
+
+def _sampled_stretches(record: ChunkedRecord, begin: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of a few samples here and there, where nothing better is there yet."""
+    starts = np.linspace(begin, end - _SAMPLE, _SAMPLED).astype(int)
+    parts = [next(record.chunks(at, at + _SAMPLE)) for at in starts.tolist()]
+    low, high = (np.column_stack([turn(part, axis=1) for part in parts]) for turn in (np.min, np.max))
+    return low, high, starts
+
+
+def overview_path(path: Path, options: ReadOptions, kept: Path) -> Path:
+    """Where the overview of a record stands: by its place, size and time of change."""
+    stamp = path.stat()
+    told = f"{path}|{stamp.st_size}|{stamp.st_mtime_ns}|{options}"
+    return kept / f"{hashlib.sha256(told.encode()).hexdigest()[:32]}.npy"
+
+
+def write_overview(path: Path, options: ReadOptions, kept: Path) -> None:
+    """Least and greatest of every stretch of a long record, read once from start to end."""
+    record, target = _opened(path, options), overview_path(path, options, kept)
+    if isinstance(record, FrfRecord) or target.exists():
+        return
+    n = -(-record.n_times // STRETCH)
+    found, at = np.empty((2, len(record.channels), n), dtype=np.float32), 0
+    for chunk in record.chunks(longest=STRETCH * 4096):
+        whole = chunk.shape[1] // STRETCH
+        if whole * STRETCH == chunk.shape[1]:  # quicker than `reduceat`
+            cut = chunk.reshape(len(chunk), whole, STRETCH)
+            low, high = cut.min(axis=2), cut.max(axis=2)
+        else:
+            starts = np.arange(0, chunk.shape[1], STRETCH)
+            low, high = np.minimum.reduceat(chunk, starts, axis=1), np.maximum.reduceat(chunk, starts, axis=1)
+        found[0, :, at : at + low.shape[1]], found[1, :, at : at + low.shape[1]] = low, high
+        at += low.shape[1]
+    with atomic_write(target) as temporary, temporary.open("wb") as stream:
+        np.save(stream, found)
+
+
+def responses(record: FrfRecord, outputs: list[str]) -> dict[str, Entry]:
+    """Responses at `outputs`, all where the list is empty: magnitude, phase, coherence and relative random error."""
+    wanted = [k for k, dof in enumerate(record.outputs) if not outputs or str(dof) in outputs]
+    step = max(1, -(-len(record.frequency) * len(wanted) * len(record.inputs) // _MOST_VALUES))
+    few = record.lines(np.arange(0, len(record.frequency), step))
+    pairs = []
+    for o in wanted:
+        for i, load in enumerate(record.inputs):
+            values = few.values[:, o, i]
+            size = np.maximum(np.abs(values), 1e-300)
+            pairs.append(
+                {
+                    "output": str(record.outputs[o]),
+                    "input": str(load),
+                    "magnitude": packed(np.abs(values), np.float32),
+                    "phase": packed(np.degrees(np.angle(values)), np.float32),
+                    "coherence": None if few.coherence is None else packed(few.coherence[:, o, i], np.float32),
+                    "error": None
+                    if few.variance is None
+                    else packed(np.sqrt(few.variance[:, o, i] / 2) / size, np.float32),
+                }
+            )
+    return {
+        "kind": record.kind,
+        "unit": record.unit,
+        "outputs": [str(dof) for dof in record.outputs],
+        "inputs": [str(dof) for dof in record.inputs],
+        "frequency": packed(few.frequency, np.float64),
+        "pairs": pairs,
+        "noise": record.noise_source,
+        "thinned": step,
+    }
+
+
+def options_of(given: dict[str, Any]) -> ReadOptions:
+    """What the page or a ``[record]`` says about a file.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown or of the wrong kind.
+    """
+    known = set(ReadOptions.__dataclass_fields__)
+    chosen = {name: value for name, value in given.items() if name in known and value not in ("", None)}
+    try:
+        if isinstance(chosen.get("csv"), dict):
+            chosen["csv"] = CsvLayout(**chosen["csv"])
+        return ReadOptions(**chosen)
+    except StructidError:
+        raise
+    except TypeError as error:
+        raise InputError(str(error)) from error

@@ -1,0 +1,225 @@
+"""Several searches: which are made, which of their answers are distinct, and which fit."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from structid import LevenbergMarquardt, Status, estimate
+from structid.inversion import BaseProblem, Linearization
+from structid.inversion.search.least_squares import LEFT, minimize
+from structid.inversion.search.multistart import Search, searched_minima
+from structid.inversion.search.work import Alone
+
+
+@dataclass
+class TwoWells(BaseProblem):
+    """Data that p = 1 and p = 2 explain: (p - 1) (p - 2) = 0 twice over, the second time missed by `miss` at 2."""
+
+    miss: float = 0.0
+    theta_start: np.ndarray = field(default_factory=lambda: np.array([1.4]))
+    weight: float = 100.0
+    n_data: int = 2
+    names: tuple = ("p",)
+    kinds: tuple = ("test",)
+    units: tuple = ("1",)
+    lines: np.ndarray = field(default_factory=lambda: np.arange(2))
+    series: np.ndarray = field(default_factory=lambda: np.zeros(2, int))
+    searches: list = field(default_factory=list)
+
+    def residual(self, theta):
+        p = theta[0]
+        return np.array([self.weight * (p - 1) * (p - 2), self.miss * (p - 1)])
+
+    def linearize(self, theta):
+        return Linearization(
+            self.residual(theta), np.array([[self.weight * (2 * theta[0] - 3)], [self.miss]], dtype=float)
+        )
+
+    def physical(self, theta):
+        return np.array(theta)
+
+    def slope(self, theta):
+        return np.ones(len(theta))
+
+
+def test_two_exact_fits_are_found_and_refused():
+    found = estimate(TwoWells(), search=Search(uniqueness_starts=8))
+    assert found.n_starts == 9
+    assert found.n_fitting == len(found.answers) == 2
+    assert sorted(float(answer.values[0]) for answer in found.answers) == pytest.approx([1.0, 2.0])
+    assert sum(answer.n_searches for answer in found.answers) == 9
+    assert found.status is Status.NOT_IDENTIFIABLE
+
+
+def test_distance_is_counted_in_posterior_standard_deviations():
+    """The derivative is 100 at both answers, hence a standard deviation of 0.01: they are 100 of them apart."""
+    found = estimate(TwoWells(), search=Search(uniqueness_starts=8))
+    assert [answer.distance for answer in found.answers] == pytest.approx([0.0, 100.0])
+    near = estimate(TwoWells(weight=2.0), search=Search(uniqueness_starts=8))
+    assert len(near.answers) == 1
+
+
+@pytest.mark.parametrize(("miss", "fits"), [(2.0, 2), (5.0, 1)])
+def test_an_answer_that_the_noise_does_not_allow_does_not_count(miss, fits):
+    """At p = 2 chi-square is miss^2: 4 and 25 against 10.8, the 0.1 % point of one degree of freedom."""
+    found = estimate(TwoWells(miss), search=Search(uniqueness_starts=8))
+    assert len(found.answers) == 2
+    assert found.n_fitting == fits
+    assert found.values == pytest.approx([1.0])
+    assert found.status is (Status.CONVERGED if fits == 1 else Status.NOT_IDENTIFIABLE)
+
+
+def test_without_more_starts_the_first_fit_ends_the_search():
+    found = estimate(TwoWells(), search=Search(restarts=5))
+    assert (found.n_starts, found.n_agreeing, len(found.answers)) == (1, 1, 1)
+    assert found.status is Status.CONVERGED
+
+
+def test_a_likelihood_ratio_rules_out_what_chi_square_alone_allows():
+    """200 more residuals at their expected size: chi-square of the second answer is unremarkable, its excess of 25 is not."""
+
+    class Many(TwoWells):
+        n_data = 202
+        lines = np.arange(202)
+        series = np.zeros(202, int)
+
+        def residual(self, theta):
+            return np.concatenate([super().residual(theta), np.ones(200)])
+
+        def linearize(self, theta):
+            at = super().linearize(theta)
+            return Linearization(self.residual(theta), np.concatenate([at.jacobian, np.zeros((200, 1))]))
+
+    problem = Many(5.0, n_data=202, lines=np.arange(202), series=np.zeros(202, int))
+    found = estimate(problem, search=Search(uniqueness_starts=8))
+    assert len(found.answers) == 2
+    assert found.answers[1].cost == pytest.approx(225.0, rel=1e-3)
+    assert found.n_fitting == 1
+
+
+def test_an_undetermined_direction_is_one_answer_and_not_many():
+    """Only p + q is seen: every search ends somewhere else on the same line, which is no second fit."""
+
+    class Sum(TwoWells):
+        def residual(self, theta):
+            return np.array([100 * (theta.sum() - 3), 0.0])
+
+        def linearize(self, theta):
+            return Linearization(self.residual(theta), np.array([[100.0, 100.0], [0.0, 0.0]]))
+
+    problem = Sum(theta_start=np.array([1.0, 1.0]), names=("p", "q"), kinds=("a", "a"), units=("1", "1"))
+    found = estimate(problem, search=Search(uniqueness_starts=4))
+    assert len(found.answers) == 1
+    assert found.answers[0].n_searches == 5
+
+
+def test_distance_is_the_larger_of_those_seen_from_either_end():
+    """The derivative of p (p - 1) (p - 2) is -1 at 1 and 2 at 2, times the weight of 100."""
+
+    class Uneven(TwoWells):
+        def residual(self, theta):
+            return super().residual(theta) * theta[0]
+
+        def linearize(self, theta):
+            slope = self.weight * (3 * theta[0] ** 2 - 6 * theta[0] + 2)
+            return Linearization(self.residual(theta), np.array([[slope], [0.0]]))
+
+    found = estimate(Uneven(), search=Search(uniqueness_starts=8))
+    assert found.answers[1].distance == pytest.approx(200.0)
+
+
+def test_ways_that_are_functions_get_the_start_of_each_search():
+    """Two ways from the given start, then random starts; uniqueness starts take the first way."""
+    seen = []
+
+    def way(number):
+        return lambda theta: seen.append((number, float(theta[0]))) or ()
+
+    problem = TwoWells(miss=50.0, theta_start=np.array([1.9]))
+    method = LevenbergMarquardt(max_iterations=0)
+    estimate(problem, method, plans=(way(1), way(2)), search=Search(restarts=3, uniqueness_starts=2))
+    assert [number for number, _ in seen] == [1, 2, 1, 2, 1, 1]
+    starts = [start for _, start in seen]
+    assert starts[:2] == [1.9, 1.9]
+    assert len(set(starts)) == 5
+
+
+@pytest.mark.parametrize("n_workers", [1, 3])
+@pytest.mark.parametrize("good", [1, 2, 3, 4])
+def test_random_points_are_drawn_in_the_order_of_the_searches_that_count(good, n_workers):
+    """Two ways, up to three restarts of which the one numbered `good` fits, two uniqueness starts: draws written out."""
+    made = []
+
+    class Several(Alone):
+        def map(self, name, task, shared, items, progress=None, first=0):
+            made.append([(name, float(theta[0])) for _, _, theta in items])
+            return super().map(name, task, shared, items, progress, first)
+
+    problem, method = TwoWells(), LevenbergMarquardt(max_iterations=0)
+    verdicts = iter([False] * (good - 1) + [True] + [False] * 9)
+    search = Search(restarts=3, uniqueness_starts=2, seed=5)
+    ways = [(), ()]
+    found = searched_minima(problem, method, ways, search, lambda _: next(verdicts), None, Several(n_workers))
+    random = np.random.default_rng(5)
+    starts = [1.4, 1.4][:good] + [1.4 + 0.2 * 1.4 * random.standard_normal() for _ in range(good - 2)]
+    starts += [1.4 + 0.2 * 1.4 * random.standard_normal() for _ in range(2)]
+    assert [float(minimum.history[0][0]) for minimum, _ in found] == pytest.approx(starts, rel=1e-14)
+    assert [name for name, _ in made[-1]] == ["uniqueness starts"] * 2
+    assert {name for call in made[:-1] for name, _ in call} == (set() if good == 1 else {"restarts"})
+
+
+def test_restarts_take_the_ways_in_turn_and_then_random_starts():
+    stage = TwoWells(theta_start=np.array([1.4]))
+    seen = []
+    estimate(
+        TwoWells(miss=50.0, theta_start=np.array([1.9])),
+        LevenbergMarquardt(max_iterations=0),
+        plans=((("first", stage),), (("second", stage),)),
+        search=Search(restarts=3),
+        progress=lambda name, iteration, cost: seen.append(name) if iteration == 1 else None,
+    )
+    assert seen == ["first", "search 2, second", "search 3, first", "search 4, second"]
+
+
+def test_the_same_seed_gives_the_same_answers():
+    first, second = (estimate(TwoWells(), search=Search(uniqueness_starts=5, seed=3)) for _ in range(2))
+    assert [a.n_searches for a in first.answers] == [a.n_searches for a in second.answers]
+    assert first.values == second.values
+
+
+@dataclass
+class MissedWells(TwoWells):
+    """The same with a third datum that nothing explains."""
+
+    miss: float = 30.0
+    n_data: int = 3
+    lines: np.ndarray = field(default_factory=lambda: np.arange(3))
+    series: np.ndarray = field(default_factory=lambda: np.zeros(3, int))
+
+    def residual(self, theta):
+        return np.append(super().residual(theta), 100.0)
+
+    def linearize(self, theta):
+        first = super().linearize(theta)
+        return Linearization(first.residual, np.vstack([first.jacobian, [[0.0]]]))
+
+
+def test_searches_that_miss_the_noise_and_are_not_the_best_are_left_early():
+    """Each search by itself goes on to its minimum; of several only the best does, to the same place."""
+    problem, method = MissedWells(theta_start=np.array([1.6])), LevenbergMarquardt()
+    search = Search(restarts=7, seed=2)
+    found = searched_minima(problem, method, (), search, lambda minimum: False)
+    cost = np.array([minimum.costs[-1] for minimum, _ in found])
+    best = cost < 1.001 * cost.min()
+    assert 0 < best.sum() < len(found)
+    for (minimum, iterations), is_best in zip(found, best, strict=True):
+        alone = minimize(problem, method, minimum.history[0])
+        assert iterations == len(minimum.inner) == len(minimum.costs) - 1 == len(minimum.history) - 1
+        assert minimum.converged == is_best
+        if is_best:
+            assert minimum.theta == pytest.approx(alone.theta, rel=1e-6)
+        else:
+            assert minimum.message == LEFT
+            assert iterations < len(alone.inner)
+            assert minimum.costs[-1] == pytest.approx(alone.costs[-1], rel=1e-4)
