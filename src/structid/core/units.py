@@ -16,9 +16,9 @@ FrfKind = Literal["receptance", "mobility", "accelerance", "transmissibility"]
 
 #: Standard acceleration of free fall in m/s^2.
 STANDARD_GRAVITY = 9.80665
-_LENGTHS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+LENGTHS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 _ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180}
-_FORCES = {
+FORCES = {
     "N": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6,
     "lbf": 4.4482216152605, "kip": 4448.2216152605, "kgf": STANDARD_GRAVITY,
 }  # fmt: skip
@@ -27,7 +27,7 @@ _ACCELERATIONS = {"g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3}
 _MISTAKEN = ((STANDARD_GRAVITY, "m/s^2", "g"), (1e3, "mm", "m"), (1e2, "cm", "m"), (1 / 0.0254, "in", "m"))
 _MISTAKEN_TURNS = ((180 / math.pi, "deg", "rad"), (1e3, "mrad", "rad"))
 #: What a force is more than its reading says, likewise.
-MISTAKEN_FORCES = tuple((_FORCES[unit], unit, "N") for unit in ("lbf", "kgf", "kN"))
+MISTAKEN_FORCES = tuple((FORCES[unit], unit, "N") for unit in ("lbf", "kgf", "kN"))
 _PER_TIME: dict[str, Quantity] = {
     "": "displacement",
     "/s": "velocity",
@@ -101,20 +101,20 @@ def _without_brackets(text: str) -> str:
 
 def _unit(text: str) -> Unit | None:
     text = _without_brackets(text)
-    if text in _FORCES:
-        return Unit("force", _FORCES[text], False)
+    if text in FORCES:
+        return Unit("force", FORCES[text], False)
     if text in _ACCELERATIONS:
         return Unit("acceleration", _ACCELERATIONS[text], False)
     motion = _MOTION.match(text)
     if motion and (motion["time"] or "") in _PER_TIME:
         quantity = _PER_TIME[motion["time"] or ""]
-        if motion["base"] in _LENGTHS:
-            return Unit(quantity, _LENGTHS[motion["base"]], False)
+        if motion["base"] in LENGTHS:
+            return Unit(quantity, LENGTHS[motion["base"]], False)
         if motion["base"] in _ANGLES:
             return Unit(quantity, _ANGLES[motion["base"]], True)
     moment = _MOMENT.match(text)
-    if moment and moment["force"] in _FORCES:
-        return Unit("force", _FORCES[moment["force"]] * _LENGTHS[moment["length"]], True)
+    if moment and moment["force"] in FORCES:
+        return Unit("force", FORCES[moment["force"]] * LENGTHS[moment["length"]], True)
     return None
 
 
