@@ -1,7 +1,7 @@
 # make demo   identify the measured frame and write its report
 # make test   run all tests
 # make docs   build the documentation site
-# make fuzz   damage files of every kind and keys of studies, and print what came of reading them (COUNT=20000 SEED=5 for more)
+# make fuzz   damage files of every kind and keys of studies, vary headers of records, and print what came of reading them (COUNT=20000 SEED=5 for more)
 # make killed end runs at 100 random moments and run them again to the same digits
 # make dist-check   build wheel and sdist, install each without extras outside the tree, run an example (needs PyPI)
 # make test-lowest  run all tests on Python 3.11 with the lowest versions that pyproject.toml names (needs uv and 3.11)
@@ -47,6 +47,7 @@ docs: $(STAMP)
 fuzz: $(STAMP)
 	$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
 	$(BIN)/python -m fuzz.keys --count $(COUNT) --seed $(SEED)
+	$(BIN)/python -m fuzz.headers --count $(COUNT) --seed $(SEED)
 
 killed: $(STAMP)
 	$(BIN)/python -m fuzz.killed --count 100 --seed $(SEED)
