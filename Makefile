@@ -1,5 +1,6 @@
 # make demo   identify the measured frame and write its report
-# make test   run all tests
+# make test   run the quick tests (minutes)
+# make test-all  run all tests, the long ones too (what .ci/run runs)
 # make docs   build the documentation site
 # make fuzz   damage files of every kind and keys of studies, and print what came of reading them (COUNT=20000 SEED=5 for more)
 # make killed end runs at 100 random moments and run them again to the same digits
@@ -17,13 +18,17 @@ SEED ?= 1
 # byte code is kept even where the environment says otherwise: the tests start the command hundreds of times
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test lint types imports check docs fuzz killed dist-check test-lowest test-newest clean
+.PHONY: demo test test-all lint types imports check docs fuzz killed dist-check test-lowest test-newest clean
 
 demo: $(STAMP)
 	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame --workers 2
 
 test: $(STAMP)
 	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2
+
+# the quick and the long tests in one run: nothing runs twice
+test-all: $(STAMP)
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2 -m "not slow"
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -61,12 +66,12 @@ dist-check: $(STAMP)
 test-lowest:
 	uv venv --quiet --clear --python 3.11 .venv-lowest
 	uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct --editable ".[dev]"
-	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-lowest/bin/python -m pytest -n 2
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-lowest/bin/python -m pytest -n 2 -m "not slow"
 
 test-newest:
 	uv venv --quiet --clear --python 3.13 .venv-newest
 	uv pip install --quiet --python .venv-newest/bin/python --editable ".[dev]"
-	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-newest/bin/python -m pytest -n 2
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-newest/bin/python -m pytest -n 2 -m "not slow"
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'structid needs Python 3.11 or newer, this is ' + sys.version)"
