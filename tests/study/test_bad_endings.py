@@ -29,6 +29,7 @@ def run(*words: str, folder: Path = ROOT, **options) -> subprocess.CompletedProc
     )
 
 
+@pytest.mark.long
 def test_ended_at_random_moments_and_run_again(tmp_path):
     """`python -m fuzz.killed` with 100 moments is the whole of it."""
     done = run("-m", "fuzz.killed", "--count", "4", "--seed", "11", timeout=600)
@@ -93,7 +94,9 @@ WAYS = {
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="limits of file size are of POSIX")
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    "way", [pytest.param(way, marks=[] if way in ("identify", "convert.h5") else pytest.mark.long) for way in WAYS]
+)
 def test_a_disk_that_fills_leaves_nothing(tmp_path, way):
     write_chain(tmp_path)
     n_sizes = {"identify with its report": 4, "modes": 8, "compare": 8, "plan": 8}.get(way, 20)

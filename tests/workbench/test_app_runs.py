@@ -57,6 +57,7 @@ def processes(folder: Path, run: str) -> list[psutil.Process]:
         return []
 
 
+@pytest.mark.long
 def test_a_run_outlives_the_server_and_a_killed_one_is_resumed(folder):
     with served(folder) as bench:
         run = bench.post("runs", {"study": "beam.toml", "results": "first"})[1]["id"]
