@@ -49,7 +49,7 @@ def invoke(*arguments: object):
 
 def command(*arguments: object, **options) -> subprocess.CompletedProcess:
     words = [sys.executable, "-m", "structid", *map(str, arguments)]
-    return subprocess.run(words, capture_output=True, text=True, env=ENVIRONMENT, timeout=120, check=False, **options)
+    return subprocess.run(words, capture_output=True, text=True, env=ENVIRONMENT, timeout=600, check=False, **options)
 
 
 @pytest.mark.parametrize("name", ["identify", "plan", "compare", "modes", "motion", "correlate"])
@@ -238,7 +238,7 @@ def test_an_error_of_the_system_is_one_line(study, monkeypatch):
 def test_an_interruption_exits_130_and_leaves_nothing(study, tmp_path):
     code = (
         "import sys, time, structid.study.run.run as run, structid.cli.app as cli\n"
-        "def waiting(*a):\n    print('started', flush=True)\n    time.sleep(30)\n"
+        "def waiting(*a):\n    print('started', flush=True)\n    time.sleep(600)\n"
         "run.identify_together = waiting\n"
         f"sys.argv = ['structid', 'identify', {str(study)!r}]\n"
         "cli.main()\n"
@@ -255,7 +255,7 @@ def test_an_interruption_exits_130_and_leaves_nothing(study, tmp_path):
     assert process.stdout is not None
     assert process.stdout.readline() == "started\n"
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=600)
     assert process.returncode == 130
     assert "interrupted" in errors
     assert "Traceback" not in errors

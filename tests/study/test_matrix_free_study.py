@@ -176,7 +176,7 @@ def test_killed_search_resumes_to_the_same_digits(plate, tmp_path):
             signalled_when(first, kept / "done-00002.npz", signal.SIGKILL)
             assert first.returncode == -signal.SIGKILL
         run = command(tmp_path / name, *(["--resume"] if killed else []))
-        _, errors = run.communicate(timeout=120)
+        _, errors = run.communicate(timeout=600)
         assert (run.returncode, errors) == (0, "")
         assert not kept.exists()
         answers.append((tmp_path / name / "chain_results" / "parameters.csv").read_text(encoding="utf-8"))

@@ -56,7 +56,7 @@ def page(browser):
     """A page whose errors fail the test."""
     context = browser.new_context(viewport={"width": 1400, "height": 900}, accept_downloads=True)
     made = context.new_page()
-    made.set_default_timeout(60_000)
+    made.set_default_timeout(300_000)
     wrong: list[str] = []
     made.on("pageerror", lambda error: wrong.append(str(error)))
     made.on(
@@ -116,8 +116,8 @@ def accessible(page, name: str) -> None:
 
 
 def eventually(page, holds) -> None:
-    """Wait until `holds()`, ten seconds at most."""
-    for _ in range(100):
+    """Wait until `holds()`, two minutes at most."""
+    for _ in range(1200):
         if holds():
             return
         page.wait_for_timeout(100)
@@ -242,14 +242,14 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         # the run goes on while the page is read again, and is seen in a second one
         step(page, "Run")
         page.get_by_role("button", name="What will it take?").click()
-        page.get_by_text("the search was tried").wait_for(timeout=120_000)
+        page.get_by_text("the search was tried").wait_for(timeout=600_000)
         page.get_by_role("button", name="Identify").click()
         page.locator("[data-run]").wait_for()
         page.reload()
         second = page.context.new_page()
         second.goto(page.url)
         for one in (page, second):
-            one.locator("[data-run] .state", has_text="done").wait_for(timeout=240_000)
+            one.locator("[data-run] .state", has_text="done").wait_for(timeout=600_000)
         shown(page, screens, "6_run")
         accessible(page, "run")
         second.close()
@@ -542,7 +542,7 @@ def test_what_was_typed_outlives_a_step_and_the_end_of_the_server_is_told(page, 
         assert study.read_text(encoding="utf-8") == typed
         assert page.get_by_role("button", name="Save").is_disabled()
         bench.process.send_signal(signal.SIGINT)
-        page.get_by_text("the workbench does not answer").wait_for(timeout=10_000)
+        page.get_by_text("the workbench does not answer").wait_for(timeout=120_000)
         page.get_by_role("navigation").get_by_role("link", name="Structure").click()
         for _ in range(3):
             page.get_by_role("button", name="Try again").click()
@@ -550,7 +550,7 @@ def test_what_was_typed_outlives_a_step_and_the_end_of_the_server_is_told(page, 
         assert page.locator("main .card").count() == 1
         shown(page, screens, "20_away")
     with served(tmp_path, "--port", str(bench.port)):
-        page.get_by_text("The address lacks the token: open the whole address").first.wait_for(timeout=15_000)
+        page.get_by_text("The address lacks the token: open the whole address").first.wait_for(timeout=120_000)
         page.get_by_role("button", name="Try again").click()
         page.locator("main .card", has_text="The address lacks the token").wait_for()
 
@@ -587,7 +587,7 @@ def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
     with served(tmp_path) as bench:
         page.goto(bench.address + "#modes")
         page.get_by_role("button", name="Find modes").click()
-        page.locator("#stabilization .main-svg").first.wait_for(timeout=120_000)
+        page.locator("#stabilization .main-svg").first.wait_for(timeout=600_000)
         page.get_by_role("button", name="Save 3 modes").wait_for()
         shown(page, screens, "10_modes")
         accessible(page, "modes")
@@ -595,7 +595,7 @@ def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
         step(page, "Start")
         step(page, "Modes")  # what was taken and left is as it was
         page.get_by_role("button", name="Save 2 modes").click()
-        page.get_by_text("2 modes are saved in ambient_modes/modes.json").wait_for(timeout=120_000)
+        page.get_by_text("2 modes are saved in ambient_modes/modes.json").wait_for(timeout=600_000)
         page.frame_locator("iframe.report").locator("#figure-mode_shapes .main-svg").first.wait_for()
         shown(page, screens, "11_saved")
         found = json.loads((tmp_path / "ambient_modes" / "modes.json").read_text(encoding="utf-8"))
@@ -607,7 +607,7 @@ def test_modes_picked_by_hand_and_saved(page, screens, tmp_path):
         page.get_by_text("ambient_modes: is there already; give another folder").wait_for()
         assert json.loads((tmp_path / "ambient_modes" / "modes.json").read_text(encoding="utf-8")) == found
         page.get_by_role("button", name="Replace ambient_modes").click()
-        page.get_by_text("1 modes are saved in ambient_modes/modes.json").wait_for(timeout=120_000)
+        page.get_by_text("1 modes are saved in ambient_modes/modes.json").wait_for(timeout=600_000)
 
 
 #: Where on the screen the highest pole of the second mode is drawn.
@@ -631,7 +631,7 @@ def test_modes_beside_the_model_and_set_ups_merged(page, screens, tmp_path):
         page.goto(bench.address + "#modes/storeys.toml")
         page.get_by_label("Record", exact=True).select_option("lower.h5")
         page.get_by_role("button", name="Find modes").click()
-        page.get_by_role("button", name="Save 3 modes").wait_for(timeout=120_000)
+        page.get_by_role("button", name="Save 3 modes").wait_for(timeout=600_000)
         page.get_by_role("button", name=re.compile("^Leave the mode at")).nth(1).click()
         page.get_by_role("button", name="Save 2 modes").wait_for()
         page.mouse.click(*page.evaluate(POLE_OF_MODE_2))  # taken back by hand it has a shape at once
@@ -643,7 +643,7 @@ def test_modes_beside_the_model_and_set_ups_merged(page, screens, tmp_path):
         page.get_by_label("upper.h5").check()
         page.get_by_label("lower.h5").check()
         page.get_by_role("button", name="Merge", exact=True).click()
-        page.get_by_text("3 of 3 measured modes have a like in the model, by 3 sensors").wait_for(timeout=120_000)
+        page.get_by_text("3 of 3 measured modes have a like in the model, by 3 sensors").wait_for(timeout=600_000)
         assert page.locator("table.mac td.pair").count() == 3
         assert min(float(one) for one in page.locator("table.mac td.pair").all_inner_texts()) > 0.98
         shown(page, screens, "11_beside")
@@ -711,11 +711,11 @@ def test_the_measured_frame_runs_is_killed_and_resumed(page, screens, tmp_path):
     with served(tmp_path) as bench:
         page.goto(bench.address)
         page.get_by_role("link", name="Three-storey frame").click()
-        page.get_by_text("data and priors determine every parameter").wait_for(timeout=120_000)
+        page.get_by_text("data and priors determine every parameter").wait_for(timeout=600_000)
         shown(page, screens, "12_frame")
         step(page, "Run")
         page.get_by_role("button", name="Identify").click()
-        page.locator("[data-run] p", has_text="sum of squares").wait_for(timeout=120_000)
+        page.locator("[data-run] p", has_text="sum of squares").wait_for(timeout=600_000)
         page.get_by_role("button", name="Pause").click()
         page.locator("[data-run] .state", has_text="paused").wait_for()
         page.get_by_role("button", name="Go on").click()

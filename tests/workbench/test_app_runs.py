@@ -151,7 +151,7 @@ def test_ctrl_c_ends_open_pages_and_questions_without_a_word(folder):
             )
         time.sleep(1)
         bench.process.send_signal(signal.SIGINT)
-        said = bench.process.communicate(timeout=30)[0]
+        said = bench.process.communicate(timeout=600)[0]
         assert said.strip() in ("", "(this machine only; Ctrl-C ends it, runs go on)")  # the rest of its first words
         assert bench.process.returncode == 0
 
@@ -182,7 +182,7 @@ def test_a_port_that_is_taken_is_told(folder):
             "--port",
             str(taken.getsockname()[1]),
         ]
-        done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 2
     assert "give another one with --port" in done.stderr
     assert "Traceback" not in done.stderr
@@ -190,7 +190,7 @@ def test_a_port_that_is_taken_is_told(folder):
 
 def test_no_folder_is_told(tmp_path):
     words = [sys.executable, "-m", "structid", "app", str(tmp_path / "nothing"), "--no-browser"]
-    done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 2
     assert "is no folder" in done.stderr
 
