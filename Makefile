@@ -24,11 +24,11 @@ demo: $(STAMP)
 	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame --workers 2
 
 test: $(STAMP)
-	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2 --dist worksteal
 
 # the quick and the long tests in one run: nothing runs twice
 test-all: $(STAMP)
-	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2 -m "not slow"
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -66,12 +66,12 @@ dist-check: $(STAMP)
 test-lowest:
 	uv venv --quiet --clear --python 3.11 .venv-lowest
 	uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct --editable ".[dev]"
-	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-lowest/bin/python -m pytest -n 2 -m "not slow"
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-lowest/bin/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 test-newest:
 	uv venv --quiet --clear --python 3.13 .venv-newest
 	uv pip install --quiet --python .venv-newest/bin/python --editable ".[dev]"
-	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-newest/bin/python -m pytest -n 2 -m "not slow"
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-newest/bin/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'structid needs Python 3.11 or newer, this is ' + sys.version)"

@@ -162,6 +162,7 @@ def test_an_estimate_without_a_covariance_matrix_says_so(plate):
     assert found.estimate.residual_tests.series[0].name == str(found.sensors[0])
 
 
+@pytest.mark.long
 def test_killed_search_resumes_to_the_same_digits(plate, tmp_path):
     folder, *_ = plate
     answers = []
@@ -212,6 +213,7 @@ def test_check_counts_smoothness_of_given_strength(plate, tmp_path):
     assert any("predicted without the smoothness" in words for words in unheld.warnings)
 
 
+@pytest.mark.long
 def test_two_records_give_the_answer_of_one_with_all_sensors(plate, tmp_path):
     folder, *_ = plate
     for name in ("plate.msh", "frf.npz", "study.toml"):
