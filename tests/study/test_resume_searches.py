@@ -249,6 +249,7 @@ def test_pieces_of_a_chain_are_kept_before_it_ends(tmp_path):
     assert names[-1] == "chains to draw 150 of 180 1, 1"
 
 
+@pytest.mark.long
 def test_a_killed_time_fit_resumes_to_the_same_digits(histories, tmp_path):
     """Killed by SIGKILL in one of its searches."""
     source = histories[0].path.parent

@@ -314,6 +314,7 @@ def entry(shared: np.ndarray, item: int, tools: Tools) -> float:
     return float(shared[item])
 
 
+@pytest.mark.long
 def test_what_is_shared_is_on_all_workers_and_on_those_that_come(cluster, cluster_module):
     """Tasks run on both workers for longer than Dask keeps copies of one result, then on three."""
     shared = np.arange(100_000.0)
