@@ -113,6 +113,24 @@ def test_workers_evaluate_differences(tmp_path):
     assert values(found) == pytest.approx(TRUE, rel=1e-6)
 
 
+def test_a_run_of_another_process_that_ends_while_old_ones_are_swept_is_no_error(tmp_path, monkeypatch):
+    path = chain_study(tmp_path)
+    running = tmp_path / "study.runs" / ".0123456789ab.01234567"
+    running.mkdir(parents=True)
+    is_dir = Path.is_dir
+
+    def ends_behind(folder: Path) -> bool:
+        was_there = is_dir(folder)
+        if folder == running and was_there:
+            folder.rename(folder.with_name("done"))
+        return was_there
+
+    monkeypatch.setattr(Path, "is_dir", ends_behind)
+    done = RUN.invoke(cli.app, ["check", str(path)])
+    assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "study.runs" / "done").exists()
+
+
 @pytest.mark.long
 def test_faults_and_kills_change_nothing_and_no_finished_run_is_repeated(tmp_path):
     plain = tmp_path / "plain"
