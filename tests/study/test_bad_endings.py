@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.study.results.folder import staged_folder
-from study_cases import CHAIN, write_chain
+from study_cases import CHAIN, complaints, write_chain
 
 ROOT = Path(__file__).parent.parent.parent
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
@@ -58,7 +58,7 @@ def test_two_runs_in_one_place(tmp_path):
     finally:
         first.send_signal(signal.SIGCONT)
     _, said = first.communicate(timeout=600)
-    assert (first.returncode, said) == (0, "")
+    assert (first.returncode, complaints(said)) == (0, [])
     assert json.loads((tmp_path / "chain_results" / "estimate.json").read_text())["status"] == "converged"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["chain.toml", "chain_results", "frf.npz"]
 
