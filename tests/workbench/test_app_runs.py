@@ -208,6 +208,7 @@ def test_no_folder_is_told(tmp_path):
     assert "is no folder" in done.stderr
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_is_begun_anew(tmp_path):
     shutil.copy(ROOT / "examples" / "first_structure" / "study.toml", tmp_path)
     shutil.copy(ROOT / "examples" / "first_structure" / "record.csv", tmp_path)
