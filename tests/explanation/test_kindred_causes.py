@@ -91,6 +91,7 @@ def written_in_space(folder, truth, loads=((1.0, 0.0), (0.0, 1.0))):
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late", [["2X", "5Y"], ["2X", "3X", "5Y"]])
 def test_sensors_of_one_late_card_are_named_together(tmp_path, late):
     path = written(tmp_path, off())
@@ -108,6 +109,7 @@ def test_sensors_of_one_late_card_are_named_together(tmp_path, late):
     assert "+ [[record.channel_error]]" in first.lines
 
 
+@pytest.mark.long
 def test_a_foot_that_lets_go_of_all_rotations_is_named_whole(tmp_path):
     path = written_in_space(tmp_path, SPACE.replace('fixed = ["1", "5"]', 'fixed = ["1 X Y Z", "5"]'))
     result, _ = answered(path)
@@ -137,6 +139,7 @@ def test_only_delays_of_one_record_and_about_one_time_go_together():
     assert cause_words(found.candidate, None) == "sensors 1X, 3X are late by one time, as of one card"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "where"), [("place", ("2X", "3X")), ("load_place", ("4Y", "5Y"))])
 def test_a_sensor_or_a_load_at_another_node_is_named(tmp_path, kind, where):
     """The record says 2X for the sensor at 3X, or 4Y for the load at 5Y."""
@@ -159,6 +162,7 @@ def test_a_sensor_or_a_load_at_another_node_is_named(tmp_path, kind, where):
     assert "relabel" in " ".join(first.lines)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["place", "load_place"])
 def test_a_sensor_or_a_load_between_two_nodes_is_named_with_where_it_is(tmp_path, kind):
     """The record says 4Y for what is at a third of the way to node 3: the girder's cubic, by Hermite's polynomials from node 3."""
@@ -187,6 +191,7 @@ def test_a_sensor_or_a_load_between_two_nodes_is_named_with_where_it_is(tmp_path
     assert fits[0].trial.changes[0][1] == pytest.approx(1 / 3, abs=0.01)
 
 
+@pytest.mark.long
 def test_a_sensor_of_the_wrong_sense_in_modes_is_named_as_that(tmp_path):
     result, _ = answered(written_modes(tmp_path, {"4X": -1.0}))
     first = result.criticism.causes[0]
@@ -206,6 +211,7 @@ def test_a_material_that_is_wrong_in_all_sets_is_named_as_one(tmp_path):
     assert "are off by one factor" in first.words
 
 
+@pytest.mark.long
 def test_a_sensor_that_is_dead_is_not_said_to_be_off_by_a_factor(tmp_path):
     """It reads noise alone: a gain near 0 would leave it out as well."""
     path = written(tmp_path, off())
@@ -218,6 +224,7 @@ def test_a_sensor_that_is_dead_is_not_said_to_be_off_by_a_factor(tmp_path):
     assert "sensor_gain" not in {one.kind for one in result.criticism.causes}
 
 
+@pytest.mark.long
 def test_a_drive_that_is_turned_is_named_with_its_direction(tmp_path):
     """A shaker 12 degrees off its axis; no place and no calibration of it says the same."""
     angle = np.radians(12.0)
