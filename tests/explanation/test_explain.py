@@ -15,7 +15,7 @@ from structid.criticism.data import scaled_misfit
 from structid.criticism.verdict import Cause, Moved, are_causes, judged
 from structid.explanation.answer import criticized
 from structid.explanation.refits import Fitted
-from structid.explanation.screening import _told
+from structid.explanation.screening import _faulty, _told
 from structid.explanation.suggestions import suggestion_text
 from structid.explanation.trial import base_trial
 from structid.explanation.words import cause_kind, cause_words
@@ -514,16 +514,43 @@ def test_a_wrong_sense_beside_another_fault_is_not_called_a_noisy_sensor(tmp_pat
     assert "mass" in second.study
 
 
-@pytest.mark.long
-def test_a_channel_that_its_history_shows_to_be_clipped_is_said_and_named(tmp_path):
-    """A linear look does not promise much of leaving it out: the model has bent to it."""
-    path = written_histories(tmp_path, of_histories(off()))
-    record = read_record(tmp_path / "time.npz")
+def written_clipped(folder):
+    """Histories of which that of 4Y is clipped."""
+    path = written_histories(folder, of_histories(off()))
+    record = read_record(folder / "time.npz")
     values = np.array(record.values)
     limit = 0.4 * np.abs(values[:, 3]).max()
     values[:, 3] = np.clip(values[:, 3], -limit, limit)
-    write_record(tmp_path / "time.npz", replace(record, values=values))
-    result, _ = answered(path)
+    write_record(folder / "time.npz", replace(record, values=values))
+    return path
+
+
+def written_drifting(folder):
+    """Histories of which that of 3X drifts."""
+    path = written_histories(folder, of_histories(off()))
+    record = read_record(folder / "time.npz")
+    values, n = np.array(record.values), len(record.values)
+    walk = np.cumsum(np.random.default_rng(7).standard_normal(n)) / np.sqrt(n)
+    values[:, 2] += 0.3 * values[:, 2].std() * (4 * np.linspace(0.0, 1.0, n) + 2 * walk)
+    write_record(folder / "time.npz", replace(record, values=values))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("made", "places"), [(written_clipped, {"4Y"}), (written_drifting, {"3X"}), (written_histories, set())]
+)
+def test_channels_that_did_not_measure_their_motion_are_fitted_without_whatever_a_look_says(tmp_path, made, places):
+    ready = started(load_study(made(tmp_path)))
+    found = run_started(ready).identification
+    trial = base_trial(ready.study, ready.setups, found.problems, found.estimate.theta)
+    faulty = _faulty(Fitted(trial, found.estimate.theta, found.estimate.chi_square))
+    assert faulty == {("channel", (place,), 0) for place in places}
+
+
+@pytest.mark.long
+def test_a_channel_that_its_history_shows_to_be_clipped_is_said_and_named(tmp_path):
+    """A linear look does not promise much of leaving it out: the model has bent to it."""
+    result, _ = answered(written_clipped(tmp_path))
     assert "channel 4Y+ acceleration is clipped" in result.identification.warnings[0]
     assert result.criticism.judgement.verdict == "wrong_model"
     first = result.criticism.causes[0]
@@ -533,13 +560,7 @@ def test_a_channel_that_its_history_shows_to_be_clipped_is_said_and_named(tmp_pa
 
 @pytest.mark.long
 def test_a_channel_that_drifts_is_named_though_averaged_responses_hide_it(tmp_path):
-    path = written_histories(tmp_path, of_histories(off()))
-    record = read_record(tmp_path / "time.npz")
-    values, n = np.array(record.values), len(record.values)
-    walk = np.cumsum(np.random.default_rng(7).standard_normal(n)) / np.sqrt(n)
-    values[:, 2] += 0.3 * values[:, 2].std() * (4 * np.linspace(0.0, 1.0, n) + 2 * walk)
-    write_record(tmp_path / "time.npz", replace(record, values=values))
-    result, _ = answered(path)
+    result, _ = answered(written_drifting(tmp_path))
     assert result.criticism.judgement.verdict == "wrong_model"
     first = result.criticism.causes[0]
     assert (first.kind, first.where) == ("channel", ("3X",))

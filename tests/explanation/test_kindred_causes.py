@@ -7,15 +7,20 @@ from functools import partial
 import numpy as np
 import pytest
 from frame_cases import FREQUENCY, STUDY, off, written, written_modes
+from test_each_cause import begun
 from test_explain import answered
 
-from structid.criticism.candidate import Candidate
+from structid.criticism.candidate import Candidate, bare
+from structid.criticism.pool import pool
 from structid.criticism.screen import Screened
 from structid.explanation.explain import _weighed
-from structid.explanation.kindred import _of_one_card, _off_otherwise
-from structid.explanation.refits import Fitted
+from structid.explanation.kindred import _misplaced, _of_one_card, _off_otherwise, _turned
+from structid.explanation.refits import Fitted, approached, refitted, restored
+from structid.explanation.screening import _feet
+from structid.explanation.suggestions import suggestion_text
 from structid.explanation.trial import base_trial
 from structid.explanation.words import cause_words
+from structid.inversion.search.work import PLAIN_TOOLS
 from structid.records import FrfRecord
 from structid.records.formats import read_record, write_record
 from structid.study.run.start import started, study_problems
@@ -120,6 +125,35 @@ def test_a_foot_that_lets_go_of_all_rotations_is_named_whole(tmp_path):
     assert "the supports 1RX, 1RY, 1RZ give way together" in first.words
     assert '+ first = ["1RX", "1RY", "1RZ"]' in first.lines
     assert any(line.startswith("+ fixed") and '"1 X Y Z"' in line for line in first.lines)
+
+
+def test_a_foot_lets_go_of_all_rotations_at_once(tmp_path):
+    path = written_in_space(tmp_path, SPACE)
+    right = begun(path).trial
+    feet = _feet(pool(right.looked_at(right.seen, right.target.theta_start).records), 10.0)
+    assert [row.candidate.where for row in feet] == [("1RX", "1RY", "1RZ"), ("5RX", "5RY", "5RZ")]
+    pinned = bare(feet[0].candidate)
+    written_in_space(tmp_path, SPACE.replace('fixed = ["1", "5"]', 'fixed = ["1 X Y Z", "5"]'))
+    base = begun(path)
+    near = approached(base, (pinned, feet[0].strength, np.inf), PLAIN_TOOLS)
+    fitted = restored(base, pinned, refitted(base, (pinned, feet[0].strength, near["theta"]), PLAIN_TOOLS))
+    assert fitted.cost < 1.2 * base.trial.target.n_data < 0.01 * base.cost
+    assert cause_words(pinned, None) == "the supports 1RX, 1RY, 1RZ give way together"
+    _, lines = suggestion_text(base.trial.study, fitted.trial.changes)
+    assert '+ first = ["1RX", "1RY", "1RZ"]' in lines
+
+
+def test_sensors_that_are_better_left_out_may_be_elsewhere_or_turned_and_loads_elsewhere(tmp_path):
+    """At the nearest nodes that move along and have no channel of that direction yet."""
+    base = begun(written(tmp_path))
+    lost = [Screened(Candidate("channel", (place,), record=0), 1.0, 10.0) for place in ("2X", "4Y")]
+    misplaced = [(row.candidate.kind, row.candidate.where) for row in _misplaced(base, lost)]
+    assert sorted(misplaced) == [
+        ("load_place", ("4Y", "2Y")), ("load_place", ("4Y", "3Y")), ("load_place", ("4Y", "5Y")),
+        ("place", ("2X", "4X")), ("place", ("2X", "5X")), ("place", ("4Y", "2Y")), ("place", ("4Y", "3Y")),
+    ]  # fmt: skip
+    known = [Screened(Candidate("polarity", ("2X",), record=0), 1.0, 10.0)]
+    assert [(row.candidate.kind, row.candidate.where) for row in _turned(known, lost)] == [("polarity", ("4Y",))]
 
 
 def test_a_mass_off_its_node_is_looked_at_on_both_sides_and_nearer():
