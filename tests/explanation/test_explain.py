@@ -98,14 +98,6 @@ def test_the_cause_is_named_first_and_its_study_is_right(tmp_path, fault):
     assert not any(cause.is_second for cause in result.criticism.causes)
 
 
-@pytest.fixture
-def brief(monkeypatch):
-    """Searches for causes that fit the most promising few: for what is done with an answer, whatever it is."""
-    monkeypatch.setattr("structid.explanation.screening._REFITTED", 6)
-    monkeypatch.setattr("structid.explanation.explain._FINALISTS", 3)
-    monkeypatch.setattr("structid.explanation.explain.of_study", lambda *arguments: [])
-
-
 def by_name(found):
     """95 % intervals of an identification."""
     return dict(zip(found.estimate.names, found.intervals.ends.tolist(), strict=True))
