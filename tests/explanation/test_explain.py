@@ -150,7 +150,10 @@ def test_a_gain_in_modes_is_named_first_and_its_study_is_right(tmp_path):
     assert value == pytest.approx(0.8, abs=4 * std)
 
 
-def test_errors_of_modes_that_are_stated_too_small_are_no_mode_of_another_structure(tmp_path):
+@pytest.mark.parametrize("search", ["brief", pytest.param("whole", marks=pytest.mark.long)])
+def test_errors_of_modes_that_are_stated_too_small_are_no_mode_of_another_structure(tmp_path, request, search):
+    if search == "brief":
+        request.getfixturevalue("brief")
     result, _ = answered(written_modes(tmp_path, error=6.0))
     assert result.criticism.judgement.verdict == "approximate"
     assert [cause.kind for cause in result.criticism.causes] == ["noise_level"]
