@@ -5,7 +5,7 @@ import pytest
 from frame_cases import STUDY, off, written
 
 from structid.criticism.candidate import Candidate
-from structid.explanation import explain, refits
+from structid.explanation import explain, refits, screening
 from structid.explanation.answer import criticized, unlooked
 from structid.explanation.explain import Explanation, explained
 from structid.explanation.refits import Fitted, approached, likewise
@@ -52,7 +52,7 @@ def same(one, other):
         assert first.trial.study.root.table == second.trial.study.root.table
 
 
-def test_causes_on_processes_and_from_a_checkpoint_have_the_bits_of_one_run(study, tmp_path, monkeypatch):
+def test_causes_on_processes_and_from_a_checkpoint_have_the_bits_of_one_run(study, tmp_path, monkeypatch, brief):
     kept = Checkpoint(tmp_path / "c", fingerprint(study), seconds=0.0)
     whole = causes(study, LongRun(checkpoint=kept))
     pool = Processes(2)
@@ -92,7 +92,8 @@ def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base
     assert same["cost"] == best["cost"]
 
 
-def test_fits_of_causes_keep_to_their_room_and_say_what_they_left_out(base):
+def test_fits_of_causes_keep_to_their_room_and_say_what_they_left_out(base, monkeypatch):
+    monkeypatch.setattr(screening, "_REFITTED", 20)
     whole = explained(base)
     assert (whole.left_out, whole.is_single, unlooked(whole)) == (0, False, ())
     few = explained(base, ALONE, whole.spent)  # half of it for first causes
