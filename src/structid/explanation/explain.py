@@ -321,7 +321,7 @@ def _once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanati
     kept = {k for k, one in enumerate(looked) if one.candidate.kind in _ALWAYS or one in at_fit}
     rank = [
         *np.argsort(np.argsort([one.left for one in few], kind="stable")).tolist(),
-        *range(_FINALISTS, _FINALISTS + first - len(few)),
+        *_ranks_of_kindred(looked[len(few) : first], shortlist.rows),
         *range(len(shortlist.rows)),
     ]
     approaches = _approached(base, changes, alike, rank, kept, work, f"{which}causes", budget)
@@ -343,6 +343,18 @@ def _once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanati
     left_out = approaches.count(None) + len(items) - n_ended
     begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and changes[k][0].kind not in DATA_KINDS]
     return replace(_weighed(base, fits, tried), spent=taken(), left_out=left_out, begun=tuple(begun))
+
+
+def _ranks_of_kindred(kindred: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
+    """The ranks of changes that no linear look is taken at: behind the finalists, but for feet that turn together.
+
+    These come first where a look promises something of one of them.
+    """
+    turning = {row.candidate.where[0] for row in rows if row.candidate.kind == "support"}
+    return [
+        0 if one.candidate.kind == "support" and turning.intersection(one.candidate.where) else _FINALISTS + k
+        for k, one in enumerate(kindred)
+    ]
 
 
 def _beside(first: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
