@@ -7,7 +7,7 @@ from scipy import special, stats
 from structid import TimeRecord
 from structid.modal.correlations import outputs
 from structid.modal.merging import _agreement
-from structid.modal.subspace.decay_fit import decay_fit
+from structid.modal.subspace.decay_fit import decay_fit, schwarz, strength
 from structid.modal.subspace.pole_uncertainty import overlapping_batches
 
 RATE, N_TIMES = 10.0, 320
@@ -69,6 +69,20 @@ def test_covariance_of_poles_is_that_of_all_unknowns_in_that_noise():
     np.testing.assert_allclose(
         fit.pole_covariance / np.outer(scale * local, scale * local), dense / np.outer(scale, scale), rtol=0, atol=1e-8
     )
+
+
+def test_strength_of_a_mode_is_the_f_statistic_of_leaving_it_out():
+    """What the residual grows by without the mode, over 2 m amplitudes and the variance by N - 2 n degrees of freedom."""
+    data = noisy_decay(2)
+    left, _ = left_by(POLES, data)
+    variance = np.sum(left**2, axis=0) / (N_TIMES - 4)
+    found = strength(data, POLES)
+    for mode in range(2):
+        without, _ = left_by(np.delete(POLES, mode), data)
+        grown = np.sum((np.sum(without**2, axis=0) - np.sum(left**2, axis=0)) / variance)
+        assert found[mode] == pytest.approx(grown / (2 * 3), rel=1e-9)
+    likelihood = N_TIMES * np.sum(np.log(variance))
+    assert schwarz(data, POLES) == pytest.approx(likelihood + (4 + 12) * np.log(3 * N_TIMES), rel=1e-12)
 
 
 @pytest.mark.parametrize("memory", [0.5, 1.0, 3.0])

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from structid.records import FrfRecord, TimeRecord, frf_from_time
+from structid.records.quality.preparation import Preparation, prepare
 from structid.records.record import coherence_variance, from_repeats
+from structid.records.transforms.half_plane import _smoothed, poisson_weights
 
 RATE, SEGMENT = 64.0, 32
 
@@ -55,3 +57,29 @@ def test_accelerance_is_receptance_times_minus_omega_squared():
     square = (2 * np.pi * np.array([2.0, 5.0]).reshape(2, 1, 1)) ** 2
     np.testing.assert_allclose(receptance.values, -values / square, rtol=1e-13)
     np.testing.assert_allclose(receptance.variance, 0.04 / square**2, rtol=1e-13)
+
+
+@pytest.mark.parametrize("detrend, terms", [("none", 0), ("mean", 1), ("linear", 2), (3, 4)])
+def test_noise_loses_a_degree_of_freedom_for_each_term_of_a_trend(rng, detrend, terms):
+    """The projection past a trend of so many terms has the trace n - terms."""
+    record = TimeRecord(100.0, rng.normal(size=(50, 1)), ["1X"], ["velocity"], variance=[0.3])
+    left = prepare(record, Preparation(detrend=detrend, outliers="none", dropouts="none")).record
+    np.testing.assert_allclose(left.variance, 0.3 * (50 - terms) / 50, rtol=1e-12)
+
+
+def test_noise_right_of_the_axis_is_that_of_real_and_imaginary_parts_on_their_way():
+    """The integral is linear in both parts of each line: unit values show its weights, of which noise takes the squares."""
+    frequency, s = np.linspace(0.1, 2.0, 40), np.array([3.0 + 1.5j, 1.0 + 6.0j])
+    weights = poisson_weights(2 * np.pi * frequency, s)
+    variance = np.linspace(0.5, 1.5, 40)
+
+    def integral(values, variance=None):
+        record = FrfRecord(frequency, values.reshape(-1, 1, 1), ["1X"], ["1X"], "receptance", variance=variance)
+        integrated, error = _smoothed([record] * 3, s, [weights] * 3)
+        return integrated[:, 0, 0], error[:, 0, 0]
+
+    ones = np.ones(40, dtype=complex)
+    noise = integral(ones, variance[:, None, None])[1] - integral(ones)[1]
+    of_parts = [np.array([integral(unit * row)[0] for row in np.eye(40)]) for unit in (1.0 + 0j, 1j)]
+    expected = sum(variance / 2 @ np.abs(part) ** 2 for part in of_parts)
+    np.testing.assert_allclose(noise, expected, rtol=1e-9)
