@@ -51,7 +51,7 @@ def run_tests(targets: Sequence[str], source: Path, first_failure: bool) -> tupl
 
 def read_failures(output: str) -> list[str]:
     """Names of the tests that failed, as pytest's summary lists them."""
-    return re.findall(r"^(?:FAILED|ERROR) tests/(\S+)", output, re.MULTILINE)
+    return re.findall(r"^(?:FAILED|ERROR) tests/(.+?)(?: - .*)?$", output, re.MULTILINE)
 
 
 def try_mutant(mutant: Mutant, source: Path) -> Outcome:
