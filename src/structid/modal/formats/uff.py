@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from structid.core.arrays import NumberArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError
+from structid.files.uff import dataset_lines
 from structid.modal.modal_record import ModalRecord, Scaling, unit_largest
 from structid.records.formats import Geometry
-from structid.records.formats.uff.blocks import dataset_lines
 from structid.records.formats.uff.write import SI_UNITS, block, geometry_blocks
 
 _STRUCTURAL, _NORMAL, _COMPLEX, _DISPLACEMENT = 1, 2, 3, 8
