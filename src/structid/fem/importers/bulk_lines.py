@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 
 from structid.core.arrays import IntArray
 from structid.core.errors import FileError
-from structid.fem.importers.fixed_fields import Bytes, FieldError, as_real, chunks, fields_at, real_numbers, whole_numbers
+from structid.fem.importers.fixed_fields import (
+    Bytes,
+    FieldError,
+    as_real,
+    chunks,
+    fields_at,
+    real_numbers,
+    whole_numbers,
+)
 
 _WIDE = 24
 _MARKS = np.array([ord(c) for c in " +*\r\n\t"], dtype=np.uint8)
@@ -182,14 +190,13 @@ def _rewritten(content: bytes, free: NDArray[np.bool_], number: IntArray, whole_
 
 def _widened(line: bytes, whole: bool) -> list[bytes]:
     fields = [field.strip() for field in line.split(b"$")[0].split(b",")]
-    name, values = fields[0].rstrip(b"*"), fields[1:9]
     is_large = b"*" in fields[0]
-    if is_large:
-        values = values[:4]
+    name, most = fields[0].rstrip(b"*"), 4 if is_large else 8
+    values = fields[1:] if any(fields[most + 2 :]) else fields[1 : most + 1]  # a longer line goes on without marks
     is_start = name[:1].isalpha()
     whole = whole and not is_large
     made = []
-    for i in range(0, 8 if whole else max(len(values), 1), 4):
+    for i in range(0, -(-len(values) // 8) * 8 or 8 if whole else max(len(values), 1), 4):
         head = name if is_start and i == 0 else b"*"
         group = values[i : i + 4]
         if i == 0 or whole or any(group):

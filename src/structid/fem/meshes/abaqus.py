@@ -126,6 +126,7 @@ class _Reader:
                 for sets in ("node_sets", "cell_sets", "names"):
                     getattr(self._root, sets).update(getattr(part, sets))
                 self._root.blocks.extend(part.blocks)
+                self._root.overlong |= part.overlong
             self._assembly.scopes.append(self._root)
         else:  # what stands behind the assembly works on the whole model
             own = self._assembly.own = self._assembly.own or Scope()
@@ -226,18 +227,18 @@ def _node_groups(assembly: Assembly) -> dict[str, IntArray]:
 def _sets(assembly: Assembly, is_nodes: bool) -> dict[str, set[int]]:
     """Members of each set by its name.
 
-    A set of one instance has its own name where no other has it, else OWNER.SET, where the owner is the instance, or of
-    a single instance the part; the bare name is then the set of the assembly, or that of all instances together.
+    A set of an instance is INSTANCE.SET where there are several or the assembly has one of its name (of a single instance
+    PART.SET too); the bare name is then the set of the assembly, or that of all instances together.
     """
     shared = assembly.node_sets if is_nodes else assembly.cell_sets
     sets: dict[str, set[int]] = {}
     for scope in assembly.scopes:
         for key, members in (scope.node_sets if is_nodes else scope.cell_sets).items():
             labels = {label + assembly.shift(scope) for label in members}
-            owner = assembly.owners.get(scope.name.upper(), scope.name)
+            owners = dict.fromkeys([assembly.owners.get(scope.name.upper(), scope.name), scope.name])
             taken = key in shared or (assembly.own is not None and key in assembly.own.names)
             if len(assembly.scopes) > 1 or taken:
-                sets[f"{owner}.{scope.names[key]}"] = labels
+                sets |= {f"{owner}.{scope.names[key]}": labels for owner in owners}
             if not taken:
                 name = next((name for name in sets if name.upper() == key), scope.names[key])
                 sets[name] = sets.get(name, set()) | labels
@@ -260,6 +261,9 @@ def _notes(assembly: Assembly, axes: Mapping[int, FloatArray]) -> tuple[str, ...
     every = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
     if any(block.keyword == "BOUNDARY" for scope in every for block in scope.blocks):
         notes.append("its *BOUNDARY is not read: supports are those of the study")
+    overlong = sorted({kind for scope in every for kind in scope.overlong})
+    if overlong:
+        notes.append(f"lines of {', '.join(overlong)} name more nodes than it has: the first are taken, as CalculiX does")
     moved = [scope for scope in assembly.scopes if assembly.shift(scope)]
     if moved:
         words = ", ".join(f"{scope.name} {assembly.shift(scope):+d}" for scope in moved[:5])

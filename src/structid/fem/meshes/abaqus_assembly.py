@@ -38,6 +38,8 @@ class Scope:
         In which nodes are given.
     turn : (3, 3) float array
         Rotation of the instance.
+    overlong : set of str
+        Types of elements of which lines name more nodes than they have.
     """
 
     name: str = ""
@@ -49,6 +51,7 @@ class Scope:
     blocks: list[KeywordBlock] = field(default_factory=list)
     system: CoordinateSystem | None = None
     turn: FloatArray = field(default_factory=lambda: np.eye(3))
+    overlong: set[str] = field(default_factory=set)
 
     def take(self, block: KeywordBlock, counts: Mapping[str, int]) -> None:
         """Take up a keyword; `counts` are the numbers of nodes of the element types with several lines a cell."""
@@ -57,7 +60,8 @@ class Scope:
             self._take_nodes(options, rows)
         elif block.keyword == "ELEMENT":
             kind = options.get("TYPE", "").upper()
-            table = element_rows(rows, counts.get(kind, 0))
+            table, too_many = element_rows(rows, counts.get(kind, 0))
+            self.overlong |= {kind} if too_many else set()
             twice = next((label for label in table if any(label in other for other in self.elements.values())), None)
             if twice is not None:
                 raise ValueError(f"element {twice} stands twice, as it does where a file has several parts")
@@ -133,6 +137,7 @@ class Scope:
             {key: set(members) for key, members in self.cell_sets.items()},
             dict(self.names),
             list(self.blocks),
+            overlong=set(self.overlong),
         )
 
     def move(self, rows: list[list[str]]) -> None:
@@ -180,27 +185,29 @@ def _rotation(axis: FloatArray, degrees: float) -> FloatArray:
     return rotation
 
 
-def element_rows(rows: list[list[str]], count: int) -> dict[int, list[str]]:
-    """Nodes by element label, in words; with `count` nodes an element its data may run over several lines."""
+def element_rows(rows: list[list[str]], count: int) -> tuple[dict[int, list[str]], bool]:
+    """Nodes by element label, in words, and whether lines have more nodes than the element, as CalculiX lets pass.
+
+    With `count` nodes an element, or lines that end in a comma, its data run over several lines.
+    """
     table: dict[int, list[str]] = {}
     pending: list[str] = []
+    too_many = False
     for row in rows:
         pending += [word for word in row if word]
-        if pending and (len(pending) >= count + 1 or count == 0):
-            if count and len(pending) != count + 1:
-                raise ValueError(f"element {pending[0]} has {len(pending) - 1} nodes instead of {count}")
-            _take_row(table, pending)
-            pending = []
-    if pending:
+        if not pending or (len(pending) < count + 1 if count else row[-1] == ""):
+            continue
+        too_many |= bool(count) and len(pending) > count + 1
+        label = int(pending[0])
+        if label in table:
+            raise ValueError(f"element {label} stands twice, as it does where a file has several parts")
+        table[label] = pending[1 : count + 1] if count else pending[1:]
+        pending = []
+    if pending and count:
         raise ValueError(f"element {pending[0]} has {len(pending) - 1} nodes instead of {count}")
-    return table
-
-
-def _take_row(table: dict[int, list[str]], words: list[str]) -> None:
-    label = int(words[0])
-    if label in table:
-        raise ValueError(f"element {label} stands twice, as it does where a file has several parts")
-    table[label] = words[1:]
+    if pending:
+        table[int(pending[0])] = pending[1:]
+    return table, too_many
 
 
 @dataclass(eq=False)

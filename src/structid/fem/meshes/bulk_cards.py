@@ -86,7 +86,7 @@ def bulk_text(path: Path) -> BulkText:
         word = line.strip().upper()
         if word.startswith(b"BEGIN") and (match := _BEGIN.match(word)):
             _require_one_section(lines, row, match, begin >= 0)
-            begin = row
+            begin = row if begin < 0 else begin
         elif word.startswith(b"ENDDATA"):
             stop, has_end = row, True
             break
@@ -104,12 +104,12 @@ def bulk_text(path: Path) -> BulkText:
 def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun: bool) -> None:
     """Refuse the bulk data of superelements and the like, which are models of their own."""
     word, name = match[1].decode("latin-1"), match[2].decode("latin-1")
-    if word in ("", "SUPER") and not begun and not (word and name.strip("0")):
+    if not word or (word == "SUPER" and not begun and not name.strip("0")):
         return
     where = f"{lines.paths[lines.file[row]]}, line {lines.number[row]}"
     said = lines.text[row].strip().decode("latin-1")
     raise FileError(
-        f"{where}: {said!r} begins the bulk data of {f'{word.lower()} {name}'.strip() or 'another model'}; decks of several"
+        f"{where}: {said!r} begins the bulk data of {f'{word.lower()} {name}'.strip()}; decks of several"
         " sections are not read: write the model as one, or export the superelement as matrices"
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray
-from structid.core.display import counted, figures, listed
+from structid.core.display import figures
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 from structid.fem.elements import Dashpot, ElementSet, MatrixGroup, PointMass, RotaryInertia, Spring

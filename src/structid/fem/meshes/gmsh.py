@@ -13,8 +13,8 @@ import numpy as np
 from structid.core.arrays import IntArray
 from structid.core.display import counted, listed
 from structid.core.errors import FileError
-from structid.fem.meshes.gmsh_numbers import Ascii, Binary, Numbers
 from structid.fem.meshes.deck_parts import DeckUnits
+from structid.fem.meshes.gmsh_numbers import Ascii, Binary, Numbers
 from structid.fem.meshes.mesh import CellBlock, Mesh
 
 SUFFIXES: tuple[str, ...] = (".msh",)

@@ -89,11 +89,11 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     labels, basic = _grids(path, systems)
     middles = MiddleNodes(labels)
     blocks, numbers = _blocks(path, cards, middles)
-    if not blocks:
-        raise FileError(f"{path}: holds no elements ({', '.join(_CELLS)}); export bulk data with the mesh")
     axes = systems.displacement_axes(labels, basic)
     labels, positions = middles.with_positions(labels, units.length * basic)
     parts = read_parts(text, cards, systems, dict(zip(labels.tolist(), positions, strict=True)), axes, units)
+    if not blocks and all(part.obstacle for part in parts):
+        raise FileError(f"{path}: holds no elements ({', '.join(_CELLS)}); export bulk data with the mesh")
     counts = text.count_cards()
     return Mesh(
         labels,
@@ -113,7 +113,7 @@ def _groups(text: BulkText, numbers: list[IntArray]) -> dict[str, tuple[IntArray
     """Rows of each property by its number, and by its name in comments."""
     groups = {
         str(number): tuple(np.flatnonzero(own == number) for own in numbers)
-        for number in np.unique(np.concatenate(numbers)).tolist()
+        for number in np.unique(np.concatenate([np.zeros(0, np.int64), *numbers])).tolist()
     }
     for number, name in _names(text.content).items():
         if number in groups and name not in groups:

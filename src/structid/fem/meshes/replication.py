@@ -34,7 +34,7 @@ def expand_replication(path: Path, lines: list[bytes]) -> tuple[list[bytes], lis
         text = line.split(b"$")[0].rstrip()
         head = text[:8].strip()
         repeat = _REPEAT.match(text.strip().rstrip(b", \t"))
-        if not text.strip() or head[:1].isalpha() and not _may_replicate(line):
+        if not text.strip() or (head[:1].isalpha() and not _may_replicate(line)):
             if text.strip():
                 previous, steps, continued = _fields(text), [], False
             expanded.append(line)
@@ -99,8 +99,8 @@ def _next_card(path: Path, number: int, previous: list[bytes], steps: list[bytes
 
 
 def _stepped(path: Path, number: int, before: bytes, step: bytes) -> bytes:
-    if _WHOLE.match(before) and _WHOLE.match(step):
-        return b"%d" % (int(before) + int(step))
+    if _WHOLE.match(before or b"0") and _WHOLE.match(step):
+        return b"%d" % (int(before or b"0") + int(step))
     try:
         value = as_real(before) + as_real(step)
     except ValueError as error:
