@@ -51,10 +51,10 @@ class System:
             local = [math.hypot(x, y), math.degrees(math.atan2(y, x)), z]
         if self.form == "S":
             r = math.sqrt(x * x + y * y + z * z)
-            local = [r, math.degrees(math.acos(z / r)), math.degrees(math.atan2(y, x))]
+            local = [r, math.degrees(math.atan2(math.hypot(x, y), z)), math.degrees(math.atan2(y, x))]
         rows = []
         for k in range(3):
-            step = 1e-4
+            step = 0.5  # a chord of a circle, and of a line, has the direction at its middle
             up, down = list(local), list(local)
             up[k] += step
             down[k] -= step
@@ -114,9 +114,7 @@ class BulkWriter:
         rng = self.rng
         form = form or rng.choice(["small", "large", "free", "free large"])
         width = {"small": 8, "large": 16, "free": 12, "free large": 16}[form]
-        words = [
-            "" if f is None else real(rng, f, width) if isinstance(f, float) else str(f) for f in fields
-        ]
+        words = ["" if f is None else real(rng, f, width) if isinstance(f, float) else str(f) for f in fields]
         while words and not words[-1]:
             words.pop()
         each = 4 if "large" in form else 8
@@ -255,7 +253,9 @@ def _bodies(rng: random.Random, deck: BulkWriter, truth: Truth, systems: list[Sy
         inertia = np.array([[xx, -yx, -zx], [-yx, yy, -zy], [-zx, -zy, zz]])
         fields = [xx, yx, yy, zx, zy, zz]
         if rng.random() < 0.3:
-            deck.card("CONM2", eid, node, -1, mass, *(float(round(x, 2)) for x in truth.nodes[node] + arm), None, *fields)
+            deck.card(
+                "CONM2", eid, node, -1, mass, *(float(round(x, 2)) for x in truth.nodes[node] + arm), None, *fields
+            )
             truth.bodies[node] = mass, np.round(truth.nodes[node] + arm, 2) - truth.nodes[node], inertia
             continue
         deck.card("CONM2", eid, node, system.number or None, mass, *map(float, arm), None, *fields)
@@ -404,7 +404,11 @@ def _abaqus_system(rng: random.Random) -> tuple[System, list[str]]:
     in_xy = origin + np.array([number(rng, 1, 5), number(rng, -5, -1), number(rng, 1, 5)])
     y = (in_xy - origin) - x * (x @ (in_xy - origin))
     y /= np.linalg.norm(y)
-    return System(0, "R", origin, np.array([x, y, np.cross(x, y)])), ["*SYSTEM", first, ", ".join(f"{v:.2f}" for v in in_xy)]
+    return System(0, "R", origin, np.array([x, y, np.cross(x, y)])), [
+        "*SYSTEM",
+        first,
+        ", ".join(f"{v:.2f}" for v in in_xy),
+    ]
 
 
 def _placing(rng: random.Random) -> tuple[list[str], Callable[[Vector], Vector]]:
@@ -473,10 +477,16 @@ def _wrong_springs(mesh: Mesh, truth: Truth) -> list[str]:
     springs = [spring for part in mesh.parts for spring in part.springs]
     for _ in range(4):
         moves = {label: rng.standard_normal(6) for label in truth.nodes}
-        energy = sum(k * sum(vector @ moves[node][:3] for (node, _), vector in works.items()) ** 2 for k, works in truth.springs)
+        energy = sum(
+            k * sum(vector @ moves[node][:3] for (node, _), vector in works.items()) ** 2 for k, works in truth.springs
+        )
         read = sum(
             spring.stiffness
-            * sum(weight * moves[node][DIRECTIONS.index(direction)] for (node, direction), weight in spring.weights.items()) ** 2
+            * sum(
+                weight * moves[node][DIRECTIONS.index(direction)]
+                for (node, direction), weight in spring.weights.items()
+            )
+            ** 2
             for spring in springs
         )
         if abs(read - energy) > 1e-6 * max(abs(energy), 1e-30):

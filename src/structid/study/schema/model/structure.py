@@ -191,7 +191,7 @@ def read_structure(
         require_all_assigned(section, mesh, [element for _, element in elements])
     taken = take_parts(section, mesh, [element for _, element in elements])
     if mesh is not None:
-        deck = section.inner("mesh")
+        deck = section if isinstance(section.table["mesh"], str) else section.inner("mesh")
         elements += [(deck, element) for element in taken.elements]
         ties += [(deck, tie) for tie in taken.ties]
     for entry, point in read_points(section, mesh, [element for _, element in elements]):
