@@ -13,7 +13,8 @@ from structid.core.dof import DIRECTIONS
 from structid.core.errors import FileError, InputError
 from structid.files import damage_told, require_readable
 from structid.modal.formats.files import read_modes
-from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, f06_modes, numbers, punch_modes
+from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, nastran_modes
+from structid.modal.formats.printed import numbers
 
 #: Suffixes that are read here; others are files of modes as `read_modes` knows them.
 FRD, NASTRAN = (".frd",), (*F06_SUFFIXES, *PUNCH_SUFFIXES)
@@ -66,12 +67,10 @@ def read_shapes(path: Path) -> Shapes:
         return _of_record(path)
     require_readable(path)
     with damage_told(path, "a file of modes", _RUN_AGAIN):
-        lines = path.read_text(encoding="latin-1").splitlines()
         if suffix in FRD:
-            frequency, modes = _frd(path, lines)
+            frequency, modes = _frd(path, path.read_text(encoding="latin-1").splitlines())
         else:
-            printed = (f06_modes if suffix in F06_SUFFIXES else punch_modes)(path, lines)
-            frequency, modes = [one.frequency for one in printed], [(one.nodes, one.values) for one in printed]
+            frequency, modes = _nastran(path)
     if not modes:
         raise FileError(f"{path}: holds no modes; {_RUN_AGAIN}")
     nodes = modes[0][0]
@@ -83,6 +82,19 @@ def read_shapes(path: Path) -> Shapes:
     width = modes[0][1].shape[1]
     dofs = np.stack([np.repeat(nodes, width), np.tile(np.arange(1, width + 1), len(nodes))], axis=1)
     return _sorted(path, frequency, dofs, np.stack([values.ravel() for _, values in modes], axis=1), True, suffix)
+
+
+def _nastran(path: Path) -> tuple[list[float], list[tuple[IntArray, FloatArray]]]:
+    """Frequencies and mass-normalized shapes of a listing, which prints modal masses, or of a punch file, where they are 1."""
+    printed = nastran_modes(path).modes
+    if any(np.iscomplexobj(mode.values) for mode in printed):
+        raise FileError(f"{path}: holds complex modes; let the solver print real ones (SOL 103)")
+    modes: list[tuple[IntArray, FloatArray]] = []
+    for mode in printed:
+        values = np.real(mode.values if np.isfinite(mode.values[:, 3:]).all() else mode.values[:, :3])
+        scale = np.sqrt(mode.generalized_mass) if mode.generalized_mass > 0 else 1.0
+        modes.append((mode.nodes, values / scale))
+    return [mode.frequency for mode in printed], modes
 
 
 def require_last_line(path: Path) -> None:
