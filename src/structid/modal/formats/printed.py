@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
@@ -24,13 +23,28 @@ _SAME_EIGENVALUE = 2e-5
 
 @dataclass(frozen=True)
 class ModeFileOptions:
-    """What a file of modes may not say about itself."""
+    """What a file of modes may not say about itself.
 
-    subcase: Annotated[int | None, "Subcase of a Nastran file whose modes are meant, where several have modes"] = None
-    eigenvalues: Annotated[str, "real or complex: which modes of a Nastran file are meant, where it has both"] = ""
-    deck: Annotated[str, "Nastran bulk data whose GRID cards say in which systems a listing gives motions"] = ""
-    length_unit: Annotated[str, "Unit of length of the model or file, such as mm, where the file does not say it"] = ""
-    force_unit: Annotated[str, "Unit of force of the model or file, such as N, where the file does not say it"] = ""
+    Parameters
+    ----------
+    subcase : int, optional
+        Subcase of a Nastran file whose modes are meant, where several have modes.
+    eigenvalues : str
+        `real` or `complex`: which modes of a Nastran file are meant, where it has both.
+    deck : str
+        Nastran bulk data whose GRID cards say in which systems a listing or punch file gives motions; without it they count
+        as global.
+    length_unit : str
+        Unit of length of the model or file, such as `mm`, where the file does not say it.
+    force_unit : str
+        Unit of force of the model or file, such as `N`, where the file does not say it.
+    """
+
+    subcase: int | None = None
+    eigenvalues: str = ""
+    deck: str = ""
+    length_unit: str = ""
+    force_unit: str = ""
 
     def __post_init__(self) -> None:
         if self.eigenvalues not in ("", "real", "complex"):
