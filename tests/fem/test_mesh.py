@@ -232,12 +232,7 @@ def test_meshes_of_meshio_come_back(tmp_path, suffix):
             lambda t: t.replace("20 60 30\n4 60 50 30", "20 61 30\n4 61 51 30"),
             "lacks node 51, 61 of 2 cells of type triangle (the first has nodes 20, 61, 30); save the mesh again",
         ),
-        (
-            "c.bdf",
-            lambda t: t.replace("BEGIN BULK", ""),
-            "there is no BEGIN BULK; a bulk data file goes from BEGIN BULK to ENDDATA",
-        ),
-        ("c.bdf", lambda t: t.replace("ENDDATA", ""), "or was cut short: there is no ENDDATA"),
+        ("c.bdf", lambda t: t.replace("BEGIN BULK", "CEND"), "there is a CEND but no BEGIN BULK behind it"),
         (
             "c.bdf",
             lambda t: t.replace("GRID,10,,", "GRID,10,7,"),
@@ -281,7 +276,7 @@ def test_files_cut_anywhere_give_a_mesh_or_an_input_error(tmp_path):
                 require_sound(read_mesh(written(tmp_path, name, text[:end])))
             except InputError as error:
                 refused[name].append(str(error))
-        if name != "d.inp":  # which has no end to look for
+        if name not in ("c.bdf", "d.inp"):  # which need no end
             assert len(refused[name]) == len(ends)
 
 

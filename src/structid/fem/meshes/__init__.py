@@ -8,7 +8,9 @@ from types import ModuleType
 import numpy as np
 
 from structid.core.errors import FileError, InputError
+from structid.fem.importers.exports import FORCES
 from structid.fem.meshes import abaqus, gmsh, nastran, vtk
+from structid.fem.meshes.deck_parts import DeckPart, DeckUnits, choose_parts, describe_left_aside
 from structid.fem.meshes.mesh import (
     CELL_DIMENSIONS,
     CellBlock,
@@ -20,7 +22,7 @@ from structid.fem.meshes.mesh import (
 )
 from structid.files import damage_told, require_readable
 
-#: Each has SUFFIXES and read(path, factor); coordinates of the file times the factor are in m.
+#: Each has SUFFIXES and read(path, units), the mesh in SI units.
 FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk)
 #: What the numbers of a file are multiplied by to give m.
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
@@ -31,7 +33,10 @@ __all__ = [
     "FORMATS",
     "LENGTH_UNITS",
     "CellBlock",
+    "DeckPart",
     "Mesh",
+    "choose_parts",
+    "describe_left_aside",
     "duplicate_nodes",
     "orphan_nodes",
     "read_mesh",
@@ -40,8 +45,8 @@ __all__ = [
 ]
 
 
-def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
-    """The mesh of a file, with its own node numbers and named groups.
+def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -> Mesh:
+    """The mesh of a file, with its own node numbers and named groups, and what the file has beside its cells.
 
     Parameters
     ----------
@@ -49,6 +54,8 @@ def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
         Gmsh ``.msh``, Nastran ``.bdf .nas .fem .dat``, Abaqus ``.inp``, VTK ``.vtu .vtk``.
     length_unit : {"m", "cm", "mm", "um", "in", "ft"}
         Unit of the coordinates in the file; those of the mesh are in m.
+    force_unit : {"N", "mN", "kN", "lbf", "kip"}
+        With the length and s it gives the units of masses and springs of the file: in mm and N masses are in tonnes.
 
     Returns
     -------
@@ -68,8 +75,10 @@ def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
         raise FileError(f"{place}: the suffix of a mesh must be one of {known}; export it as one of these")
     if length_unit not in LENGTH_UNITS:
         raise InputError(f"`length_unit` must be one of {' '.join(LENGTH_UNITS)}, got {length_unit!r}")
+    if force_unit not in FORCES:
+        raise InputError(f"`force_unit` must be one of {' '.join(FORCES)}, got {force_unit!r}")
     with damage_told(place, "a whole mesh", "export it again"):
-        mesh: Mesh = reader.read(place, LENGTH_UNITS[length_unit])
+        mesh: Mesh = reader.read(place, DeckUnits(LENGTH_UNITS[length_unit], FORCES[force_unit]))
     if not (np.abs(mesh.positions) < _FARTHEST).all():
         raise FileError(f"{place}: coordinates must be finite, and below {_FARTHEST:g} m; export it again")
     return mesh
