@@ -157,7 +157,9 @@ class MiddleNode:
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
         """Own codes with those of the ends; see `Tie.equations`."""
         return {
-            dof_code(self.label, d): {dof_code(end, d): 0.5 for end in self.ends} for d in self.directions if d in active
+            dof_code(self.label, d): {dof_code(end, d): 0.5 for end in self.ends}
+            for d in self.directions
+            if d in active
         }
 
 

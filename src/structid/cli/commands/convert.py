@@ -114,7 +114,7 @@ def convert(
             raise FileError(f"{target}: is the file that is read; write to another one")
         if not force:
             raise FileError(f"{target}: exists already; add --force to write it anew, or write to another file")
-    kind = _contents_of(source, target) if not contents else contents
+    kind = contents or _contents_of(source, target)
     if kind not in _CONTENTS:
         raise InputError(f"`contents` must be one of {', '.join(_CONTENTS)}, got {contents!r}", "contents")
     for name, options, default in (

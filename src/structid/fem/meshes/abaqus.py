@@ -163,7 +163,9 @@ def _mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
                 try:
                     nodes = [assembly.node(scope, word) for word in words]
                 except ValueError as error:
-                    raise FileError(f"{path}: the nodes of element {label} ({name}) cannot be read ({error})") from error
+                    raise FileError(
+                        f"{path}: the nodes of element {label} ({name}) cannot be read ({error})"
+                    ) from error
                 key = (kind, len(nodes), is_part(name))
                 tables.setdefault(key, {})[label + assembly.shift(scope)] = nodes
     blocks, rows_of = [], []
@@ -245,7 +247,9 @@ def _sets(assembly: Assembly, is_nodes: bool) -> dict[str, set[int]]:
     own = assembly.own
     if own is not None:
         for key, by_owner in shared.items():
-            sets[own.names[key]] = {label + assembly.shifts[owner] for owner, labels in by_owner.items() for label in labels}
+            sets[own.names[key]] = {
+                label + assembly.shifts[owner] for owner, labels in by_owner.items() for label in labels
+            }
         for key, members in (own.node_sets if is_nodes else own.cell_sets).items():
             labels = {label + assembly.shift(own) for label in members}
             sets[own.names[key]] = sets.get(own.names[key], set()) | labels
@@ -263,7 +267,9 @@ def _notes(assembly: Assembly, axes: Mapping[int, FloatArray]) -> tuple[str, ...
         notes.append("its *BOUNDARY is not read: supports are those of the study")
     overlong = sorted({kind for scope in every for kind in scope.overlong})
     if overlong:
-        notes.append(f"lines of {', '.join(overlong)} name more nodes than it has: the first are taken, as CalculiX does")
+        notes.append(
+            f"lines of {', '.join(overlong)} name more nodes than it has: the first are taken, as CalculiX does"
+        )
     moved = [scope for scope in assembly.scopes if assembly.shift(scope)]
     if moved:
         words = ", ".join(f"{scope.name} {assembly.shift(scope):+d}" for scope in moved[:5])

@@ -88,7 +88,9 @@ class Scope:
         given = np.array([[float(x or 0) for x in (*row[1:4], "0", "0", "0")[:3]] for row in rows]).reshape(-1, 3)
         form = options.get("SYSTEM", "R").upper()[:1]
         if form not in ("R", "C"):
-            raise ValueError(f"coordinates of SYSTEM={options['SYSTEM']} are not read; write the nodes in rectangular ones")
+            raise ValueError(
+                f"coordinates of SYSTEM={options['SYSTEM']} are not read; write the nodes in rectangular ones"
+            )
         positions = rectangular(form, given)
         if self.system is not None:
             positions = self.system.to_basic(positions)

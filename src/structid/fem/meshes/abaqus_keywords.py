@@ -90,9 +90,7 @@ def _lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]:
         yield number, pending
 
 
-def _included(
-    path: Path, root: Path, number: int, options: dict[str, str], depth: int
-) -> Iterator[tuple[int, str]]:
+def _included(path: Path, root: Path, number: int, options: dict[str, str], depth: int) -> Iterator[tuple[int, str]]:
     """The lines of an included file, found from the folder of the job as the solver has it, else from that of the file."""
     name = options.get("INPUT", "").replace("\\", "/")
     try:

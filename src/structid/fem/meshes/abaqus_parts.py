@@ -167,7 +167,11 @@ def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> F
 
 
 def read_parts(
-    path: Path, assembly: Assembly, positions: Mapping[int, FloatArray], axes: Mapping[int, FloatArray], units: DeckUnits
+    path: Path,
+    assembly: Assembly,
+    positions: Mapping[int, FloatArray],
+    axes: Mapping[int, FloatArray],
+    units: DeckUnits,
 ) -> list[DeckPart]:
     """The parts of an input file beside its cells: those that structid has elements for, and the others with the reason.
 

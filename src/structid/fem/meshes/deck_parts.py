@@ -265,7 +265,9 @@ def turned_matrix(matrix: FloatArray, axes: FloatArray) -> FloatArray:
     return turned
 
 
-def weights_along(node: int, vector: FloatArray, rotation: bool = False, factor: float = 1.0) -> dict[tuple[int, str], float]:
+def weights_along(
+    node: int, vector: FloatArray, rotation: bool = False, factor: float = 1.0
+) -> dict[tuple[int, str], float]:
     """Weights of a node's displacement (or rotation) along a unit vector; what is rounding is left out."""
     directions = DIRECTIONS[3:] if rotation else DIRECTIONS[:3]
     return {

@@ -151,7 +151,12 @@ def read_parts(
         if words[0] == "WTMASS":
             units = DeckUnits(units.length, units.force, _real(words[1]))
     deck = _Deck(cards, systems, positions, axes, units)
-    parts = [part for name, make in _readers(deck).items() if name in cards for part in _parts_of(name, deck.rows(name), make)]
+    parts = [
+        part
+        for name, make in _readers(deck).items()
+        if name in cards
+        for part in _parts_of(name, deck.rows(name), make)
+    ]
     parts += _constraints(deck, text.case_control)
     counts = Counter({name: len(cards[name]) for name in _UNREAD if name in cards})
     parts += [DeckPart(name, count, obstacle=_UNREAD[name]) for name, count in counts.items()]
@@ -278,9 +283,7 @@ def _numbered(deck: _Deck, name: str, width: int) -> dict[int, list[str]]:
     return table
 
 
-def _scalar_spring(
-    deck: _Deck, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]
-) -> Item:
+def _scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
     """A CELAS1 or CDAMP1 (with the values of properties), CELAS2 or CDAMP2: from one component to another or the ground."""
     words = _padded(row, 8)
     if table is not None and _whole(words[1]) not in table:
@@ -352,9 +355,7 @@ def _bush_weights(
     return weights
 
 
-def _bush_axes(
-    deck: _Deck, name: str, first: int, second: int, words: Sequence[str]
-) -> tuple[FloatArray | None, str]:
+def _bush_axes(deck: _Deck, name: str, first: int, second: int, words: Sequence[str]) -> tuple[FloatArray | None, str]:
     """Axes of the element as rows, and what hinders; None where it has no orientation and no length."""
     system = words[7] if name == "CBUSH" else words[4] if name == "CBUSH1D" else ""
     if system:

@@ -74,7 +74,9 @@ class BulkSystems:
             return self._resolved[number]
         if number not in self._cards or number in within:
             problem = "is defined by itself" if number in within else "is not in the file"
-            raise FileError(f"{self._path}: coordinate system {number} {problem}; export its CORD card, or basic coordinates")
+            raise FileError(
+                f"{self._path}: coordinate system {number} {problem}; export its CORD card, or basic coordinates"
+            )
         card, within = self._cards[number], (*within, number)
         if card.reference < 0:
             points = np.stack([self._grid_point(number, label, within) for label in card.points.tolist()])
@@ -91,9 +93,7 @@ class BulkSystems:
     def _grid_point(self, number: int, label: int, within: tuple[int, ...]) -> FloatArray:
         rows = np.flatnonzero(self.labels == label)
         if not len(rows):
-            raise FileError(
-                f"{self._path}: coordinate system {number} names GRID {label}, which is not there; add it"
-            )
+            raise FileError(f"{self._path}: coordinate system {number} names GRID {label}, which is not there; add it")
         system = self.system(int(self._definition[rows[0]]), within)
         return system.to_basic(self._coordinates[rows[:1]])[0]
 

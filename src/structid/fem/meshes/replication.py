@@ -48,9 +48,13 @@ def expand_replication(path: Path, lines: list[bytes]) -> tuple[list[bytes], lis
             continue
         if not previous or continued:
             problem = "goes on over several lines" if continued else "is not there"
-            raise FileError(f"{path}, line {number}: {text.decode('latin-1')!r} repeats a card that {problem}; {_REMEDY}")
+            raise FileError(
+                f"{path}, line {number}: {text.decode('latin-1')!r} repeats a card that {problem}; {_REMEDY}"
+            )
         if repeat is not None and not steps:
-            raise FileError(f"{path}, line {number}: {text.decode('latin-1')!r} has no card with steps before it; {_REMEDY}")
+            raise FileError(
+                f"{path}, line {number}: {text.decode('latin-1')!r} has no card with steps before it; {_REMEDY}"
+            )
         count = int(repeat[1]) if repeat is not None else 1
         if len(expanded) + count > _MOST_CARDS:
             raise FileError(f"{path}, line {number}: {count} cards are repeated; at most {_MOST_CARDS} are read")

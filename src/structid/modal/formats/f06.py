@@ -127,7 +127,9 @@ class _Listing:
 
     def _read_context(self, line: str) -> None:
         """Run, eigenvalue and mode above a title."""
-        if self.since_page <= 3:
+        if line.startswith("0"):  # the last of the lines that head a page, which some keep without the others
+            self.page.subcase = None
+        if line.startswith("0") or self.since_page <= 3:
             for name, pattern in _RUN.items():
                 if match := pattern.search(line):
                     setattr(self.page, name.lower(), int(match[1]))

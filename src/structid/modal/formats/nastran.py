@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from structid.core.arrays import FloatArray
 from structid.core.errors import FileError
+from structid.fem.meshes.bulk_cards import bulk_text, cards_of
+from structid.fem.meshes.nastran_systems import SYSTEM_CARDS, BulkSystems
+from structid.files import damage_told, require_readable
 from structid.modal.formats.f06 import f06_modes
 from structid.modal.formats.printed import RUN_AGAIN, ModeFileOptions, PrintedModes, printed_record
 from structid.modal.formats.punch import punch_modes
@@ -38,4 +44,24 @@ def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> Mo
     FileError
         If there are none, or points differ from mode to mode.
     """
-    return printed_record(path, nastran_modes(path, options), options or ModeFileOptions())
+    options = options or ModeFileOptions()
+    printed = nastran_modes(path, options)
+    if not options.deck:
+        return printed_record(path, printed, options)
+    deck = require_readable(Path(options.deck))
+    axes = _displacement_axes(path, deck, printed)
+    words = f"motions turned to global axes by {deck.name}" if axes else f"global axes by {deck.name}"
+    return printed_record(path, printed, options, axes, [words])
+
+
+def _displacement_axes(path: Path, deck: Path, printed: PrintedModes) -> dict[int, FloatArray]:
+    """Axes, as rows in global ones, of the points whose own displacement system in the deck is another one."""
+    with damage_told(deck, "Nastran bulk data", "export it again"):
+        cards = cards_of(bulk_text(deck), ("GRID", "GRDSET", *SYSTEM_CARDS))
+        if "GRID" not in cards:
+            raise FileError(f"{deck}: holds no GRID, so that it is not the deck of {path.name}; name its bulk data")
+        systems = BulkSystems(deck, cards)
+        missing = np.setdiff1d(printed.modes[0].nodes, systems.labels)
+        if missing.size:
+            raise FileError(f"{deck}: has no GRID {missing[0]}, which {path.name} prints; name the deck of that run")
+        return systems.displacement_axes(systems.labels, systems.basic_positions())
