@@ -65,13 +65,15 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
     return float(rigid @ (mass @ rigid))
 
 
-def require_total_mass(found: float, declared: float) -> None:
+def require_total_mass(found: float, declared: float, left_aside: str = "") -> None:
     """Raise an `InputError` where the mass `found` in the matrices is not the `declared` one; it names the factor.
 
     Parameters
     ----------
     found, declared : float
         kg; a tenth apart they pass, as a model is rarely right to the percent, and units are wrong by a factor.
+    left_aside : str
+        What of the model no element stands for, to be said with the error.
     """
     if not declared > 0:
         raise InputError(f"`total_mass` must be greater than 0, got {declared}")
@@ -89,7 +91,7 @@ def require_total_mass(found: float, declared: float) -> None:
     )  # fmt: skip
     raise InputError(
         f"the total mass of the matrices is {found:.6g} kg, the declared one {declared:.6g} kg: a factor of {ratio:.6g}; "
-        f"{cause}"
+        f"{cause}{left_aside}"
     )
 
 
