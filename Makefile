@@ -49,6 +49,7 @@ docs: $(STAMP)
 fuzz: $(STAMP)
 	$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
 	$(BIN)/python -m fuzz.keys --count $(COUNT) --seed $(SEED)
+	$(BIN)/python -m fuzz.true_modes
 
 golden: $(STAMP)
 	$(BIN)/python -m golden $(BASE) --reproduction

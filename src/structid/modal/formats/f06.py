@@ -165,6 +165,8 @@ class _Listing:
             raise FileError(
                 f"{self.path}, line {number}: the eigenvalues are buckling load factors; run normal modes (SOL 103)"
             )
+        else:
+            self._read_context(line)
 
     def _read_columns(self, number: int, line: str) -> None:
         """The lines between the title of a vector and its rows."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -115,7 +115,7 @@ class ModesSource:
     settings: ModalSettings
     aimed: Mapping[str, str]
     deviations: ModeDeviations = ModeDeviations()
-    file_options: ModeFileOptions = ModeFileOptions()
+    file_options: ModeFileOptions = field(default_factory=ModeFileOptions)
 
     @property
     def modes_section(self) -> Section:
