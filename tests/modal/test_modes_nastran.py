@@ -8,6 +8,7 @@ from structid.core.errors import FileError
 from structid.external.shapes import read_shapes
 from structid.modal.formats.files import read_modes, write_modes
 from structid.modal.formats.nastran import read_modes_nastran
+from structid.modal.formats.printed import ModeFileOptions
 
 NODES = [1, 2, 15, 101]
 FREQUENCY = [0.0, 12.5, 47.25]
@@ -131,6 +132,40 @@ def test_what_cannot_be_read_is_named(tmp_path, name, text, words):
     (tmp_path / name).write_text(text)
     with pytest.raises(FileError, match=words):
         read_modes(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", ["F", "B"])
+def test_modes_of_calculix(tmp_path, kind):
+    """As CalculiX writes *FREQUENCY, and *BUCKLE, which are no modes."""
+    rows = "".join(
+        f" -1{n:10d}" + "".join(f"{v:12.5E}" for v in own[:3]) + "\n" for n, own in zip(NODES, SHAPES[1], strict=True)
+    )
+    name = "1MODAL      1" if kind == "F" else "1           1"
+    head = (
+        f"    1PGM                4.000000E+00\n  100CL  101 12.50000000           4                     2    {name}\n"
+    )
+    text = head + " -4  DISP        4    1\n -5  D1          1    2    1    0\n" + rows + " -3\n 9999\n"
+    (tmp_path / "a.frd").write_text(text)
+    if kind == "B":
+        with pytest.raises(FileError, match=r"a\.frd: holds no modes of vibration with displacements; run \*FREQUENCY"):
+            read_modes(tmp_path / "a.frd")
+        return
+    record = read_modes(tmp_path / "a.frd", ModeFileOptions(length_unit="mm", force_unit="N"))
+    assert (record.frequency.tolist(), record.scaling) == ([12.5], "mass")
+    expected = SHAPES[1, 1:, :2].ravel() / np.sqrt(4000.0)  # a modal mass of 4 t
+    assert record.mode_shapes[:, 0] == pytest.approx(expected, rel=2e-5)
+    assert read_shapes(tmp_path / "a.frd").values[:, 0] == pytest.approx(
+        SHAPES[1, :, :3].ravel() / 2, rel=2e-5, abs=1e-12
+    )
+    (tmp_path / "a.frd").write_text(text.replace(" 9999\n", ""))
+    with pytest.raises(FileError, match="has no last line 9999; the file is cut short"):
+        read_modes(tmp_path / "a.frd")
+
+
+def test_binary_results_are_refused_with_what_to_do(tmp_path):
+    (tmp_path / "a.op2").write_bytes(b"\0" * 8)
+    with pytest.raises(FileError, match=r"a\.op2: is binary; let Nastran print the vectors too .* or punch them"):
+        read_modes(tmp_path / "a.op2")
 
 
 def test_nothing_is_written_as_nastran_does(tmp_path):

@@ -27,6 +27,7 @@ from structid.fem.importers import (
 from structid.fem.importers.abaqus import Form
 from structid.files import atomic_write, claimed, require_readable
 from structid.modal import ModalRecord
+from structid.modal.formats.calculix import FRD_SUFFIXES
 from structid.modal.formats.csv import is_modes_table
 from structid.modal.formats.files import CSV_SUFFIXES, JSON_SUFFIXES, UFF_SUFFIXES, read_modes, write_modes
 from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES
@@ -79,7 +80,7 @@ def convert(
         typer.Argument(
             metavar="IN",
             help="Record (NPZ, NPY, HDF5, CSV, MAT, UFF, TDMS, MDF, miniSEED, WAV, Parquet), matrices (OP4, DMIG, Abaqus,"
-            " MatrixMarket, NPZ, MAT, Harwell-Boeing ...) or modes (JSON, UFF, CSV, F06, punch).",
+            " MatrixMarket, NPZ, MAT, Harwell-Boeing ...) or modes (JSON, UFF, CSV, F06, punch, FRD).",
         ),
     ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write; the suffix gives the format.")],
@@ -139,7 +140,7 @@ def _words(kind: str) -> str:
 def _contents_of(source: Path, target: Path) -> str:
     """What `source` holds, by its suffix and first lines, and by what `target` may hold where both leave it open."""
     suffix = source.suffix.lower()
-    if suffix in F06_SUFFIXES or suffix in JSON_SUFFIXES:
+    if suffix in (*F06_SUFFIXES, *FRD_SUFFIXES, *JSON_SUFFIXES, ".op2"):
         return "modes"
     if suffix in _MATRICES_ONLY:
         return "matrices"
