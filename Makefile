@@ -57,6 +57,7 @@ fuzz: $(STAMP)
 	$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
 	$(BIN)/python -m fuzz.keys --count $(COUNT) --seed $(SEED)
 	$(BIN)/python -m fuzz.headers --count $(COUNT) --seed $(SEED)
+	$(BIN)/python -m fuzz.true_modes
 
 golden: $(STAMP)
 	$(BIN)/python -m golden $(BASE) --reproduction
