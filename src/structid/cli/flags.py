@@ -36,7 +36,10 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     groups = {name: list(_flags(kind)) for name, kind in options.items()}
 
     def run(**given: object) -> None:
-        with reported():
+        from structid.core.isolation import absolute_paths, isolated  # the help needs none of it
+
+        with reported(), isolated():
+            given = {name: absolute_paths(value) for name, value in given.items()}
             for name, flags in groups.items():
                 values = {flag.name: given.pop(flag.name) for flag in flags}
                 told = {flag.name: values[flag.name] for flag in flags if values[flag.name] != flag.default}

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Protocol
 
 from structid.core.errors import FileError, InputError
+from structid.core.isolation import child_environment
 from structid.external.deck import Deck
 from structid.inversion.search.work import Tools, Work
 
@@ -249,8 +250,9 @@ def _executed(solver: Solver, folder: Path) -> str:
     with (folder / _LOG).open("wb") as log:
         try:
             process = subprocess.Popen(
-                solver.arguments, cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
-            )
+                solver.arguments, cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+                env=child_environment(),
+            )  # fmt: skip
         except OSError as error:
             return f"{solver.arguments[0]} cannot be started ({error.strerror or error})"
         try:

@@ -26,7 +26,7 @@ def main() -> None:
         signal.signal(number, lambda *_: None)
     with (folder / "log.txt").open("ab") as log:
         child = subprocess.Popen(
-            [sys.executable, "-m", "structid", *words], stdin=subprocess.DEVNULL, stdout=log, stderr=log
+            [sys.executable, "-P", "-m", "structid", *words], stdin=subprocess.DEVNULL, stdout=log, stderr=log
         )
         (folder / "child.json").write_text(json.dumps({"pid": child.pid}), encoding="utf-8")
         code = child.wait()

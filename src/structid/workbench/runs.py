@@ -20,6 +20,7 @@ from typing import Any
 import psutil
 
 from structid.core.errors import FileError, InputError
+from structid.core.isolation import NEUTRAL_FOLDER, SAFE_FLAGS, child_environment
 from structid.files import atomic_write, require_no_file
 from structid.workbench.folder import OWN, OpenFolder, read_json
 
@@ -183,13 +184,13 @@ class Runs:
         words = ["identify", str(path), "--out", str(out), "--progress", str(folder / "progress.jsonl")]
         words += ["--resume"] if resume else []
         process = subprocess.Popen(
-            [sys.executable, "-m", "structid.workbench.runner", str(folder), *words],
-            cwd=self.opened.root,
+            [sys.executable, *SAFE_FLAGS, "-m", "structid.workbench.runner", str(folder), *words],
+            cwd=NEUTRAL_FOLDER,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": os.environ.get("OPENBLAS_NUM_THREADS", "1")},
+            env=child_environment({"OPENBLAS_NUM_THREADS": os.environ.get("OPENBLAS_NUM_THREADS", "1")}),
         )
         _waited.append(process)
         told = {

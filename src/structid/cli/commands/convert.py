@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from structid.cli.base import say
 from structid.core.errors import FileError
 from structid.files import claimed
 from structid.records import FrfRecord, ReadOptions, Record, read_record, write_record
@@ -39,8 +40,8 @@ def convert(
     with claimed(target):
         write_record(target, record)
     if how_read(record.source, source):
-        typer.echo(f"read: {record.source}")
-    typer.echo(_summary(record, target))
+        say(f"read: {record.source}")
+    say(_summary(record, target))
 
 
 def _summary(record: Record, path: Path) -> str:
