@@ -1,6 +1,6 @@
 """Folders as a stranger may send them: odd names, links, devices, bombs, and modules that Python would import.
 
-``python -m fuzz.hostile`` makes one, lets the workbench list it, and prints what that took; see `tests/workbench/test_hostile_folder.py`.
+``python -m fuzz.hostile`` makes one, lets the workbench list it, and prints what that took.
 """
 
 from __future__ import annotations
@@ -118,7 +118,8 @@ _LINKS = {
 _ODD_NAMES = (
     "Träger".encode("latin-1") + b".toml", b"\xff\xfe.csv", b"line\nbreak.toml", b"tab\t.toml", b"bell\x07.toml", b" .toml",
     b"-rf.toml", b"--out.toml", b"$(touch x).toml", b"`id`.toml", b"a;b.toml", b"'quoted'.toml", b'"double".toml', b"%00.toml",
-    b"..toml", b"...toml", b"a..b.toml", b"con.toml", b"x" * 250 + b".toml", b"\xe2\x80\xae" + b"lmot.toml", b"\xf0\x9f\x92\xa9.toml",
+    b"..toml", b"...toml", b"a..b.toml", b"con.toml", b"x" * 250 + b".toml", b"\xe2\x80\xae" + b"lmot.toml",
+    b"\xf0\x9f\x92\xa9.toml",
     b"<img src=x>.toml", b"a&b=c#d?e.toml", b"back\\slash.toml", b"UPPER.TOML", b"{stem}.toml", b"*.toml", b"c:d.toml",
 )  # fmt: skip
 
@@ -137,14 +138,17 @@ def _odd_files() -> dict[str, bytes]:
         "lines.txt": b"\n" * 100_000, "wide.txt": b"9" * 1_000_000, "deep.toml": b"a = " + b"[" * 40_000,
         "deep_table.toml": b"[structure]\na = " + b"{a=" * 20_000, "dotted.toml": b"a" + b".a" * 20_000 + b" = 1\n",
         "number.toml": b"[structure]\na = " + b"9" * 5000, "keys.toml": b"[structure]\n" + b"a.b.c.d.e.f = 1\n" * 3,
-        "headers.toml": b"".join(b"[a%d.b.c.d.e.f.g.h]\n" % k for k in range(2000)), "not_utf8.toml": b'title = "\xff"\n[structure]\n',
+        "headers.toml": b"".join(b"[a%d.b.c.d.e.f.g.h]\n" % k for k in range(2000)),
+        "not_utf8.toml": b'title = "\xff"\n[structure]\n',
         "title.toml": b'title = """' + b"x" * 1_000_000 + b'"""\n[structure]\n', "number_title.toml": b"title = 7\n[structure]\n",
         "bom.toml": "﻿[structure]\n".encode(), "empty.toml": b"", "binary.toml": bytes(range(256)) * 100,
         "deep.json": b"[" * 100_000, "modes.json": b'{"title": "' + b"\\" * 100_000, "number.json": b"9" * 5000,
         "frequency.json": b'{"title": "a", ' * 3000, "bomb.npz": packed.getvalue(), "half.npz": packed.getvalue()[:200],
         "half.npy": b"\x93NUMPY\1\0v\0", "empty.csv": b"", "empty.h5": b"", "no.h5": b"\x89HDF\r\n\x1a\n" + b"\xff" * 200,
-        "no.uff": b"    -1\n" * 20_000, "punch.pch": b"$EIGENVALUE" * 1000, "a.f06": b"\n" * 1000, "no.wav": b"RIFF\xff\xff\xff\xffWAVE",
-        "no.mat": b"MATLAB 5.0 MAT-file" + b"\xff" * 500, "no.bdf": b"INCLUDE '/etc/passwd'\n", "no.msh": b"$Nodes\n99999999999999\n",
+        "no.uff": b"    -1\n" * 20_000, "punch.pch": b"$EIGENVALUE" * 1000, "a.f06": b"\n" * 1000,
+        "no.wav": b"RIFF\xff\xff\xff\xffWAVE",
+        "no.mat": b"MATLAB 5.0 MAT-file" + b"\xff" * 500, "no.bdf": b"INCLUDE '/etc/passwd'\n",
+        "no.msh": b"$Nodes\n99999999999999\n",
     }  # fmt: skip
 
 
@@ -168,8 +172,8 @@ def _socket(path: Path) -> None:
 _SPECIAL: dict[str, Callable[[Path], None]] = {
     "fifo.toml": lambda path: os.mkfifo(path), "fifo.csv": lambda path: os.mkfifo(path), "fifo.txt": lambda path: os.mkfifo(path),
     "modes_fifo.json": lambda path: os.mkfifo(path), "sparse.toml": _sparse, "sparse.csv": _sparse, "sparse.json": _sparse,
-    "sparse.txt": _sparse, "sparse.npz": _sparse, "folder.toml": Path.mkdir, "folder.csv": Path.mkdir, "unreadable.toml": _unreadable,
-    "socket.toml": _socket,
+    "sparse.txt": _sparse, "sparse.npz": _sparse, "folder.toml": Path.mkdir, "folder.csv": Path.mkdir,
+    "unreadable.toml": _unreadable, "socket.toml": _socket,
 }  # fmt: skip
 
 

@@ -22,7 +22,9 @@ NEUTRAL_FOLDER = Path(sys.prefix)
 SAFE_FLAGS = ("-P",)
 _PACKAGE_ROOT = Path(__file__).resolve().parents[2]
 _changing_environment = threading.Lock()
+#: Folders of the calls of commands in this process, and folders whose absolute paths the user wrote.
 _calling: list[Path] = []
+_given_absolute: set[str] = set()
 
 
 def calling_folder() -> Path:
@@ -33,6 +35,8 @@ def calling_folder() -> Path:
 def absolute_paths(value: Any) -> Any:
     """`value`, a path or a list of them, from the folder of the call; anything else as it is."""
     if isinstance(value, Path):
+        if value.is_absolute():
+            _given_absolute.add(str(value.parent if value.suffix else value))
         return calling_folder() / value
     return [absolute_paths(entry) for entry in value] if isinstance(value, list) else value
 
@@ -42,8 +46,13 @@ def paths_as_called(text: str) -> str:
     folder = calling_folder()
     if str(folder) == folder.anchor:
         return text
-    pattern = rf"(?<![\w.~/\\-]){re.escape(str(folder))}(?:([/\\])|(?![\w.-]))"
-    return re.sub(pattern, lambda match: "" if match[1] else ".", text)
+
+    def shortened(match: re.Match[str]) -> str:
+        if any(text.startswith(given, match.start()) for given in _given_absolute):
+            return match[0]
+        return "" if match[1] else "."
+
+    return re.sub(rf"(?<![\w.~/\\-]){re.escape(str(folder))}(?:([/\\])|(?![\w.-]))", shortened, text)
 
 
 def import_paths(entries: list[str], folder: Path) -> list[str]:
@@ -81,6 +90,7 @@ def isolated() -> Iterator[None]:
     """Runs the block in `NEUTRAL_FOLDER`, without the folder of the call among the places of modules."""
     folder, modules, environment = Path.cwd(), list(sys.path), dict(os.environ)
     _calling.append(folder)
+    _given_absolute.clear()
     sys.path[:] = import_paths(sys.path, folder)
     _replace_environment(child_environment())
     os.chdir(NEUTRAL_FOLDER)
