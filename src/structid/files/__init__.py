@@ -1,7 +1,7 @@
 """Files: read with a clear word when something is wrong with them, and written whole or not at all."""
 
 from structid.files.lock import claim, claimed, release
-from structid.files.reading import DAMAGE, damage_told, digest, read_start, require_readable
+from structid.files.reading import DAMAGE, damage_told, digest, read_part, read_start, require_readable
 from structid.files.writing import atomic_write, made_folder, replace_unchanged, require_no_file
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "damage_told",
     "digest",
     "made_folder",
+    "read_part",
     "read_start",
     "release",
     "replace_unchanged",

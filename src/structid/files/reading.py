@@ -53,7 +53,12 @@ def require_readable(path: str | Path) -> Path:
     return path
 
 
-def read_start(path: Path, most: int, follow: bool = True) -> bytes:
+def read_part(path: Path, begin: int, most: int) -> bytes:
+    """Up to `most` bytes of an ordinary file that is no link, from byte `begin` on; raises as `read_start`."""
+    return read_start(path, most, follow=False, begin=begin)
+
+
+def read_start(path: Path, most: int, follow: bool = True, begin: int = 0) -> bytes:
     """The first `most` bytes of an ordinary file; a pipe or a device is not waited for.
 
     Parameters
@@ -63,6 +68,8 @@ def read_start(path: Path, most: int, follow: bool = True) -> bytes:
         Bytes at most.
     follow : bool, optional
         Whether `path` may be a link.
+    begin : int, optional
+        Byte from which on it is read.
 
     Raises
     ------
@@ -74,6 +81,8 @@ def read_start(path: Path, most: int, follow: bool = True) -> bytes:
     with os.fdopen(descriptor, "rb") as stream:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise OSError(errno.EINVAL, "is a pipe or a device, and no file", str(path))
+        if begin:
+            stream.seek(begin)
         return stream.read(most)
 
 

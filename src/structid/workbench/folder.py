@@ -408,14 +408,20 @@ def _begin(path: Path, count: int = 4096) -> bytes:
         return b""
 
 
-def read_json(path: Path) -> Any:
-    """The content of a JSON file; None where it is not there, not whole or too large, and for numbers that JSON does not have."""
+def read_json(path: Path, follow: bool = True) -> Any:
+    """The content of a JSON file; None where it is not there (or a link, unless `follow`), not whole or too large."""
     try:
-        content = read_start(path, _MOST_JSON + 1)
-        if len(content) > _MOST_JSON:
-            return None
+        content = read_start(path, _MOST_JSON + 1, follow)
+    except OSError:
+        return None
+    return parse_json(content) if len(content) <= _MOST_JSON else None
+
+
+def parse_json(content: bytes | str) -> Any:
+    """What a JSON text holds, None for numbers that are not finite; None where it is no JSON."""
+    try:
         return json.loads(content, parse_constant=lambda _: None, parse_float=_finite)
-    except (OSError, ValueError, RecursionError):
+    except (ValueError, RecursionError):
         return None
 
 
