@@ -85,8 +85,7 @@ class FrfUnit(NamedTuple):
 def _normalized(text: str) -> str:
     for old, new in (("**", "^"), ("²", "^2"), ("µ", "u"), ("μ", "u"), ("·", "*"), ("⋅", "*")):
         text = text.replace(old, new)
-    text = re.sub(r"\s*([/*^()])\s*", r"\1", text.strip())
-    return re.sub(r"\s+", " ", text)
+    return re.sub(r" ?([/*^()]) ?", r"\1", " ".join(text.split()))
 
 
 def _without_brackets(text: str) -> str:

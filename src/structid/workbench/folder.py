@@ -46,8 +46,9 @@ _MODES_BEGIN = re.compile(
 )
 #: A number in a line of nothing but numbers; commas and semicolons are blanks there.
 _NUMBER, _APART = re.compile(rb"[-+]?\d[\d.eE+-]*"), bytes.maketrans(b";,\0", b"   ")
-#: Where a dataset of a universal file begins, with its number; and bytes of a file in which they are looked for.
-_UFF_SETS, _OF_UFF = re.compile(rb"^ {4}-1[ \r]*\n {1,80}(\d{1,6})", re.M), 1_000_000
+#: Datasets of modes or of functions in a universal file, by the line of their number behind a -1; and bytes that are looked at.
+_UFF_SETS, _OF_UFF = re.compile(rb"\n    5[58][ \r]*\n"), 1_000_000
+_MOST_SETS = 1000
 _SECTIONS = {"structure", "unknown", "record", "plan", "method"}
 #: The same in the text of a study that is too long to be parsed for a list, and its title.
 _HEADER = re.compile(rf"^[ \t]*\[\[?[ \t]*(?:{'|'.join(sorted(_SECTIONS))})\b", re.M)
@@ -387,7 +388,12 @@ def holds_modes(path: Path) -> bool:
     if suffix in PUNCH_SUFFIXES:
         return b"$EIGENVALUE" in _begin(path)
     if suffix in UFF_SUFFIXES:
-        sets = set(_UFF_SETS.findall(_begin(path, _OF_UFF)))
+        begin = b"\n" + _begin(path, _OF_UFF)
+        sets = {
+            match[0].strip()
+            for match in islice(_UFF_SETS.finditer(begin), _MOST_SETS)
+            if begin[max(0, match.start() - 80) : match.start()].rstrip(b" \r").endswith(b" -1")
+        }
         return b"55" in sets and b"58" not in sets
     return suffix in F06_SUFFIXES or (suffix in JSON_SUFFIXES and _MODES_BEGIN.match(_begin(path)) is not None)
 

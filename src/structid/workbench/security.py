@@ -161,7 +161,9 @@ def _limited(receive: Receive, most: int) -> Receive:
     async def counted() -> Message:
         nonlocal taken, is_whole
         try:
-            async with asyncio.timeout(None if is_whole else BODY_SECONDS):  # behind the body comes the end of the connection
+            async with asyncio.timeout(
+                None if is_whole else BODY_SECONDS
+            ):  # behind the body comes the end of the connection
                 message = await receive()
         except TimeoutError:
             return {"type": "http.disconnect"}

@@ -40,9 +40,9 @@ _ORDERS = {"wedge15": (*range(9), 12, 13, 14, 9, 10, 11), "hexahedron20": (*rang
 _REFUSED = ("CTRIAX", "CTRIAX6", "CQUADX", "CTRAX3", "CTRAX6", "CQUADX4", "CQUADX8", "CQUAD")
 _NAMED = (
     re.compile(rb"^\$HMNAME\s+PROP\s+(\d+)\s*\"([^\"]+)\"", re.IGNORECASE),
-    re.compile(rb"^\$\s*FEMAP Property\s+(\d+)\s*:\s*(.+?)\s*$", re.IGNORECASE),
+    re.compile(rb"^\$\s*FEMAP Property\s+(\d+)\s*:\s*(\S(?:.*\S)?)\s*$", re.IGNORECASE),
 )
-_REGION = re.compile(rb"^\$ Elements and Element Properties for region\s*:\s*(.+?)\s*$", re.IGNORECASE)
+_REGION = re.compile(rb"^\$ Elements and Element Properties for region\s*:\s*(\S(?:.*\S)?)\s*$", re.IGNORECASE)
 _PROPERTY = re.compile(rb"^P[A-Z0-9]+\*?[\s,]+(\d+)", re.IGNORECASE)
 SYSTEM_CARDS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 

@@ -24,6 +24,8 @@ from structid.records.formats.selection import selected
 from structid.records.record import FrfRecord, TimeRecord
 
 _HEAD = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]+|[^\[\]]*\([^\[\]]*\)[^\[\]]*)[\])]$")
+#: Letters of a header at most that is taken apart.
+_LONGEST_HEAD = 200
 _TIME = re.compile(r"^(time|times|t|zeit|temps|tiempo|tempo|timestamp|date|datetime|x)$|^(time|zeit)\b", re.IGNORECASE)
 #: Units of times, in s.
 TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
@@ -84,8 +86,9 @@ class NamedChannels:
 
 def name_and_unit(text: str) -> tuple[str, str]:
     """A header without its unit, and the unit in brackets behind it or ""."""
-    match = _HEAD.match(text.strip())
-    return (match["name"], match["unit"].strip()) if match else (text.strip(), "")
+    text = text.strip()
+    match = _HEAD.match(text) if len(text) <= _LONGEST_HEAD else None
+    return (match["name"], match["unit"].strip()) if match else (text, "")
 
 
 def is_time(text: str) -> bool:
