@@ -97,11 +97,11 @@ def fail(message: str, code: int) -> None:
     raise typer.Exit(code) from None
 
 
-def say(text: object, err: bool = False) -> None:
-    """Print a line with paths as the user gave them; what would steer a terminal in it is shown by its number."""
+def say(text: object, err: bool = False, is_exact: bool = False) -> None:
+    """Print a line with paths as the user gave them, or exactly; what would steer a terminal in it is shown by its number."""
     from structid.core.isolation import paths_as_called  # the help needs none of it
 
-    shown = paths_as_called(str(text))
+    shown = str(text) if is_exact else paths_as_called(str(text))
     escaped = "".join(letter if letter.isprintable() or letter == "\n" else f"\\x{ord(letter):02x}" for letter in shown)
     typer.echo(escaped, err=err)
 

@@ -57,7 +57,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _tell_command(command: str, study: Path) -> None:
-    say(f"runs the command of the study in {study}: {command}", err=True)
+    say(f"runs the command of the study in {study}: {command}", err=True, is_exact=True)
 
 
 def _inner(kind: object) -> type | None:

@@ -350,8 +350,9 @@ def upload_name(name: str) -> str:
 
 
 def _shown_name(name: str) -> str:
-    """A name of a file as text, signs that are none as question marks."""
-    return os.fsencode(name).decode("utf-8", "replace")
+    """A name of a file as text; what is no sign, or steers, as a question mark."""
+    text = os.fsencode(name).decode("utf-8", "replace")
+    return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
 
 
 def _is_printable(name: str) -> bool:

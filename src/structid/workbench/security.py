@@ -26,10 +26,10 @@ _PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:;"
     " connect-src 'self'; frame-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
-#: Of pages of results, which hold their own script: they run apart from the workbench and reach no network.
+#: Of pages of results, which hold their own script: they run apart from the workbench and fetch nothing.
 _VIEW_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
-    " img-src data: blob:; form-action 'none'; base-uri 'none'; frame-ancestors 'self'; webrtc 'block'"
+    " img-src data: blob:; form-action 'none'; base-uri 'none'; frame-ancestors 'self'"
 )
 _ALWAYS = {
     "x-content-type-options": "nosniff",

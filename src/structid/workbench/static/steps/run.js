@@ -52,13 +52,13 @@ async function begin(app, box, given, started = () => {}) {
   } catch (error) {
     if (error.status !== 428) { throw error; }
     fill(box, confirming(app, error.found.solver, (confirmed) => begin(app, box, {...given, confirmed}, started), () => fill(box)));
-    box.querySelector("button").focus();
+    box.querySelector("h2").focus(); // not the button: whoever presses a key twice has not read it
   }
 }
 
 function confirming(app, solver, run, cancel) {
   const go = h("button", {class: "main", type: "button", onclick: () => app.doing(go, () => run(solver.confirmation))}, "Run this program");
-  return h("section", {class: "card doubt", id: "confirm", role: "group", "aria-labelledby": "confirm-title"}, h("h2", {id: "confirm-title"}, "This study runs a program of this machine"),
+  return h("section", {class: "card doubt", id: "confirm", role: "group", "aria-labelledby": "confirm-title"}, h("h2", {id: "confirm-title", tabindex: -1}, "This study runs a program of this machine"),
     h("p", {}, "It can do all that you can do. Run it only where you know where the study comes from, and what the program does."),
     h("pre", {class: "log command", tabindex: 0, "aria-label": "The command"}, visible(solver.command)),
     h("p", {class: "note"}, `Word by word: ${solver.words.map((word) => JSON.stringify(visible(word))).join(" ")}. It works in a folder of its own with ${solver.inputs.map(visible).join(", ")} of the study.`),
