@@ -11,6 +11,7 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 from app_cases import ENVIRONMENT, require_workbench, served
@@ -23,7 +24,10 @@ from fuzz.hostile import recording_environment, write_modules, write_odd_entries
 from fuzz.seeds import write_chain  # noqa: E402
 
 from structid.core.errors import FileError  # noqa: E402
+from structid.files import claimed  # noqa: E402
+from structid.files.npy import npz_arrays  # noqa: E402
 from structid.modal.formats.csv import is_modes_table  # noqa: E402
+from structid.study.results.folder import staged_folder  # noqa: E402
 from structid.study.schema.toml_lines import parse_toml  # noqa: E402
 from structid.workbench.folder import ChangedError, OutsideError, holds_modes, opened  # noqa: E402
 from structid.workbench.runs import Runs  # noqa: E402
@@ -186,6 +190,43 @@ def test_links_of_the_workbenchs_own_folder_are_not_followed(tmp_path):
     for results in ("out", "other"):
         with pytest.raises(OutsideError):
             runs.start("good.toml", results)
+
+
+def test_results_are_not_written_through_links_of_the_folder_that_they_replace(tmp_path):
+    folder, outside = tmp_path / "results", tmp_path / "outside"
+    folder.mkdir()
+    outside.mkdir()
+    (folder / "suggestions").symlink_to(outside)
+    (folder / "estimate.json").symlink_to(outside / "written")
+
+    def write() -> None:
+        with staged_folder(folder) as staged:
+            (staged / "suggestions").mkdir()
+            (staged / "suggestions" / "a.toml").write_text("a = 1", encoding="utf-8")
+
+    with pytest.raises(FileError, match="is a link"):
+        write()
+    (folder / "suggestions").unlink()
+    with staged_folder(folder) as staged:
+        (staged / "estimate.json").write_text("{}", encoding="utf-8")
+    assert not list(outside.iterdir())
+    assert not (folder / "estimate.json").is_symlink()
+
+
+def test_no_lock_is_written_through_a_link(tmp_path):
+    (tmp_path / "mine").write_text("mine", encoding="utf-8")
+    (tmp_path / ".results.lock").symlink_to(tmp_path / "mine")
+    with pytest.raises(FileError, match="cannot be written"), claimed(tmp_path / "results"):
+        pass
+    assert (tmp_path / "mine").read_text(encoding="utf-8") == "mine"
+
+
+def test_an_archive_that_grows_a_thousandfold_is_refused(tmp_path):
+    np.savez_compressed(tmp_path / "bomb.npz", values=np.zeros(15_000_000))
+    with pytest.raises(FileError, match="would take 120 MB"):
+        npz_arrays(tmp_path / "bomb.npz")
+    np.savez_compressed(tmp_path / "small.npz", values=np.zeros(1_000_000))
+    assert npz_arrays(tmp_path / "small.npz")["values"].shape == (1_000_000,)
 
 
 def test_what_a_shipped_run_says_of_itself_is_not_believed(tmp_path):

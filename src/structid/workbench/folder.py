@@ -37,7 +37,7 @@ _LISTED = {".toml", *RECORD_SUFFIXES, *MODEL_SUFFIXES, *PUNCH_SUFFIXES, *JSON_SU
 _DEEPEST, _MOST, _MOST_SORTED = 4, 3000, 100_000
 _RESULT, _MODES = "estimate.json", "modes.json"
 #: Bytes of a study that are looked at for the list, and of all studies that are parsed for one list.
-_STUDY_BYTES, _PARSED_BYTES = 200_000, 2_000_000
+_STUDY_BYTES, _PARSED_BYTES = 200_000, 500_000
 #: Bytes of a study at most that the page shows, and of a file of JSON at most that the server reads.
 _MOST_TEXT, _MOST_JSON = 50_000_000, 100_000_000
 #: Texts and numbers at most before the frequencies.
