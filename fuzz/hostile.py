@@ -9,7 +9,6 @@ import io
 import os
 import sys
 import time
-import tracemalloc
 import zipfile
 from collections.abc import Callable
 from contextlib import suppress
@@ -177,21 +176,57 @@ _SPECIAL: dict[str, Callable[[Path], None]] = {
 }  # fmt: skip
 
 
+#: Contents of a megabyte for a line, or of lines, on which patterns are slow.
+HOSTILE_LINES = (
+    b"1," * 500_000 + b"x", b"9" * 1_000_000, b" " * 1_000_000 + b"x", b"1.e+," * 200_000 + b"x", b"-1" * 500_000, b"," * 1_000_000,
+    b"frequency_hz," + b"a," * 500_000, b"frequency [hz]\n" + b"1\n" * 500_000, b'{"title":"' + b"\\a" * 500_000,
+    b'{"title":"a",' * 80_000, b"    -1\n" * 140_000, b"    -1\n" + b" " * 1_000_000, b"\n" * 1_000_000,
+    b"\n    5" * 160_000, b"    -1\n    58\n" * 70_000, b"    -1\n    55" + b" \r" * 400_000,
+    b"frequency_hz,1" + b" " * 900_000 + b"x,1X", b"frequency_hz," + b"1  X ," * 160_000,
+)  # fmt: skip
+
+
+def processor_seconds(work: Callable[[Path], object], path: Path) -> float:
+    """The least of three: another process may take the processor."""
+    seconds = []
+    for _ in range(3):
+        begun = time.process_time()
+        work(path)
+        seconds.append(time.process_time() - begun)
+    return min(seconds)
+
+
+def slowest_line(folder: Path) -> float:
+    """Processor time of the slowest look of a list at `HOSTILE_LINES`, s."""
+    from structid.workbench.folder import holds_modes, holds_numbers
+
+    seconds = []
+    for content in HOSTILE_LINES:
+        for suffix in (".txt", ".csv", ".json", ".uff", ".pch"):
+            path = folder / f"line{suffix}"
+            path.write_bytes(content)
+            seconds += [processor_seconds(holds_modes, path), processor_seconds(holds_numbers, path)]
+    return max(seconds)
+
+
 def main() -> None:
-    """Make a hostile folder, list it, and print the time and memory that the list takes."""
+    """Make a hostile folder, list it, and print the time and memory that this takes."""
+    import psutil
+
     from structid.workbench.folder import opened
 
     with TemporaryDirectory() as made:
         folder = Path(made) / "hostile"
         folder.mkdir()
-        print(f"{write_odd_entries(folder)} odd entries")
-        tracemalloc.start()
-        begun = time.process_time()
-        listing = opened(folder).listing()
-        seconds, peak = time.process_time() - begun, tracemalloc.get_traced_memory()[1]
-        print(f"listed in {seconds:.3f} s of processor time, {peak / 1e6:.1f} MB at most")
-        for kind in ("studies", "records", "models", "results", "unusable"):
-            print(f"  {len(listing.get(kind, []))} {kind}")
+        count = write_odd_entries(folder)
+        before = psutil.Process().memory_info().rss
+        seconds = processor_seconds(lambda path: opened(path).listing(), folder)
+        more = psutil.Process().memory_info().rss - before
+        print(f"{count} odd entries listed in {seconds:.3f} s of processor time, {more / 1e6:.1f} MB more memory")
+        for kind, rows in opened(folder).listing().items():
+            if isinstance(rows, list):
+                print(f"  {len(rows)} {kind}")
+        print(f"slowest line of 1 MB: {1000 * slowest_line(Path(made)):.1f} ms")
 
 
 if __name__ == "__main__":

@@ -128,7 +128,7 @@ class OpenFolder:
                     budget -= min(size, _STUDY_BYTES)
                     lists["studies"] += _study(name, path, size, budget > 0)
                 elif suffix in RECORD_SUFFIXES:
-                    if suffix != ".txt" or _holds_numbers(path):
+                    if suffix != ".txt" or holds_numbers(path):
                         lists["records"].append({"path": name, "bytes": size, "modes": holds_modes(path)})
                 elif suffix in (*PUNCH_SUFFIXES, *JSON_SUFFIXES) and holds_modes(path):
                     lists["records"].append({"path": name, "bytes": size, "modes": True})
@@ -399,7 +399,7 @@ def holds_modes(path: Path) -> bool:
     return suffix in F06_SUFFIXES or (suffix in JSON_SUFFIXES and _MODES_BEGIN.match(_begin(path)) is not None)
 
 
-def _holds_numbers(path: Path) -> bool:
+def holds_numbers(path: Path) -> bool:
     """Whether a text file begins as a table: a line of two numbers or more, whatever stands above it."""
     for line in _begin(path).replace(b"\0", b"").splitlines():
         words = line.translate(_APART).split()
