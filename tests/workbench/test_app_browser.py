@@ -732,3 +732,82 @@ def test_the_measured_frame_runs_is_killed_and_resumed(page, screens, tmp_path):
         page.locator("[data-run] a", has_text="Results").first.click()
         page.frame_locator("iframe.report").locator("#figure-parameters .main-svg").first.wait_for()
         shown(page, screens, "14_frame_results")
+
+
+COMMAND = "python {study}/solve.py <b>{deck}</b>"
+
+
+def test_ten_pages_are_live_and_a_command_is_shown_before_it_runs(browser, page, screens, tmp_path):
+    (tmp_path / "first.toml").write_text(
+        f"""[structure.solver]
+deck = "deck.txt"
+command = '{COMMAND}'
+gives = "modes"
+modes = "a.csv"
+[record]
+path = "a.csv"
+""",
+        encoding="utf-8",
+    )
+    (tmp_path / "deck.txt").write_text("1\n", encoding="utf-8")
+    (tmp_path / "a.csv").write_text("frequency_hz,1X+\n1,1\n", encoding="utf-8")
+    (tmp_path / "gone.toml").symlink_to("nowhere.toml")
+    with served(tmp_path) as bench:
+        pages = [page, *(page.context.new_page() for _ in range(9))]
+        for one in pages:
+            one.goto(bench.address)
+            one.get_by_role("heading", name="New study").wait_for()
+        (tmp_path / "second.toml").write_text('title = "made later"\n[structure]\n', encoding="utf-8")
+        for one in pages:
+            one.locator("li", has_text="made later").wait_for()
+        page.close()  # the one that listens; another takes over
+        (tmp_path / "third.toml").write_text('title = "made last"\n[structure]\n', encoding="utf-8")
+        for one in pages[1:]:
+            one.locator("li", has_text="made last").wait_for()
+        last = pages[-1]
+        last.locator("#unusable summary").click()
+        assert "gone.toml is a link to what is not there" in last.locator("#unusable").inner_text().replace("\n", " ")
+        last.goto(f"{bench.address}#run/first.toml")
+        last.get_by_role("button", name="Identify").click()
+        last.locator("#confirm").wait_for()
+        shown(last, screens, "confirm")
+        accessible(last, "confirm")
+        assert last.locator("#confirm pre").inner_text() == COMMAND
+        last.get_by_role("button", name="Do not run it").click()
+        assert last.locator("#confirm").count() == 0
+        last.get_by_role("button", name="Identify").click()
+        last.get_by_role("button", name="Run this program").click()
+        last.locator("[data-run]").wait_for()
+        assert json.loads((tmp_path / ".structid" / "runs").iterdir().__next__().joinpath("run.json").read_text())
+
+
+@pytest.mark.long
+def test_a_name_in_a_shipped_run_is_a_text_and_a_page_of_results_fetches_nothing(browser, tmp_path):
+    run = tmp_path / ".structid" / "runs" / "20260101-000000-aaaaaa"
+    run.mkdir(parents=True)
+    (tmp_path / "beam.toml").write_text('title = "beam"\n[structure]\n', encoding="utf-8")
+    (run / "run.json").write_text('{"study": "beam.toml", "results": "out", "started": 1}', encoding="utf-8")
+    name = '<a href="https://example.org/">stage</a>'
+    lines = [{"name": name, "words": name, "sum_of_squares": 9.0 - k, "time": k} for k in range(4)]
+    lines += [{"name": "other", "words": "x", "sum_of_squares": 3.0 - k, "time": 5 + k} for k in range(2)]
+    (run / "progress.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "estimate.json").write_text("{}", encoding="utf-8")
+    (tmp_path / "out" / "report.html").write_text(
+        """<p id=told></p><script>
+        const told = [];
+        fetch("http://127.0.0.1:1/").then(() => told.push("fetched"), () => told.push("no fetch"));
+        setTimeout(() => { document.getElementById("told").textContent = told.join(", "); }, 2000);
+        </script>""",
+        encoding="utf-8",
+    )
+    page = browser.new_context().new_page()  # what the policy refuses is told as an error
+    with served(tmp_path) as bench:
+        page.goto(f"{bench.address}#run/beam.toml")
+        page.locator(".legend .legendtext").first.wait_for()
+        assert page.locator(".legend .legendtext").first.text_content() == name
+        assert page.locator("svg a").count() == 0
+        page.goto(f"{bench.address}#results")
+        told = page.frame_locator("iframe.report").locator("#told")
+        eventually(page, lambda: told.inner_text() != "")
+        assert "no fetch" in told.inner_text()

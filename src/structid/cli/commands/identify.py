@@ -21,9 +21,11 @@ from structid.cli.base import (
     Scheduler,
     StudyPath,
     Workers,
+    beside_call,
     check_png,
     fail,
     results_folder,
+    say,
 )
 from structid.cli.console import identification_summary
 from structid.cli.progress import ProgressFile, run_progress
@@ -94,7 +96,7 @@ def identify(
     check_png(report, png)
     crew = start_workers(workers, scheduler)
     read = load_study(study, work=LongRun(crew))
-    folder = out if out is not None else Path(f"{study.stem}_results")
+    folder = out if out is not None else beside_call(f"{study.stem}_results")
     owner = fingerprint(read)
     is_answered = False
 
@@ -135,7 +137,7 @@ def identify(
             run.close()
         kept.remove()
     show(identification_summary(result))
-    typer.echo(str(folder / name))
+    say(folder / name)
     estimate = result.identification.estimate
     verdict = result.criticism.judgement.verdict if result.criticism is not None else ""
     if verdict == "wrong_model":
