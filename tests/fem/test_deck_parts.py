@@ -225,7 +225,7 @@ def test_cards_without_an_element_are_listed(deck):
 
 def test_coincident_nodes_that_a_taken_spring_joins_are_no_duplicates(deck):
     mesh = deck("CQUAD4,2,1,1,2,6,4\nCELAS2,1,5.,3,1,6,1\nENDDATA\n")
-    with pytest.raises(Exception, match="nodes 3 and 6 of a.bdf lie at one place"):
+    with pytest.raises(Exception, match=r"nodes 3 and 6 of a\.bdf lie at one place"):
         require_sound(mesh, drop_orphans=True)
     assert 6 in require_sound(mesh, True, take=["CELAS2"]).nodes
     merged = require_sound(mesh, True, "merge")
@@ -295,7 +295,7 @@ def test_reference_points_of_an_assembly_come_with_what_is_taken(tmp_path):
 def test_decks_of_known_truth_are_read_right_however_they_are_written(tmp_path, monkeypatch, kind):
     monkeypatch.syspath_prepend(str(ROOT))
     true_decks = importlib.import_module("fuzz.true_decks")
-    for seed in random.Random(38).sample(range(10**6), 60):
+    for seed in random.Random(38).sample(range(10**6), 40):
         folder = tmp_path / str(seed)
         folder.mkdir()
         assert true_decks.check_deck(kind, seed, folder) == [], f"{kind} {seed}"
