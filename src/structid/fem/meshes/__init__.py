@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.core.errors import FileError, InputError
 from structid.fem.importers.exports import FORCES
-from structid.fem.meshes import abaqus, gmsh, nastran, vtk
+from structid.fem.meshes import abaqus, gmsh, nastran, universal, vtk
 from structid.fem.meshes.deck_parts import DeckPart, DeckUnits, choose_parts, describe_left_aside
 from structid.fem.meshes.mesh import (
     CELL_DIMENSIONS,
@@ -23,7 +23,7 @@ from structid.fem.meshes.mesh import (
 from structid.files import damage_told, require_readable
 
 #: Each has SUFFIXES and read(path, units), the mesh in SI units.
-FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk)
+FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk, universal)
 #: What the numbers of a file are multiplied by to give m.
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 _FARTHEST = 1e100  # its square is still finite
@@ -51,7 +51,7 @@ def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -
     Parameters
     ----------
     path : str or Path
-        Gmsh ``.msh``, Nastran ``.bdf .nas .fem .dat``, Abaqus ``.inp``, VTK ``.vtu .vtk``.
+        Gmsh ``.msh``, Nastran ``.bdf .nas .fem .dat``, Abaqus ``.inp``, VTK ``.vtu .vtk``, universal ``.unv .uff``.
     length_unit : {"m", "cm", "mm", "um", "in", "ft"}
         Unit of the coordinates in the file; those of the mesh are in m.
     force_unit : {"N", "mN", "kN", "lbf", "kip"}
@@ -61,7 +61,7 @@ def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -
     -------
     Mesh
         Groups are physical groups (Gmsh: by name, or by number where they have none), properties (Nastran),
-        element and node sets (Abaqus), and whole-number cell arrays (VTK: ``array=value``).
+        element and node sets (Abaqus), whole-number cell arrays (VTK: ``array=value``), and groups of a universal file.
 
     Raises
     ------
