@@ -181,7 +181,8 @@ def test_missing_and_doubled_pairs_are_named(tmp_path, values):
 @pytest.mark.parametrize(
     "change, word",
     [
-        ({"func_type": 2}, r"spectra of responses \(auto spectrum\)"), ({"func_type": 12}, "only spectrum"), ({"func_type": 9}, "power spectral density.*export the time histories"),
+        ({"func_type": 2}, r"spectra of responses \(auto spectrum\)"), ({"func_type": 12}, "only spectrum"),
+        ({"func_type": 9}, "power spectral density.*export the time histories"),
         ({"func_type": 3}, "cross spectrum"), ({"rsp_dir": 0}, "direction 0"), ({"ordinate_spec_data_type": 3}, "type 3"),
         ({"ordinate_spec_data_type": 13}, "force per force"), ({"orddenom_spec_data_type": 11}, "per velocity"),
         ({"ordinate_spec_data_type": 0}, "of type 0 .* or say what they are: give `unit = \"g/N\"`"),

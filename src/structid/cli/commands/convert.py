@@ -11,6 +11,7 @@ from zipfile import ZipFile, is_zipfile
 import numpy as np
 import typer
 
+from structid.cli.base import say
 from structid.core.display import counted
 from structid.core.errors import FileError, InputError
 from structid.fem.importers import FORMATS as MATRIX_FORMATS
@@ -130,7 +131,7 @@ def convert(
             source, target, {"record": read, "modes": modes, "matrices": matrices}[kind]
         )
     for line in lines:
-        typer.echo(line)
+        say(line)
 
 
 def _words(kind: str) -> str:

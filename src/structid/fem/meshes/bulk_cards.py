@@ -69,6 +69,10 @@ class _Lines:
     file: list[int]
     number: list[int]
 
+    def location(self, row: int) -> str:
+        """File and number of a line."""
+        return f"{self.paths[self.file[row]]}, line {self.number[row]}"
+
 
 def bulk_text(path: Path) -> BulkText:
     """The bulk data of a deck; without BEGIN BULK and CEND all of a file are bulk data.
@@ -94,9 +98,9 @@ def bulk_text(path: Path) -> BulkText:
     if begin < 0 and has_case:
         raise FileError(f"{path}: is no whole deck: {_NO_BEGIN}")
     rows = slice(begin + 1, stop)
-    text, source = expand_replication(path, lines.text[rows])
-    number = np.array(lines.number[rows], dtype=np.int64)[np.array(source, dtype=np.int64) - 1]
-    file = np.array(lines.file[rows], dtype=np.int64)[np.array(source, dtype=np.int64) - 1]
+    text, source = expand_replication(lines.text[rows], lambda index: lines.location(begin + 1 + index))
+    chosen = np.array(source, dtype=np.int64)
+    number, file = (np.array(own[rows], dtype=np.int64)[chosen] for own in (lines.number, lines.file))
     origins = Origins(tuple(lines.paths), file, number)
     return BulkText(path, b"\n".join(text), b"\n".join(lines.text[: begin + 1]), origins, has_end)
 
@@ -106,10 +110,9 @@ def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun:
     word, name = match[1].decode("latin-1"), match[2].decode("latin-1")
     if not word or (word == "SUPER" and not begun and not name.strip("0")):
         return
-    where = f"{lines.paths[lines.file[row]]}, line {lines.number[row]}"
     said = lines.text[row].strip().decode("latin-1")
     raise FileError(
-        f"{where}: {said!r} begins the bulk data of {f'{word.lower()} {name}'.strip()}; decks of several"
+        f"{lines.location(row)}: {said!r} begins the bulk data of {f'{word.lower()} {name}'.strip()}; decks of several"
         " sections are not read: write the model as one, or export the superelement as matrices"
     )
 

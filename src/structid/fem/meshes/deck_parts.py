@@ -321,7 +321,11 @@ def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
             for spring, pair in zip(springs, ends, strict=True)
             if pair is not None and (pair[1] is None) == grounded
         ]
-        where = f"{name} to ground" if grounded else name
+        where = (
+            f"{name} to ground"
+            if grounded and len({pair[1] is None for pair in ends if pair is not None}) == 2
+            else name
+        )
         stiff = [(spring, pair) for spring, pair in rows if spring.stiffness]
         if stiff:
             sets.append(

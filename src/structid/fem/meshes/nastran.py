@@ -61,9 +61,9 @@ _REFUSED = ("CTRIAX", "CTRIAX6", "CQUADX", "CTRAX3", "CTRAX6", "CQUADX4", "CQUAD
 _SUPPORTS = ("SPC", "SPC1", "SPCADD", "SUPORT", "SUPORT1")
 _NAMED = (
     re.compile(rb"^\$HMNAME\s+PROP\s+(\d+)\s*\"([^\"]+)\"", re.IGNORECASE),
-    re.compile(rb"^\$\s*FEMAP Property\s+(\d+)\s*:\s*(.+?)\s*$", re.IGNORECASE),
+    re.compile(rb"^\$\s*FEMAP Property\s+(\d+)\s*:\s*(\S(?:.*\S)?)\s*$", re.IGNORECASE),
 )
-_REGION = re.compile(rb"^\$ Elements and Element Properties for region\s*:\s*(.+?)\s*$", re.IGNORECASE)
+_REGION = re.compile(rb"^\$ Elements and Element Properties for region\s*:\s*(\S(?:.*\S)?)\s*$", re.IGNORECASE)
 _PROPERTY = re.compile(rb"^P[A-Z0-9]+\*?[\s,]+(\d+)", re.IGNORECASE)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
+from collections.abc import Callable
 
 from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import as_real
@@ -15,8 +15,14 @@ _MOST_CARDS = 5_000_000
 _REMEDY = "write the cards out"
 
 
-def expand_replication(path: Path, lines: list[bytes]) -> tuple[list[bytes], list[int]]:
-    """The lines with replicated cards written out in free field, and the number of the line that each comes from, from 1.
+def expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tuple[list[bytes], list[int]]:
+    """The lines with replicated cards written out in free field, and the index of the line that each comes from.
+
+    Parameters
+    ----------
+    lines : list of bytes
+    locate : function
+        File and line of an index, for messages.
 
     Raises
     ------
@@ -24,13 +30,13 @@ def expand_replication(path: Path, lines: list[bytes]) -> tuple[list[bytes], lis
         If a replicated line has nothing before it, or what it repeats has continuation lines or is no number.
     """
     if not any(_may_replicate(line) for line in lines):
-        return lines, list(range(1, len(lines) + 1))
+        return lines, list(range(len(lines)))
     expanded: list[bytes] = []
     numbers: list[int] = []
     previous: list[bytes] = []
     steps: list[bytes] = []
     continued = False
-    for number, line in enumerate(lines, 1):
+    for number, line in enumerate(lines):
         text = line.split(b"$")[0].rstrip()
         head = text[:8].strip()
         repeat = _REPEAT.match(text.strip().rstrip(b", \t"))
@@ -48,19 +54,15 @@ def expand_replication(path: Path, lines: list[bytes]) -> tuple[list[bytes], lis
             continue
         if not previous or continued:
             problem = "goes on over several lines" if continued else "is not there"
-            raise FileError(
-                f"{path}, line {number}: {text.decode('latin-1')!r} repeats a card that {problem}; {_REMEDY}"
-            )
+            raise FileError(f"{locate(number)}: {text.decode('latin-1')!r} repeats a card that {problem}; {_REMEDY}")
         if repeat is not None and not steps:
-            raise FileError(
-                f"{path}, line {number}: {text.decode('latin-1')!r} has no card with steps before it; {_REMEDY}"
-            )
+            raise FileError(f"{locate(number)}: {text.decode('latin-1')!r} has no card with steps before it; {_REMEDY}")
         count = int(repeat[1]) if repeat is not None else 1
         if len(expanded) + count > _MOST_CARDS:
-            raise FileError(f"{path}, line {number}: {count} cards are repeated; at most {_MOST_CARDS} are read")
+            raise FileError(f"{locate(number)}: {count} cards are repeated; at most {_MOST_CARDS} are read")
         steps = steps if repeat is not None else _fields(text)
         for _ in range(count):
-            previous = _next_card(path, number, previous, steps)
+            previous = _next_card(previous, steps, locate(number))
             expanded.append(b",".join(previous))
             numbers.append(number)
     return expanded, numbers
@@ -87,7 +89,7 @@ def _fields(text: bytes) -> list[bytes]:
     return [text[i : i + 8].strip() for i in range(0, min(len(text), 72), 8)]
 
 
-def _next_card(path: Path, number: int, previous: list[bytes], steps: list[bytes]) -> list[bytes]:
+def _next_card(previous: list[bytes], steps: list[bytes], where: str) -> list[bytes]:
     """The fields of the card behind `previous`."""
     card: list[bytes] = []
     for place, word in enumerate(steps):
@@ -96,20 +98,20 @@ def _next_card(path: Path, number: int, previous: list[bytes], steps: list[bytes
             return card + previous[place:]
         step = _STEP.match(word)
         if step is not None and place > 0:
-            card.append(_stepped(path, number, before, step[1]))
+            card.append(_stepped(before, step[1], where))
         else:
             card.append(before if word == b"=" else word)
     return card
 
 
-def _stepped(path: Path, number: int, before: bytes, step: bytes) -> bytes:
+def _stepped(before: bytes, step: bytes, where: str) -> bytes:
     if _WHOLE.match(before or b"0") and _WHOLE.match(step):
         return b"%d" % (int(before or b"0") + int(step))
     try:
         value = as_real(before) + as_real(step)
     except ValueError as error:
         raise FileError(
-            f"{path}, line {number}: a step of {step.decode('latin-1')} on {before.decode('latin-1')!r}, which is no number;"
+            f"{where}: a step of {step.decode('latin-1')} on {before.decode('latin-1')!r}, which is no number;"
             f" {_REMEDY}"
         ) from error
     return repr(value).encode()

@@ -89,6 +89,7 @@ def _read(path: Path, kind: str) -> _Grid:
     """What meshio's own reader of the format gives."""
     _require_meshio(path, kind)
     try:
+        importlib.import_module("meshio._mesh").topological_dimension.setdefault("wedge15", 3)  # it lacks that one
         return importlib.import_module(f"meshio.{kind}").read(path)
     except MemoryError:
         raise

@@ -45,7 +45,11 @@ class Block:
     def lines(self) -> list[str]:
         """The lines of a text; of a binary dataset those before its values."""
         content = self.content[: self.values_at] if self.values_at else self.content
-        return content.decode("ascii", errors="replace").rstrip("\r\n \t").splitlines()
+        try:
+            text = content.decode("utf-8")
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")  # as a label such as µm is written
+        return text.rstrip("\r\n \t").splitlines()
 
 
 def read_blocks(path: Path) -> list[Block]:

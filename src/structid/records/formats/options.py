@@ -40,7 +40,7 @@ class ReadOptions:
     array : str
         Name of the array (NPZ, MAT, HDF5); in a UFF file with both, ``frf`` or ``time``.
     frequency_array : str
-        Name of the array of frequencies in Hz that belongs to a bare FRF array.
+        Name of the array of frequencies that belongs to a bare FRF array, in Hz or in `axis_unit`.
     outputs : tuple of str
         Sensors of a bare FRF array, as in ``1X-,2X+``, shape (n_frequencies, n_outputs, n_inputs), or
         (n_frequencies, n_outputs) with one input, or of a table with names of its own, in its order; else those to use.

@@ -201,7 +201,7 @@ def _response(
     return _Response(kind, function.axis * to_hertz, np.asarray(values, np.complex128) * factor)
 
 
-def _is_padded_magnitude(values: ComplexArray) -> bool:
+def _is_padded_magnitude(values: FloatArray | ComplexArray) -> bool:
     """Whether complex values are a magnitude with imaginary parts of 0, as some programs write it."""
     return values.size >= _SEVERAL and not values.imag.any() and bool((values.real > 0).all())
 

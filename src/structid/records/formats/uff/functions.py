@@ -133,7 +133,7 @@ def read_function(path: Path, block: Block, place: int) -> Function:
         ordinate=heads[1],
         denominator=heads[2],
         axis=axis,
-        digits=_last_digits(axis, 8 if block.values_at and item == 8 else 4 if block.values_at else 0),
+        digits=_last_digits(axis, _axis_bytes(block, points, per_value * item)),
         values=values,
     )
 
@@ -212,10 +212,15 @@ def _binary_values(
             f"{where} has byte order {order} (1 or 2) and {n_lines} header lines (11) in its first line; export it again"
         )
     sign, body = "<" if order == _LITTLE else ">", block.content[block.values_at :]
-    width = len(body) // points - per_value * item
+    width = _axis_bytes(block, points, per_value * item)
     fields = [("value", f"{sign}f{item}", (per_value,))]
     table = np.frombuffer(body, np.dtype([("axis", f"{sign}f{width}"), *fields] if width else fields))
     return (table["axis"].astype(float) if width else None), table["value"].astype(float)
+
+
+def _axis_bytes(block: Block, points: int, value_bytes: int) -> int:
+    """Bytes of each number of a binary axis; 0 of a text, and of an axis that is a start and a step."""
+    return (len(block.content) - block.values_at) // points - value_bytes if block.values_at else 0
 
 
 def _last_digits(axis: FloatArray, item: int) -> FloatArray:

@@ -26,6 +26,8 @@ from structid.records.record import Quantity, TimeRecord
 
 #: Difference allowed between a step of six digits, as the format stores it, and the true one.
 _SIX_DIGITS = 1e-5
+#: Relative error of a sampling rate from rounded times that is let pass.
+_SURE = 1e-4
 
 
 def read_times(
@@ -187,7 +189,7 @@ def _on_one_raster(
         raise FileError(
             f"{path}: sample times are not even: a step differs from the mean of {step:.6g} s by {off:.2g} s; {resampling_remedy()}"
         )
-    if even.error > _SIX_DIGITS and options.sampling_rate is None:
+    if even.error > _SURE and options.sampling_rate is None:
         raise FileError(
             f"{path}: sample times are rounded to {even.digit:g} s, so that they tell the sampling rate {even.rate:.6g} Hz to"
             f" {100 * even.error:.2g} % only; give {option_words(sampling_rate=None)}"

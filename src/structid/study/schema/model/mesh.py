@@ -44,7 +44,8 @@ class MeshEntry:
         ' `["CONM2", "RBE2"]`; `"all"` for all that can',
     ] = ()
     leave_out: Annotated[
-        tuple[str, ...], "Groups of cells, and kinds of masses, springs and rigid elements, that are no part of the structure"
+        tuple[str, ...],
+        "Groups of cells, and kinds of masses, springs and rigid elements, that are no part of the structure",
     ] = ()
     orphan_nodes: Annotated[Literal["refuse", "drop"], "What becomes of nodes that belong to no cell"] = "refuse"
     duplicate_nodes: Annotated[
@@ -143,7 +144,9 @@ def take_parts(section: Section, mesh: Mesh | None, elements: list[ElementSet]) 
 def _assigned_tables(mesh: Mesh, wanted: MeshEntry, elements: list[ElementSet]) -> list[IntArray]:
     """Node tables of element sets, and of the groups that are left out."""
     kinds = {part.kind for part in mesh.parts}
-    groups = [name for name in as_list(wanted.leave_out) if name in mesh.groups or name.lstrip("*").upper() not in kinds]
+    groups = [
+        name for name in as_list(wanted.leave_out) if name in mesh.groups or name.lstrip("*").upper() not in kinds
+    ]
     return [
         *(element.nodes for element in elements),
         *(block.nodes[rows] for name in groups for block, rows in mesh.chosen(str(name))),

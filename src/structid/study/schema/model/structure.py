@@ -191,7 +191,7 @@ def read_structure(
         require_all_assigned(section, mesh, [element for _, element in elements])
     taken = take_parts(section, mesh, [element for _, element in elements])
     if mesh is not None:
-        deck = section.inner("mesh")
+        deck = section if isinstance(section.table["mesh"], str) else section.inner("mesh")
         elements += [(deck, element) for element in taken.elements]
         ties += [(deck, tie) for tie in taken.ties]
     for entry, point in read_points(section, mesh, [element for _, element in elements]):
@@ -204,7 +204,7 @@ def read_structure(
     if "total_mass" in given:
         whole = _built(section, nodes, (elements, ties, [*fixed, *held], []), bases, [], given)
         with section.located("total_mass"):
-            require_total_mass(whole.mass_of(), given["total_mass"], "".join(f"; {words}" for words in taken.left_aside))
+            require_total_mass(whole.mass_of(), given["total_mass"], "; ".join(taken.left_aside))
     if changes is not None:
         elements, ties, fixed, measured = _changed(changes, nodes, (elements, ties, fixed, measured), mesh)
     aims = record is not None and "sensors" in record.table
