@@ -125,9 +125,10 @@ def convert(
                 f"{source}: holds {_words(kind)}; leave out the options of {_words(name)}, or set --contents"
             )
     with claimed(target):
-        lines = {"record": _record, "modes": _modes, "matrices": _matrices}[kind](
-            source, target, {"record": read, "modes": modes, "matrices": matrices}[kind]
-        )
+        if kind == "record":
+            lines = _record(source, target, read)
+        else:
+            lines = _modes(source, target, modes) if kind == "modes" else _matrices(source, target, matrices)
     for line in lines:
         say(line)
 
