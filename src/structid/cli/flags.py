@@ -17,7 +17,7 @@ import typer
 from structid.cli.base import reported, say
 
 T = TypeVar("T")
-_AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None)
+_AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None, Path | None)
 _PAIR = tuple[float, float] | None
 #: Flags by another name than that of their field.
 _NAMES = {
