@@ -295,8 +295,9 @@ def _keep_failed(solver: Solver, trial: Path) -> None:
 def _sweep(folder: Path) -> None:
     """Remove what runs left that were killed long ago."""
     for path in folder.glob(".*.*"):
-        if path.is_dir() and time.time() - path.stat().st_mtime > _STALE_SECONDS:
-            shutil.rmtree(path, ignore_errors=True)
+        with suppress(FileNotFoundError):  # the run of another process that ends now has its own name from now on
+            if path.is_dir() and time.time() - path.stat().st_mtime > _STALE_SECONDS:
+                shutil.rmtree(path, ignore_errors=True)
 
 
 def _require_there(solver: Solver) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,19 +12,16 @@ from typing import NamedTuple, overload
 
 from structid.core.display import counted
 from structid.core.errors import FileError, InputError
-from structid.core.units import parse_frf_unit, parse_unit
+from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_time_unit, parse_unit
 from structid.records.formats.csv.layout import SEPARATORS, CsvLayout
-from structid.records.formats.named_channels import TIME_UNITS
 
 #: Headers of times, in small letters, as structid writes them and the like.
 _TIMES = ("time_s", "time [s]", "time (s)")
 _FREQUENCY = re.compile(
     r"(?P<name>frequency|frequencies|freq|frequenz|fréquence|frequence|frecuencia|frequenza|f|omega|ω)\.?"
-    r"(?P<unit>(_|\s*[,/]\s*|\s+in\s+|\s*)[\[(]?(?P<of>hz|khz|rad/s|rad s-1|1/s)[\])]?)?",
+    r"(?P<unit>(_|\s*[,/]\s*|\s+in\s+|\s+(?=[\[(])|(?=[\[(])|\s+)[\[(]?(?P<of>[^\[\]]+?)[\])]?)?",
     re.IGNORECASE,
 )
-#: Units of frequencies, in Hz.
-FREQUENCY_UNITS = {"hz": 1.0, "khz": 1e3, "rad/s": 1 / (2 * math.pi), "rad s-1": 1 / (2 * math.pi)}
 _REAL = r"(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?"
 _NUMBER = re.compile(rf"[+-]?{_REAL}|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _COMPLEX = re.compile(
@@ -113,9 +109,12 @@ def frequency_factor(name: str, unit: str = "") -> float | None:
     match = _FREQUENCY.fullmatch(text) if len(text) <= LONGEST_NAME else None
     if match is None:
         return None
-    factor = FREQUENCY_UNITS.get((match["of"] or unit).strip().lower())
-    is_short = match["name"].lower() in ("f", "omega", "ω")  # which a force may be called too
-    return factor if factor is not None or is_short else float("nan")
+    text = (match["of"] or unit).strip()
+    is_word = match["name"].lower() not in ("f", "omega", "ω")  # which a force may be called too
+    try:
+        return parse_frequency_unit(text)
+    except InputError:
+        return float("nan") if is_word and (not match["of"] or match["unit"].strip()[0] in "[(,/_") else None
 
 
 def is_axis(name: str) -> bool:
@@ -137,9 +136,7 @@ def as_date(cell: str) -> datetime | None:
 def is_unit(cell: str) -> bool:
     """Whether a cell is the unit of a channel, a time, a frequency or a frequency response, in brackets or not."""
     text = bare_unit(cell)
-    if text.lower() in TIME_UNITS or text.lower() in FREQUENCY_UNITS or text == "°":
-        return True
-    for parse in (parse_unit, parse_frf_unit):
+    for parse in (parse_unit, parse_frf_unit, parse_time_unit, parse_frequency_unit):
         try:
             parse(text)
         except InputError:
