@@ -9,6 +9,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import psutil
 import pytest
 
 from structid.core.errors import FileError
@@ -78,15 +79,18 @@ def test_a_child_that_others_have_left_damaged_is_no_reason_to_refuse_a_file(str
 
 
 def test_a_small_file_costs_little(tmp_path):
-    """Behind the first file of a process, which starts the child."""
+    """Behind the first file of a process, which starts the child; processor time of both."""
     write_record(tmp_path / "a.h5", HISTORY)
     read_record(tmp_path / "a.h5")
-    seconds = []
+
+    def used() -> float:
+        child = psutil.Process(module._running[0].process.pid).cpu_times()
+        return time.process_time() + child.user + child.system
+
+    begun = used()
     for _ in range(20):
-        begun = time.perf_counter()
         read_record(tmp_path / "a.h5")
-        seconds.append(time.perf_counter() - begun)
-    assert min(seconds) < 0.05
+    assert used() - begun < 20 * 0.05
 
 
 def test_declared_sizes_do_not_take_memory(tmp_path):
@@ -152,7 +156,7 @@ def test_a_forked_process_has_a_child_of_its_own(tmp_path):
     import subprocess
 
     words = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", code, str(tmp_path / "a.h5")]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=100, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -169,7 +173,7 @@ def test_a_child_that_nobody_is_left_to_end_ends_itself(tmp_path):
         assert child.stdin is not None
         child.stdin.write(request.encode() + b"\n")
         child.stdin.flush()
-        assert child.wait(timeout=60) < 0
+        assert child.wait(timeout=600) < 0
     finally:
         child.kill()
         for stream in (child.stdin, child.stdout):

@@ -134,9 +134,8 @@ def _normalized(text: str) -> str:
     for old, new in (("**", "^"), ("²", "^2"), ("\u207b", "^-"), ("\u00b9", "1"), ("^-^2", "^-2"), ("µ", "u"), ("μ", "u"),
                      ("·", "*"), ("⋅", "*"), ("\u2019", "'")):  # fmt: skip
         text = text.replace(old, new)
-    text = re.sub(r"\s+per\s+", "/", text.strip())
-    text = re.sub(r"\s*([/*^()])\s*", r"\1", text)
-    return re.sub(r"\s+", " ", text)
+    text = " ".join(text.split()).replace(" per ", "/")
+    return re.sub(r" ?([/*^()]) ?", r"\1", text)
 
 
 def _name(text: str, among: Mapping[str, float]) -> str | None:

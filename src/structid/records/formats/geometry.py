@@ -9,6 +9,7 @@ from pathlib import Path
 from structid.core.errors import FileError, InputError
 from structid.files import damage_told, require_readable
 from structid.files.uff.blocks import Block, read_blocks
+from structid.files.uff.elements import read_elements
 from structid.files.uff.fields import integers
 from structid.files.uff.nodes import Point, read_nodes
 
@@ -45,7 +46,8 @@ class Geometry:
 def read_geometry(path: str | Path) -> Geometry:
     """Nodes and lines of the CSV table (``node,x,y,z`` and ``line,1,2`` rows) or universal file at `path`, in m.
 
-    Of a universal file: datasets 15 and 2411 (nodes) and 82 (trace lines). A node in both 15 and 2411 is taken from
+    Of a universal file: datasets 15 and 2411 (nodes), 82 (trace lines) or
+    else the edges of elements (2412). A node in both 15 and 2411 is taken from
     2411, which has more digits. Coordinate systems (datasets 18 and 2420) are applied: positions are global.
 
     Raises
@@ -65,7 +67,8 @@ def _of_universal_file(path: Path) -> Geometry:
     nodes = read_nodes(path, blocks).points
     if not nodes:
         raise FileError(f"{path}: has no nodes (dataset 15 or 2411); export the geometry too")
-    return Geometry(nodes, tuple(_trace_line(path, block) for block in blocks if block.number == 82))
+    lines = tuple(_trace_line(path, block) for block in blocks if block.number == 82)
+    return Geometry(nodes, lines or tuple(read_elements(path, blocks).edges()))
 
 
 def _trace_line(path: Path, block: Block) -> tuple[int, ...]:

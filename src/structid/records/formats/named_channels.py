@@ -24,6 +24,8 @@ from structid.records.formats.selection import selected
 from structid.records.record import FrfRecord, TimeRecord
 
 _HEAD = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]+|[^\[\]]*\([^\[\]]*\)[^\[\]]*)[\])]$")
+#: Letters of a header at most that is taken apart.
+_LONGEST_HEAD = 200
 _TIME = re.compile(r"^(time|times|t|zeit|temps|tiempo|tempo|timestamp|date|datetime|x)$|^(time|zeit)\b", re.IGNORECASE)
 #: A word for times with their unit behind it, as in ``Time ms``, ``t_us`` or ``time, sec``.
 _TIME_AND_UNIT = re.compile(
@@ -89,8 +91,9 @@ class NamedChannels:
 
 def name_and_unit(text: str) -> tuple[str, str]:
     """A header without its unit, and the unit in brackets behind it or ""."""
-    match = _HEAD.match(text.strip())
-    return (match["name"], match["unit"].strip()) if match else (text.strip(), "")
+    text = text.strip()
+    match = _HEAD.match(text) if len(text) <= _LONGEST_HEAD else None
+    return (match["name"], match["unit"].strip()) if match else (text, "")
 
 
 def is_time(text: str) -> bool:

@@ -20,7 +20,7 @@ from structid.core.units import FrfUnit, parse_frf_unit
 from structid.records.formats.bare import require_same_rotation
 from structid.records.formats.clocks import Rate, even_rate, resample, resampling_remedy
 from structid.records.formats.csv.layout import CsvLayout
-from structid.records.formats.csv.recognition import as_date, is_axis
+from structid.records.formats.csv.recognition import LONGEST_NAME, as_date, is_axis
 from structid.records.formats.csv.table import Table
 from structid.records.formats.gaps import sourced
 from structid.records.formats.named_channels import (
@@ -295,7 +295,7 @@ def _heads(table: Table, options: ReadOptions) -> list[_Head]:
         return [_Head(a, b, own[j], part) for j, (a, b, part) in enumerate(every, start=1)]
     found = []
     for j, name in enumerate(table.names[1:], start=1):
-        match = _PAIR.fullmatch(name)
+        match = _PAIR.fullmatch(name) if len(name) <= LONGEST_NAME else None
         if match is None:
             raise _column(table, j, text=(
                 "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, magnitude, phase, std,"

@@ -27,10 +27,12 @@ _NUMBER = re.compile(rf"[+-]?{_REAL}|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _COMPLEX = re.compile(
     rf"\(?\s*(?P<re>[+-]?{_REAL})\s*(?P<sign>[+-])\s*[ij]?\s*\*?\s*(?P<im>{_REAL})\s*\*?\s*[ij]?\s*\)?"
 )
-_POINT, _COMMA = re.compile(r"\d*\.\d"), re.compile(r"\d*,\d")
+_POINT, _COMMA = re.compile(r"\.\d"), re.compile(r",\d")
 #: With thousands apart.
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:[' ]\d{3})+[.,]\d+)")
 _SAMPLE, _HEAD, _LONGEST_UNIT = 40, 200, 16
+#: Letters of a number, and of a name that is taken apart, at most: the patterns take time with the square of them.
+_LONGEST_NUMBER, LONGEST_NAME = 100, 120
 
 
 @dataclass(frozen=True)
@@ -82,12 +84,14 @@ class Grid(NamedTuple):
 
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, with a decimal point or comma, complex or not."""
-    return _NUMBER.fullmatch(cell.strip()) is not None or complex_parts(cell) is not None
+    text = cell.strip()
+    return len(text) <= _LONGEST_NUMBER and (_NUMBER.fullmatch(text) is not None or complex_parts(text) is not None)
 
 
 def complex_parts(cell: str) -> tuple[str, str] | None:
     """Real and imaginary part of a cell such as ``1.5-2e-3i`` or ``(1,5 + 2j)``, as written; None where it is none."""
-    match = _COMPLEX.fullmatch(cell.strip()) if {"i", "j"} & set(cell.lower()) else None
+    text = cell.strip()
+    match = _COMPLEX.fullmatch(text) if len(text) <= _LONGEST_NUMBER and {"i", "j"} & set(text.lower()) else None
     return match and (match["re"], match["sign"] + match["im"])
 
 
@@ -101,7 +105,8 @@ def frequency_factor(name: str, unit: str = "") -> float | None:
     unit : str
         As it stands below the name.
     """
-    match = _FREQUENCY.fullmatch(name.strip())
+    text = name.strip()
+    match = _FREQUENCY.fullmatch(text) if len(text) <= LONGEST_NAME else None
     if match is None:
         return None
     text = (match["of"] or unit).strip()
