@@ -2,7 +2,7 @@
 # make test   run the quick tests (minutes)
 # make test-all  run all tests, the long ones too (what .ci/run runs)
 # make docs   build the documentation site
-# make fuzz   damage files of every kind and keys of studies, vary headers of records and modes: print what came of reading them (COUNT=20000 SEED=5 for more)
+# make fuzz   damage files of every kind and keys of studies, vary headers of records, and print what came of reading them (COUNT=20000 SEED=5 for more)
 # make golden run every example with the code of BASE and of this tree: numbers must be equal, changed words are listed (BASE=HEAD~1)
 # make mutants make some 140 wrong edits of central formulas, one at a time in a copy: a quick test must fail for each (NAMES="fem mac")
 # make killed end runs at 100 random moments and run them again to the same digits

@@ -14,6 +14,7 @@ from structid.core.arrays import FloatArray, NumberArray
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import FileError, InputError
 from structid.core.units import parse_frequency_unit
+from structid.files import read_start
 from structid.modal.modal_record import ModalRecord, Scaling, independent_errors, largest_entries, unit_largest
 from structid.modal.poles.poles import modal_phase_collinearity
 from structid.records.formats.csv.recognition import is_number
@@ -161,8 +162,7 @@ def _word_or_cell(cell: str) -> str:
 def is_modes_table(path: Path) -> bool:
     """Whether the head of a table names frequencies beside damping ratios or channels, in its first line or its first column."""
     try:
-        with path.open("rb") as stream:
-            head = stream.read(_HEAD).decode("utf-8-sig", "replace").splitlines()
+        head = read_start(path, _HEAD).decode("utf-8-sig", "replace").splitlines()
     except OSError:
         return False
     if not any("freq" in line.lower() for line in head):
