@@ -17,7 +17,7 @@ import typer
 from structid.cli.base import reported, say
 
 T = TypeVar("T")
-_AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None)
+_AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None, Path | None)
 _PAIR = tuple[float, float] | None
 #: Flags of options whose text is the path of a file.
 _FILES = ("deck", "dofs", "write_dofs")

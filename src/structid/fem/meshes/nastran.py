@@ -111,7 +111,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 
 def _groups(text: BulkText, numbers: list[IntArray]) -> dict[str, tuple[IntArray, ...]]:
     """Rows of each property by its number, and by its name in comments."""
-    groups = {
+    groups: dict[str, tuple[IntArray, ...]] = {
         str(number): tuple(np.flatnonzero(own == number) for own in numbers)
         for number in np.unique(np.concatenate([np.zeros(0, np.int64), *numbers])).tolist()
     }

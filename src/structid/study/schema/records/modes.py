@@ -168,7 +168,7 @@ def read_modes_source(section: Section, table: Table, files: InputFiles, aimed: 
     named = {item.name: own.pop(item.name) for item in fields(ModeFileOptions) if item.name in own}
     with (inner or section).located():
         if named.get("deck"):
-            named["deck"] = str(files.path(named["deck"]))
+            named["deck"] = files.path(named["deck"])
         file_options = ModeFileOptions(**named)
     chosen, relabel = own.pop("use", ()), given.get("relabel", {})
     return ModesSource(section, path, chosen, used, relabel, ModalSettings(**own), aimed, deviations, file_options)
