@@ -130,6 +130,10 @@ class FrfUnit(NamedTuple):
     input_rotation: bool
 
 
+#: Letters of a unit at most: where a force and a length part is tried letter by letter.
+_LONGEST = 100
+
+
 def _normalized(text: str) -> str:
     for old, new in (("**", "^"), ("²", "^2"), ("\u207b", "^-"), ("\u00b9", "1"), ("^-^2", "^-2"), ("µ", "u"), ("μ", "u"),
                      ("·", "*"), ("⋅", "*"), ("\u2019", "'")):  # fmt: skip
@@ -148,7 +152,7 @@ def _name(text: str, among: Mapping[str, float]) -> str | None:
 
 def _without_brackets(text: str) -> str:
     """`text` without the brackets around the whole of it."""
-    while text.startswith("(") and text.endswith(")"):
+    while text.startswith("(") and text.endswith(")") and len(text) <= 2 * _LONGEST:
         depths = np.cumsum([(letter == "(") - (letter == ")") for letter in text])
         if (depths[:-1] == 0).any():
             break
@@ -157,6 +161,8 @@ def _without_brackets(text: str) -> str:
 
 
 def _unit(text: str) -> Unit | None:
+    if len(text) > _LONGEST:
+        return None
     text = _without_brackets(text)
     force, acceleration = _name(text, FORCES), _name(text, ACCELERATIONS)
     if force is not None:
