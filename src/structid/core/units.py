@@ -135,6 +135,8 @@ _LONGEST = 100
 
 
 def _normalized(text: str) -> str:
+    if len(text) > 10 * _LONGEST:  # no unit, whatever is made of it
+        return text
     for old, new in (("**", "^"), ("²", "^2"), ("\u207b", "^-"), ("\u00b9", "1"), ("^-^2", "^-2"), ("µ", "u"), ("μ", "u"),
                      ("·", "*"), ("⋅", "*"), ("\u2019", "'")):  # fmt: skip
         text = text.replace(old, new)
@@ -215,6 +217,7 @@ def _sensed(text: str) -> Unit | None:
 
 def _refusal(text: str, kind: str, accepted: str) -> InputError:
     """Why a text cannot be read as a unit, and what to write."""
+    text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
     parts = [part for part in re.split(r"[/()]", _normalized(text)) if part]
     reasons = [_NO_UNITS[part.lower()] for part in parts if part.lower() in _NO_UNITS]
     if not reasons and any(_name(part, _VOLTAGES) for part in parts):
