@@ -30,7 +30,7 @@ SMALL: dict[str, str] = {
     "matrix_files.py": "--entries 20000",
     "modal_scale.py": "--quick",
     "plate_damage.py": "--out {folder}/plate --shape 8 4 --lines 6 --sensors 6",
-    "scaling.py": "--out {folder}/scaling --quick --only frf",
+    "scaling.py": "--out {folder}/scaling --quick --only modal_samples",
     "time_domain.py": "--quick --repeats 1 --only dense",
     "time_domain_beside.py": "{src} --repeats 1",
     "time_domain_chain.py": "--elements 50 --gigabytes 0.002",
