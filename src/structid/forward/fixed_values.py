@@ -49,7 +49,7 @@ def with_fixed_values(
 def _with_factors(parameters: Parameters, held: tuple[FixedProperty, ...]) -> Parameters:
     """The parameters followed by a factor on each held property."""
     columns = shared_factors(parameters.offset, held)
-    factors = _factors([item.label for item in held], [item.tolerance for item in held])
+    factors = _factors(*([getattr(item, name) for item in held] for name in ("label", "kind", "tolerance")))
     return replace(
         _followed(parameters, factors),
         elements=(*parameters.elements, *((item.element,) for item in held)),
@@ -63,18 +63,18 @@ def _with_gain(problem: ResponseProblem, tolerance: float, record: str) -> Chann
     common = channel_errors(problem.measured, [ChannelUnknown("gain", "all", name="all")])
     own = channel_errors(problem.measured, []) if problem.channels is None else problem.channels
     return replace(
-        _followed(own, _factors([f"calibration[{record}]"], [tolerance], "gain")),
+        _followed(own, _factors([f"calibration[{record}]"], ["gain"], [tolerance])),
         of_outputs=locked(np.concatenate([own.of_outputs, common.of_outputs]), bool),
         of_inputs=locked(np.concatenate([own.of_inputs, common.of_inputs]), bool),
     )
 
 
-def _factors(names: Sequence[str], tolerances: Sequence[float], kind: str = "factor") -> NamedUnknowns:
+def _factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[float]) -> NamedUnknowns:
     """Factors that are 1 within their tolerances, their logarithms free."""
     n = len(names)
     return NamedUnknowns(
         names=tuple(FIXED + name for name in names),
-        kinds=(kind,) * n,
+        kinds=tuple(kinds),
         units=("1",) * n,
         start=locked(np.ones(n)),
         transforms=Transforms(("log",) * n, locked(np.zeros(n)), locked(np.full(n, np.inf))),

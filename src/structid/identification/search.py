@@ -11,9 +11,10 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.forward import RecordProblem
+from structid.identification.fixed_values import fixed_values, freed_problems
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held, regularized, takes_matrix_free
-from structid.identification.setups.setup import AnySetup, fixed_values
+from structid.identification.setups.setup import AnySetup
 from structid.identification.together import places, together
 from structid.identification.varying import Varied, varied, widened_estimate
 from structid.inversion import Estimate, MatrixFree, Method, Problem, Search, Status
@@ -113,12 +114,12 @@ def answered(
             progress=progress,
             sample=problem.thinned(),
             work=work,
-            fixed=fixed_values(setups, current, options.tolerances),
+            fixed=fixed_values(freed_problems(setups, current, options.tolerances)),
         )
 
     def found_near(current: tuple[RecordProblem, ...], theta: FloatArray) -> Estimate:
         near = Search(seed=options.seed, start=theta)
-        fixed = fixed_values(setups, current, options.tolerances)
+        fixed = fixed_values(freed_problems(setups, current, options.tolerances))
         return estimate(together(current), method, (), near, progress=progress, work=work, fixed=fixed)
 
     best, problems = reweighted(*searched(regular.problems, found), found_near)

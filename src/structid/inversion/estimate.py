@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+#: Probability of a larger chi-square below which the residual is looked at with held values free within their tolerances.
+_DOUBTFUL = 0.3
+
+
 class Status(Enum):
     """How an identification ended; the value is what files and reports show."""
 
@@ -124,10 +128,20 @@ class Goodness:
     @property
     def misfit(self) -> float:
         """Chi-square over what is expected of it where all is right, held values within their tolerances; NaN without freedom."""
-        if not self.degrees_of_freedom > 0:
-            return float("nan")
+        return self.least_per_dof / self.expected_per_dof
+
+    @property
+    def least_per_dof(self) -> float:
+        """The smallest chi-square per degree of freedom that held values within their tolerances leave; NaN without freedom."""
         least = self.least_chi_square if np.isfinite(self.least_chi_square) else self.chi_square
-        return least / (self.degrees_of_freedom * self.expected_per_dof)
+        return least / self.degrees_of_freedom if self.degrees_of_freedom > 0 else float("nan")
+
+    @property
+    def misfit_words(self) -> str:
+        """The misfit in the one scale of all that shows it: root mean square over what is expected of noise and tolerances."""
+        if not self.degrees_of_freedom > 0:
+            return "no degree of freedom is left to test the model"
+        return f"misfit {figures(float(np.sqrt(self.misfit)), 3)} times what is expected"
 
     @property
     def chi_square_per_dof(self) -> float:
@@ -292,7 +306,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         """Status and fit, and one row a parameter."""
         words = (
             f"{self.status.value}, {counted(len(self.names), 'parameter')} from {self.n_data} data,"
-            f" chi-square per degree of freedom {figures(self.chi_square_per_dof, 3)};"
+            f" {self.misfit_words};"
             f" standard deviations from {self.covariance_basis.replace('_', ' ')}"
         )
         rows = [
@@ -389,7 +403,7 @@ def estimate(
         n_iterations += len(best.costs) - 1
     columns = None
     if fixed is not None:
-        columns = fixed.at(problem.names, best.theta, chosen.misfits(problem, best, misfit_probability))
+        columns = fixed.at(problem.names, best.theta, chosen.misfits(problem, best, _DOUBTFUL))
     found = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
     within = None if columns is None else columns.within
     is_known = bool((found.identified | ~found.is_free).all())

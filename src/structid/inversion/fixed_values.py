@@ -15,6 +15,13 @@ from structid.inversion.residual_law import misses_noise
 
 #: What the names of held values begin with where they are unknowns beside those that are sought.
 FIXED = "fixed "
+#: What held values are called, by their kinds.
+_CALLED = {
+    "masses": ("mass", "rotary_inertia"),
+    "stiffnesses": ("stiffness", "thickness"),
+    "dampings": ("viscous_damping", "loss_factor", "damping_ratio", "friction"),
+    "places": ("position", "parameter"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,16 +30,16 @@ class FixedValueInfluence:
 
     Attributes
     ----------
-    names : tuple of str
-        Such as ``mass[deck]``.
+    names, kinds : tuple of str
+        Such as ``mass[deck]`` and ``mass``; ``gain`` of the calibration of a record.
     tolerance : (n_fixed,) float array
         Standard deviation of each, in parts of its value.
     slope : (n_params, n_fixed) float array
         Change of each parameter, physical units, per relative change of each held value: K = -(J'J + P)^-1 J'J_h.
     asked : (n_fixed,) float array
         Where each would be, in tolerances, with all of them free within their tolerances; zeros where noise explains the residual.
-    chi_square : float
-        Sum of squares of data and held values there; NaN where noise explains the residual.
+    theta : (n_params,) float array
+        Free variables of the parameters there; those of the answer where noise explains the residual.
 
     References
     ----------
@@ -41,10 +48,11 @@ class FixedValueInfluence:
     """
 
     names: tuple[str, ...]
+    kinds: tuple[str, ...]
     tolerance: FloatArray
     slope: FloatArray
     asked: FloatArray
-    chi_square: float = float("nan")
+    theta: FloatArray
 
     @property
     def changes(self) -> FloatArray:
@@ -55,6 +63,23 @@ class FixedValueInfluence:
     def covariance(self) -> FloatArray:
         """K S K' of the parameters, physical units, (n_params, n_params)."""
         return self.changes @ self.changes.T
+
+    @property
+    def words(self) -> str:
+        """What may be wrong by how much, such as ``1 % of held masses and stiffnesses, 30 % of held dampings``."""
+        held: dict[str, list[str]] = {}
+        for what, kinds in _CALLED.items():
+            own = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind in kinds})
+            if own:
+                held.setdefault(_size(own), []).append(what)
+        said = [f"{size} of held {' and '.join(what)}" for size, what in held.items()]
+        gains = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind == "gain"})
+        return ", ".join([*said, *([f"{_size(gains)} of the calibration"] if gains else [])])
+
+
+def _size(parts: list[float]) -> str:
+    """The smallest and the largest of rising `parts` in per cent, once where they are the same."""
+    return " to ".join(dict.fromkeys(f"{100 * part:.3g}" for part in (parts[0], parts[-1]))) + " %"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,12 +94,15 @@ class FitWithinTolerances:
     at : Linearization
     asked : (n_fixed,) float array
         Logarithm of each held value over what the model has, in tolerances.
+    parameters : (n_params,) float array
+        Free variables of the parameters alone.
     """
 
     problem: Problem
     theta: FloatArray
     at: Linearization
     asked: FloatArray
+    parameters: FloatArray
 
     @property
     def chi_square(self) -> float:
@@ -98,7 +126,7 @@ class FixedColumns:
 
     Attributes
     ----------
-    names : tuple of str
+    names, kinds : tuple of str
     tolerance : (n_fixed,) float array
         Standard deviation of the logarithm of each.
     columns : (n_data, n_fixed) float array
@@ -108,15 +136,17 @@ class FixedColumns:
     """
 
     names: tuple[str, ...]
+    kinds: tuple[str, ...]
     tolerance: FloatArray
     columns: FloatArray
     within: FitWithinTolerances | None
 
-    def influence(self, at: Linearization, slope: FloatArray) -> FixedValueInfluence:
+    def influence(self, theta: FloatArray, at: Linearization, slope: FloatArray) -> FixedValueInfluence:
         """What they do to the parameters; NaN of those that the data do not tell.
 
         Parameters
         ----------
+        theta : (n_params,) float array
         at : Linearization
             Of the problem without them.
         slope : (n_params,) float array
@@ -128,6 +158,5 @@ class FixedColumns:
         score = at.jacobian[: len(self.columns), seen].T @ self.columns
         changes[seen] = -bread[np.ix_(seen, seen)] @ score * slope[seen, None]
         within = self.within
-        if within is None:
-            return FixedValueInfluence(self.names, self.tolerance, changes, np.zeros(len(self.names)))
-        return FixedValueInfluence(self.names, self.tolerance, changes, within.asked, within.chi_square)
+        asked, free = (np.zeros(len(self.names)), theta) if within is None else (within.asked, within.parameters)
+        return FixedValueInfluence(self.names, self.kinds, self.tolerance, changes, asked, free)

@@ -185,9 +185,14 @@ class Spread:
         return is_free(self.at_bound, len(self.identified))
 
     @property
+    def of_data(self) -> Covariance:
+        """The one that `covariance_basis` names."""
+        return self.noise if self.covariance_basis == "noise" else self.model_error
+
+    @property
     def uncertainty(self) -> Covariance:
-        """The one that `covariance_basis` names, with what the tolerances of held values add."""
-        data = self.noise if self.covariance_basis == "noise" else self.model_error
+        """`of_data`, with what the tolerances of held values add."""
+        data = self.of_data
         if self.fixed is None or not data.has_matrix:
             return data
         return DenseCovariance(data.matrix + self.fixed.covariance)
@@ -310,7 +315,7 @@ def dense_uncertainty(
         words=(refusal,),
         at_bound=held,
         disagreement=disagreement,
-        fixed=None if fixed is None else fixed.influence(at, slope),
+        fixed=None if fixed is None else fixed.influence(theta, at, slope),
     )
 
 

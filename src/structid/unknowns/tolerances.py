@@ -56,17 +56,6 @@ class Tolerances:
             return self.stiffness
         return self.damping if kind in _DAMPINGS else 0.0
 
-    @property
-    def words(self) -> str:
-        """What is allowed for, such as ``1 % of held masses and stiffnesses``."""
-        parts: dict[float, list[str]] = {}
-        pairs = (self.mass, "masses"), (self.stiffness, "stiffnesses"), (self.damping, "dampings")
-        for tolerance, what in pairs:
-            parts.setdefault(tolerance, []).append(what)
-        said = [f"{100 * tolerance:.3g} % of held {' and '.join(what)}" for tolerance, what in parts.items() if tolerance]
-        said += [f"{100 * self.calibration:.3g} % of the calibration"] * (self.calibration > 0)
-        return ", ".join(said)
-
 
 #: Of a model and a record that are exact, as simulated ones are.
 EXACT = Tolerances(0.0, 0.0, 0.0, 0.0)
@@ -80,6 +69,7 @@ class FixedProperty:
     ----------
     label : str
         Such as ``mass[deck]``.
+    kind : str
     element : str
         Its element set.
     tolerance : float
@@ -89,6 +79,7 @@ class FixedProperty:
     """
 
     label: str
+    kind: str
     element: str
     tolerance: float
     indices: IntArray
@@ -113,7 +104,7 @@ def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tole
         tolerance = _stated(stated.get(item.element), item.term.property)
         tolerance = tolerances.of_kind(item.term.kind) if tolerance is None else tolerance
         if len(indices) and tolerance > 0:
-            found.append(FixedProperty(item.label, item.element, tolerance, locked(indices, int)))
+            found.append(FixedProperty(item.label, item.term.kind, item.element, tolerance, locked(indices, int)))
     return tuple(found)
 
 

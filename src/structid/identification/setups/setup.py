@@ -15,23 +15,18 @@ from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
 from structid.forward.channel_errors import Measured
-from structid.forward.fixed_values import with_fixed_values
 from structid.identification.before.aligned import ResonancePair, aligned
 from structid.identification.before.channels import ChannelWarnings, channel_warnings
 from structid.identification.before.reduction import Truncation, modes_truncation
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import Own, RecordFit
 from structid.identification.options import IdentifyOptions
-from structid.identification.together import together
 from structid.inversion import Estimate
-from structid.inversion.fixed_values import FIXED
-from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import StageProgress, Work
 from structid.modal import ModalRecord
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.findings import Finding
 from structid.unknowns import Parameters
-from structid.unknowns.tolerances import Tolerances
 
 P = TypeVar("P", bound=RecordProblem)
 
@@ -169,24 +164,6 @@ def look(problem: FrfProblem, predicted: ComplexArray) -> Look:
 
 #: A record of any kind; its problem is only handed back to it.
 AnySetup: TypeAlias = RecordSetup[Any]
-
-
-def fixed_values(
-    setups: Sequence[AnySetup], problems: Sequence[RecordProblem], tolerances: Tolerances
-) -> FixedValues | None:
-    """The values that the models of several records hold, where they may be wrong; those of one name are the same in all records."""
-    named = zip(setups, titles(setups), problems, strict=True)
-    freed = [with_fixed_values(problem, tolerances, setup.calibration, title) for setup, title, problem in named]
-    whole = together(freed)
-    known = {
-        name: float(std)
-        for problem in freed
-        for part in problem.parts
-        if part.held is not None
-        for name, std in zip(part.names, part.held[1], strict=True)
-        if name.startswith(FIXED)
-    }
-    return FixedValues(whole, known) if known else None
 
 
 def titles(setups: Sequence[AnySetup]) -> list[str]:

@@ -38,6 +38,23 @@ class Identified(Protocol):
     @property
     def status(self) -> Status: ...
 
+    @property
+    def fixed(self) -> FixedChanges | None:
+        """What the estimate owes to the values that its model holds; None where these are taken as exact."""
+        ...
+
+
+class FixedChanges(Protocol):
+    """Changes of parameters for one tolerance of each held value."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    @property
+    def changes(self) -> FloatArray:
+        """Physical units, (n_params, n_fixed)."""
+        ...
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class States:
@@ -205,7 +222,8 @@ def compare_states(
 
     Notes
     -----
-    Independent states: C = P + Q, the sum of the covariances. With carried parameters m and covariance P of the
+    Independent states: C = P + Q, the sum of the covariances, less what both owe to the same held values: with changes A and B
+    of the parameters for one tolerance of each, (A - B) (A - B)' stands for A A' + B B'. With carried parameters m and covariance P of the
     baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
 
         k_before = k + G (m_later - m),   C = Q_kk + P_kk - G P_mk + G Q_mm G' - G Q_mk - Q_km G',
@@ -226,6 +244,8 @@ def compare_states(
     first, second = _places(baseline, names), _places(later, names)
     _require_units(names, [baseline.units[i] for i in first], [later.units[j] for j in second])
     before, p, q, cross = _carried(baseline, later, first, second, carried)
+    if not carried:
+        cross = _held_alike(baseline, later, first, second)
     return Comparison(
         names=names,
         kinds=tuple(baseline.kinds[i] for i in first),
@@ -323,6 +343,16 @@ def _tested_std(covariance: FloatArray) -> FloatArray:
 
 def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
     return np.array([estimate.names.index(name) for name in names], dtype=int)
+
+
+def _held_alike(baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray) -> FloatArray:
+    """Covariance between both states' parameters from the values that their models hold alike, (n, n)."""
+    one, other = baseline.fixed, later.fixed
+    if one is None or other is None:
+        return np.zeros((len(first), len(second)))
+    shared = [name for name in one.names if name in other.names]
+    mine, theirs = ([own.names.index(name) for name in shared] for own in (one, other))
+    return one.changes[np.ix_(first, mine)] @ other.changes[np.ix_(second, theirs)].T
 
 
 def _carried(

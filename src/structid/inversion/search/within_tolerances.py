@@ -53,14 +53,16 @@ class FixedValues:
         """The fit with all of them free, from free variables of the parameters `names`."""
         found = minimize(self.problem, _REFIT, self._whole(names, theta))
         asked = found.theta[self._index(self.names)] / self.std
-        return FitWithinTolerances(self.problem, found.theta, cast(Linearization, found.linearization), asked)
+        at, own = cast(Linearization, found.linearization), found.theta[self._index(names)]
+        return FitWithinTolerances(self.problem, found.theta, at, asked, own)
 
-    def at(self, names: tuple[str, ...], theta: FloatArray, is_misfit: bool) -> FixedColumns:
-        """What they do at free variables of the parameters `names`; fitted with them free where `is_misfit` by noise alone."""
+    def at(self, names: tuple[str, ...], theta: FloatArray, is_doubtful: bool) -> FixedColumns:
+        """What they do at free variables of the parameters `names`; fitted with them free where the residual `is_doubtful`."""
         at = self.problem.linearize(self._whole(names, theta))
         columns = at.jacobian[: self.problem.n_data, self._index(self.names)]
-        within = self.fit(names, theta) if is_misfit else None
-        return FixedColumns(tuple(name.removeprefix(FIXED) for name in self.names), self.std, columns, within)
+        within = self.fit(names, theta) if is_doubtful else None
+        kinds = tuple(self.problem.kinds[i] for i in self._index(self.names))
+        return FixedColumns(tuple(name.removeprefix(FIXED) for name in self.names), kinds, self.std, columns, within)
 
     def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
         """Free variables of all unknowns, every held value as the model has it."""
