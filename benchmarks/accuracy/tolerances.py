@@ -86,7 +86,11 @@ def between(n: int, i: int, j: int | None = None) -> np.ndarray:
 
 def chain(n: int = 6) -> Rig:
     """Masses on springs with dashpots; every second spring and one dashpot are unknown."""
-    mass, spring, dash = [2.0 + 0.3 * i for i in range(n)], [4e4 - 3e3 * i for i in range(n)], [8.0 + i for i in range(n)]
+    mass, spring, dash = (
+        [2.0 + 0.3 * i for i in range(n)],
+        [4e4 - 3e3 * i for i in range(n)],
+        [8.0 + i for i in range(n)],
+    )
     sets: list = [sid.PointMass(f"m{i + 1}", [i + 1], mass=mass[i]) for i in range(n)]
     parts = [Part(f"mass[m{i + 1}]", mass[i], "mass", between(n, i)) for i in range(n)]
     for i in range(n):
@@ -119,7 +123,7 @@ def beam(cantilever: bool) -> Rig:
     """A cantilever, or a beam on three supports of which the middle one is a spring; three bending stiffnesses are unknown."""
     n_elements, h = 12, 0.15
     nodes = {i: [h * i, 0.0] for i in range(n_elements + 1)}
-    zones = {"a": range(0, 4), "b": range(4, 8), "c": range(8, 12)}
+    zones = {"a": range(4), "b": range(4, 8), "c": range(8, 12)}
     fixed = ["0Y", "0RZ"] if cantilever else ["0Y", f"{n_elements}Y"]
     dofs = tuple(d for i in range(n_elements + 1) for d in (f"{i}Y", f"{i}RZ") if d not in fixed)
     n = len(dofs)
@@ -170,7 +174,7 @@ def frame() -> Rig:
     fixed = [f"{i}{d}" for i in (0, last) for d in ("X", "Y", "RZ")]
     dofs = tuple(f"{i}{d}" for i in range(last + 1) for d in ("X", "Y", "RZ") if f"{i}{d}" not in fixed)
     n = len(dofs)
-    spans = {"left": range(0, per), "girder": range(per, 2 * per), "right": range(2 * per, 3 * per)}
+    spans = {"left": range(per), "girder": range(per, 2 * per), "right": range(2 * per, 3 * per)}
     stiff = {"left": 2.0e4, "girder": 3.0e4, "right": 2.1e4}
     weights = {"left": 2.5, "girder": 4.0, "right": 2.6}
     axial = {"left": 4e7, "girder": 5e7, "right": 4e7}
@@ -203,7 +207,11 @@ def frame() -> Rig:
         parts.append(Part(f"axial_stiffness[{zone}]", axial[zone], "stiffness", stretch, "loss"))
         parts.append(Part(f"mass[{zone}]", weights[zone], "mass", inert))
     structure = sid.Structure(nodes, sets, fixed=fixed)
-    unknown = [sid.Unknown("bending_stiffness", "left"), sid.Unknown("bending_stiffness", "right"), sid.Unknown("mass", "girder")]
+    unknown = [
+        sid.Unknown("bending_stiffness", "left"),
+        sid.Unknown("bending_stiffness", "right"),
+        sid.Unknown("mass", "girder"),
+    ]
     unknown += [sid.Unknown("loss_factor", list(spans), name="all")]
     return Rig(
         "frame", structure, tuple(parts), {"loss": 0.01}, tuple(unknown), dofs, ("2X", "4X", "6Y", "10X"), "4X", (3.0, 110.0),
@@ -238,13 +246,17 @@ def truth(rig: Rig, rng: np.random.Generator, tolerance: float) -> tuple[dict[st
     for part in rig.parts:
         if part.name not in of_unknown:
             spread = DAMPING * (tolerance > 0) if part.kind == "viscous" else tolerance
-            values[part.name] *= np.exp(spread * rng.standard_normal()) if part.kind == "viscous" else 1 + spread * rng.standard_normal()
+            values[part.name] *= (
+                np.exp(spread * rng.standard_normal()) if part.kind == "viscous" else 1 + spread * rng.standard_normal()
+            )
     factors = {name: float(f) for name, f in zip(names, rng.uniform(0.85, 1.15, len(names)), strict=True)}
     for name, several in names.items():
         for own in several:
             values[own] *= factors[name]
     start = dict(zip(names, sid.parameters(rig.structure, rig.unknown).start, strict=True))
-    wanted = {name: start[name] * factors[name] if len(several) > 1 else values[several[0]] for name, several in names.items()}
+    wanted = {
+        name: start[name] * factors[name] if len(several) > 1 else values[several[0]] for name, several in names.items()
+    }
     return values, wanted, 1 + tolerance * rng.standard_normal()
 
 
@@ -350,7 +362,9 @@ def main() -> None:
     parser.add_argument("--tolerance", type=float, nargs="+", default=[0.005, 0.02])
     parser.add_argument("--only", nargs="+", default=None, help="such as chain/frf")
     chosen = parser.parse_args()
-    print(f"{'structure':24} {'record':6} {'tolerance':>9} {'hold %':>7} {'noise %':>8} {'sound':>6} {'approx':>6} {'wrong':>6} misfit")
+    print(
+        f"{'structure':24} {'record':6} {'tolerance':>9} {'hold %':>7} {'noise %':>8} {'sound':>6} {'approx':>6} {'wrong':>6} misfit"
+    )
     whole = {t: Told() for t in chosen.tolerance}
     for name, made in RIGS.items():
         rig = made()

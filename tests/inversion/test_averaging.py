@@ -1,16 +1,15 @@
 """Noise that few averages tell: the law of what it leaves, and intervals that hold over repeats of the averages themselves."""
 
-
 import numpy as np
 import pytest
 from scipy import stats
 
 import structid as sid
-from structid.inversion.estimate import expected_per_row
 from structid.identification.warning_words import estimate_warnings
 from structid.inversion import JointProblem, MatrixFree, bootstrap, estimate, profile, sample
 from structid.inversion.averaging import expected_square, normal_values, score_factor, square_variance
 from structid.inversion.covariance import row_law
+from structid.inversion.estimate import expected_per_row
 from structid.records import with_coherence_noise
 
 FREE = ("k1", "k2", "m1", "c1")

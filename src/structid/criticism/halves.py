@@ -118,9 +118,7 @@ def disagreements(
     return tuple(found)
 
 
-def _fitted(
-    parts: tuple[tuple[Problem, FixedValues | None], ...], item: tuple[int, FloatArray], tools: Tools
-) -> _Fit:
+def _fitted(parts: tuple[tuple[Problem, FixedValues | None], ...], item: tuple[int, FloatArray], tools: Tools) -> _Fit:
     """The fit of one of the parts from a start."""
     number, start = item
     part, held = parts[number]

@@ -199,7 +199,11 @@ def noise_ratio(found: Identification) -> float | None:
     is_of_size = tests.chi_square_probability >= _DOUBT and 1 - tests.chi_square_probability >= _DOUBT
     if is_of_size or 1 / _TOLERANCE < ratio < _TOLERANCE:
         return 1.0
-    return float(np.sqrt(found.estimate.least_per_dof)) if found.fits and is_normal and found.estimate.n_data >= _MANY else None
+    return (
+        float(np.sqrt(found.estimate.least_per_dof))
+        if found.fits and is_normal and found.estimate.n_data >= _MANY
+        else None
+    )
 
 
 def fits_noise(found: Identification) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 from scipy import sparse
 
-from structid.core.arrays import FloatArray, locked
+from structid.core.arrays import locked
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.channel_unknowns import ChannelUnknown, channel_errors
 from structid.forward.record_problem import RecordProblem, ResponseProblem

@@ -182,7 +182,9 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
         if fixed is not None:
             return f"± includes {fixed.words}"
         can_tell = self.target is not None and self.estimate.uncertainty.has_matrix
-        return "± takes what the model holds as exact" + ("" if can_tell else ": this search does not tell what it changes")
+        return "± takes what the model holds as exact" + (
+            "" if can_tell else ": this search does not tell what it changes"
+        )
 
     def overview(self) -> Overview:
         """What its estimate shows."""

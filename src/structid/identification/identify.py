@@ -11,10 +11,10 @@ from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, RecordProblem
 from structid.forward.scatter import scatter_problems
-from structid.identification.fixed_values import freed_problems
 from structid.identification.fits.missed import missed_parts
 from structid.identification.fits.ratios import ratios, rests_on_force
 from structid.identification.fits.record_fit import Own
+from structid.identification.fixed_values import freed_problems
 from structid.identification.identified import Identification
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import regularization_warnings, shares

@@ -177,7 +177,9 @@ def read_tolerances(section: Section) -> Tolerances:
     kinds = [item.name for item in fields(Tolerances) if item.name != "calibration"]
     for name in given:
         if name not in kinds:
-            raise section.error(f"`tolerance` takes {', '.join(kinds)}, got {name!r}; state it in the element set", "tolerance")
+            raise section.error(
+                f"`tolerance` takes {', '.join(kinds)}, got {name!r}; state it in the element set", "tolerance"
+            )
     return Tolerances(**cast(dict[str, float], given))
 
 
