@@ -2,6 +2,7 @@
 # make test   run all tests
 # make docs   build the documentation site
 # make fuzz   damage files of every kind and keys of studies, and print what came of reading them (COUNT=20000 SEED=5 for more)
+# make golden run every example with the code of BASE and of this tree: numbers must be equal, changed words are listed (BASE=HEAD~1)
 # make killed end runs at 100 random moments and run them again to the same digits
 # make dist-check   build wheel and sdist, install each without extras outside the tree, run an example (needs PyPI)
 # make test-lowest  run all tests on Python 3.11 with the lowest versions that pyproject.toml names (needs uv and 3.11)
@@ -13,11 +14,12 @@ STAMP := $(VENV)/.installed
 
 COUNT ?= 2000
 SEED ?= 1
+BASE ?= HEAD
 
 # byte code is kept even where the environment says otherwise: the tests start the command hundreds of times
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test lint types imports check docs fuzz killed dist-check test-lowest test-newest clean
+.PHONY: demo test lint types imports check docs fuzz golden killed dist-check test-lowest test-newest clean
 
 demo: $(STAMP)
 	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame --workers 2
@@ -47,6 +49,9 @@ docs: $(STAMP)
 fuzz: $(STAMP)
 	$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
 	$(BIN)/python -m fuzz.keys --count $(COUNT) --seed $(SEED)
+
+golden: $(STAMP)
+	$(BIN)/python -m golden $(BASE) --reproduction
 
 killed: $(STAMP)
 	$(BIN)/python -m fuzz.killed --count 100 --seed $(SEED)

@@ -1,17 +1,24 @@
-"""Pictures of answers by Matplotlib, as methods: the one door through which lower floors reach the drawing, when asked."""
+"""The `plot_...` methods of structures, identifications and measured modes.
+
+The functions that draw live in `structid.report.plots`, which is loaded by its name when the first picture is asked
+for: nothing here, and nothing below, imports it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, cast
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from structid.fem import Structure
-    from structid.identification.identified import Identification
-    from structid.modal.survey.survey import ModesResult
+
+def draw(picture: str, *arguments: Any) -> Figure:
+    """The figure that the function called `picture` of `structid.report.plots` draws of `arguments`."""
+    figure: Figure = getattr(import_module("structid.report.plots"), picture)(*arguments)
+    return figure
 
 
 class IdentificationPlots:
@@ -23,9 +30,7 @@ class IdentificationPlots:
 
     def plot_parameters(self, axes: Axes | None = None) -> Figure:
         """Identified over initial values with their intervals."""
-        from structid.report.plots import parameters
-
-        return parameters(self._own(), axes)
+        return draw("parameters", self, axes)
 
     def plot_frf(
         self, sensor: str = "", load: str = "", record: int = 0, axes: Axes | Sequence[Axes] | None = None
@@ -46,42 +51,27 @@ class IdentificationPlots:
         InputError
             If there is no such record or channel.
         """
-        from structid.report.plots import frf
-
-        return frf(self._own(), sensor, load, record, axes)
+        return draw("frf", self, sensor, load, record, axes)
 
     def plot_residuals(self, record: int = 0, axes: Axes | None = None) -> Figure:
         """Size of the whitened residual over frequency and channel: 1 where the model fits to within the noise."""
-        from structid.report.plots import residuals
-
-        return residuals(self._own(), record, axes)
+        return draw("residuals", self, record, axes)
 
     def plot_modes(self, axes: Axes | Sequence[Axes] | None = None) -> Figure:
         """Frequencies and damping ratios of the initial and the fitted model."""
-        from structid.report.plots import modes
-
-        return modes(self._own(), axes)
+        return draw("modes", self, axes)
 
     def plot_structure(self, axes: Axes | Sequence[Axes] | None = None) -> Figure:
         """The structure, coloured by the change of its parameters: a panel for each kind of property."""
-        from structid.report.plots import changes
-
-        return changes(self._own(), axes)
+        return draw("changes", self, axes)
 
     def plot_correlation(self, axes: Axes | None = None) -> Figure:
         """How the errors of the parameters go together."""
-        from structid.report.plots import correlation
-
-        return correlation(self._own(), axes)
+        return draw("correlation", self, axes)
 
     def plot_convergence(self, axes: Axes | Sequence[Axes] | None = None) -> Figure:
         """The way of the search: sum of squares and parameters."""
-        from structid.report.plots import convergence
-
-        return convergence(self._own(), axes)
-
-    def _own(self) -> Identification:
-        return cast("Identification", self)
+        return draw("convergence", self, axes)
 
 
 class StructurePlots:
@@ -89,9 +79,7 @@ class StructurePlots:
 
     def plot_structure(self, axes: Axes | None = None) -> Figure:
         """Elements, supports, masses and springs."""
-        from structid.report.plots import structure
-
-        return structure(cast("Structure", self), axes)
+        return draw("structure", self, axes)
 
 
 class ModesPlots:
@@ -105,12 +93,8 @@ class ModesPlots:
         InputError
             If the method has no orders to choose among.
         """
-        from structid.report.plots import stabilization
-
-        return stabilization(cast("ModesResult", self), axes)
+        return draw("stabilization", self, axes)
 
     def plot_modes(self, mode: int = 1, axes: Axes | None = None) -> Figure:
         """The shape of a mode (numbers from 1), at both ends of its motion."""
-        from structid.report.plots import shape
-
-        return shape(cast("ModesResult", self), mode, axes)
+        return draw("shape", self, mode, axes)

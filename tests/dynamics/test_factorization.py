@@ -7,25 +7,21 @@ import pytest
 from scipy import sparse
 
 from structid.core.errors import InputError, SingularModelError
-from structid.dynamics import factorization, factorization_mumps, factorization_pardiso
+from structid.dynamics import factorization
 from structid.dynamics.factorization import (
     FACTORIZERS,
     SingularMatrixError,
     factorizer,
     installed_factorizers,
+    pardiso,
     usable_threads,
 )
 from structid.dynamics.receptance import DynamicStiffness
 
-needs_mkl = pytest.mark.skipif(
-    bool(factorization_pardiso.mkl_problem()), reason=f"no MKL here: {factorization_pardiso.mkl_problem()}"
-)
-needs_mumps = pytest.mark.skipif(
-    bool(factorization_mumps.mumps_problem()), reason=f"no MUMPS here: {factorization_mumps.mumps_problem()}"
-)
-MARKS = {"pardiso": needs_mkl, "mumps": needs_mumps, "superlu": ()}
+needs_mkl = pytest.mark.skipif(bool(pardiso.mkl_problem()), reason=f"no MKL here: {pardiso.mkl_problem()}")
+MARKS = {"pardiso": needs_mkl, "superlu": ()}
 AVAILABLE = [pytest.param(name, marks=MARKS[name]) for name in FACTORIZERS]
-HELD = [pytest.param(name, marks=MARKS[name]) for name in ("pardiso", "mumps")]
+HELD = [pytest.param(name, marks=MARKS[name]) for name in ("pardiso",)]
 
 
 def pattern(n=90, seed=3):
@@ -156,47 +152,27 @@ def test_choice_by_name_by_variable_and_by_what_is_installed(monkeypatch):
     monkeypatch.setenv(factorization.VARIABLE, "superlu")
     assert factorizer().name == "superlu"
     monkeypatch.setenv(factorization.VARIABLE, "umfpack")
-    with pytest.raises(InputError, match="STRUCTID_FACTORIZER must be one of pardiso, superlu, mumps, got 'umfpack'"):
+    with pytest.raises(InputError, match="STRUCTID_FACTORIZER must be one of pardiso, superlu, got 'umfpack'"):
         factorizer()
     with pytest.raises(InputError, match="`factorizer` must be one of"):
         factorizer("cholmod")
 
 
-@pytest.mark.parametrize(
-    "module, name, words",
-    [
-        (factorization_pardiso, "pardiso", r"`pip install structid\[pardiso\]`"),
-        (factorization_mumps, "mumps", "`apt install libmumps-seq-dev`"),
-    ],
-)
-def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch, module, name, words):
+def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch):
     monkeypatch.delenv(factorization.VARIABLE, raising=False)
-    function = "_library" if name == "pardiso" else "_libraries"
-    monkeypatch.setattr(module, function, lambda: "the library was not found")
-    assert name not in installed_factorizers()
-    assert factorizer().name != name
-    with pytest.raises(InputError, match=f"the library was not found; install it with {words}"):
-        factorizer(name)
-
-
-def test_superlu_is_there_without_any_library(monkeypatch):
-    monkeypatch.delenv(factorization.VARIABLE, raising=False)
-    monkeypatch.setattr(factorization_pardiso, "_library", lambda: "none")
-    monkeypatch.setattr(factorization_mumps, "_libraries", lambda: "none")
+    monkeypatch.setattr(pardiso, "_library", lambda: "the library was not found")
     assert installed_factorizers() == ("superlu",)
     assert factorizer().name == "superlu"
+    with pytest.raises(
+        InputError, match=r"the library was not found; install it with `pip install structid\[pardiso\]`"
+    ):
+        factorizer("pardiso")
 
 
-@needs_mumps
-def test_mumps_with_other_arguments_is_refused(monkeypatch):
-    """The layout of its arguments depends on its version, which must stand where this layout has it."""
-    real = factorization_mumps._libraries()
-    monkeypatch.setattr(factorization_mumps, "_libraries", lambda: {True: lambda given: None, False: real[False]})
-    factorization_mumps._version.cache_clear()
-    try:
-        assert factorization_mumps.mumps_problem().startswith("the library mumps_seq is of another version")
-    finally:
-        factorization_mumps._version.cache_clear()
+@needs_mkl
+def test_pardiso_is_used_where_it_is_installed(monkeypatch):
+    monkeypatch.delenv(factorization.VARIABLE, raising=False)
+    assert factorizer().name == "pardiso"
 
 
 def test_threads_are_capped(monkeypatch):

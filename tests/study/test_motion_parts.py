@@ -20,7 +20,8 @@ from structid.records.formats import read_record, write_record
 from structid.records.on_disk import open_record
 from structid.study.run import motion_parts
 from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on, stretches, unusable
-from structid.study.run.workers import InProcess, Processes, workers_for
+from structid.study.run.start_workers import start_workers
+from structid.study.run.workers import InProcess, Processes
 from structid.study.schema.study import load_study
 
 ANSWER = 6 * 5 * 5 * 8  # bytes of the triangles: four columns and a right-hand side a degree of freedom
@@ -178,7 +179,7 @@ def test_a_cluster_reduces_stretches_to_the_same_bits(whole, monkeypatch):
     """And is refused by the name of a worker that cannot."""
     distributed = pytest.importorskip("distributed", reason="needs the extra `cluster` (dask[distributed])")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=":0") as made:
-        executor = workers_for(None, made.scheduler_address)
+        executor = start_workers(None, made.scheduler_address)
         try:
             found = reduced_on(executor, start(whole), whole)
             assert bits(found) == bits(reduced_on(InProcess(), start(whole), whole))

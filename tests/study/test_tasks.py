@@ -31,7 +31,8 @@ from structid.study.run.piped import ProcessLostError
 from structid.study.run.run import run_study
 from structid.study.run.spread_lines import SpreadLines, spread
 from structid.study.run.start import started
-from structid.study.run.workers import InProcess, Processes, WorkersLostError, in_batches, workers_for
+from structid.study.run.start_workers import start_workers
+from structid.study.run.workers import InProcess, Processes, WorkersLostError, in_batches
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, write_chain
 
@@ -254,11 +255,11 @@ def test_finished_tasks_are_not_run_again(tmp_path):
 
 def test_workers_and_scheduler_exclude_each_other():
     with pytest.raises(InputError, match="give --workers or --scheduler"):
-        workers_for(2, "tcp://127.0.0.1:1")
+        start_workers(2, "tcp://127.0.0.1:1")
     with pytest.raises(InputError, match="`workers` must be at least 1, got 0"):
-        workers_for(0, None)
-    assert workers_for(None, None) is None
-    assert isinstance(workers_for(1, None), InProcess)
+        start_workers(0, None)
+    assert start_workers(None, None) is None
+    assert isinstance(start_workers(1, None), InProcess)
 
 
 @pytest.fixture(scope="module")
@@ -411,7 +412,7 @@ def test_a_missing_dask_is_named_with_the_extra(monkeypatch):
     monkeypatch.delitem(sys.modules, "structid.study.run.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"Dask is not installed .*pip install structid\[cluster\]"):
-        workers_for(None, "tcp://127.0.0.1:9")
+        start_workers(None, "tcp://127.0.0.1:9")
 
 
 ALONE_WITH_WORKERS = """

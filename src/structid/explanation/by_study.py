@@ -16,7 +16,7 @@ from structid.fem.matrices.contribution import Property
 from structid.forward import FrfProblem
 from structid.forward.scatter import scatter_problems
 from structid.unknowns import Parameters
-from structid.unknowns.varying import BEGUN
+from structid.unknowns.scatter import BEGUN
 
 _PIECES = 3.0
 _ELASTIC = ("mass", "stiffness", "rotary_inertia")

@@ -4,9 +4,10 @@ from structid.unknowns.named_unknowns import NamedUnknowns
 from structid.unknowns.parameters import Parameters, parameters
 from structid.unknowns.penalties import Regularization, Smoothness, Sparsity, penalty, term_name
 from structid.unknowns.priors import Coupling, Prior, joint_prior
+from structid.unknowns.scatter import Scatter
 from structid.unknowns.transforms import Transforms
 from structid.unknowns.unknown import Field, Unknown
-from structid.unknowns.varying import Scatter, own_values, with_scatter
+from structid.unknowns.varying import own_values, with_scatter
 
 __all__ = [
     "Coupling",

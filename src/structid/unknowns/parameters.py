@@ -17,9 +17,9 @@ from structid.fem import Structure
 from structid.unknowns.families import Family, element_sets, family, label_of, require_distinct
 from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns
 from structid.unknowns.priors import Coupling, no_priors, priors_of
+from structid.unknowns.scatter import BEGUN, Scatter
 from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import Unknown
-from structid.unknowns.varying import BEGUN, Scatter
 
 Entry = TypeVar("Entry")
 

@@ -34,7 +34,8 @@ from structid.study.results.result import StudyResult
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import run_from_start
-from structid.study.run.workers import WorkersLostError, workers_for
+from structid.study.run.start_workers import start_workers
+from structid.study.run.workers import WorkersLostError
 from structid.study.schema.study import load_study
 
 Seconds = Annotated[
@@ -77,7 +78,7 @@ def identify(
       structid identify frame.toml --workers 8 --png
     """
     check_png(report, png)
-    crew = workers_for(workers, scheduler)
+    crew = start_workers(workers, scheduler)
     read = load_study(study, work=LongRun(crew))
     folder = out if out is not None else Path(f"{study.stem}_results")
     owner = fingerprint(read)

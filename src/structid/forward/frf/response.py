@@ -126,7 +126,7 @@ class Models:
 
     Parameters
     ----------
-    factorizer : {"pardiso", "mumps", "superlu"}, optional
+    factorizer : {"pardiso", "superlu"}, optional
         Of models with more than 64 degrees of freedom; by default what the environment variable STRUCTID_FACTORIZER
         names, or the fastest that is installed.
     """

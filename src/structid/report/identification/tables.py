@@ -121,6 +121,8 @@ def span_text(low: float, high: float) -> str:
     """An interval, its ends to a hundredth of its width; what the data leave without a limit is told."""
     if math.isnan(low) or math.isnan(high):
         return NOTHING
+    if not math.isfinite(low):
+        return f"below {number(high)}, no lower limit" if math.isfinite(high) else "no limits"
     if not math.isfinite(high):
         return f"above {number(low)}, no upper limit"
     first, second = span_digits(low, high)

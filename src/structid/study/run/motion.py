@@ -20,7 +20,8 @@ from structid.inversion import Status
 from structid.inversion.regression.local_reduction import Kernels
 from structid.records.on_disk import OnDiskRecord, open_record
 from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on
-from structid.study.run.workers import Workers, workers_for
+from structid.study.run.start_workers import start_workers
+from structid.study.run.workers import Workers
 from structid.study.schema.study import Study, load_study
 
 #: The files of `write_motion`.
@@ -105,7 +106,7 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
             raise source.section.error("identification from motion does not use it; leave it out", key)
     with source.section.located("repeats" if len(source.paths) > 1 else "path"):
         records = tuple(open_record(path.resolve(), source.options) for path in source.paths)
-        workers = workers_for(options.workers, options.scheduler)
+        workers = start_workers(options.workers, options.scheduler)
         read = time.perf_counter()
         try:
             whole = Whole(study.structure, study.parameters, records, options.work, options.chunk)

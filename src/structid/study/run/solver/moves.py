@@ -13,7 +13,6 @@ from structid.core.arrays import FloatArray
 from structid.external.solved import Solved
 from structid.forward import RecordProblem
 from structid.identification.identified import Identification
-from structid.identification.together import by_name
 from structid.inversion.search.work import Work
 from structid.study.schema.section import Tables
 from structid.study.schema.study import Study, edited_study
@@ -33,24 +32,28 @@ def deck_values(solved: Solved, problem: RecordProblem, names: Sequence[str], va
     }
 
 
-def deck_std(solved: Solved, found: Identification) -> dict[str, float]:
-    """Standard deviation of each of them; 0 where it is not known."""
-    problem = found.problems[0]
-    std = by_name(found.estimate.names, found.problems, lambda part: np.zeros(part.n_params))
-    std = np.where(np.isfinite(found.estimate.std), found.estimate.std, 0.0) + std
-    base = problem.parameters.offset
-    values = _property_values(problem, found.estimate.names, std) - base
-    return {
-        item.term.property: abs(float(values[item.values][0]))
+def deck_std(solved: Solved, identification: Identification) -> dict[str, float]:
+    """The standard deviation of each parameter of the deck; 0 where the data do not determine it.
+
+    A deck's parameter is d'p + constant in the parameters p that are sought, so its variance is d' C d.
+    """
+    problem, estimate = identification.problems[0], identification.estimate
+    order = [estimate.names.index(name) for name in problem.parameters.names]
+    std = estimate.std[order]
+    covariance = estimate.covariance[np.ix_(order, order)] if estimate.uncertainty.has_matrix else np.diag(std**2)
+    covariance = np.where(np.isfinite(covariance), covariance, 0.0)
+    rows = np.arange(len(problem.parameters.offset))
+    weights = {
+        item.term.property: problem.parameters.design[[rows[item.values][0]]].toarray()[0]
         for item in problem.structure.properties
         if item.element == solved.model.name and item.term.property in solved.at
     }
+    return {name: float(np.sqrt(max(weight @ covariance @ weight, 0.0))) for name, weight in weights.items()}
 
 
 def _property_values(problem: RecordProblem, names: Sequence[str], values: FloatArray) -> FloatArray:
-    known = dict(zip(names, values.tolist(), strict=True))
-    own = np.array([known[name] for name in problem.parameters.names])
-    return problem.parameters.values(own)
+    value_of = dict(zip(names, values.tolist(), strict=True))
+    return problem.parameters.values(np.array([value_of[name] for name in problem.parameters.names]))
 
 
 def within(solved: Solved, name: str, value: float) -> float:

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from structid.core.arrays import IntArray, NumberArray
-from structid.dynamics.factorization import SingularMatrixError
+from structid.dynamics.factorization.base import SingularMatrixError
 
 #: Diagonal pivots are kept unless they are smaller than this part of the largest entry of their column.
 _PIVOT = 0.01

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structid.core.arrays import FloatArray, IntArray, NumberArray
-from structid.dynamics.factorization import SingularMatrixError, usable_threads
+from structid.dynamics.factorization.base import SingularMatrixError, usable_threads
 
 _REAL, _COMPLEX = -2, 6
 #: Option and its value by which right-hand sides have few entries, all of them eliminated last.
