@@ -1,8 +1,8 @@
 """Right models whose held values are wrong by their tolerance: are they called wrong, and do intervals hold?
 
-Truths are simulated by this file's own matrices: springs and masses, Euler-Bernoulli beams and a portal frame. Each repeat draws every held
-mass, stiffness and damping, and the gain of the record, about what the model says, with the tolerance as the standard deviation;
-`--states` identifies two states with the same draws, of which the second has one stiffness 5 % lower.
+Truths are simulated by this file's own matrices: springs and masses, Euler-Bernoulli beams and a portal frame. Each repeat draws
+every held mass, stiffness and damping, and the gain of the record, about what the model says, with the tolerance as the standard
+deviation. `--states` identifies two states with the same draws, of which the second has one stiffness 5 % lower.
 
     python benchmarks/accuracy/tolerances.py [--repeats 40] [--seed 0] [--tolerance 0.005 0.02] [--states] [--exact]
 """
@@ -362,9 +362,7 @@ def main() -> None:
     parser.add_argument("--tolerance", type=float, nargs="+", default=[0.005, 0.02])
     parser.add_argument("--only", nargs="+", default=None, help="such as chain/frf")
     chosen = parser.parse_args()
-    print(
-        f"{'structure':24} {'record':6} {'tolerance':>9} {'hold %':>7} {'noise %':>8} {'sound':>6} {'approx':>6} {'wrong':>6} misfit"
-    )
+    print("structure                record tolerance  hold %  noise %  sound approx  wrong misfit")
     whole = {t: Told() for t in chosen.tolerance}
     for name, made in RIGS.items():
         rig = made()

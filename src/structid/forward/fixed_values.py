@@ -26,7 +26,8 @@ def with_fixed_values(
     """The problem with a factor on every held value among its unknowns, each 1 within its tolerance.
 
     They are called ``fixed mass[deck]``, and ``fixed calibration[record 1]`` of the common gain of a record. The logarithm of each
-    has its tolerance as the standard deviation of a Gaussian prior. Where responses do not come from matrices, only the gain is held.
+    has its tolerance as the standard deviation of a Gaussian prior. Where responses do not come from matrices, only the gain is
+    held.
 
     Parameters
     ----------

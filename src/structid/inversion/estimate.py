@@ -114,7 +114,8 @@ class Goodness:
     expected_per_dof : float
         Chi-square per degree of freedom where all is right: 1, and more where few averages tell the noise.
     least_chi_square : float
-        The smallest chi-square that held values within their tolerances leave, their squares included; NaN where noise explains `chi_square`.
+        The smallest chi-square that held values within their tolerances leave, their squares included; NaN where noise explains
+        `chi_square`.
     """
 
     chi_square: float

@@ -15,7 +15,8 @@ def misses_noise(
 ) -> bool:
     """Whether a larger chi-square than that of `residual` has less than this probability by its law.
 
-    `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where it has an order that noise has not.
+    `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where it has an
+    order that noise has not.
     """
     data, (_, share) = residual[: problem.n_data], row_law(problem.averages)
     chi_square, of_known = float(data @ data) + more, freedom / share

@@ -164,8 +164,8 @@ class Spread:
     disagreement : Agreement or None
         The test by which quantities that several records repeat ask for different parameters, where they do.
     fixed : FixedValueInfluence or None
-        What the answer owes to the values that its model holds, whose tolerances `uncertainty` and `std` carry; None where these are
-        taken as exact.
+        What the answer owes to the values that its model holds, whose tolerances `uncertainty` and `std` carry; None where these
+        are taken as exact.
     """
 
     noise: Covariance

@@ -223,8 +223,8 @@ def compare_states(
     Notes
     -----
     Independent states: C = P + Q, the sum of the covariances, less what both owe to the same held values: with changes A and B
-    of the parameters for one tolerance of each, (A - B) (A - B)' stands for A A' + B B'. With carried parameters m and covariance P of the
-    baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
+    of the parameters for one tolerance of each, (A - B) (A - B)' stands for A A' + B B'. With carried parameters m and covariance
+    P of the baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
 
         k_before = k + G (m_later - m),   C = Q_kk + P_kk - G P_mk + G Q_mm G' - G Q_mk - Q_km G',
 

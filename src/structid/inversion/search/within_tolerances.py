@@ -26,8 +26,8 @@ class FixedValues:
     Parameters
     ----------
     problem : Problem
-        The problem with a factor on each of them among its unknowns, in names that begin with `FIXED`; their logarithms are the free
-        variables and have Gaussian priors of mean 0.
+        The problem with a factor on each of them among its unknowns, in names that begin with `FIXED`; their logarithms are the
+        free variables and have Gaussian priors of mean 0.
     tolerances : mapping of str to float
         Standard deviation of each of these priors.
     """

@@ -238,14 +238,6 @@ TOLERANCE = Kind(
     lambda value: not isinstance(value, Mapping) or (bool(value) and all(map(PART.accepts, value.values()))),
 )
 
-_PART: Schema = {"type": "number", "minimum": 0, "maximum": 1}
-PART = Kind("a number of at least 0 and at most 1, as in 0.01 for 1 %", _PART)
-TOLERANCE = Kind(
-    "a part from 0 to 1, as in 0.02 for 2 %, or a table of them, as in { mass = 0.02 }",
-    {"anyOf": [_PART, {"type": "object", "minProperties": 1, "additionalProperties": _PART}]},
-    lambda value: not isinstance(value, Mapping) or (bool(value) and all(map(PART.accepts, value.values()))),
-)
-
 _PLAIN: dict[object, Kind] = {
     float: NUMBER,
     int: INTEGER,
@@ -255,7 +247,6 @@ _PLAIN: dict[object, Kind] = {
     Values: PROPERTY,
     OptionalValues: PROPERTY,
     Nodes: NODES,
-    Tolerance: TOLERANCE,
     Tolerance: TOLERANCE,
     Vector: VECTOR,
     At: DOF,
