@@ -355,15 +355,32 @@ def repeat(rig: Rig, kind: str, tolerance: float, seed: int, options: sid.Identi
     told.misfits.append(estimate.misfit)
 
 
+def two_states(
+    rig: Rig, kind: str, tolerance: float, seed: int, options: sid.IdentifyOptions
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Whether the intervals of changes hold, whether each is declared, and which truly changed."""
+    rng = np.random.default_rng(seed)
+    values, wanted, gain = truth(rig, rng, tolerance)
+    later = values | {rig.changed: 0.95 * values[rig.changed]}
+    states = [
+        sid.identify_together([SETUPS[kind](rig, own, gain, rng, 0.01)], options).estimate for own in (values, later)
+    ]
+    compared = sid.compare_states(*states)
+    change = np.array([-0.05 * wanted[name] if name == rig.changed else 0.0 for name in compared.names])
+    inside = np.abs(compared.change - change) <= 1.96 * compared.std
+    return inside, compared.changed, change != 0
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tolerance", type=float, nargs="+", default=[0.005, 0.02])
+    parser.add_argument("--states", action="store_true")
     parser.add_argument("--only", nargs="+", default=None, help="such as chain/frf")
     chosen = parser.parse_args()
     print("structure                record tolerance  hold %  noise %  sound approx  wrong misfit")
-    whole = {t: Told() for t in chosen.tolerance}
+    whole, whole_states = {t: Told() for t in chosen.tolerance}, {t: [] for t in chosen.tolerance}
     for name, made in RIGS.items():
         rig = made()
         for kind in SETUPS:
@@ -371,14 +388,39 @@ def main() -> None:
                 continue
             for tolerance in chosen.tolerance:
                 options = sid.IdentifyOptions(tolerances=Tolerances(tolerance, tolerance, DAMPING, tolerance))
+                if chosen.states:
+                    pairs = [
+                        two_states(rig, kind, tolerance, seed, options)
+                        for seed in range(chosen.seed, chosen.seed + chosen.repeats)
+                    ]
+                    inside, declared, changed = (np.array(own) for own in zip(*pairs, strict=True))
+                    false = (declared & ~changed).any(axis=1)
+                    whole_states[tolerance].append((inside, false, declared[changed]))
+                    states_row(rig.name, kind, tolerance, inside, false, declared[changed])
+                    continue
                 told, begun = Told(), time.process_time()
                 for seed in range(chosen.seed, chosen.seed + chosen.repeats):
                     repeat(rig, kind, tolerance, seed, options, told)
                 row(rig.name, kind, tolerance, told, (time.process_time() - begun) / chosen.repeats)
                 for key in vars(told):
                     getattr(whole[tolerance], key).extend(getattr(told, key))
-    for tolerance, told in whole.items():
+    for tolerance, rows in whole_states.items():
+        if rows:
+            inside, false, found = (
+                np.concatenate([own.ravel() for own in several]) for several in zip(*rows, strict=True)
+            )
+            states_row("all", "", tolerance, inside, false, found)
+    for tolerance, told in whole.items() if not chosen.states else ():
         row("all", "", tolerance, told, float("nan"))
+
+
+def states_row(
+    name: str, kind: str, tolerance: float, inside: np.ndarray, false: np.ndarray, found: np.ndarray
+) -> None:
+    print(
+        f"{name:24} {kind:6} {tolerance:9.3f} changes inside {100 * inside.mean():5.1f} %, a false declaration in"
+        f" {100 * false.mean():4.1f} % of {false.size}, the true change declared in {100 * found.mean():5.1f} %", flush=True,
+    )  # fmt: skip
 
 
 def row(name: str, kind: str, tolerance: float, told: Told, seconds: float) -> None:

@@ -126,7 +126,7 @@ def _fitted(parts: tuple[tuple[Problem, FixedValues | None], ...], item: tuple[i
         found = estimate(part, _METHOD, search=Search(restarts=0, start=start), fixed=held)
     except (StructidError, np.linalg.LinAlgError):
         return {}
-    changes = np.zeros((len(start), 0)) if found.fixed is None else found.fixed.changes
+    changes = np.zeros((len(start), 1)) if found.fixed is None else found.fixed.changes
     return {"values": found.values, "std": found.of_data.std, "changes": changes}
 
 

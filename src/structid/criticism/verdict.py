@@ -208,7 +208,8 @@ def noise_ratio(found: Identification) -> float | None:
 
 def fits_noise(found: Identification) -> bool:
     """Whether the residual is what the noise leaves: its size, as a whole and in its parts, and no order in it."""
-    if found.missed:
+    fixed = found.estimate.fixed
+    if found.missed or (fixed is not None and fixed.beyond):
         return False
     tests = found.estimate.residual_tests
     if tests is None:
@@ -473,8 +474,8 @@ def _untested(found: Identification) -> Judgement:
     """The verdict where as many values are sought as were measured: whatever the model, it fits."""
     estimate = found.estimate
     words = (
-        f"Untested: {counted(estimate.n_data, 'value')} cannot test a model with {counted(len(estimate.names), 'parameter')}: a"
-        " wrong one fits as well. Measure more, or tie or fix parameters."
+        f"Untested: the data have no more values than the model has parameters ({len(estimate.names)}): a wrong one fits as well."
+        " Measure more, or tie or fix parameters."
     )
     return Judgement("untested", words, (estimate.message,))
 
@@ -514,6 +515,13 @@ def _misfit_words(found: Identification) -> str:
     if found.missed and (found.missed[0].is_far or noise_ratio(found) == 1.0):
         return found.missed[0].words
     size = float(np.sqrt(found.estimate.least_per_dof))
+    fixed = found.estimate.fixed
+    if fixed is not None and fixed.beyond and size < _SHOWS:
+        i = fixed.beyond[0]
+        return (
+            f"the record would have {fixed.names[i]}, which the model holds, {100 * np.expm1(fixed.asked[i] * fixed.tolerance[i]):+.2g} %"
+            f" off, {abs(fixed.asked[i]):.2g} times its tolerance"
+        )
     noises = {problem.facts.noise for problem in found.problems}
     noise = noises.pop() if len(noises) == 1 else "the noise of the records"
     if _is_below_noise(found):

@@ -201,5 +201,5 @@ def total_mass(
         names = freed.parameters.names
         held = dict(zip(names, gradient @ freed.parameters.design, strict=True))
         own = np.array([held.get(FIXED + name, 0.0) for name in found.fixed.names]) * found.fixed.tolerance
-        variance += float(own @ own + 2 * own @ (row @ np.nan_to_num(found.fixed.changes))[0])
+        variance += float(own @ own + 2 * own @ (row @ np.nan_to_num(found.fixed.slope * found.fixed.tolerance))[0])
     return mass, float(np.sqrt(max(variance, 0.0)))

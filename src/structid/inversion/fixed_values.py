@@ -40,6 +40,9 @@ class FixedValueInfluence:
         Where each would be, in tolerances, with all of them free within their tolerances; zeros where noise explains the residual.
     theta : (n_params,) float array
         Free variables of the parameters there; those of the answer where noise explains the residual.
+    second_order : (n_params,) float array
+        What `slope` leaves of the way between the two fits, physical units: large where held values move resonances by as much as
+        these are wide.
 
     References
     ----------
@@ -53,16 +56,29 @@ class FixedValueInfluence:
     slope: FloatArray
     asked: FloatArray
     theta: FloatArray
+    second_order: FloatArray
 
     @property
     def changes(self) -> FloatArray:
-        """Change of each parameter for one tolerance of each held value, physical units, (n_params, n_fixed)."""
-        return self.slope * self.tolerance
+        """Change of each parameter for one tolerance of each held value, and to second order, physical units, (n_params, n_fixed + 1)."""
+        return np.column_stack([self.slope * self.tolerance, self.second_order])
+
+    @property
+    def change_names(self) -> tuple[str, ...]:
+        """What each column of `changes` is owed to."""
+        return (*self.names, "second order")
 
     @property
     def covariance(self) -> FloatArray:
         """K S K' of the parameters, physical units, (n_params, n_params)."""
         return self.changes @ self.changes.T
+
+    @property
+    def beyond(self) -> tuple[int, ...]:
+        """Positions of the held values that the data would have farther off than tolerances leave by chance, the farthest first."""
+        limit = limit_of(len(self.asked))
+        order = np.argsort(-np.abs(self.asked))
+        return tuple(int(i) for i in order if abs(self.asked[i]) > limit)
 
     @property
     def words(self) -> str:
@@ -75,6 +91,11 @@ class FixedValueInfluence:
         said = [f"{size} of held {' and '.join(what)}" for size, what in held.items()]
         gains = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind == "gain"})
         return ", ".join([*said, *([f"{_size(gains)} of the calibration"] if gains else [])])
+
+
+def limit_of(count: int, probability: float = 1e-3) -> float:
+    """Tolerances beyond which any of `count` held values is off with no more than this probability (Bonferroni)."""
+    return float(special.ndtri(1 - probability / (2 * max(count, 1))))
 
 
 def _size(parts: list[float]) -> str:
@@ -112,8 +133,7 @@ class FitWithinTolerances:
 
     def misfits(self, probability: float) -> bool:
         """Whether noise and tolerances leave a misfit as large, or a held value as far off, with less than this probability."""
-        limit = float(special.ndtri(1 - probability / (2 * len(self.asked))))
-        if np.abs(self.asked).max() > limit:
+        if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True
         scale, freedom = chi_square_law(self.problem, self.theta, self.at)
         more = float(self.asked @ self.asked)
@@ -156,7 +176,11 @@ class FixedColumns:
         seen = np.isfinite(np.diag(bread))
         changes = np.full((len(slope), len(self.names)), np.nan)
         score = at.jacobian[: len(self.columns), seen].T @ self.columns
-        changes[seen] = -bread[np.ix_(seen, seen)] @ score * slope[seen, None]
-        within = self.within
-        asked, free = (np.zeros(len(self.names)), theta) if within is None else (within.asked, within.parameters)
-        return FixedValueInfluence(self.names, self.kinds, self.tolerance, changes, asked, free)
+        changes[seen] = -bread[np.ix_(seen, seen)] @ score
+        asked, free = np.zeros(len(self.names)), theta
+        if self.within is not None:
+            asked, free = self.within.asked, self.within.parameters
+        second_order = (theta - free + changes @ (asked * self.tolerance)) * slope
+        return FixedValueInfluence(
+            self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, second_order
+        )

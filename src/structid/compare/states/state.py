@@ -31,7 +31,7 @@ from structid.unknowns import Parameters, joint_prior
 class StoredChanges:
     """What a results folder tells of the values that the model holds; the attributes are those of `FixedValueInfluence`."""
 
-    names: tuple[str, ...]
+    change_names: tuple[str, ...]
     changes: FloatArray
 
 

@@ -48,11 +48,11 @@ class FixedChanges(Protocol):
     """Changes of parameters for one tolerance of each held value."""
 
     @property
-    def names(self) -> tuple[str, ...]: ...
+    def change_names(self) -> tuple[str, ...]: ...
 
     @property
     def changes(self) -> FloatArray:
-        """Physical units, (n_params, n_fixed)."""
+        """Physical units, (n_params, n_changes)."""
         ...
 
 
@@ -350,8 +350,8 @@ def _held_alike(baseline: Identified, later: Identified, first: np.ndarray, seco
     one, other = baseline.fixed, later.fixed
     if one is None or other is None:
         return np.zeros((len(first), len(second)))
-    shared = [name for name in one.names if name in other.names]
-    mine, theirs = ([own.names.index(name) for name in shared] for own in (one, other))
+    shared = [name for name in one.change_names if name in other.change_names]
+    mine, theirs = ([own.change_names.index(name) for name in shared] for own in (one, other))
     return one.changes[np.ix_(first, mine)] @ other.changes[np.ix_(second, theirs)].T
 
 
