@@ -244,7 +244,7 @@ def test_a_tolerance_of_an_unknown_is_refused():
     parts = [replace(one, tolerance=0.02) if one.name == "k1" else one for one in chain().elements]
     structure = replace(chain(), elements=tuple(parts))
     with pytest.raises(
-        sid.InputError, match="`tolerance` of 'k1' is of stiffness, which is an unknown; .* the `prior`"
+        sid.InputError, match=r"`tolerance` of 'k1' is of stiffness, which is an unknown; .* the `prior`"
     ):
         sid.parameters(structure, SOUGHT)
 

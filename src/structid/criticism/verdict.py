@@ -518,9 +518,10 @@ def _misfit_words(found: Identification) -> str:
     fixed = found.estimate.fixed
     if fixed is not None and fixed.beyond and size < _SHOWS:
         i = fixed.beyond[0]
+        change = 100 * np.expm1(fixed.asked[i] * fixed.tolerance[i])
         return (
-            f"the record would have {fixed.names[i]}, which the model holds, {100 * np.expm1(fixed.asked[i] * fixed.tolerance[i]):+.2g} %"
-            f" off, {abs(fixed.asked[i]):.2g} times its tolerance"
+            f"the record would have {fixed.names[i]}, which the model holds, {change:+.2g} % off, {abs(fixed.asked[i]):.2g} times"
+            " its tolerance"
         )
     noises = {problem.facts.noise for problem in found.problems}
     noise = noises.pop() if len(noises) == 1 else "the noise of the records"

@@ -60,7 +60,7 @@ class FixedValueInfluence:
 
     @property
     def changes(self) -> FloatArray:
-        """Change of each parameter for one tolerance of each held value, and to second order, physical units, (n_params, n_fixed + 1)."""
+        """Change of each parameter for one tolerance of each held value, then `second_order`: physical, (n_params, n_fixed + 1)."""
         return np.column_stack([self.slope * self.tolerance, self.second_order])
 
     @property
@@ -177,9 +177,9 @@ class FixedColumns:
         changes = np.full((len(slope), len(self.names)), np.nan)
         score = at.jacobian[: len(self.columns), seen].T @ self.columns
         changes[seen] = -bread[np.ix_(seen, seen)] @ score
-        asked, free = np.zeros(len(self.names)), theta
-        if self.within is not None:
-            asked, free = self.within.asked, self.within.parameters
+        within = self.within
+        asked = np.zeros(len(self.names)) if within is None else within.asked
+        free = theta if within is None else within.parameters
         second_order = (theta - free + changes @ (asked * self.tolerance)) * slope
         return FixedValueInfluence(
             self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, second_order

@@ -203,6 +203,11 @@ class Spread:
         return self.uncertainty.matrix
 
     @property
+    def covariance_of_data(self) -> FloatArray:
+        """Matrix of `of_data`."""
+        return self.of_data.matrix
+
+    @property
     def covariance_noise(self) -> FloatArray:
         return self.noise.matrix
 

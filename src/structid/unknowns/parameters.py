@@ -146,8 +146,8 @@ def _require_tolerances_of_held(structure: Structure, design: sparse.csc_array) 
             wrong = sought
         if wrong:
             raise InputError(
-                f"`tolerance` of {element.name!r} is of {wrong[0]}, which is an unknown; state what is known of it as the `prior` of"
-                " the unknown, or leave the tolerance out"
+                f"`tolerance` of {element.name!r} is of {wrong[0]}, which is an unknown; state what is known of it as the `prior`"
+                " of the unknown, or leave the tolerance out"
             )
 
 

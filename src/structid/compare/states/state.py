@@ -45,6 +45,7 @@ class StoredEstimate:
     values: FloatArray
     covariance: FloatArray
     status: Status
+    covariance_of_data: FloatArray
     fixed: StoredChanges | None = None
 
 
@@ -171,14 +172,14 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     n = len(values)
     if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
         raise ValueError("parameters of different numbers")
-    fixed = None
+    fixed, of_data = None, locked(covariance)
     if has_held:
         changes = np.asarray(found[held[1]], dtype=float)
         if changes.shape[:1] != (n,):
             raise ValueError("changes by held values of other numbers")
         fixed, covariance = StoredChanges(texts_of(found[held[0]]), locked(changes)), covariance + changes @ changes.T
     estimate = StoredEstimate(
-        texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status, fixed
+        texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status, of_data, fixed
     )
     return estimate, channels
 
@@ -251,7 +252,7 @@ def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -
             later.names,
             tuple(unchanged),
             baseline.values[rows],
-            baseline.covariance[np.ix_(rows, rows)],
+            baseline.covariance_of_data[np.ix_(rows, rows)],
             logarithmic=bool((baseline.values[rows] > 0).all()),
         )
     )

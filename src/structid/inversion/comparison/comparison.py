@@ -36,6 +36,11 @@ class Identified(Protocol):
     def covariance(self) -> FloatArray: ...
 
     @property
+    def covariance_of_data(self) -> FloatArray:
+        """What of `covariance` held values have no part in."""
+        ...
+
+    @property
     def status(self) -> Status: ...
 
     @property
@@ -222,9 +227,9 @@ def compare_states(
 
     Notes
     -----
-    Independent states: C = P + Q, the sum of the covariances, less what both owe to the same held values: with changes A and B
-    of the parameters for one tolerance of each, (A - B) (A - B)' stands for A A' + B B'. With carried parameters m and covariance
-    P of the baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
+    Independent states: C = P + Q, the sum of the covariances from the data, and (A - B) (A - B)' with the changes A and B of the
+    parameters for one tolerance of each held value: what both states owe to the same held values is no change. With carried
+    parameters m and covariance P of the baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
 
         k_before = k + G (m_later - m),   C = Q_kk + P_kk - G P_mk + G Q_mm G' - G Q_mk - Q_km G',
 
@@ -244,20 +249,19 @@ def compare_states(
     first, second = _places(baseline, names), _places(later, names)
     _require_units(names, [baseline.units[i] for i in first], [later.units[j] for j in second])
     before, p, q, cross = _carried(baseline, later, first, second, carried)
-    if not carried:
-        cross = _held_alike(baseline, later, first, second)
+    of_held = _by_held_values(baseline, later, first, second, carried)
     return Comparison(
         names=names,
         kinds=tuple(baseline.kinds[i] for i in first),
         units=tuple(baseline.units[i] for i in first),
         before=locked(before),
         after=locked(later.values[second]),
-        covariance_before=locked(p),
-        covariance_after=locked(q),
+        covariance_before=locked(p + of_held[0] @ of_held[0].T),
+        covariance_after=locked(q + of_held[1] @ of_held[1].T),
         carried=carried,
         only_before=tuple(n for n in baseline.names if n not in later.names and OF_RECORD not in n),
         only_after=tuple(n for n in later.names if n not in baseline.names and OF_RECORD not in n),
-        covariance=locked(p + q - cross - cross.T),
+        covariance=locked(p + q - cross - cross.T + (of_held[0] - of_held[1]) @ (of_held[0] - of_held[1]).T),
         level=level,
         power=power,
         correction=correction,
@@ -345,14 +349,33 @@ def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
     return np.array([estimate.names.index(name) for name in names], dtype=int)
 
 
-def _held_alike(baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray) -> FloatArray:
-    """Covariance between both states' parameters from the values that their models hold alike, (n, n)."""
-    one, other = baseline.fixed, later.fixed
-    if one is None or other is None:
-        return np.zeros((len(first), len(second)))
-    shared = [name for name in one.change_names if name in other.change_names]
-    mine, theirs = ([own.change_names.index(name) for name in shared] for own in (one, other))
-    return one.changes[np.ix_(first, mine)] @ other.changes[np.ix_(second, theirs)].T
+def _by_held_values(
+    baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Changes of the parameters in both states for one tolerance of each held value of either, (n, n_changes) each.
+
+    The prior of carried parameters moves with the baseline, and with them the later state; what that says of them moves the baseline.
+    """
+    names = tuple(dict.fromkeys(name for one in (baseline, later) if one.fixed for name in one.fixed.change_names))
+    before, after = _aligned(baseline, names), _aligned(later, names)
+    if not carried or not names:
+        return before[first], after[second]
+    at, to = _places(baseline, carried), _places(later, carried)
+    p, q = baseline.covariance_of_data, later.covariance_of_data
+    known = p[np.ix_(at, at)]
+    if not (np.isfinite(known).all() and np.isfinite(q[:, to]).all()):
+        return before[first], after[second]
+    after = after + q[:, to] @ np.linalg.solve(known, before[at])
+    moved = np.linalg.solve(known, after[to] - before[at])
+    return before[first] + p[np.ix_(first, at)] @ moved, after[second]
+
+
+def _aligned(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
+    """The changes of all parameters by `names`, 0 by those that the estimate does not owe anything to."""
+    changes = np.zeros((len(estimate.names), len(names)))
+    if estimate.fixed is not None:
+        changes[:, [names.index(name) for name in estimate.fixed.change_names]] = estimate.fixed.changes
+    return changes
 
 
 def _carried(
@@ -362,7 +385,7 @@ def _carried(
 
     The tie is linear in the logarithms of what is positive in both states, in the values of the rest.
     """
-    p, q = baseline.covariance, later.covariance
+    p, q = baseline.covariance_of_data, later.covariance_of_data
     values, other = baseline.values[first], q[np.ix_(second, second)]
     if not carried:
         own = p[np.ix_(first, first)]
