@@ -274,3 +274,14 @@ def test_what_priors_know_is_told_from_what_the_data_say():
     assert found.prior_share[2] > 0.5 > found.prior_share[:2].max()
     assert judgement.verdict == "approximate"
     assert "priors, not the data, determine stiffness[k4]:" in judgement.words
+
+
+def test_profiles_have_the_tolerances_added():
+    structure, record = chain(), measured((MASS, SPRING, DASHPOT), 1.0, np.random.default_rng(3), n_lines=40)
+    unknown = sid.parameters(structure, SOUGHT[:2])
+    profiled, exact, laplace = (
+        sid.identify(structure, unknown, record, sid.IdentifyOptions(intervals=kind, tolerances=tolerances))
+        for kind, tolerances in (("profile", TOLERANCES), ("profile", EXACT), ("laplace", TOLERANCES))
+    )
+    assert profiled.intervals.ends == pytest.approx(laplace.intervals.ends, rel=1e-3)
+    assert np.ptp(profiled.intervals.ends, axis=1).min() > 5 * np.ptp(exact.intervals.ends, axis=1).max()
