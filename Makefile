@@ -1,8 +1,10 @@
 # make demo   identify the measured frame and write its report
-# make test   run all tests
+# make test   run the quick tests (minutes)
+# make test-all  run all tests, the long ones too (what .ci/run runs)
 # make docs   build the documentation site
-# make fuzz   damage files of every kind and keys of studies, and print what came of reading them (COUNT=20000 SEED=5 for more)
+# make fuzz   damage files of every kind and keys of studies, vary headers of records, and print what came of reading them (COUNT=20000 SEED=5 for more)
 # make golden run every example with the code of BASE and of this tree: numbers must be equal, changed words are listed (BASE=HEAD~1)
+# make mutants make some 140 wrong edits of central formulas, one at a time in a copy: a quick test must fail for each (NAMES="fem mac")
 # make killed end runs at 100 random moments and run them again to the same digits
 # make dist-check   build wheel and sdist, install each without extras outside the tree, run an example (needs PyPI)
 # make test-lowest  run all tests on Python 3.11 with the lowest versions that pyproject.toml names (needs uv and 3.11)
@@ -15,17 +17,22 @@ STAMP := $(VENV)/.installed
 COUNT ?= 2000
 SEED ?= 1
 BASE ?= HEAD
+NAMES ?=
 
 # byte code is kept even where the environment says otherwise: the tests start the command hundreds of times
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test lint types imports check docs fuzz golden killed dist-check test-lowest test-newest clean
+.PHONY: demo test test-all lint types imports check docs fuzz golden killed mutants dist-check test-lowest test-newest clean
 
 demo: $(STAMP)
 	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame --workers 2
 
 test: $(STAMP)
-	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2 --dist worksteal
+
+# the quick and the long tests in one run: nothing runs twice
+test-all: $(STAMP)
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -49,9 +56,15 @@ docs: $(STAMP)
 fuzz: $(STAMP)
 	$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
 	$(BIN)/python -m fuzz.keys --count $(COUNT) --seed $(SEED)
+	$(BIN)/python -m fuzz.headers --count $(COUNT) --seed $(SEED)
+	$(BIN)/python -m fuzz.true_modes
 
 golden: $(STAMP)
 	$(BIN)/python -m golden $(BASE) --reproduction
+
+# each in a copy of the package, two at a time; NAMES are mutants or packages
+mutants: $(STAMP)
+	$(BIN)/python -m mutants $(NAMES)
 
 killed: $(STAMP)
 	$(BIN)/python -m fuzz.killed --count 100 --seed $(SEED)
@@ -66,12 +79,12 @@ dist-check: $(STAMP)
 test-lowest:
 	uv venv --quiet --clear --python 3.11 .venv-lowest
 	uv pip install --quiet --python .venv-lowest/bin/python --resolution lowest-direct --editable ".[dev]"
-	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-lowest/bin/python -m pytest -n 2
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-lowest/bin/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 test-newest:
 	uv venv --quiet --clear --python 3.13 .venv-newest
 	uv pip install --quiet --python .venv-newest/bin/python --editable ".[dev]"
-	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-newest/bin/python -m pytest -n 2
+	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg .venv-newest/bin/python -m pytest -n 2 --dist worksteal -m "not slow"
 
 $(STAMP): pyproject.toml
 	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'structid needs Python 3.11 or newer, this is ' + sys.version)"

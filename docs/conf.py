@@ -14,7 +14,7 @@ import structid
 from structid.cli.app import COMMANDS, app
 from structid.study.json_schema import study_schema
 
-sys.path.insert(0, str(Path(__file__).parent))  # pictures.py, which saves those of the gallery
+sys.path.insert(0, str(Path(__file__).parent))  # pictures.py and truths.py, for the gallery
 
 #: Parts of the gallery, in their order.
 GALLERY = ("commands", "records", "elements", "trust", "benchmarks")
@@ -48,8 +48,9 @@ sphinx_gallery_conf = {
     "gallery_dirs": ["gallery"],
     "subsection_order": [f"../examples/gallery/{part}" for part in GALLERY],
     "filename_pattern": r"\.py$",
-    "image_scrapers": ["pictures.pictures"],
-    "reset_modules": (),
+    "image_scrapers": ["pictures.pictures", "truths.keep_names"],
+    "reset_modules": ("truths.check_truths",),
+    "reset_modules_order": "both",
     "capture_repr": ("_repr_html_",),
     "matplotlib_animations": False,
     "notebook_extensions": (),

@@ -13,13 +13,17 @@ import tempfile
 import threading
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import psutil
 
 from fuzz.seeds import Seed, make_seeds
 
 ROOT = Path(__file__).parent.parent
-SECONDS = 20.0
+#: Processor time after which a file hangs, and how many times as long one that only waits.
+SECONDS, PATIENCE = 20.0, 15
 OUTCOMES = ("read", "refused", "other", "crash", "hang")
 
 
@@ -38,14 +42,9 @@ class Reader:
         assert self.process is not None
         assert self.process.stdin is not None
         self.served += 1
-        late = threading.Event()
-
-        def kill() -> None:
-            late.set()
-            self._kill()
-
-        timer = threading.Timer(SECONDS, kill)
-        timer.start()
+        late, answered = threading.Event(), threading.Event()
+        watch = threading.Thread(target=self._end_where_stuck, args=(self.process, answered, late), daemon=True)
+        watch.start()
         try:
             self.process.stdin.write(json.dumps({"target": target, "path": str(path)}) + "\n")
             self.process.stdin.flush()
@@ -53,7 +52,8 @@ class Reader:
         except BrokenPipeError:
             line = ""
         finally:
-            timer.cancel()
+            answered.set()
+            watch.join()
         if line:
             outcome, words = json.loads(line)
             return outcome, words
@@ -73,6 +73,19 @@ class Reader:
             raise SystemExit("the reading process does not start; run `python -m fuzz.worker` to see why")
         self.served = 0
 
+    @staticmethod
+    def _end_where_stuck(process: subprocess.Popen[str], answered: threading.Event, late: threading.Event) -> None:
+        """End a process that has computed for SECONDS, or waited much longer on a busy machine, and gives no answer."""
+        with suppress(psutil.NoSuchProcess):
+            begun = _processor_seconds(process)
+            for _ in range(PATIENCE):
+                if answered.wait(SECONDS):
+                    return
+                if _processor_seconds(process) - begun > 0.9 * SECONDS:
+                    break
+            late.set()
+            process.kill()
+
     def _kill(self) -> None:
         if self.process is not None:
             self.process.kill()
@@ -83,6 +96,12 @@ class Reader:
             self._kill()
             self.process.communicate()
             self.process = None
+
+
+def _processor_seconds(process: subprocess.Popen[str]) -> float:
+    """Processor time that a process has taken so far."""
+    times = psutil.Process(process.pid).cpu_times()
+    return times.user + times.system
 
 
 @dataclass

@@ -188,6 +188,14 @@ def _write_miniseed(path: Path) -> None:
     obspy.Stream(traces).write(str(path), format="MSEED", reclen=512)
 
 
+def _write_lvm(path: Path) -> None:
+    head = "LabVIEW Measurement\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tNo\n***End_of_Header***\n"
+    own = "Channels\t3\nSamples\t24\t24\t24\nY_Unit_Label\tg\tg\tg\n"
+    own += "X_Dimension\tTime\tTime\tTime\nX0\t0\t0\t0\nDelta_X\t0.1\t0.1\t0.1\n"
+    rows = ["\t".join(["", *map(str, row)]) for row in _random(24, 3).tolist()]
+    path.write_text(f"{head}{own}***End_of_Header***\nX_Value\tA 0\tA 1\tA 2\tComment\n" + "\n".join(rows) + "\n")
+
+
 def _write_wav(path: Path) -> None:
     scipy.io.wavfile.write(path, 10, _random(24, 3))
 
@@ -196,12 +204,13 @@ def _write_parquet(path: Path) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    columns = {"time": np.arange(24) / 10, **{f"A {j}": x.copy() for j, x in enumerate(_random(3, 24))}}
+    columns = {"time [s]": np.arange(24) / 10, **{f"A {j}": x.copy() for j, x in enumerate(_random(3, 24))}}
     parquet.write_table(pyarrow.table(columns), str(path))
 
 
 _WRITERS: dict[str, Callable[[Path], None]] = {
-    "tdms": _write_tdms, "mdf": _write_mdf, "miniseed": _write_miniseed, "wav": _write_wav, "parquet": _write_parquet,
+    "tdms": _write_tdms, "mdf": _write_mdf, "miniseed": _write_miniseed, "lvm": _write_lvm, "wav": _write_wav,
+    "parquet": _write_parquet,
 }  # fmt: skip
 
 

@@ -1,6 +1,19 @@
-"""Hypothesis for all tests: the same examples every time, and no verdict on how long a busy machine takes to draw them."""
+"""Nothing here depends on how fast the machine is: Hypothesis has no deadline, and commands print no progress once a minute."""
 
+import math
+
+import pytest
 from hypothesis import HealthCheck, settings
+
+from structid.cli import progress
 
 settings.register_profile("structid", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("structid")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_progress_lines():
+    """No command that is called in this process adds a line of progress to its errors, however long it takes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(progress, "_LINE_SECONDS", math.inf)
+        yield

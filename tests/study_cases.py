@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -126,6 +127,11 @@ def replaced(old: str, new: str, text: str = CHAIN) -> str:
     """`text` with one passage changed; the passage must be there."""
     assert old in text
     return text.replace(old, new, 1)
+
+
+def complaints(stderr: str) -> list[str]:
+    """Lines that a command in a process of its own wrote, without those of progress, one a minute on a busy machine."""
+    return [line for line in stderr.splitlines() if not re.search(r"sum of squares \S+, iteration|: \d+ of \d+", line)]
 
 
 def line_of(passage: str, text: str) -> int:

@@ -32,6 +32,7 @@ def test_help_lists_the_names_under_the_nouns_of_the_page():
     assert dict(line.split(": ") for line in told) == {noun: ", ".join(names) for noun, names in page.items()}
 
 
+@pytest.mark.long
 def test_first_structure_goes_as_the_page_says(tmp_path):
     for name in ("study.toml", "record.csv"):
         shutil.copy(ROOT / "examples" / "first_structure" / name, tmp_path)
@@ -47,6 +48,7 @@ def test_first_structure_goes_as_the_page_says(tmp_path):
     assert [one["value"] for one in values] == pytest.approx([28.0, 0.12, 0.012], rel=3e-3)
 
 
+@pytest.mark.long
 def test_every_step_of_the_first_bridge_goes_as_the_page_says(tmp_path, monkeypatch):
     """Causes are left out here: they take a minute and find none."""
     folder, page = (

@@ -56,6 +56,7 @@ def test_the_motion_of_a_frame_gives_every_floor(tmp_path):
     assert np.asarray(record.values)[:, 12:18] == pytest.approx(parts[0], rel=1e-5, abs=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed (apt-get install calculix-ccx)")
 @pytest.mark.parametrize("study", ["study", "by_differences"])
 def test_the_plate_in_calculix_gives_both_moduli(tmp_path, study):
@@ -74,6 +75,7 @@ def test_the_plate_in_calculix_gives_both_moduli(tmp_path, study):
     assert found["solver"]["largest_difference"] < 1e-6
 
 
+@pytest.mark.long
 def test_the_measured_frame_is_approximate():
     """What `make demo` says of it: one value of some sixteen differs between parts of the data, and is named."""
     ready = started(load_study(EXAMPLES / "three_storey_frame" / "study.toml"))

@@ -1,4 +1,4 @@
-"""About a minute of `make fuzz`, always the same mutants: files of every kind and keys of studies are read or refused in words."""
+"""Some of `make fuzz`, always the same mutants: files of every kind and keys of studies are read or refused in words."""
 
 import os
 import subprocess
@@ -13,8 +13,13 @@ ROOT = Path(__file__).parent.parent
 @pytest.mark.fuzz
 @pytest.mark.parametrize(
     ("module", "options", "mutants", "least_read"),
-    [("fuzz", ("--workers", "2"), 1200, 100), ("fuzz.keys", (), 300, 5)],
-    ids=["files", "keys of studies"],
+    [
+        ("fuzz", (), 300, 25),
+        ("fuzz.keys", (), 80, 2),
+        pytest.param("fuzz", ("--workers", "2"), 3000, 250, marks=pytest.mark.long),
+        pytest.param("fuzz.keys", (), 600, 10, marks=pytest.mark.long),
+    ],
+    ids=["files", "keys of studies", "many files", "many keys of studies"],
 )
 def test_what_is_wrong_is_read_or_refused(module, options, mutants, least_read):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}

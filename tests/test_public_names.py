@@ -71,8 +71,8 @@ def test_the_help_needs_no_command():
     assert "typer" in loaded
     assert {"numpy", "scipy", "rich.table"}.isdisjoint(loaded)
     assert {name for name in loaded if name.startswith("structid.")} == {
-        "structid._version", "structid.lazy", "structid.core.errors", "structid.cli", "structid.cli.app", "structid.cli.base",
-        "structid.cli.commands", "structid.cli.flags",
+        "structid._version", "structid.lazy", "structid.core", "structid.core.errors", "structid.cli", "structid.cli.app",
+        "structid.cli.base", "structid.cli.commands", "structid.cli.flags",
     }  # fmt: skip
 
 

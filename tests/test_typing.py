@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
@@ -12,6 +14,7 @@ def checked(path, cache):
     return subprocess.run([sys.executable, "-m", "mypy", *words], capture_output=True, text=True, cwd=ROOT, check=False)
 
 
+@pytest.mark.long
 def test_a_users_script_is_accepted_and_a_wrong_one_is_not(tmp_path):
     right = checked(ROOT / "tests" / "typed_use.py", tmp_path / "cache")
     assert right.returncode == 0, right.stdout

@@ -25,6 +25,7 @@ from study_cases import (
     TRUE,
     bare,
     chain_record,
+    complaints,
     free_text,
     record_from_zero,
     replaced,
@@ -49,7 +50,7 @@ def invoke(*arguments: object):
 
 def command(*arguments: object, **options) -> subprocess.CompletedProcess:
     words = [sys.executable, "-m", "structid", *map(str, arguments)]
-    return subprocess.run(words, capture_output=True, text=True, env=ENVIRONMENT, timeout=120, check=False, **options)
+    return subprocess.run(words, capture_output=True, text=True, env=ENVIRONMENT, timeout=600, check=False, **options)
 
 
 @pytest.mark.parametrize("name", ["identify", "plan", "compare", "modes", "motion", "correlate"])
@@ -78,7 +79,7 @@ def test_identify_prints_a_summary_and_writes_the_folder(study, tmp_path):
 
 def test_identify_writes_the_report_last(study, tmp_path):
     done = command("identify", study, "--out", tmp_path / "deep" / "out", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, complaints(done.stderr)) == (0, [])
     assert done.stdout.splitlines()[-1] == str(tmp_path / "deep" / "out" / "report.html")
     names = {path.name for path in (tmp_path / "deep" / "out").iterdir()}
     assert {"estimate.json", "estimate.h5", "study.toml", "report.html"} <= names
@@ -196,7 +197,7 @@ def test_units_off_by_a_power_of_ten_are_the_first_warning(tmp_path):
 
 def test_a_wrong_sign_is_a_warning_of_the_results(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = invoke("identify", write_chain(tmp_path, record=chain_record(scale=-1.0)), "--no-report")
+    done = invoke("identify", write_chain(tmp_path, record=chain_record(scale=-1.0)), "--no-report", "--no-explain")
     assert "driving point 3X+ / 3X+" in done.stdout
     warnings = json.loads((tmp_path / "chain_results" / "estimate.json").read_text())["warnings"]
     assert any("driving point" in warning for warning in warnings)
@@ -238,7 +239,7 @@ def test_an_error_of_the_system_is_one_line(study, monkeypatch):
 def test_an_interruption_exits_130_and_leaves_nothing(study, tmp_path):
     code = (
         "import sys, time, structid.study.run.run as run, structid.cli.app as cli\n"
-        "def waiting(*a):\n    print('started', flush=True)\n    time.sleep(30)\n"
+        "def waiting(*a):\n    print('started', flush=True)\n    time.sleep(600)\n"
         "run.identify_together = waiting\n"
         f"sys.argv = ['structid', 'identify', {str(study)!r}]\n"
         "cli.main()\n"
@@ -255,7 +256,7 @@ def test_an_interruption_exits_130_and_leaves_nothing(study, tmp_path):
     assert process.stdout is not None
     assert process.stdout.readline() == "started\n"
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=600)
     assert process.returncode == 130
     assert "interrupted" in errors
     assert "Traceback" not in errors

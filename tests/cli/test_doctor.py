@@ -60,8 +60,9 @@ def test_doctor_tells_the_sizes_of_a_study(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["chain.toml", "frf.npz"]
 
 
-def test_an_iteration_takes_what_was_predicted_to_its_order(tmp_path):
-    """4096 of 20000 lines are measured; other work on the machine is why the factor of ten is no smaller."""
+def test_an_iteration_takes_what_was_predicted_to_its_order(tmp_path, monkeypatch):
+    """4096 of 20000 lines are measured, by processor time here, which other work on the machine does not add to."""
+    monkeypatch.setattr(time, "perf_counter", time.process_time)
     study = load_study(write_chain(tmp_path, record=long_record(20_000)))
     problems = study_problems(study)
     predicted = measured_needs(study, problems)
@@ -69,9 +70,9 @@ def test_an_iteration_takes_what_was_predicted_to_its_order(tmp_path):
     problems[0].linearize(theta)
     taken = []
     for _ in range(5):
-        begun = time.perf_counter()
+        begun = time.process_time()
         problems[0].linearize(theta)
-        taken.append(time.perf_counter() - begun)
+        taken.append(time.process_time() - begun)
     assert 0.1 < predicted.iteration_seconds / min(taken) < 10
     assert predicted.search_seconds == needs_module.USUAL_ITERATIONS * predicted.iteration_seconds
     assert predicted.search_and_intervals(4) < predicted.search_and_intervals(1) or predicted.starts == 1

@@ -86,6 +86,7 @@ def chain(inertia, stiffness, swinging=0.0, frequency=0.0):
     return m, k[: len(m), : len(m)]
 
 
+@pytest.mark.long
 def test_what_swings_of_its_own_on_a_drive_train_is_named_first(tmp_path):
     """A damper of torsional vibration that the model lacks."""
     inertia, stiffness = [0.8, 0.12, 0.3, 0.4, 0.9], [6000.0, 9000.0, 9000.0, 7000.0]
@@ -128,6 +129,7 @@ def beam(stiffness, mass, length, n):
     return m, k
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turning", [3e3, 1e9])
 def test_a_pin_that_is_a_clamp_or_half_of_one_is_named_first(tmp_path, turning):
     """A girder over two spans whose first end is drawn free to turn; neighbours held instead explain much of it."""
@@ -230,6 +232,7 @@ MOUNTS = (
 )
 
 
+@pytest.mark.long
 def test_a_set_that_is_tied_to_others_and_differs_from_them_is_named_first(tmp_path):
     """Four storeys of one factor, each a set of its own; the third is a third softer than the drawings say."""
     stiffness, k = [9130.0, 8140.0, 7150.0 * 0.65, 6160.0], np.zeros((4, 4))

@@ -7,15 +7,20 @@ from functools import partial
 import numpy as np
 import pytest
 from frame_cases import FREQUENCY, STUDY, off, written, written_modes
+from test_each_cause import begun
 from test_explain import answered
 
-from structid.criticism.candidate import Candidate
+from structid.criticism.candidate import Candidate, bare
+from structid.criticism.pool import pool
 from structid.criticism.screen import Screened
 from structid.explanation.explain import _weighed
-from structid.explanation.kindred import _of_one_card, _off_otherwise
-from structid.explanation.refits import Fitted
+from structid.explanation.kindred import _misplaced, _of_one_card, _off_otherwise, _turned
+from structid.explanation.refits import Fitted, approached, refitted, restored
+from structid.explanation.screening import _feet
+from structid.explanation.suggestions import suggestion_text
 from structid.explanation.trial import base_trial
 from structid.explanation.words import cause_words
+from structid.inversion.search.work import PLAIN_TOOLS
 from structid.records import FrfRecord
 from structid.records.formats import read_record, write_record
 from structid.study.run.start import started, study_problems
@@ -91,6 +96,7 @@ def written_in_space(folder, truth, loads=((1.0, 0.0), (0.0, 1.0))):
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late", [["2X", "5Y"], ["2X", "3X", "5Y"]])
 def test_sensors_of_one_late_card_are_named_together(tmp_path, late):
     path = written(tmp_path, off())
@@ -108,6 +114,7 @@ def test_sensors_of_one_late_card_are_named_together(tmp_path, late):
     assert "+ [[record.channel_error]]" in first.lines
 
 
+@pytest.mark.long
 def test_a_foot_that_lets_go_of_all_rotations_is_named_whole(tmp_path):
     path = written_in_space(tmp_path, SPACE.replace('fixed = ["1", "5"]', 'fixed = ["1 X Y Z", "5"]'))
     result, _ = answered(path)
@@ -118,6 +125,35 @@ def test_a_foot_that_lets_go_of_all_rotations_is_named_whole(tmp_path):
     assert "the supports 1RX, 1RY, 1RZ give way together" in first.words
     assert '+ first = ["1RX", "1RY", "1RZ"]' in first.lines
     assert any(line.startswith("+ fixed") and '"1 X Y Z"' in line for line in first.lines)
+
+
+def test_a_foot_lets_go_of_all_rotations_at_once(tmp_path):
+    path = written_in_space(tmp_path, SPACE)
+    right = begun(path).trial
+    feet = _feet(pool(right.looked_at(right.seen, right.target.theta_start).records), 10.0)
+    assert [row.candidate.where for row in feet] == [("1RX", "1RY", "1RZ"), ("5RX", "5RY", "5RZ")]
+    pinned = bare(feet[0].candidate)
+    written_in_space(tmp_path, SPACE.replace('fixed = ["1", "5"]', 'fixed = ["1 X Y Z", "5"]'))
+    base = begun(path)
+    near = approached(base, (pinned, feet[0].strength, np.inf), PLAIN_TOOLS)
+    fitted = restored(base, pinned, refitted(base, (pinned, feet[0].strength, near["theta"]), PLAIN_TOOLS))
+    assert fitted.cost < 1.2 * base.trial.target.n_data < 0.01 * base.cost
+    assert cause_words(pinned, None) == "the supports 1RX, 1RY, 1RZ give way together"
+    _, lines = suggestion_text(base.trial.study, fitted.trial.changes)
+    assert '+ first = ["1RX", "1RY", "1RZ"]' in lines
+
+
+def test_sensors_that_are_better_left_out_may_be_elsewhere_or_turned_and_loads_elsewhere(tmp_path):
+    """At the nearest nodes that move along and have no channel of that direction yet."""
+    base = begun(written(tmp_path))
+    lost = [Screened(Candidate("channel", (place,), record=0), 1.0, 10.0) for place in ("2X", "4Y")]
+    misplaced = [(row.candidate.kind, row.candidate.where) for row in _misplaced(base, lost)]
+    assert sorted(misplaced) == [
+        ("load_place", ("4Y", "2Y")), ("load_place", ("4Y", "3Y")), ("load_place", ("4Y", "5Y")),
+        ("place", ("2X", "4X")), ("place", ("2X", "5X")), ("place", ("4Y", "2Y")), ("place", ("4Y", "3Y")),
+    ]  # fmt: skip
+    known = [Screened(Candidate("polarity", ("2X",), record=0), 1.0, 10.0)]
+    assert [(row.candidate.kind, row.candidate.where) for row in _turned(known, lost)] == [("polarity", ("4Y",))]
 
 
 def test_a_mass_off_its_node_is_looked_at_on_both_sides_and_nearer():
@@ -137,6 +173,7 @@ def test_only_delays_of_one_record_and_about_one_time_go_together():
     assert cause_words(found.candidate, None) == "sensors 1X, 3X are late by one time, as of one card"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "where"), [("place", ("2X", "3X")), ("load_place", ("4Y", "5Y"))])
 def test_a_sensor_or_a_load_at_another_node_is_named(tmp_path, kind, where):
     """The record says 2X for the sensor at 3X, or 4Y for the load at 5Y."""
@@ -159,6 +196,7 @@ def test_a_sensor_or_a_load_at_another_node_is_named(tmp_path, kind, where):
     assert "relabel" in " ".join(first.lines)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["place", "load_place"])
 def test_a_sensor_or_a_load_between_two_nodes_is_named_with_where_it_is(tmp_path, kind):
     """The record says 4Y for what is at a third of the way to node 3: the girder's cubic, by Hermite's polynomials from node 3."""
@@ -187,6 +225,7 @@ def test_a_sensor_or_a_load_between_two_nodes_is_named_with_where_it_is(tmp_path
     assert fits[0].trial.changes[0][1] == pytest.approx(1 / 3, abs=0.01)
 
 
+@pytest.mark.long
 def test_a_sensor_of_the_wrong_sense_in_modes_is_named_as_that(tmp_path):
     result, _ = answered(written_modes(tmp_path, {"4X": -1.0}))
     first = result.criticism.causes[0]
@@ -206,6 +245,7 @@ def test_a_material_that_is_wrong_in_all_sets_is_named_as_one(tmp_path):
     assert "are off by one factor" in first.words
 
 
+@pytest.mark.long
 def test_a_sensor_that_is_dead_is_not_said_to_be_off_by_a_factor(tmp_path):
     """It reads noise alone: a gain near 0 would leave it out as well."""
     path = written(tmp_path, off())
@@ -218,6 +258,7 @@ def test_a_sensor_that_is_dead_is_not_said_to_be_off_by_a_factor(tmp_path):
     assert "sensor_gain" not in {one.kind for one in result.criticism.causes}
 
 
+@pytest.mark.long
 def test_a_drive_that_is_turned_is_named_with_its_direction(tmp_path):
     """A shaker 12 degrees off its axis; no place and no calibration of it says the same."""
     angle = np.radians(12.0)

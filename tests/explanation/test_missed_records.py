@@ -76,6 +76,7 @@ def test_one_record_has_nothing_beside_it(tmp_path):
     assert missed_parts([""], found.problems[:1], found.estimate) == ()
 
 
+@pytest.mark.long
 def test_a_damper_is_named_first_though_modes_beside_the_frfs_say_nothing_of_damping(tmp_path):
     lost = '[[unknown]]\nproperty = "loss_factor"\nelements = ["left", "girder", "right"]\n\n# how'
     damper = '[[structure.dashpot]]\nname = "damper"\nfirst = "5X"\nviscous_damping = 40.0\n\n[[unknown]]'

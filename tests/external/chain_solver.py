@@ -113,7 +113,7 @@ def main() -> None:
     if asked.log is not None:
         with asked.log.open("a") as log:
             log.write(text.replace("\n", ";") + "\n")
-    time.sleep(60 if asked.hang else asked.sleep)
+    time.sleep(3600 if asked.hang else asked.sleep)  # a test that waits for it is seen
     if random.SystemRandom().random() < asked.fail or given["k1"] > asked.fail_above:
         sys.stderr.write("license server does not answer\n")
         sys.exit(3)

@@ -102,6 +102,7 @@ U
 """
 
 
+@pytest.mark.long
 @needs_ccx
 def test_frfs_of_calculix_give_the_answer_of_structids_own_hexahedra(tmp_path):
     shutil.copy(Path(__file__).parent / "ccx_frfs.py", tmp_path)

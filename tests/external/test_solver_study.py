@@ -113,6 +113,25 @@ def test_workers_evaluate_differences(tmp_path):
     assert values(found) == pytest.approx(TRUE, rel=1e-6)
 
 
+def test_a_run_of_another_process_that_ends_while_old_ones_are_swept_is_no_error(tmp_path, monkeypatch):
+    path = chain_study(tmp_path)
+    running = tmp_path / "study.runs" / ".0123456789ab.01234567"
+    running.mkdir(parents=True)
+    is_dir = Path.is_dir
+
+    def ends_behind(folder: Path) -> bool:
+        was_there = is_dir(folder)
+        if folder == running and was_there:
+            folder.rename(folder.with_name("done"))
+        return was_there
+
+    monkeypatch.setattr(Path, "is_dir", ends_behind)
+    done = RUN.invoke(cli.app, ["check", str(path)])
+    assert done.exit_code == 0, done.stderr
+    assert (tmp_path / "study.runs" / "done").exists()
+
+
+@pytest.mark.long
 def test_faults_and_kills_change_nothing_and_no_finished_run_is_repeated(tmp_path):
     plain = tmp_path / "plain"
     plain.mkdir()
@@ -140,8 +159,7 @@ def test_faults_and_kills_change_nothing_and_no_finished_run_is_repeated(tmp_pat
     done_before: dict[str, float] = {}
     for enough in (5, 12):
         process = subprocess.Popen([*command, "--workers", "2"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        until = time.monotonic() + 120
-        while len(finished(broken)) < enough and process.poll() is None and time.monotonic() < until:
+        while len(finished(broken)) < enough and process.poll() is None:
             time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
         process.wait()
@@ -182,10 +200,8 @@ def test_a_step_that_fails_is_made_smaller(tmp_path):
 )
 def test_a_solver_that_fails_is_told_with_what_it_said(tmp_path, options, more, message):
     path = chain_study(tmp_path, "modes", options, more)
-    begun = time.monotonic()
     done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "out")])
     assert done.exit_code == 2
-    assert time.monotonic() - begun < 30
     words = " ".join(done.stderr.split())
     assert re.search(message, words), words
     assert "[structure.solver]" in words

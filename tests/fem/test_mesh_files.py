@@ -175,9 +175,7 @@ def test_grid_points_in_cylinders_spheres_and_systems_of_grid_points_come_to_bas
         ("CORD2S         2       1", "CORD2S         2       2", "coordinate system 2 is defined by itself"),
         ("CORD1R         3      10      20      30", "CORD1R         3      10      20      99", "names GRID 99"),
         ("CORD1R         3      10      20      30", "CORD1R         3      10      20      20", "lie on a line"),
-        ("      40      50\n", "      40      50            .005\n", "CQUAD4 2 is offset from its grid points (ZOFFS)"),
         ("CTRIA3         3", "CTRIAX         3", "elements CTRIAX are not read"),
-        ("ctria3" + CORNERS, "CTRIA6" + CORNERS + "      40", "CTRIA6 1 lacks some of its nodes"),
     ],
 )  # fmt: skip
 def test_what_bulk_data_lack_is_named(tmp_path, old, new, words):
@@ -267,12 +265,17 @@ def test_a_mesh_within_the_instance_and_an_included_file_are_read(tmp_path):
     assert mesh.group_nodes("Part-1-1.Set-1").tolist() == [1, 2, 3, 4]
 
 
-def test_second_instances_that_are_moved_are_refused(tmp_path):
+def test_second_instances_are_put_where_the_assembly_has_them_with_numbers_of_their_own(tmp_path):
     text = CAE.replace(
         "*End Instance\n", "*End Instance\n*Instance, name=Part-1-2, part=Part-1\n1., 0., 0.\n*End Instance\n"
     )
-    with pytest.raises(FileError, match="there are several instances, and one is moved"):
-        read_mesh(written(tmp_path, "a.inp", text))
+    mesh = require_sound(read_mesh(written(tmp_path, "a.inp", text)))
+    assert mesh.labels.tolist() == [1, 2, 3, 4, 11, 12, 13, 14]
+    assert mesh.nodes[2] == pytest.approx([5.5, np.sqrt(0.75), 0.0])
+    assert mesh.nodes[13] == pytest.approx([2.0, 1.0, 0.0])
+    assert mesh.cells("Part-1-2.Skin").tolist() == [[11, 12, 13, 14]]
+    assert len(mesh.cells("Skin")) == 2
+    assert mesh.group_nodes("Set-1").tolist() == [1, 4]
 
 
 HYPERMESH = """**
@@ -314,3 +317,86 @@ def test_cells_without_an_element_are_named_where_they_are_used(tmp_path):
         mesh.cells("Skin")
     with pytest.raises(InputError, match="it can have 3"):
         Shell("shell", [[1, 2, 3, 4, 5]], 1.0, 1.0, 1.0, 0.3)
+
+
+def universal(*datasets):
+    """Datasets of number and lines."""
+    return "".join(f"    -1\n{number:6d}\n" + "\n".join(lines) + "\n    -1\n" for number, lines in datasets)
+
+
+def columns(*numbers):
+    return "".join(f"{n:10d}" for n in numbers)
+
+
+def universal_nodes(points, system=1):
+    rows = [(columns(n, system, 1, 11), "".join(f"{x:25.16E}" for x in p)) for n, p in enumerate(points.tolist(), 1)]
+    return 2411, [line for row in rows for line in row]
+
+
+#: Corners and mid-side nodes of each cell in the order of a universal file: around each face, mid-side nodes between corners.
+WALKS = {
+    "triangle6": (92, "0 01 1 12 2 20"),
+    "quad8": (95, "0 01 1 12 2 23 3 30"),
+    "tetra10": (118, "0 01 1 12 2 20 03 13 23 3"),
+    "wedge15": (113, "0 01 1 12 2 20 03 14 25 3 34 4 45 5 53"),
+    "hexahedron20": (116, "0 01 1 12 2 23 3 30 04 15 26 37 4 45 5 56 6 67 7 74"),
+}
+
+
+@pytest.mark.parametrize("kind", WALKS)
+def test_nodes_of_universal_cells_stand_where_the_element_has_them(tmp_path, kind):
+    descriptor, walk = WALKS[kind]
+    corners = np.pad(CELLS[kind].corners, ((0, 0), (0, 3 - CELLS[kind].corners.shape[1])))
+    points = np.array([np.mean([corners[int(c)] for c in word], axis=0) for word in walk.split()])
+    labels = list(range(1, len(points) + 1))
+    nodes = [columns(*labels[i : i + 8]) for i in range(0, len(labels), 8)]
+    text = universal(universal_nodes(points), (2412, [columns(5, descriptor, 1, 1, 7, len(points)), *nodes]))
+    (block,) = (mesh := read_mesh(written(tmp_path, "a.unv", text))).blocks
+    assert block.kind == kind
+    assert np.array([mesh.nodes[n] for n in block.nodes[0]]) == pytest.approx(corners, abs=1e-12)
+
+
+def test_universal_meshes_follow_units_systems_and_beams(tmp_path):
+    points = np.array([[1000.0, 0, 0], [1000.0, 90.0, 500.0]])
+    system = (
+        2420,
+        [
+            columns(1),
+            "part",
+            columns(5, 1, 0),
+            "CYL",
+            *("".join(f"{x:25.16E}" for x in row) for row in (*np.eye(3), np.zeros(3))),
+        ],
+    )
+    units = (164, [f"{10:10d}{'mm':<20s}{2:10d}", f"{1000:25.17E}{1:25.17E}{1:25.17E}", f"{273.15:25.17E}"])
+    beam = (
+        2412,
+        [columns(3, 21, 1, 1, 7, 2), columns(0, 1, 1), columns(1, 2), columns(4, 136, 1, 1, 7, 2), columns(1, 2)],
+    )
+    path = written(tmp_path, "a.unv", universal(units, system, universal_nodes(points, system=5), beam))
+    mesh = read_mesh(path)
+    assert mesh.positions == pytest.approx(np.array([[1.0, 0, 0], [0, 1.0, 0.5]]), abs=1e-12)
+    assert mesh.cells().tolist() == [[1, 2]]
+    assert [(part.kind, part.count, part.obstacle) for part in mesh.parts] == [
+        ("node-to-node spring", 1, "it is not read")
+    ]
+    assert read_mesh(path, "mm").positions == pytest.approx(mesh.positions)
+    with pytest.raises(
+        FileError, match=r"dataset 164 states a unit of length of 0\.001 m, `length_unit` one of 0\.0254 m"
+    ):
+        read_mesh(path, "in")
+
+
+@pytest.mark.parametrize(
+    ("elements", "words"),
+    [
+        ([columns(7, 91, 1, 1, 7, 3), columns(1, 2)], r"dataset 2 \(2412\): element 7 of type 91 has 2 nodes instead of 3"),
+        ([columns(7, 82, 1, 1, 7, 3), columns(1, 2, 3)], "element 7 is axisymmetric"),
+        ([columns(7, 91, 1, 1, 7, 3)], "ends within it"),
+        ([columns(7, 91, 1, 1, 7) + "     three", columns(1, 2, 3)], "must hold whole numbers in its line 1"),
+        ([columns(7, 161, 1, 1, 7, 1), columns(1)], "holds no elements"),
+    ],
+)  # fmt: skip
+def test_universal_elements_that_cannot_be_used_are_named(tmp_path, elements, words):
+    with pytest.raises(FileError, match=words):
+        read_mesh(written(tmp_path, "a.unv", universal(universal_nodes(np.eye(3)), (2412, elements))))

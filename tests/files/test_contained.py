@@ -152,7 +152,7 @@ def test_a_forked_process_has_a_child_of_its_own(tmp_path):
     import subprocess
 
     words = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", code, str(tmp_path / "a.h5")]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=100, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=600, check=False)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -169,7 +169,7 @@ def test_a_child_that_nobody_is_left_to_end_ends_itself(tmp_path):
         assert child.stdin is not None
         child.stdin.write(request.encode() + b"\n")
         child.stdin.flush()
-        assert child.wait(timeout=60) < 0
+        assert child.wait(timeout=600) < 0
     finally:
         child.kill()
         for stream in (child.stdin, child.stdout):

@@ -10,7 +10,7 @@ import pytest
 from structid.core.errors import FileError
 from structid.files import atomic_write, claim, claimed, release
 
-HOLD = "import sys, time; from pathlib import Path; from structid.files import claim; claim(Path(sys.argv[1])); print('held', flush=True); time.sleep(60)"  # noqa: E501
+HOLD = "import sys, time; from pathlib import Path; from structid.files import claim; claim(Path(sys.argv[1])); print('held', flush=True); time.sleep(600)"  # noqa: E501
 
 
 @pytest.fixture

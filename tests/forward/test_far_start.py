@@ -49,7 +49,7 @@ def long_beam(seed):
     return structure, unknown, start, TimeRecord(1 / step, values, names, kinds, noise**2, start=step), options
 
 
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.long)])
 def test_where_the_first_starts_end_at_wrong_minima_the_answer_is_found(seed):
     structure, unknown, record = beam(seed)
     start = off(unknown, 0.3, seed)
@@ -103,6 +103,7 @@ def test_an_answer_that_another_start_missed_is_held_against_what_lies_beside_it
     assert cost(confirmed(beside)) == pytest.approx(cost(best), rel=1e-3)
 
 
+@pytest.mark.long
 def test_what_the_first_leaves_some_periods_off_is_found_from_where_it_ends():
     structure, unknown, start, record, options = long_beam(12)
     found = identify_time(structure, start, record, options)
@@ -112,6 +113,7 @@ def test_what_the_first_leaves_some_periods_off_is_found_from_where_it_ends():
     assert found.n_starts > 5  # the fourth and the fifth are those of the first posterior linearization
 
 
+@pytest.mark.long
 def test_a_wrong_model_ends_flagged_and_soon(monkeypatch):
     """One sensor reads 30 % too much: two more tries come back to the minimum of the first, and then there are no more."""
     asked, real = [], output_error_search.posterior_linearized

@@ -356,7 +356,7 @@ def test_errors_of_a_component_change_the_data_rows_as_differences_do(form, own)
     assert problem(y).data_changes(theta) is None
 
 
-@pytest.mark.parametrize("own", [FREQUENCY, np.linspace(1.0, 125.0, 400)])
+@pytest.mark.parametrize("own", [FREQUENCY, pytest.param(np.linspace(1.0, 125.0, 400), marks=pytest.mark.long)])
 def test_stated_errors_of_a_component_are_in_the_intervals(own):
     """1 % in the record, 2 % in the machine's FRFs; left out, deviations are far too small."""
     off = []

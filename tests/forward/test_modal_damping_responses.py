@@ -180,20 +180,20 @@ def test_a_ratio_far_off_is_found(kind):
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    """120 records of seeds 0 to 119, six parameters each; binomial limits widened for what is correlated in a record."""
+    """60 records of seeds 0 to 59, six parameters each; binomial limits widened for what is correlated in a record."""
     structure = chain(ratio=0.06)
     made = sought(structure)
     frequency = np.linspace(1, 16, 60)
     blank = FrfRecord(frequency, np.ones((60, 2, 1)), ["1X", "3X"], ["1X"], "accelerance")
     inside, scores = [], []
-    for seed in range(120):
+    for seed in range(60):
         record = simulated_record(structure, made, blank, 0.05, rng=np.random.default_rng(seed))
         found = estimate(FrfProblem(structure, made, record))
         score = (found.values - made.start) / found.std
         scores.append(score)
         inside.append(np.abs(score) < 1.96)
-    assert 0.92 < np.mean(inside) < 0.98
-    assert np.std(np.array(scores)[:, -1]) == pytest.approx(1.0, abs=0.2)
+    assert 0.91 < np.mean(inside) < 0.985
+    assert np.std(np.array(scores)[:, -1]) == pytest.approx(1.0, abs=0.25)
 
 
 def test_equations_that_are_linear_in_the_parameters_refuse_it():

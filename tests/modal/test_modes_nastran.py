@@ -8,6 +8,7 @@ from structid.core.errors import FileError
 from structid.external.shapes import read_shapes
 from structid.modal.formats.files import read_modes, write_modes
 from structid.modal.formats.nastran import read_modes_nastran
+from structid.modal.formats.printed import ModeFileOptions
 
 NODES = [1, 2, 15, 101]
 FREQUENCY = [0.0, 12.5, 47.25]
@@ -18,9 +19,10 @@ SHAPES[:, 0] = 0.0  # held
 SHAPES[:, :, 2] = 0.0  # in the x-y plane
 
 
-def listing(nodes=NODES, frequency=FREQUENCY, shapes=SHAPES, page=2):
+def listing(nodes=NODES, frequency=FREQUENCY, shapes=SHAPES, page=2, subcase=None):
     """As MSC Nastran prints SOL 103: a table of eigenvalues, and vectors over several pages."""
-    title = "1    FRAME WITH LINE 7                         NOVEMBER  23, 2026  MSC.NASTRAN  9/ 9/05   PAGE    10\n0\n"
+    title = "1    FRAME WITH LINE 7                         NOVEMBER  23, 2026  MSC.NASTRAN  9/ 9/05   PAGE    10\n0"
+    title += "\n" if subcase is None else f"{'SUBCASE':>116s} {subcase}\n"
     text = title + "                                   R E A L   E I G E N V A L U E S\n"
     text += "   MODE    EXTRACTION      EIGENVALUE            RADIANS             CYCLES         GENERALIZED      GENERALIZED\n"
     text += "    NO.       ORDER                                                                  MASS             STIFFNESS\n"
@@ -69,7 +71,10 @@ def test_translations_that_move_are_read_from_every_page(tmp_path, name):
     expected = expected / expected[largest, np.arange(3)]
     assert found.mode_shapes == pytest.approx(expected, rel=2e-6, abs=1e-12)
     assert np.isnan(found.damping_ratio).all()
-    assert (found.covariance, found.source) == (None, name)
+    assert found.covariance is None
+    assert found.source.startswith(f"{name}; ")
+    assert "displacement systems of the points taken as global" in found.source
+    assert "rotations left out (give `length_unit` to keep them)" in found.source
     # the loop of a solver takes rotations as well, in the unit of its deck
     shapes = read_shapes(tmp_path / name)
     assert shapes.dofs.tolist() == [[node, axis] for node in NODES for axis in range(1, 7)]
@@ -96,24 +101,71 @@ def test_a_rigid_mode_below_zero_by_rounding_has_no_frequency(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("a.f06", "nothing\n", "holds no real modes; let the solver print"),
-        ("a.pch", "$DISPLACEMENTS\n", "holds no real modes"),
-        ("a.f06", listing() + " *** USER FATAL MESSAGE 9137\n", "USER FATAL MESSAGE 9137; correct the deck"),
-        ("a.f06", listing().replace("R E A L   E I G E N V A L U E S", ""), "holds 0 frequencies and 3 shapes, none of mode 1"),
-        ("a.f06", listing() + "  C O M P L E X   E I G E N V A L U E   S U M M A R Y\n", r"complex modes; print real ones \(SOL"),
-        ("a.pch", punched(kind="$REAL-IMAGINARY OUTPUT"), "line 5: holds complex modes"),
-        ("a.pch", "\n".join(punched().split("\n")[:-2]) + "\n", "a shape has 21 numbers at 4 points; the file is cut short"),
+        ("a.f06", "nothing\n", "holds no eigenvectors of vibration; let the solver print"),
+        ("a.pch", "$DISPLACEMENTS\n", "holds no eigenvectors of vibration"),
+        ("a.f06", listing() + " *** USER FATAL MESSAGE 9137\n", "line 57: .* USER FATAL MESSAGE 9137; correct the deck"),
+        ("a.f06", listing() + " *ERROR  1234: NO MASS\n", "NO MASS; correct the deck"),
+        ("a.f06", listing().replace("CYCLES = ", "cycles = "), r"no frequency, as of a buckling analysis; run normal modes \(SOL"),
+        ("a.f06", listing().replace("CYCLES =  1.250000E+01", "CYCLES =  1.260000E+01"), "which is not its root over 2 pi"),
+        ("a.f06", listing().replace("  1.000000E+00", "           0.0"), "all generalized masses are 0, as of a buckling analysis"),
+        ("a.f06", listing(frequency=[5.0, 6.0, 7.0]).replace("EIGENVALUE =  9.869604E+02", "EIGENVALUE = -9.869604E+02"),
+         "negative eigenvalue -986.96; the model is unstable"),
+        ("a.f06", listing().rstrip()[:-1], "line 56: ends within a row; the file is cut short"),
+        ("a.f06", listing().rstrip()[:-3], "line 56: must hold a point and its six motions"),
+        ("a.f06", listing().replace("POINT ID.   TYPE", "POINT-ID"), "printed in columns 'POINT-ID T1 T2 T3 R1 R2 R3', not by"),
+        ("a.f06", listing() + listing(shapes=2 * SHAPES), "line 72: point 2 is printed twice in mode 1 with different motions"),
+        ("a.f06", listing() + listing(frequency=[1.0, 2.0, 3.0]), "mode 1 is printed with the eigenvalues"),
+        ("a.f06", listing(subcase=1) + listing(subcase=2), r"modes of 2 runs \(subcase 1; subcase 2\); choose with `subcase`"),
+        ("a.f06", listing().replace("    15      G", "    16      G", 1), "has other points than the first"),
+        ("a.f06", listing().replace("      G   ", "      S   "), "the vectors hold scalar points only"),
+        ("a.pch", "\n".join(punched().split("\n")[:-2]) + "\n", "point 101 of mode 3 has 3 of its 6 numbers; the file is cut"),
         ("a.pch", "\n".join(punched().split("\n")[:-3]) + "\n", "mode 3 has other points than the first; the file is cut"),
         ("a.pch", punched().replace("        15       G", "       1x5       G"), "line 12: '1x5' is no label of a point"),
+        ("a.pch", punched().replace("$EIGENVALUE =  0.0", "$EIGENVALUE =  x.0"), "line 7: must hold the eigenvalue and number"),
         ("a.f06", listing(shapes=0 * SHAPES), "a mode has no translation anywhere"),
-        ("a.pch", punched(nodes=[1, 2, 2, 101]), "a point is printed twice"),
-        ("a.pch", punched(shapes=np.where(np.arange(4)[:, None] == 2, np.nan, SHAPES)), "NaN or infinite at point"),
+        ("a.pch", punched(nodes=[1, 2, 2, 101]), "line 12: point 2 is punched twice"),
+        ("a.pch", punched(shapes=np.where(np.arange(4)[:, None] == 2, np.nan, SHAPES)), "NaN or infinite at point 15"),
+        ("a.f06", listing(shapes=np.where(np.arange(4)[:, None] == 2, np.nan, SHAPES)), "NaN or infinite at point 15"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_named(tmp_path, name, text, words):
     (tmp_path / name).write_text(text)
     with pytest.raises(FileError, match=words):
         read_modes(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", ["F", "B"])
+def test_modes_of_calculix(tmp_path, kind):
+    """As CalculiX writes *FREQUENCY, and *BUCKLE, which are no modes."""
+    rows = "".join(
+        f" -1{n:10d}" + "".join(f"{v:12.5E}" for v in own[:3]) + "\n" for n, own in zip(NODES, SHAPES[1], strict=True)
+    )
+    name = "1MODAL      1" if kind == "F" else "1           1"
+    head = (
+        f"    1PGM                4.000000E+00\n  100CL  101 12.50000000           4                     2    {name}\n"
+    )
+    text = head + " -4  DISP        4    1\n -5  D1          1    2    1    0\n" + rows + " -3\n 9999\n"
+    (tmp_path / "a.frd").write_text(text)
+    if kind == "B":
+        with pytest.raises(FileError, match=r"a\.frd: holds no modes of vibration with displacements; run \*FREQUENCY"):
+            read_modes(tmp_path / "a.frd")
+        return
+    record = read_modes(tmp_path / "a.frd", ModeFileOptions(length_unit="mm", force_unit="N"))
+    assert (record.frequency.tolist(), record.scaling) == ([12.5], "mass")
+    expected = SHAPES[1, 1:, :2].ravel() / np.sqrt(4000.0)  # a modal mass of 4 t
+    assert record.mode_shapes[:, 0] == pytest.approx(expected, rel=2e-5)
+    assert read_shapes(tmp_path / "a.frd").values[:, 0] == pytest.approx(
+        SHAPES[1, :, :3].ravel() / 2, rel=2e-5, abs=1e-12
+    )
+    (tmp_path / "a.frd").write_text(text.replace(" 9999\n", ""))
+    with pytest.raises(FileError, match="has no last line 9999; the file is cut short"):
+        read_modes(tmp_path / "a.frd")
+
+
+def test_binary_results_are_refused_with_what_to_do(tmp_path):
+    (tmp_path / "a.op2").write_bytes(b"\0" * 8)
+    with pytest.raises(FileError, match=r"a\.op2: is binary; let Nastran print the vectors too .* or punch them"):
+        read_modes(tmp_path / "a.op2")
 
 
 def test_nothing_is_written_as_nastran_does(tmp_path):

@@ -45,6 +45,17 @@ def miniseed(path: Path) -> None:
     obspy.Stream(traces).write(str(path), format="MSEED")
 
 
+def lvm(path: Path) -> None:
+    ends = "***End_of_Header***\n"
+    file = "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\nX_Columns\tNo\n"
+    rows = {"Channels": [3], "Samples": [300] * 3, "Y_Unit_Label": UNITS, "X_Dimension": ["Time"] * 3, "X0": [0.25] * 3,
+            "Delta_X": [1 / RATE] * 3}  # fmt: skip
+    lines = ["\t".join(map(str, [key, *words])) for key, words in rows.items()]
+    lines += [ends.strip(), "\t".join(["X_Value", *NAMES, "Comment"])]
+    lines += ["\t".join(["", *(f"{x:.17g}" for x in row)]) for row in VALUES]
+    path.write_text((file + ends + "\n".join(lines) + "\n").replace(".", ","))
+
+
 def wav(path: Path) -> None:
     from scipy.io import wavfile
 
@@ -56,14 +67,14 @@ def parquet(path: Path) -> None:
     from pyarrow import parquet as file
 
     time = 0.25 + np.arange(len(VALUES)) / RATE
-    columns = {"time": time, **{f"{NAMES[j]} [{UNITS[j]}]": VALUES[:, j].copy() for j in range(3)}}
+    columns = {"time [s]": time, **{f"{NAMES[j]} [{UNITS[j]}]": VALUES[:, j].copy() for j in range(3)}}
     file.write_table(pa.table(columns), str(path))
 
 
 #: How a file of each kind is written; what it says of units and start.
-WRITERS: dict[str, Callable[[Path], None]] = {w.__name__: w for w in (tdms, mdf, miniseed, wav, parquet)}
-SAYS_UNITS = {"tdms", "mdf", "parquet"}
-STARTS = {"tdms": 0.25, "mdf": 0.25, "parquet": 0.25, "miniseed": 0.0, "wav": 0.0}
+WRITERS: dict[str, Callable[[Path], None]] = {w.__name__: w for w in (tdms, mdf, miniseed, lvm, wav, parquet)}
+SAYS_UNITS = {"tdms", "mdf", "lvm", "parquet"}
+STARTS = {"tdms": 0.25, "mdf": 0.25, "parquet": 0.25, "lvm": 0.25, "miniseed": 0.0, "wav": 0.0}
 FILE_NAMES = {"miniseed": ("XX...HNX", "XX...HNY", "XX...HNZ"), "wav": ("1", "2", "3")}
 
 

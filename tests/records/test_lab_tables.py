@@ -13,7 +13,7 @@ RATE = 512.0
 
 
 def table(separator=",", comma=False, head=(), time="{:.9f}", rows=ROWS, end="", names=("Acc A", "Acc B", "Load")):
-    lines = list(head) or [separator.join(["Time", *names])]
+    lines = list(head) or [separator.join(["t_s", *names])]
     for i, row in enumerate(rows):
         cells = [time.format(i / RATE)] if time else []
         cells += [f"{x:.4f}" for x in row]
@@ -36,11 +36,11 @@ UNITS = ";".join(["Zeit;Acc A;Acc B;Load", "s;g;g;kN"]).replace("Load;s", "Load\
     [
         (table(";", True), THREE, "separated by semicolons, decimal commas, names in line 1"),
         (table("\t"), THREE, "separated by tabs, decimal points"),
-        (table(" ", head=["t a b c"]), THREE, "separated by spaces, decimal points"),
+        (table(" ", head=["t_s a b c"]), THREE, "separated by spaces, decimal points"),
         (table(), THREE, "separated by commas, decimal points"),
         (table(";", True, head=UNITS.split("\n")), {"channels": "1X,2X-,2X"}, "names in line 1, units in line 2"),
         (table(head=["Time [s],A [g],B (g),Force [kN]"]), {"channels": "1X,2X-,2X"}, "units g, kN"),
-        (table(head=["t,1X (g),2X- (g),2X (kN)"]), {}, "units g, kN"),
+        (table(head=["t_s,1X (g),2X- (g),2X (kN)"]), {}, "units g, kN"),
         (
             table(";", True, head=["Operator: N.N.", "Date;1.2.2026", *UNITS.split("\n")]),
             {"channels": "1X,2X-,2X", "csv": CsvLayout(skip_rows=2)},
@@ -50,8 +50,8 @@ UNITS = ";".join(["Zeit;Acc A;Acc B;Load", "s;g;g;kN"]).replace("Load;s", "Load\
         (table(time="", head=[]).partition("\n")[2], {**THREE, "sampling_rate": RATE}, "no header"),
         (table(end="Mean,1,2,3"), {**THREE, "csv": CsvLayout(footer_rows=1)}, "1 footer line left out"),
         (table(time="{:.4f}"), {**THREE, "sampling_rate": RATE}, "times rounded to 0.0001 s"),
-        (table(head=["sample clock,A,B,C"]), {**THREE, "time_column": "sample clock"}, "3 columns"),
-        (table(head=["q,A,B,C"]), {**THREE, "time_column": "1"}, "3 columns"),
+        (table(head=["sample clock,A,B,C"]), {**THREE, "time_column": "sample clock", "axis_unit": "s"}, "3 columns"),
+        (table(head=["q,A,B,C"]), {**THREE, "time_column": "1", "axis_unit": "s"}, "3 columns"),
         (table(), {**THREE, "columns": "Acc A,3,Load"}, "Acc A is 1X+, Acc B is 2X-, Load is 2X+"),
     ],
 )
@@ -107,7 +107,7 @@ def test_times_of_so_many_digits_are_even_however_large_they_are(tmp_path, time)
 
 
 def test_other_encodings_are_named_and_read(tmp_path):
-    text = table(head=["Time,A [µm],B [µm],C [N]"])
+    text = table(head=["t_s,A [µm],B [µm],C [N]"])
     with pytest.raises(FileError, match='give `encoding`, as in "cp1252"'):
         read(tmp_path, text, "cp1252", channels="1X,2X,3X")
     record = read(tmp_path, text, "cp1252", channels="1X,2X,3X", csv=CsvLayout(encoding="cp1252"))
@@ -120,22 +120,22 @@ def test_other_encodings_are_named_and_read(tmp_path):
     [
         (table(end="Mean;1;2;3"), THREE, r"line 7 \(Mean;1;2;3\) ends the numbers: a footer.*footer_rows = 1"),
         (table(end="Mean,1,2,3\nMax,1,2,3"), THREE, r"line 7 \(Mean, 1, 2, 3\).*footer_rows = 2"),
-        (table(head=["Sensors,,,", "Time,A,B,C"]), THREE, "lines 1 to 2 stand above.*line 2 .Time, A, B, C.*skip_rows = 1`"),
+        (table(head=["Sensors,,,", "t_s,A,B,C"]), THREE, "lines 1 to 2 stand above.*line 2 .t_s, A, B, C.*skip_rows = 1`"),
         (table(head=["Test 7", *UNITS.replace(";", ",").split("\n")]), THREE, "line 2 .*skip_rows = 1`"),
-        (table(head=["Time,Acc,,Load"]), THREE, "line 1, column 3 has no name, as where cells were merged"),
-        (table(";", True, head=["Time,A,B,C"]), THREE, "line 1 names 1 columns, but line 2 has 4 cells: other separators"),
+        (table(head=["t_s,Acc,,Load"]), THREE, "line 1, column 3 has no name, as where cells were merged"),
+        (table(";", True, head=["t_s,A,B,C"]), THREE, "line 1 names 1 columns, but line 2 has 4 cells: other separators"),
         (table(comma=True), THREE, "line 1 names 4 columns, but line 2 has 8 cells.*decimal commas between commas"),
         (table(";", True).replace("0,5000;", "0.5000;"), THREE, "line [23] has decimal commas and line 2 decimal points"),
         (table(";").replace("1.5000;", "1.500,0;"), THREE, "line 3, column 2 .*'1.500,0'.*thousands separators"),
         (table(), {}, r"line 1, column 2 \('Acc A'\).*say what each of the 3 columns is by `channels`"),
         (table(), {"channels": "1X,2X", "units": "g"}, "`channels` must have 3 entries.*Acc A, Acc B, Load, got 2"),
         (table(), {"channels": "1X,2X,3X"}, "line 1, column 2 .*has no unit.*give `units`"),
-        (table(head=["Time,A [V],B [V],C [V]"]), {"channels": "1X,2X,3X"}, "line 1, column 2 .*'V'"),
-        (table(head=["Time,A [g],B [g],C [N]"]), {"channels": "1X,2X,3X", "units": "g"}, "column 4 .*is in N"),
+        (table(head=["t_s,A [V],B [V],C [V]"]), {"channels": "1X,2X,3X"}, "line 1, column 2 .*'V' .*V at 100 mV/g"),
+        (table(head=["t_s,A [g],B [g],C [N]"]), {"channels": "1X,2X,3X", "units": "g"}, "column 4 .*is in N"),
         (table(), {**THREE, "columns": "Acc A,Acc B,Force"}, "no column 'Force'; the file has 2 'Acc A', 3 'Acc B', 4 'Load'"),
         (table(names=("A", "A", "B")), {**THREE, "columns": "A,A,B"}, "2 columns are called 'A'; choose by their numbers 2, 3"),
         (table(), {**THREE, "sampling_rate": 500}, "says sampling_rate 512"),
-        (table(head=["Time [h],A,B,C"]), THREE, "times are in 'h'"),
+        (table(head=["Time [d],A,B,C"]), THREE, "holds times: cannot read 'd' as the unit of a time.*give `sampling_rate`"),
         (table(time="{:.4f}"), THREE, "rounded to 0.0001 s.*to 1.3 % only; give `sampling_rate`"),
         (table(time="", head=["A,B,C"]), THREE, "no column is headed as time.*`time_column` .*or `sampling_rate`"),
         (table(), {**THREE, "csv": CsvLayout(skip_rows=9)}, "leave none; lower them"),
@@ -237,8 +237,8 @@ NUMBERED = {"outputs": "1X,2X", "inputs": "2X", "unit": "m/N"}
         *((frf_table(head), {}, {}) for head in ("f [Hz]", "Freq [Hz]", "Freq. (Hz)", "Frequenz [Hz]", "f / Hz")),
         (frf_table("Frequency [kHz]", lines=LINES / 1e3), {}, {}),
         (frf_table("omega [rad/s]", lines=LINES * 2 * np.pi), {}, {}),
-        (frf_table("Frequency"), {}, {"frequency_unit": "Hz"}),
-        (frf_table("Line", lines=LINES * 2 * np.pi), {}, {"frequency_unit": "rad/s"}),
+        (frf_table("Frequency"), {"axis_unit": "Hz"}, {}),
+        (frf_table("Line", lines=LINES * 2 * np.pi), {"axis_unit": "rad/s"}, {}),
         (frf_table("Frequency", (" re", " im"), second="Hz,m/N,m/N,m/N,m/N"), {}, {}),
         (frf_table("Frequency", (" re", " im"), second="[Hz],[m/N],[m/N],[m/N],[m/N]"), {}, {}),
         (frf_table(parts=(" re", " im")), {"unit": "m/N"}, {}),
@@ -254,7 +254,7 @@ NUMBERED = {"outputs": "1X,2X", "inputs": "2X", "unit": "m/N"}
         (frf_table(parts=(" first", " second")), NUMBERED, {"parts": ("re", "im")}),
         (frf_table(parts=(" a", " b"), columns=(degrees, size)), NUMBERED, {"parts": "phase, magnitude"}),
         (frf_table(parts=("",), columns=(cell,)), NUMBERED, {"parts": ("re", "im")}),
-        (frf_table().partition("\n")[2], NUMBERED, {"frequency_unit": "Hz", "parts": ("re", "im")}),
+        (frf_table().partition("\n")[2], NUMBERED | {"axis_unit": "Hz"}, {"parts": ("re", "im")}),
     ],
 )  # fmt: skip
 def test_frfs_as_laboratories_write_them(tmp_path, text, options, layout):
@@ -271,8 +271,8 @@ def test_frfs_as_laboratories_write_them(tmp_path, text, options, layout):
 @pytest.mark.parametrize(
     ("text", "options", "words"),
     [
-        (frf_table("Frequency"), {}, r'says no unit of the frequencies; give `frequency_unit = "Hz"` in \[record.csv\]'),
-        (frf_table("Line"), {}, r'`frequency_unit = "Hz"` in \[record.csv\] of frequency responses'),
+        (frf_table("Frequency"), {}, r"does not say the unit of its frequencies, .* give `axis_unit = Hz`"),
+        (frf_table("Line"), {}, r"of frequency responses `axis_unit = Hz`"),
         (frf_table(parts=(" [m/N] abs", " angle"), columns=(size, radians)), {}, '`phase_unit = "deg"` or "rad"'),
         (frf_table(parts=(" [m/N]",), columns=(cell,)).replace("2.5-0.4i", "2.5"), {}, "line 3, column 2 .* a complex number"),
         (frf_table(), {"csv": CsvLayout(parts=("re", "im"))}, "4 columns follow the frequencies, but 0 `outputs` x 0 `inputs`"),
@@ -314,31 +314,31 @@ def test_words_in_place_of_a_missing_sample_are_told(tmp_path, cell, words):
 
 @pytest.mark.parametrize("cell", ["1.234,5", "1 234,5", "-12.345.678,0"])
 def test_thousands_that_are_set_apart_are_told(tmp_path, cell):
-    text = "Zeit;Acc A\n" + "".join(f"{k / 8};{cell}\n".replace(".125", ",125") for k in range(5))
+    text = "Zeit_s;Acc A\n" + "".join(f"{k / 8};{cell}\n".replace(".125", ",125") for k in range(5))
     with pytest.raises(FileError, match=f"'{cell}' looks like thousands separators: export without them"):
         read(tmp_path, text, channels="1X", units="g")
 
 
 HARD = [
-    "t,1X [g],2X [g]\n" + "".join(f"{k / 8},{k},{-k}\n" for k in range(6)),
-    "t;1X [g];2X [g]\n" + "".join(f"{k / 8};{k}.5;{-k}e-3\n".replace(".", ",") for k in range(6)),
-    "t;1X [g];2X [g]\n" + "".join(f"{k / 8};{k};{-k};\n" for k in range(6)),
-    "t 1X 2X\n" + "".join(f"  {k / 8}  {k}\t{-k} \n" for k in range(6)),
-    "t,1X [g],2X [g]\n0,1,\n0.125,,2\n0.25,,\n0.375,3,4\n0.5,3,4\n",
-    "t,1X [g],2X [g]\n0,1, \n0.125,nan,2\n0.25,inf,1\n0.375,3,4\n",
-    "t,1X [g],2X [g],\n0,1,2,\n0.125,1,2\n0.25,1,,\n0.375,1,2,3\n",
-    "t,1X [g],2X [g]\n0,1,2\n\n0.25,1,2\n0.375,1,2\n",
-    "t,1X [g],2X [g]\n0,1,2\n0.125,1\n0.25,1,2\n",
-    "t,1X [g],2X [g]\n0,1,2\n0.125,1,2,3\n0.25,1,2\n",
-    "t,1X [g],2X [g]\n0,1,2\n0.125,1,two\n0.25,1,2\n",
-    "t,1X [g],2X [g]\n0,1,2\n,1,2\n0.25,1,2\n",
+    "t_s,1X [g],2X [g]\n" + "".join(f"{k / 8},{k},{-k}\n" for k in range(6)),
+    "t_s;1X [g];2X [g]\n" + "".join(f"{k / 8};{k}.5;{-k}e-3\n".replace(".", ",") for k in range(6)),
+    "t_s;1X [g];2X [g]\n" + "".join(f"{k / 8};{k};{-k};\n" for k in range(6)),
+    "t_s 1X 2X\n" + "".join(f"  {k / 8}  {k}\t{-k} \n" for k in range(6)),
+    "t_s,1X [g],2X [g]\n0,1,\n0.125,,2\n0.25,,\n0.375,3,4\n0.5,3,4\n",
+    "t_s,1X [g],2X [g]\n0,1, \n0.125,nan,2\n0.25,inf,1\n0.375,3,4\n",
+    "t_s,1X [g],2X [g],\n0,1,2,\n0.125,1,2\n0.25,1,,\n0.375,1,2,3\n",
+    "t_s,1X [g],2X [g]\n0,1,2\n\n0.25,1,2\n0.375,1,2\n",
+    "t_s,1X [g],2X [g]\n0,1,2\n0.125,1\n0.25,1,2\n",
+    "t_s,1X [g],2X [g]\n0,1,2\n0.125,1,2,3\n0.25,1,2\n",
+    "t_s,1X [g],2X [g]\n0,1,2\n0.125,1,two\n0.25,1,2\n",
+    "t_s,1X [g],2X [g]\n0,1,2\n,1,2\n0.25,1,2\n",
     't,1X [g],2X [g]\n0,"1",2\n0.125,1,2\n0.25,1,2\n',
-    "t,1X [g],2X [g]\n0,1_0,2\n0.125,1,2\n0.25,1,2\n",
-    "t,1X [g],2X [g]\n2026-02-01T10:00:00,1,2\n2026-02-01T10:00:00.5,1,\n2026-02-01T10:00:01,1,2\n",
+    "t_s,1X [g],2X [g]\n0,1_0,2\n0.125,1,2\n0.25,1,2\n",
+    "t_s,1X [g],2X [g]\n2026-02-01T10:00:00,1,2\n2026-02-01T10:00:00.5,1,\n2026-02-01T10:00:01,1,2\n",
     "frequency_hz,1X/1X [(m/s^2)/N] re,1X/1X [(m/s^2)/N] im\n1,2,3\n2,4,5\n3,4,6\n",
     "frequency_hz,1X/1X [(m/s^2)/N] re,1X/1X [(m/s^2)/N] im\n1,2,3\n2,,5\n3,4,6\n",
     "frequency_hz,1X/1X [(m/s^2)/N] re,1X/1X [(m/s^2)/N] im\n1,2,3\n2,nan,5\n3,4,6\n",
-    "t,1X [g],2X [g]\n0,1,2\n0.125,1,2\n0.25,1,2\nMean,1,2\n",
+    "t_s,1X [g],2X [g]\n0,1,2\n0.125,1,2\n0.25,1,2\nMean,1,2\n",
 ]  # fmt: skip
 
 

@@ -14,6 +14,8 @@ from structid.records.formats import FORMATS
 #: One of every format; NPY files are read only.
 EVERY = tuple(module.SUFFIXES[0] for module in FORMATS)
 SUFFIXES = tuple(suffix for suffix in EVERY if suffix != ".npy")
+#: Formats that are read in a process of their own, which begins anew behind each damaged file.
+APART = (".mat", ".h5")
 BARE = ReadOptions(sampling_rate=10, channels="1X,2X,3X", units="g")
 
 
@@ -37,7 +39,8 @@ def refused(path, options=None):
 
 @pytest.mark.parametrize("suffix", EVERY)
 @pytest.mark.parametrize("content", ["frf", "history"])
-def test_truncated(tmp_path, suffix, content, request):
+@pytest.mark.parametrize(("n_apart", "n_other"), [(4, 40), pytest.param(20, 300, marks=pytest.mark.long)])
+def test_truncated(tmp_path, suffix, content, n_apart, n_other, request):
     path = tmp_path / f"a{suffix}"
     record = request.getfixturevalue(content)
     if suffix == ".npy":
@@ -47,21 +50,29 @@ def test_truncated(tmp_path, suffix, content, request):
     options = BARE if suffix == ".npy" else None
     data = path.read_bytes()
     assert not refused(path, options)
-    count = 20 if suffix in (".mat", ".h5") else 60  # these are read in a process of their own
-    for cut in np.linspace(0, len(data) - 1, count).astype(int)[:-1]:
+    for cut in np.linspace(0, len(data) - 1, n_apart if suffix in APART else n_other).astype(int)[:-1]:
         path.write_bytes(data[:cut])
         # a table cut between its lines is a shorter table: nothing in it tells
         if suffix != ".csv" or not data[:cut].endswith(b"\n"):
             assert refused(path, options), f"{cut} of {len(data)} bytes were read"
 
 
-@pytest.mark.parametrize("suffix", EVERY)
+JUNK = [
+    b"", b"junk", b"\x89HDF\r\n\x1a\n" + b"y" * 90, b"MATLAB 7.3 MAT-file" + b" " * 600,
+    b"MATLAB 5.0 MAT-file" + b" " * 600, b" ", b"\0" * 700, b"PK\x03\x04" + b"x" * 40, b"\xff\xfe\x00" * 99,
+    b"    -1\n    58\n", b"    -1\n    -1\n", b"time_s,1X [m]\n", b"time_s,1X [m]\n0,1\n1,2", b"\x93NUMPY\x01\x00",
+    "time_s;\u00e4\n".encode("latin-1"),
+]  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    "junk",
-    [b"", b" ", b"junk", b"\0" * 700, b"PK\x03\x04" + b"x" * 40, b"\x89HDF\r\n\x1a\n" + b"y" * 90, b"\xff\xfe\x00" * 99,
-     b"MATLAB 7.3 MAT-file" + b" " * 600, b"MATLAB 5.0 MAT-file" + b" " * 600, b"    -1\n    58\n", b"    -1\n    -1\n",
-     b"time_s,1X [m]\n", b"time_s,1X [m]\n0,1\n1,2", b"\x93NUMPY\x01\x00", "time_s;\u00e4\n".encode("latin-1")],
-)  # fmt: skip
+    ("suffix", "junk"),
+    [
+        pytest.param(suffix, junk, marks=[pytest.mark.long] if suffix in APART and k > 4 else [])
+        for suffix in EVERY
+        for k, junk in enumerate(JUNK)
+    ],
+)
 def test_junk(tmp_path, suffix, junk):
     path = tmp_path / f"a{suffix}"
     path.write_bytes(junk)

@@ -17,7 +17,8 @@ def function(response, reference, data, func_type=4, x=FREQUENCY, ordinate=12, d
         "type": 58, "binary": 0, "func_type": func_type, "rsp_node": response[0], "rsp_dir": response[1],
         "ref_node": reference[0], "ref_dir": reference[1], "data": np.asarray(data), "x": x, "abscissa_spacing": 1,
         "id1": "a", "id2": "", "id3": "", "id4": "", "id5": "", "load_case_id": 0, "func_id": 0, "ver_num": 0,
-        "ordinate_spec_data_type": ordinate, "orddenom_spec_data_type": denominator, **more,
+        "ordinate_spec_data_type": ordinate, "orddenom_spec_data_type": denominator,
+        "abscissa_spec_data_type": 17 if func_type == 1 else 18, **more,
     }  # fmt: skip
 
 
@@ -54,13 +55,18 @@ def test_reads_what_pyuff_writes(tmp_path, values):
     assert record.kind == "accelerance"
 
 
-def test_reads_without_header_and_units(tmp_path, values):
-    np.testing.assert_allclose(read_record(write(tmp_path / "a.unv", frfs(values))).values, values, rtol=1e-11)
+def test_no_unit_is_assumed(tmp_path, values):
+    path = write(tmp_path / "a.unv", frfs(values)[:1])
+    with pytest.raises(FileError, match=r"nothing says the unit of the acceleration at 1Z-.*--unit "):
+        read_record(path)
+    record = read_record(path, ReadOptions(unit="(m/s^2)/N"))
+    np.testing.assert_allclose(record.values[:, 0, 0], values[:, 0, 0], rtol=1e-11)
+    assert record.source.endswith("a.unv; in (m/s^2)/N as given; frequencies in Hz, as the format has them")
 
 
 def test_reads_uneven_axis_and_unknown_datasets(tmp_path, values):
     axis = np.array([1, 2, 4, 7, 8, 9, 10, 20, 21, 22.0])
-    path = write(tmp_path / "a.uff", frfs(values, x=axis, abscissa_spacing=0))
+    path = write(tmp_path / "a.uff", [units(), *frfs(values, x=axis, abscissa_spacing=0)])
     path.write_text("    -1\n  9999\nsome other thing\n    -1\n" + path.read_text())
     record = read_record(path)
     np.testing.assert_allclose(record.frequency, axis, rtol=1e-14)
@@ -104,9 +110,7 @@ def test_labels_give_units_without_164(tmp_path, values):
 def test_contradicting_units_are_not_guessed(tmp_path, values):
     data = [units(), function((1, 3), (2, 3), values[:, 0, 0], ordinate_axis_units_lab="g")]
     path = write(tmp_path / "a.uff", data)
-    with pytest.raises(
-        FileError, match=r"unit 'g'.*for FRFs with `unit` in.*--unit .*histories with `units` in.*--units "
-    ):
+    with pytest.raises(FileError, match=r"unit 'g' .*dataset 164 says 1; tell which is right: give `unit = .*--unit "):
         read_record(path)
     record = read_record(path, ReadOptions(unit="g/N"))
     np.testing.assert_allclose(record.values[:, 0, 0], values[:, 0, 0] * 9.80665, rtol=1e-11)
@@ -114,7 +118,7 @@ def test_contradicting_units_are_not_guessed(tmp_path, values):
 
 @pytest.mark.parametrize("ordinate, kind", [(8, "receptance"), (11, "mobility"), (12, "accelerance")])
 def test_kind_by_data_type(tmp_path, values, ordinate, kind):
-    path = write(tmp_path / "a.uff", [function((1, 3), (2, 3), values[:, 0, 0], ordinate=ordinate)])
+    path = write(tmp_path / "a.uff", [units(), function((1, 3), (2, 3), values[:, 0, 0], ordinate=ordinate)])
     assert read_record(path).kind == kind
 
 
@@ -134,7 +138,9 @@ def test_time_responses(tmp_path, rng):
 
 
 def test_six_digit_step_may_be_stated_exactly(tmp_path, rng):
-    path = write(tmp_path / "a.uff", [function((1, 3), (0, 0), rng.normal(size=9), 1, np.arange(9) / 1200, 12, 0)])
+    path = write(
+        tmp_path / "a.uff", [units(), function((1, 3), (0, 0), rng.normal(size=9), 1, np.arange(9) / 1200, 12, 0)]
+    )
     assert read_record(path).sampling_rate == pytest.approx(1200, rel=1e-5)
     assert read_record(path).sampling_rate != 1200
     assert read_record(path, ReadOptions(sampling_rate=1200)).sampling_rate == 1200
@@ -143,7 +149,9 @@ def test_six_digit_step_may_be_stated_exactly(tmp_path, rng):
 
 
 def test_frf_and_time_in_one_file_are_chosen(tmp_path, values):
-    path = write(tmp_path / "a.uff", [*frfs(values), function((1, 3), (0, 0), np.ones(9), 1, np.arange(9) / 8, 12, 0)])
+    path = write(
+        tmp_path / "a.uff", [units(), *frfs(values), function((1, 3), (0, 0), np.ones(9), 1, np.arange(9) / 8, 12, 0)]
+    )
     with pytest.raises(InputError, match=r'`array` in .*"frf" or "time"'):
         read_record(path)
     assert read_record(path, ReadOptions(array="frf")).kind == "accelerance"
@@ -152,7 +160,7 @@ def test_frf_and_time_in_one_file_are_chosen(tmp_path, values):
 
 def test_coherence_and_averages(tmp_path, values, rng):
     g2 = rng.uniform(size=(10, 2, 2))
-    sets = frfs(values, id4="Hanning, averages: 25")
+    sets = [units(), *frfs(values, id4="Hanning, averages: 25")]
     path = write(tmp_path / "a.uff", [*sets, *frfs(g2, func_type=6, ordinate=0, denominator=0)])
     record = read_record(path)
     np.testing.assert_allclose(record.coherence, g2, rtol=1e-11)
@@ -163,26 +171,27 @@ def test_coherence_and_averages(tmp_path, values, rng):
 
 def test_missing_and_doubled_pairs_are_named(tmp_path, values):
     with pytest.raises(FileError, match=r"no FRF of 7RY\+/2X\+ \(output/input\)"):
-        read_record(write(tmp_path / "a.uff", [d for i, d in enumerate(frfs(values)) if i != 2]))
+        read_record(write(tmp_path / "a.uff", [units(), *(d for i, d in enumerate(frfs(values)) if i != 2)]))
     part = read_record(tmp_path / "a.uff", ReadOptions(outputs="1Z-"))
     np.testing.assert_allclose(part.values, values[:, :1], rtol=1e-11)
     with pytest.raises(FileError, match=r"1Z-/2X\+ twice"):
-        read_record(write(tmp_path / "b.uff", [*frfs(values), frfs(values)[0]]))
+        read_record(write(tmp_path / "b.uff", [units(), *frfs(values), frfs(values)[0]]))
 
 
 @pytest.mark.parametrize(
     "change, word",
     [
-        ({"func_type": 2}, "only auto spectrum"), ({"func_type": 12}, "only spectrum"), ({"func_type": 9}, "power spectral"),
+        ({"func_type": 2}, r"spectra of responses \(auto spectrum\)"), ({"func_type": 12}, "only spectrum"),
+        ({"func_type": 9}, "power spectral density.*export the time histories"),
         ({"func_type": 3}, "cross spectrum"), ({"rsp_dir": 0}, "direction 0"), ({"ordinate_spec_data_type": 3}, "type 3"),
         ({"ordinate_spec_data_type": 13}, "force per force"), ({"orddenom_spec_data_type": 11}, "per velocity"),
-        ({"ordinate_spec_data_type": 0}, "of type 0 .* or say what they are with `unit`, as in unit = \"g/N\""),
+        ({"ordinate_spec_data_type": 0}, "of type 0 .* or say what they are: give `unit = \"g/N\"`"),
         ({"ordinate_axis_units_lab": "mm"}, "acceleration by their type but displacement"),
     ],
 )  # fmt: skip
 def test_unusable_functions_are_refused(tmp_path, values, change, word):
     data = function((1, 3), (2, 3), values[:, 0, 0]) | change
-    path = write(tmp_path / "a.uff", [data | {"func_type": min(data["func_type"], 9)}])
+    path = write(tmp_path / "a.uff", [units(), data | {"func_type": min(data["func_type"], 9)}])
     if data["func_type"] == 12:  # which pyuff does not write
         path.write_text(path.read_text().replace("\n    9         0", "\n   12         0"))
     with pytest.raises(FileError, match=word):
@@ -190,15 +199,15 @@ def test_unusable_functions_are_refused(tmp_path, values, change, word):
 
 
 def test_other_frequencies_are_refused(tmp_path, values):
-    sets = frfs(values)
-    sets[3]["x"] = FREQUENCY + 0.25
+    sets = [units(), *frfs(values)]
+    sets[4]["x"] = FREQUENCY + 0.25
     with pytest.raises(FileError, match=r"7RY\+/2RZ- has other frequencies"):
         read_record(write(tmp_path / "a.uff", sets))
 
 
 @pytest.mark.parametrize("end", ["junk", "    -1\n", "    -1\n    58\n", "-1\n", "\n 5 \n"])
 def test_trailing_junk_is_refused(tmp_path, values, end):
-    path = write(tmp_path / "a.uff", frfs(values))
+    path = write(tmp_path / "a.uff", [units(), *frfs(values)])
     read_record(path)
     path.write_text(path.read_text() + end)
     with pytest.raises(FileError, match=f"^{path}"):

@@ -130,6 +130,11 @@ def test_plotly_knows_every_key(page):
         assert f'id="figure-{name}"' in page.text
 
 
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(name, marks=[pytest.mark.long] if name in ("many", "plane") else []) for name in PAGES],
+    indirect=True,
+)
 def test_both_renderers_show_the_same(page):
     described = read_figures(browser.embedded(page.figures))
     for name, figure in page.figures.items():

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.study.results.folder import staged_folder
-from study_cases import CHAIN, write_chain
+from study_cases import CHAIN, complaints, write_chain
 
 ROOT = Path(__file__).parent.parent.parent
 ENVIRONMENT = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
@@ -29,6 +29,7 @@ def run(*words: str, folder: Path = ROOT, **options) -> subprocess.CompletedProc
     )
 
 
+@pytest.mark.long
 def test_ended_at_random_moments_and_run_again(tmp_path):
     """`python -m fuzz.killed` with 100 moments is the whole of it."""
     done = run("-m", "fuzz.killed", "--count", "4", "--seed", "11", timeout=600)
@@ -41,7 +42,7 @@ def test_two_runs_in_one_place(tmp_path):
     write_chain(tmp_path, CHAIN + "uniqueness_starts = 12\n")
     words = ("-m", "structid", "identify", "chain.toml", "--no-report", "--checkpoint", "0")
     first = subprocess.Popen([sys.executable, *words], cwd=tmp_path, env=ENVIRONMENT, stdout=-1, stderr=-1, text=True)
-    for _ in range(4000):
+    for _ in range(120_000):
         if (tmp_path / "chain_results.checkpoint" / "run.json").exists() or first.poll() is not None:
             break
         time.sleep(0.005)
@@ -56,8 +57,8 @@ def test_two_runs_in_one_place(tmp_path):
         assert kept <= {path.name for path in (tmp_path / "chain_results.checkpoint").glob("done-*")}
     finally:
         first.send_signal(signal.SIGCONT)
-    _, said = first.communicate(timeout=120)
-    assert (first.returncode, said) == (0, "")
+    _, said = first.communicate(timeout=600)
+    assert (first.returncode, complaints(said)) == (0, [])
     assert json.loads((tmp_path / "chain_results" / "estimate.json").read_text())["status"] == "converged"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["chain.toml", "chain_results", "frf.npz"]
 
@@ -93,7 +94,9 @@ WAYS = {
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="limits of file size are of POSIX")
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    "way", [pytest.param(way, marks=[] if way in ("identify", "convert.h5") else pytest.mark.long) for way in WAYS]
+)
 def test_a_disk_that_fills_leaves_nothing(tmp_path, way):
     write_chain(tmp_path)
     n_sizes = {"identify with its report": 4, "modes": 8, "compare": 8, "plan": 8}.get(way, 20)

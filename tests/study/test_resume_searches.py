@@ -249,6 +249,7 @@ def test_pieces_of_a_chain_are_kept_before_it_ends(tmp_path):
     assert names[-1] == "chains to draw 150 of 180 1, 1"
 
 
+@pytest.mark.long
 def test_a_killed_time_fit_resumes_to_the_same_digits(histories, tmp_path):
     """Killed by SIGKILL in one of its searches."""
     source = histories[0].path.parent
@@ -256,13 +257,13 @@ def test_a_killed_time_fit_resumes_to_the_same_digits(histories, tmp_path):
         shutil.copytree(source, tmp_path / name / "study")
         (tmp_path / name / "study" / "study.toml").rename(tmp_path / name / "study" / "chain.toml")
     first = command(tmp_path / "whole")
-    first.communicate(timeout=120)
+    first.communicate(timeout=600)
     kept = checkpoint_folder(tmp_path / "killed" / "chain_results")
     second = command(tmp_path / "killed", "--checkpoint", "0")
     signalled_when(second, kept / "done-00004.npz", signal.SIGKILL)
     assert second.returncode == -signal.SIGKILL
     third = command(tmp_path / "killed", "--resume")
-    third.communicate(timeout=120)
+    third.communicate(timeout=600)
     assert first.returncode == third.returncode
     one, two = (
         json.loads((tmp_path / name / "chain_results" / "estimate.json").read_text()) for name in ("whole", "killed")

@@ -77,7 +77,7 @@ def test_files_keep_transmissibilities(folder, name):
 def test_unknown_masses_are_given_as_ratios(folder):
     every = '\n[[unknown]]\nproperty = "mass"\nelements = "floor"\neach = true\n\n[record]\n'
     path = changed(folder, ("\n[record]\n", every))
-    done = run("identify", path, "--out", folder / "out")
+    done = run("identify", path, "--out", folder / "out", "--no-report", "--no-explain")
     assert done.exit_code == 1
     result = json.loads((folder / "out" / "estimate.json").read_text())
     assert any("ratios of stiffness to mass, not kilograms" in words for words in result["warnings"])

@@ -65,7 +65,7 @@ class Served:
         token: str | None = None,
     ):
         """Status, headers and body of a request; `path` comes after the token."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=600)
         given = {"Host": f"127.0.0.1:{self.port}", **(headers or {})}
         connection.putrequest(method, f"/{self.token if token is None else token}{path}", skip_host=True)
         for name, value in given.items():
@@ -104,7 +104,7 @@ def served(folder: Path, *words: str, environment: dict[str, str] | None = None)
         yield Served(re.search(r"http\S+", line)[0], process)
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(300)
         process.stdout.close()
 
 

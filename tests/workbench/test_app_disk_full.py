@@ -86,6 +86,7 @@ def test_a_run_that_cannot_be_written_down_is_not_left_running(folder, tmp_path)
     assert content(folder) == before
 
 
+@pytest.mark.long
 def test_a_run_whose_results_find_no_room_is_told_and_resumed(folder, tmp_path):
     marker, environment = filling_disk(tmp_path)
     (folder / "first").mkdir()

@@ -59,6 +59,7 @@ def test_saved_modes_stand_beside_the_model(folder):
         assert "estimate.h5" in found["error"]
 
 
+@pytest.mark.long
 def test_modes_that_are_not_saved_yet_and_channels_under_other_names(folder):
     frequency, shapes = storeys()
     text = (folder / "storeys.toml").read_text(encoding="utf-8")
@@ -114,6 +115,7 @@ def test_files_of_modes_are_known_by_what_they_hold(folder):
     assert listed == ["a.h5", "a_modes/modes.json", "found/tower_2023.json"]
 
 
+@pytest.mark.long
 def test_all_files_that_readers_know_are_listed_and_taken(folder):
     for name in ("a.wav", "b.tsv", "c.f06", "d.pun", "e.full"):
         (folder / name).write_bytes(b"1")
@@ -142,6 +144,7 @@ def test_all_files_that_readers_know_are_listed_and_taken(folder):
     ]
 
 
+@pytest.mark.long
 def test_records_of_set_ups_are_merged_with_a_page(folder):
     """Two records of two sensors, seeds 5 and 6, with the first floor in common."""
     write_ambient(folder / "a.h5", ("1X+", "2X+"), 5)

@@ -24,13 +24,26 @@ from structid.study.templates import TEMPLATES, template_with, write_study  # no
 _PATIENCE = 240.0
 
 
+def written(folder: Path) -> Path:
+    """The folder with a beam's study and record."""
+    write_study(template_with(TEMPLATES["beam"], {"elements": 4}), folder / "beam.toml")
+    write_beam_record(folder / "beam.toml", folder / "frf.npz", ("3Y+", "5Y+"), ("3Y+", "5Y+"))
+    with (folder / "beam.toml").open("a", encoding="utf-8") as stream:
+        stream.write('\n[record]\npath = "frf.npz"\n\n[method]\nintervals = "bootstrap"\n')
+    return folder
+
+
 @pytest.fixture
 def folder(tmp_path):
-    write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
-    write_beam_record(tmp_path / "beam.toml", tmp_path / "frf.npz", ("3Y+", "5Y+"), ("3Y+", "5Y+"))
-    with (tmp_path / "beam.toml").open("a", encoding="utf-8") as stream:
-        stream.write('\n[record]\npath = "frf.npz"\n\n[method]\nintervals = "bootstrap"\n')
-    return tmp_path
+    return written(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def open_folder(tmp_path_factory):
+    """A folder and its workbench, for tests that start no run and leave the study readable."""
+    folder = written(tmp_path_factory.mktemp("open"))
+    with served(folder) as bench:
+        yield folder, bench
 
 
 def wait_for(holds, words: str):
@@ -57,6 +70,7 @@ def processes(folder: Path, run: str) -> list[psutil.Process]:
         return []
 
 
+@pytest.mark.long
 def test_a_run_outlives_the_server_and_a_killed_one_is_resumed(folder):
     with served(folder) as bench:
         run = bench.post("runs", {"study": "beam.toml", "results": "first"})[1]["id"]
@@ -111,34 +125,34 @@ def test_a_study_that_cannot_run_is_told_with_its_line(folder):
         assert "line " in bench.get(f"runs/{run}")[1]["log"]
 
 
-def test_a_changed_study_is_not_overwritten(folder):
-    with served(folder) as bench:
-        before = bench.get("study", study="beam.toml")[1]
-        (folder / "beam.toml").write_text(before["text"] + "# by hand\n")
-        edit = {"study": "beam.toml", "digest": before["digest"], "edits": [{"set": ["title"], "to": '"mine"'}]}
-        status, found = bench.post("edit", edit)
-        assert status == 409
-        assert "was changed by another" in found["error"]
-        assert (folder / "beam.toml").read_text().endswith("# by hand\n")
-        now = bench.get("study", study="beam.toml")[1]
-        status, found = bench.post("edit", {**edit, "digest": now["digest"]})
-        assert status == 200
-        assert (folder / "beam.toml").read_text() == found["text"]
-        assert found["text"].endswith("# by hand\n")
+def test_a_changed_study_is_not_overwritten(open_folder):
+    folder, bench = open_folder
+    before = bench.get("study", study="beam.toml")[1]
+    (folder / "beam.toml").write_text(before["text"] + "# by hand\n")
+    edit = {"study": "beam.toml", "digest": before["digest"], "edits": [{"set": ["title"], "to": '"mine"'}]}
+    status, found = bench.post("edit", edit)
+    assert status == 409
+    assert "was changed by another" in found["error"]
+    assert (folder / "beam.toml").read_text().endswith("# by hand\n")
+    now = bench.get("study", study="beam.toml")[1]
+    status, found = bench.post("edit", {**edit, "digest": now["digest"]})
+    assert status == 200
+    assert (folder / "beam.toml").read_text() == found["text"]
+    assert found["text"].endswith("# by hand\n")
 
 
-def test_a_new_study_without_a_suffix_is_listed(folder):
-    with served(folder) as bench:
-        assert bench.post("init", {"template": "beam", "path": "shelf", "numbers": {}}) == (200, {"path": "shelf.toml"})
-        assert [one["path"] for one in bench.get("folder")[1]["studies"]] == ["beam.toml", "shelf.toml"]
+def test_a_new_study_without_a_suffix_is_listed(open_folder):
+    _, bench = open_folder
+    assert bench.post("init", {"template": "beam", "path": "shelf", "numbers": {}}) == (200, {"path": "shelf.toml"})
+    assert [one["path"] for one in bench.get("folder")[1]["studies"]] == ["beam.toml", "shelf.toml"]
 
 
-def test_a_file_in_the_way_of_the_results_is_told_before_the_run(folder):
-    with served(folder) as bench:
-        status, found = bench.post("runs", {"study": "beam.toml", "results": "beam.toml/first"})
-        assert status == 422
-        assert "beam.toml: is a file; give another folder" in found["error"]
-        assert bench.get("folder")[1]["runs"] == []
+def test_a_file_in_the_way_of_the_results_is_told_before_the_run(open_folder):
+    _, bench = open_folder
+    status, found = bench.post("runs", {"study": "beam.toml", "results": "beam.toml/first"})
+    assert status == 422
+    assert "beam.toml: is a file; give another folder" in found["error"]
+    assert bench.get("folder")[1]["runs"] == []
 
 
 def test_ctrl_c_ends_open_pages_and_questions_without_a_word(folder):
@@ -150,7 +164,7 @@ def test_ctrl_c_ends_open_pages_and_questions_without_a_word(folder):
             )
         time.sleep(1)
         bench.process.send_signal(signal.SIGINT)
-        said = bench.process.communicate(timeout=30)[0]
+        said = bench.process.communicate(timeout=600)[0]
         assert said.strip() in ("", "(this machine only; Ctrl-C ends it, runs go on)")  # the rest of its first words
         assert bench.process.returncode == 0
 
@@ -181,7 +195,7 @@ def test_a_port_that_is_taken_is_told(folder):
             "--port",
             str(taken.getsockname()[1]),
         ]
-        done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 2
     assert "give another one with --port" in done.stderr
     assert "Traceback" not in done.stderr
@@ -189,11 +203,12 @@ def test_a_port_that_is_taken_is_told(folder):
 
 def test_no_folder_is_told(tmp_path):
     words = [sys.executable, "-m", "structid", "app", str(tmp_path / "nothing"), "--no-browser"]
-    done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(words, env=ENVIRONMENT, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 2
     assert "is no folder" in done.stderr
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_is_begun_anew(tmp_path):
     shutil.copy(ROOT / "examples" / "first_structure" / "study.toml", tmp_path)
     shutil.copy(ROOT / "examples" / "first_structure" / "record.csv", tmp_path)

@@ -194,7 +194,7 @@ def test_a_body_longer_than_it_may_be_is_cut(bench):
     """Sent in chunks, which say no length before."""
     body = json.dumps({"study": "long.toml", "text": "# " + "x" * 4_000_000, "digest": ""}).encode()
     pieces = [body[k : k + 500_000] for k in range(0, len(body), 500_000)]
-    connection = socket.create_connection(("127.0.0.1", bench[0].port), timeout=30)
+    connection = socket.create_connection(("127.0.0.1", bench[0].port), timeout=300)
     head = f"POST /{bench[0].token}/api/study HTTP/1.1\r\nHost: 127.0.0.1:{bench[0].port}\r\nTransfer-Encoding: chunked\r\n\r\n"
     connection.sendall(head.encode())
     try:
@@ -212,7 +212,7 @@ def test_a_body_longer_than_it_may_be_is_cut(bench):
 
 
 def test_an_upload_that_breaks_off_leaves_nothing(bench):
-    connection = socket.create_connection(("127.0.0.1", bench[0].port), timeout=30)
+    connection = socket.create_connection(("127.0.0.1", bench[0].port), timeout=300)
     address = f"PUT /{bench[0].token}/api/file?name=half.npy HTTP/1.1"
     head = f"{address}\r\nHost: 127.0.0.1:{bench[0].port}\r\nContent-Length: 1000\r\n\r\n"
     connection.sendall(head.encode() + b"x" * 10)

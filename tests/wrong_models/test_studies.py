@@ -126,6 +126,7 @@ def test_every_fault_can_be_seen_and_small_ones_do_not_matter():
             assert found[one.name]["chi_square"] > 60, one.name
 
 
+@pytest.mark.long
 def test_a_joint_looks_like_that_of_the_next_element():
     one = Case("j", "two_span", "frf", (Fault("joint", "left:3/4RZ", "800"),))
     found = told_apart(one)
@@ -181,6 +182,7 @@ def test_a_sensor_that_points_elsewhere():
     np.testing.assert_allclose(turned.motion[:, 1], np.sqrt(0.75) * straight.motion[:, 1] + 0.5 * across, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_the_edge_of_ambient_forces_is_no_mode(tmp_path, monkeypatch):
     """Forces that end at 150 Hz leave two stable poles there, whose channels move in no one phase."""
     [case] = [one for one in EVERY if one.name == "portal-ambient-near-twin"]

@@ -93,9 +93,24 @@ def _terminable() -> Iterator[None]:
 
 def fail(message: str, code: int) -> None:
     """Exit with `code`, the message on stderr; what would steer a terminal in it is shown by its number."""
-    shown = "".join(letter if letter.isprintable() or letter == "\n" else f"\\x{ord(letter):02x}" for letter in message)
-    typer.echo(f"error: {shown}", err=True)
+    say(f"error: {message}", err=True)
     raise typer.Exit(code) from None
+
+
+def say(text: object, err: bool = False, is_exact: bool = False) -> None:
+    """Print a line with paths as the user gave them, or exactly; what would steer a terminal in it is shown by its number."""
+    from structid.core.isolation import paths_as_called  # the help needs none of it
+
+    shown = str(text) if is_exact else paths_as_called(str(text))
+    escaped = "".join(letter if letter.isprintable() or letter == "\n" else f"\\x{ord(letter):02x}" for letter in shown)
+    typer.echo(escaped, err=err)
+
+
+def beside_call(name: str) -> Path:
+    """The path of `name` in the folder in which the command was called."""
+    from structid.core.isolation import calling_folder
+
+    return calling_folder() / name
 
 
 def check_png(report: bool, png: bool) -> None:

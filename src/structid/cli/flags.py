@@ -9,11 +9,12 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from pathlib import Path
 from typing import Annotated, TypeVar, get_type_hints
 
 import typer
 
-from structid.cli.base import reported
+from structid.cli.base import reported, say
 
 T = TypeVar("T")
 _AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None)
@@ -36,7 +37,11 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     groups = {name: list(_flags(kind)) for name, kind in options.items()}
 
     def run(**given: object) -> None:
-        with reported():
+        from structid.core.isolation import absolute_paths, isolated  # the help needs none of it
+        from structid.external.confirmation import commands_told
+
+        with reported(), isolated(), commands_told(_tell_command):
+            given = {name: absolute_paths(value) for name, value in given.items()}
             for name, flags in groups.items():
                 values = {flag.name: given.pop(flag.name) for flag in flags}
                 told = {flag.name: values[flag.name] for flag in flags if values[flag.name] != flag.default}
@@ -49,6 +54,10 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     run.__annotations__ = {p.name: p.annotation for p in parameters}
     vars(run)["__signature__"] = signature.replace(parameters=keyword_only)
     return run
+
+
+def _tell_command(command: str, study: Path) -> None:
+    say(f"runs the command of the study in {study}: {command}", err=True, is_exact=True)
 
 
 def _inner(kind: object) -> type | None:

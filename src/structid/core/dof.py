@@ -11,11 +11,11 @@ from structid.core.errors import InputError
 DIRECTIONS = ("X", "Y", "Z", "RX", "RY", "RZ")
 
 _WORD = re.compile(
-    r"^\s*(?P<node>\d{1,15})\s*[:_ ]?\s*(?P<before>[+-]?)\s*(?P<direction>R?[XYZ])\s*(?P<after>[+-]?)\s*$",
+    r"^\s*(?P<node>\d{1,15})(?:\s*[:_])?\s*(?:(?P<before>[+-])\s*)?(?P<direction>R?[XYZ])\s*(?:(?P<after>[+-])\s*)?$",
     re.IGNORECASE,
 )
 _LOAD = "load "
-_NUMBER = re.compile(r"^\s*(?P<node>\d{1,15})\.0?(?P<component>[1-6])\s*(?P<after>[+-]?)\s*$")
+_NUMBER = re.compile(r"^\s*(?P<node>\d{1,15})\.0?(?P<component>[1-6])\s*(?:(?P<after>[+-])\s*)?$")
 
 
 @dataclass(frozen=True, order=True)
@@ -87,7 +87,7 @@ def parse_dof(text: str | Dof) -> Dof:
         return text
     word = _WORD.match(text) if isinstance(text, str) else None
     if word:
-        senses = word["before"] + word["after"]
+        senses = (word["before"] or "") + (word["after"] or "")
         if len(senses) > 1:
             raise InputError(f"degree of freedom {text!r} has two signs; write one, as in 12Z- or 12:-Z")
         return Dof(int(word["node"]), word["direction"].upper(), -1 if senses == "-" else 1)

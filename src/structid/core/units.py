@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -16,35 +16,83 @@ FrfKind = Literal["receptance", "mobility", "accelerance", "transmissibility"]
 
 #: Standard acceleration of free fall in m/s^2.
 STANDARD_GRAVITY = 9.80665
-_LENGTHS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-_ANGLES = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180}
-_FORCES = {
-    "N": 1.0, "mN": 1e-3, "kN": 1e3, "MN": 1e6,
-    "lbf": 4.4482216152605, "kip": 4448.2216152605, "kgf": STANDARD_GRAVITY,
+_POUND = 0.45359237 * STANDARD_GRAVITY
+#: Lengths in m, by the one spelling that stands for all of `_SPELLINGS`.
+LENGTHS = {
+    "m": 1.0, "km": 1e3, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 2.54e-5, "ft": 0.3048,
 }  # fmt: skip
-_ACCELERATIONS = {"g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY * 1e-3}
+#: Angles in rad.
+ANGLES = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180}
+#: Forces in N.
+FORCES = {
+    "N": 1.0, "mN": 1e-3, "daN": 10.0, "kN": 1e3, "MN": 1e6, "dyn": 1e-5, "lbf": _POUND, "kip": 1e3 * _POUND,
+    "kgf": STANDARD_GRAVITY,
+}  # fmt: skip
+#: Accelerations with a name of their own, in m/s^2.
+ACCELERATIONS = {
+    "g": STANDARD_GRAVITY,
+    "mg": STANDARD_GRAVITY * 1e-3,
+    "ug": STANDARD_GRAVITY * 1e-6,
+    "gal": 1e-2,
+    "mgal": 1e-5,
+}
+#: Frequencies in Hz.
+FREQUENCIES = {"Hz": 1.0, "mHz": 1e-3, "kHz": 1e3, "MHz": 1e6, "rad/s": 1 / (2 * math.pi), "rpm": 1 / 60}
+#: Times in s.
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+_VOLTAGES = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
+#: How people write them, in small letters.
+_SPELLINGS = {
+    "m": "meter meters metre metres", "km": "kilometer kilometers kilometre kilometres",
+    "cm": "centimeter centimeters centimetre centimetres", "mm": "millimeter millimeters millimetre millimetres",
+    "um": "micron microns micrometer micrometers micrometre micrometres", "in": "inch inches", "mil": "mils thou",
+    "ft": "foot feet", "rad": "radian radians", "mrad": "milliradian milliradians", "deg": "degree degrees \u00b0",
+    "N": "newton newtons", "kN": "kilonewton kilonewtons", "dyn": "dyne dynes", "kip": "kips klbf",
+    "lbf": "lb lbs lbsf lb_f pound pounds poundforce pound-force", "kgf": "kp kilopond kilogramforce kilogram-force kg_f",
+    "g": "gn g_n g0 g's gs g-force", "mg": "milli-g millig", "ug": "micro-g microg", "gal": "gals", "mgal": "milligal",
+    "Hz": "hertz cps cycles/s cycle/s c/s", "kHz": "kilohertz", "rad/s": "r/s radians/s rads/s rad*s^-1",
+    "rpm": "r/min rev/min revs/min 1/min cpm u/min min^-1",
+    "s": "sec secs second seconds sek", "ms": "msec msecs millis millisec millisecs millisecond milliseconds",
+    "us": "usec usecs micros microsec microsecs microsecond microseconds", "ns": "nsec nanosecond nanoseconds nanos",
+    "min": "mins minute minutes", "h": "hr hrs hour hours", "V": "volt volts", "mV": "millivolt millivolts",
+}  # fmt: skip
+_NAMES = {word: unit for unit, words in _SPELLINGS.items() for word in words.split()}
+_UNITS = {**LENGTHS, **ANGLES, **FORCES, **ACCELERATIONS, **FREQUENCIES, **TIMES, **_VOLTAGES}
+#: In capitals these may stand for two: mN or MN, mHz or MHz, a mass or an acceleration; M alone is no unit.
+_CASED = ("mn", "mhz", "mg", "mgal", "mv", "h", "m")
+_NAMES |= {unit.lower(): unit for unit in _UNITS if unit.lower() not in (*_CASED, "g", "v")} | {"g": "g", "v": "V"}
+#: Words that people find where a unit should be, and why they are none.
+_NO_UNITS = {
+    "eu": "EU are engineering units of whoever set up the test",
+    "kg": "kg is a mass, and a force in kgf or N",
+    "db": "dB is a level: its reference is not said, and phases are lost",
+    "%": "a percentage says no unit",
+    "counts": "counts of a converter are no unit", "count": "counts of a converter are no unit",
+}  # fmt: skip
+_VOLTAGE_REMEDY = "give it with the sensitivity of the sensor, as in V at 100 mV/g or mV at 10.2 mV/(m/s^2)"
 #: What a sensor shows too much of, with the unit that it is in and the one that it is read as.
 _MISTAKEN = ((STANDARD_GRAVITY, "m/s^2", "g"), (1e3, "mm", "m"), (1e2, "cm", "m"), (1 / 0.0254, "in", "m"))
 _MISTAKEN_TURNS = ((180 / math.pi, "deg", "rad"), (1e3, "mrad", "rad"))
 #: What a force is more than its reading says, likewise.
-MISTAKEN_FORCES = tuple((_FORCES[unit], unit, "N") for unit in ("lbf", "kgf", "kN"))
-_PER_TIME: dict[str, Quantity] = {
-    "": "displacement",
-    "/s": "velocity",
-    "/s^2": "acceleration",
-    "/s2": "acceleration",
-    "/s/s": "acceleration",
-}
+MISTAKEN_FORCES = tuple((FORCES[unit], unit, "N") for unit in ("lbf", "kgf", "kN"))
+_BY_POWER: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
 _KINDS: dict[str, FrfKind] = {
     "displacement": "receptance",
     "velocity": "mobility",
     "acceleration": "accelerance",
 }
-_MOTION = re.compile(r"^(?P<base>[A-Za-z]+)(?P<time>/.*)?$")
-_MOMENT = re.compile(r"^(?P<force>[A-Za-z]+?)[*\- ]?(?P<length>km|cm|mm|um|m|in|ft)$")
+_TIME_WORD = r"(?:s|sec|secs|second|seconds)"
+_PER_TIME = re.compile(
+    rf"(?P<base>[^/*^\s]+?)(?:(?P<once>/{_TIME_WORD})(?P<twice>/{_TIME_WORD}|\^?2)?|/\({_TIME_WORD}(?P<square>\^?2|\*{_TIME_WORD})\)"
+    rf"|[ .*]?{_TIME_WORD}\^?-(?P<power>[12]))?",
+    re.IGNORECASE,
+)
+_VOLTAGE = re.compile(
+    r"(?P<read>[mu]?V) ?(?:at|@) ?(?P<number>\d+\.?\d*(?:e[+-]?\d+)?) ?(?P<sensed>[mu]?V)/(?P<unit>.+)", re.IGNORECASE
+)
 _ACCEPTED = (
-    "lengths m mm um cm km in ft and angles rad deg, alone or per s or s^2 (as in mm/s^2 or deg/s), "
-    "g as an acceleration, forces N kN mN lbf kip kgf, moments such as N m"
+    "lengths m mm um cm km in mil ft and angles rad deg, alone or per s or s^2 (as in mm/s^2 or deg/s), g or gal as an"
+    " acceleration, forces N kN mN lbf kip kgf, moments such as N m, or a voltage with a sensitivity as in V at 100 mV/g"
 )
 _ACCEPTED_FRF = (
     "motion per force, as in (m/s^2)/N, g/lbf, mm/N or (mm/s)/kN, or motion per the same motion of a support, as in g/g,"
@@ -83,10 +131,19 @@ class FrfUnit(NamedTuple):
 
 
 def _normalized(text: str) -> str:
-    for old, new in (("**", "^"), ("²", "^2"), ("µ", "u"), ("μ", "u"), ("·", "*"), ("⋅", "*")):
+    for old, new in (("**", "^"), ("²", "^2"), ("\u207b", "^-"), ("\u00b9", "1"), ("^-^2", "^-2"), ("µ", "u"), ("μ", "u"),
+                     ("·", "*"), ("⋅", "*"), ("\u2019", "'")):  # fmt: skip
         text = text.replace(old, new)
-    text = re.sub(r"\s*([/*^()])\s*", r"\1", text.strip())
-    return re.sub(r"\s+", " ", text)
+    text = " ".join(text.split()).replace(" per ", "/")
+    return re.sub(r" ?([/*^()]) ?", r"\1", text)
+
+
+def _name(text: str, among: Mapping[str, float]) -> str | None:
+    """The unit of `among` that `text` is, in whatever spelling; None where it is none of them."""
+    if text in among:
+        return text
+    unit = _NAMES.get(text.lower())
+    return unit if unit in among else None
 
 
 def _without_brackets(text: str) -> str:
@@ -101,21 +158,63 @@ def _without_brackets(text: str) -> str:
 
 def _unit(text: str) -> Unit | None:
     text = _without_brackets(text)
-    if text in _FORCES:
-        return Unit("force", _FORCES[text], False)
-    if text in _ACCELERATIONS:
-        return Unit("acceleration", _ACCELERATIONS[text], False)
-    motion = _MOTION.match(text)
-    if motion and (motion["time"] or "") in _PER_TIME:
-        quantity = _PER_TIME[motion["time"] or ""]
-        if motion["base"] in _LENGTHS:
-            return Unit(quantity, _LENGTHS[motion["base"]], False)
-        if motion["base"] in _ANGLES:
-            return Unit(quantity, _ANGLES[motion["base"]], True)
-    moment = _MOMENT.match(text)
-    if moment and moment["force"] in _FORCES:
-        return Unit("force", _FORCES[moment["force"]] * _LENGTHS[moment["length"]], True)
+    force, acceleration = _name(text, FORCES), _name(text, ACCELERATIONS)
+    if force is not None:
+        return Unit("force", FORCES[force], False)
+    if acceleration is not None:
+        return Unit("acceleration", ACCELERATIONS[acceleration], False)
+    motion = _PER_TIME.fullmatch(text)
+    if motion:
+        power = 2 if motion["twice"] or motion["square"] else 1 if motion["once"] else int(motion["power"] or 0)
+        base = "m" if motion["base"] == "M" and power else motion["base"]
+        for is_rotation, table in enumerate((LENGTHS, ANGLES)):
+            name = _name(base, table)
+            if name is not None:
+                return Unit(_BY_POWER[power], table[name], bool(is_rotation))
+    if text.lower() == "ips":
+        return Unit("velocity", LENGTHS["in"], False)
+    return _moment(text) or _sensed(text)
+
+
+def _moment(text: str) -> Unit | None:
+    """A force times a length, in either order: N m, kN*mm, ft-lbf, in lb; mN is a force."""
+    for match in _splits(text):
+        for force, length in (match, match[::-1]):
+            force_name, length_name = _name(force, FORCES), _name(length, LENGTHS)
+            if force_name is not None and length_name is not None:
+                return Unit("force", FORCES[force_name] * LENGTHS[length_name], True)
     return None
+
+
+def _splits(text: str) -> list[tuple[str, str]]:
+    """The two words that a sign or a blank stands between; of one word every two parts."""
+    words = re.split(r"[*\- .]", text)
+    if len(words) == 2:
+        return [(words[0], words[1])]
+    cuts = range(1, len(text)) if len(words) == 1 else ()
+    known = {*FORCES, *LENGTHS}  # as they are spelled there: nm is no moment
+    return [(text[:cut], text[cut:]) for cut in cuts if {text[:cut], text[cut:]} <= known]
+
+
+def _sensed(text: str) -> Unit | None:
+    """A voltage with the sensitivity of its sensor: V at 100 mV/g."""
+    match = _VOLTAGE.fullmatch(text)
+    unit = _unit(match["unit"]) if match else None
+    if match is None or unit is None or float(match["number"]) == 0:
+        return None
+    names = [_name(match[part], _VOLTAGES) for part in ("read", "sensed")]
+    read, sensed = (_VOLTAGES[name] if name else math.nan for name in names)
+    return unit._replace(factor=unit.factor * read / (float(match["number"]) * sensed))
+
+
+def _refusal(text: str, kind: str, accepted: str) -> InputError:
+    """Why a text cannot be read as a unit, and what to write."""
+    parts = [part for part in re.split(r"[/()]", _normalized(text)) if part]
+    reasons = [_NO_UNITS[part.lower()] for part in parts if part.lower() in _NO_UNITS]
+    if not reasons and any(_name(part, _VOLTAGES) for part in parts):
+        reasons = [f"a voltage says nothing without its sensor: {_VOLTAGE_REMEDY}"]
+    because = f" ({reasons[0]})" if reasons else ""
+    return InputError(f"cannot read {text!r} as the unit of {kind}{because}; write {accepted}")
 
 
 def parse_unit(text: str) -> Unit:
@@ -124,7 +223,8 @@ def parse_unit(text: str) -> Unit:
     Parameters
     ----------
     text : str
-        Such as ``m/s^2``, ``m/s2``, ``m/s**2``, ``mm``, ``deg/s``, ``g`` (an acceleration), ``kN``, ``N m``.
+        Such as ``m/s^2``, ``m/s2``, ``m/s/s``, ``in/sec^2``, ``mm``, ``mils``, ``deg/s``, ``g``, ``G`` or ``gn`` (an
+        acceleration), ``kN``, ``lbs``, ``N m``, and ``V at 100 mV/g``, a voltage with the sensitivity of its sensor.
 
     Returns
     -------
@@ -144,8 +244,50 @@ def parse_unit(text: str) -> Unit:
     """
     unit = _unit(_normalized(text))
     if unit is None:
-        raise InputError(f"cannot read {text!r} as the unit of a channel; write {_ACCEPTED}")
+        raise _refusal(text, "a channel", _ACCEPTED)
     return unit
+
+
+def parse_frequency_unit(text: str) -> float:
+    """What a frequency in the unit `text` is multiplied by to be in Hz: of Hz, kHz, rad/s, rpm, as people write them.
+
+    Raises
+    ------
+    InputError
+        If `text` is none of these; orders need the speed of rotation.
+
+    Examples
+    --------
+    >>> parse_frequency_unit("kHz")
+    1000.0
+    """
+    plain = _without_brackets(_normalized(text))
+    plain = re.sub(rf"(/|[ .*](?=\w+\^?-1$)){_TIME_WORD}(\^?-1)?$", "/s", plain, flags=re.IGNORECASE)
+    name = _name(plain, FREQUENCIES)
+    if name is None:
+        is_order = text.strip().lower() in ("order", "orders", "ord", "x rpm")
+        because = " (orders are multiples of a speed of rotation: export frequencies)" if is_order else ""
+        raise InputError(f"cannot read {text!r} as the unit of a frequency{because}; write Hz, kHz, rad/s or rpm")
+    return FREQUENCIES[name]
+
+
+def parse_time_unit(text: str) -> float:
+    """What a time in the unit `text` is multiplied by to be in s: of s, ms, us, ns, min, h, as people write them.
+
+    Raises
+    ------
+    InputError
+        If `text` is none of these.
+
+    Examples
+    --------
+    >>> parse_time_unit("msec")
+    0.001
+    """
+    name = _name(_without_brackets(_normalized(text)), TIMES)
+    if name is None:
+        raise InputError(f"cannot read {text!r} as the unit of a time; write s, ms, us or min")
+    return TIMES[name]
 
 
 def _last_division(text: str) -> int:
@@ -156,6 +298,13 @@ def _last_division(text: str) -> int:
         if letter == "/" and depth == 0:
             found = i
     return found
+
+
+def frf_unit_sides(text: str) -> tuple[Unit | None, Unit | None]:
+    """The units in front of and behind the last division outside of brackets; None for what is none."""
+    whole = _without_brackets(_normalized(text))
+    cut = _last_division(whole)
+    return (_unit(whole[:cut]), _unit(whole[cut + 1 :])) if cut > 0 else (None, None)
 
 
 def parse_frf_unit(text: str) -> FrfUnit:
@@ -182,14 +331,9 @@ def parse_frf_unit(text: str) -> FrfUnit:
     >>> parse_frf_unit("(mm/s)/kN")[:2]
     ('mobility', 1e-06)
     """
-    whole = _without_brackets(_normalized(text))
-    cut = _last_division(whole)
-    above = _unit(whole[:cut]) if cut > 0 else None
-    below = _unit(whole[cut + 1 :]) if cut > 0 else None
+    above, below = frf_unit_sides(text)
     if above is not None and below is not None and above.quantity == below.quantity != "force":
         return FrfUnit("transmissibility", above.factor / below.factor, above.rotation, below.rotation)
     if above is None or below is None or above.quantity == "force" or below.quantity != "force":
-        raise InputError(
-            f"cannot read {text!r} as the unit of a frequency response function; write {_ACCEPTED_FRF}{_ACCEPTED}"
-        )
+        raise _refusal(text, "a frequency response function", _ACCEPTED_FRF + _ACCEPTED)
     return FrfUnit(_KINDS[above.quantity], above.factor / below.factor, above.rotation, below.rotation)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,13 +28,13 @@ from structid.explanation.explain import ALIKE, Explanation, asked_for, explaine
 from structid.explanation.held import held_values
 from structid.explanation.refits import Fitted
 from structid.explanation.suggestions import FOLDER, suggestion_name, suggestion_text, write_suggestion
+from structid.explanation.time_budget import TimeBudget
 from structid.explanation.trial import are_small, base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
 from structid.forward import FrfProblem
 from structid.forward.frf.lines.solved import NO_MATRICES
 from structid.identification.identified import Identification
-from structid.inversion import Estimate
 from structid.inversion.search.work import ALONE, Work
 from structid.study.results.result import StudyResult
 from structid.study.run.start import Start
@@ -43,10 +43,10 @@ from structid.study.run.workers import threads_for
 _MOST, _MOST_ALIKE = 4, 4
 #: Held values at most that a sound answer is fitted without.
 _MOST_HELD = 3
-#: So many identifications the search for causes may take, and so many seconds of a processor in any case; and iterations that an
-#: identification counts at least.
-_IDENTIFICATIONS, _SECONDS, _FEWEST = 10, 40.0, 20
-_ROOM = f"ten identifications, or {_SECONDS:g} seconds of a processor,"
+#: The search for causes may take so many identifications, and so many seconds of a processor more.
+_IDENTIFICATIONS, _SECONDS = 3.0, 5.0
+#: The verdict of an answer that is written while causes are still looked for.
+_SEARCHING = "the search for causes had not ended when this was written"
 _NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
 _OF_RECORDS = f"of a model of more than {MOST_DOFS} degrees of freedom, causes are looked for in the records alone"
 _NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
@@ -54,8 +54,18 @@ _NO_PLACES = "causes were not looked for: frequencies without any shape show no 
 _STATISTICAL = ("channel", "outlying_lines", "record", "noise_level", "extra_mode")
 
 
+def time_for_causes(identification_seconds: float) -> TimeBudget:
+    """The processor time that causes are looked for by default, from now on, after an identification that took so long."""
+    return TimeBudget(_IDENTIFICATIONS * identification_seconds + _SECONDS)
+
+
 def criticized(
-    ready: Start, result: StudyResult, explain: bool | None = None, work: Work = ALONE
+    ready: Start,
+    result: StudyResult,
+    explain: bool | None = None,
+    work: Work = ALONE,
+    budget: Callable[[], TimeBudget] = TimeBudget,
+    before_search: Callable[[StudyResult], None] | None = None,
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
     """The result with its verdict, and the fits behind its causes.
 
@@ -68,13 +78,22 @@ def criticized(
         Whether causes are looked for; by default where the answer is not sound.
     work : Work
         Where candidates are looked at and refitted.
+    budget : callable
+        The processor time that the search for causes may take, asked for when it begins; without a limit by default.
+    before_search : callable, optional
+        Takes the result as it is before causes are looked for, which may take long.
     """
     with threads_for(result.identification.problems):
-        return _criticized(ready, result, explain, work)
+        return _criticized(ready, result, explain, work, budget, before_search)
 
 
 def _criticized(
-    ready: Start, result: StudyResult, explain: bool | None, work: Work
+    ready: Start,
+    result: StudyResult,
+    explain: bool | None,
+    work: Work,
+    budget: Callable[[], TimeBudget],
+    before_search: Callable[[StudyResult], None] | None,
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
     found = result.identification
     held: tuple[HeldValue, ...] = ()
@@ -98,9 +117,10 @@ def _criticized(
         return _without_causes(result, f"causes were not looked for: that {NO_MATRICES}", work)
     if any(role == "output" and not dofs for setup in ready.setups for role, dofs in setup.channels):
         return _without_causes(result, _NO_PLACES, work)
+    if before_search is not None:
+        before_search(_without_causes(result, _SEARCHING, work)[0])
     try:
-        base = _base(ready, found)
-        explanation = explained(base, work, _room(base, found.estimate))
+        explanation = explained(_base(ready, found), work, budget())
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         return _without_causes(result, f"causes could not be looked for: {error}", work)
     if explanation.better is not None:
@@ -186,23 +206,17 @@ def _wider(ready: Start, result: StudyResult, likely: Sequence[Fitted]) -> Study
     return replace(result, identification=wider)
 
 
-def _room(base: Fitted, estimate: Estimate) -> float:
-    """Processor time that fits of causes may take, about: that of so many identifications, or what is little in any case."""
-    each = base.trial.seconds_of(base.trial.target.n_data)
-    return max(_SECONDS, _IDENTIFICATIONS * max(estimate.n_iterations, _FEWEST) * estimate.n_starts * each)
-
-
 def unlooked(explanation: Explanation) -> tuple[str, ...]:
-    """What causes were not looked for."""
+    """What causes were not looked for, and how to go on."""
     if explanation.base.trial.is_large:
         return (_OF_RECORDS,)
-    further = explanation.further
-    left_out = explanation.left_out + (0 if further is None else further.left_out)
-    words = (f"{counted(left_out, 'change')} that a linear look promises something of were not fitted",) * (
-        left_out > 0
-    )
-    words += ("other pairs of causes were not tried",) * explanation.is_single
-    return (f"{' and '.join(words)}: the search for causes takes about {_ROOM} at most",) * bool(words)
+    parts = [explanation, *([] if explanation.further is None else [explanation.further])]
+    left_out = sum(part.left_out for part in parts)
+    words = [f"{counted(left_out, 'likely change')} not tried"] * (left_out > 0)
+    words += ["other pairs of causes not tried"] * explanation.is_single
+    spent = sum(part.spent for part in parts)
+    ended = f"the search for causes ended after {spent:.2g} s of the processor"
+    return (f"{ended}, {' and '.join(words)}: `structid explain` goes on",) * bool(words)
 
 
 def _without_causes(

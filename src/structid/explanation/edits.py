@@ -252,9 +252,29 @@ def _untied_set(study: Tables, candidate: Candidate, strength: float) -> None:
         kept = [text for text in texts if text != name]
         if entry.get("each") or entry.get("field") or len(kept) in (0, len(texts)):
             raise NoEditError(f"{name} is no whole set of a group with one value")
-        entry["elements"] = kept
-        entry.setdefault("name", ", ".join(texts))
+        _shrink(study, entry, texts, kept)
     _unknown(study, prop, name, factor=True, start=_round(1 + strength))
+
+
+def _shrink(study: Tables, entry: Tables, texts: Sequence[str], kept: Sequence[str]) -> None:
+    """Leaves an unknown some of its elements, its name and its sense: that of unequal elements is a factor."""
+    if (
+        "factor" not in entry
+        and len({str(value) for text in texts for value in _values(study, text, entry["property"])}) > 1
+    ):
+        entry["factor"] = True
+    entry["elements"] = list(kept)
+    entry.setdefault("name", ", ".join(texts))
+
+
+def _values(study: Tables, text: str, prop: str) -> list[Plain]:
+    """The values of a property that the study has for elements, as ``deck`` or ``deck:2-4``."""
+    own = [
+        entry[prop]
+        for _, entry in _entries(study)
+        if entry.get("name") in (text, text.rpartition(":")[0]) and prop in entry
+    ]
+    return [value for values in own for value in as_list(values)]
 
 
 def _is_of(entry: Tables, name: str, prop: str) -> bool:
@@ -276,8 +296,7 @@ def _without(study: Tables, entry: Tables, name: str, number: int) -> None:
             kept += _spans(name, [k for k in range(int(low), int(high or low) + 1) if k != number])
         else:
             kept.append(text)
-    entry["elements"] = kept
-    entry.setdefault("name", ", ".join(texts))
+    _shrink(study, entry, texts, kept)
 
 
 def _spans(name: str, numbers: Sequence[int]) -> list[str]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from scipy import special
@@ -26,17 +25,17 @@ from structid.explanation.refits import (
     Fit,
     Fitted,
     Item,
-    Near,
     approached,
     likewise,
     refitted,
     restored,
 )
 from structid.explanation.screening import of_study, shortlisted
+from structid.explanation.time_budget import UNLIMITED, TimeBudget, map_in_time, stopwatch
 from structid.explanation.trial import Trial
 from structid.identification.setups.setup import titles
 from structid.inversion.diagnostics.residual_tests import misfit_probability
-from structid.inversion.search.work import ALONE, Task, Work
+from structid.inversion.search.work import ALONE, Work
 
 #: A change with its strength, and free variables where its fit begins.
 _FINALISTS = 8
@@ -49,8 +48,11 @@ _ALWAYS, _OF_ALWAYS = ("friction", "tone", "leakage"), 3
 _OF_FEW, _AT_FIT = 2, 0.75
 #: Part of the misfit that a first cause leaves at most where one more is looked for.
 _CLEAR = 0.5
-#: Near fits that the refit of a finalist takes the time of.
-_REFIT = 3.0
+#: Parts of a search's time after which no more linear looks are taken, and no more near fits made; refits that are made in any
+#: case.
+_LOOKS, _NEAR_FITS, _LEAST_REFITS = 0.4, 0.7, 2
+#: Part of the time for the first causes; what these leave is for second ones.
+_FIRST = 0.6
 #: Chance that a right model within its noise is asked to change, and changes at most that are then fitted.
 _ASKED_RISK, _MOST_ASKED = 0.01, 6
 #: Lines of a record at most that are asked.
@@ -97,11 +99,11 @@ class Explanation:
     better : Fitted, optional
         The study as it is, from another start, where that explains the record: the search ended in a wrong place.
     spent : float
-        Processor time of its fits, about, in seconds.
+        Processor time that it took, in seconds.
     left_out : int
-        How many changes a linear look promises something of, and were not fitted for want of room.
+        How many changes a linear look promises something of, and were not fitted for want of time.
     is_single : bool
-        Whether other pairs than the likeliest were not looked for for want of room.
+        Whether other pairs than the likeliest were not looked for for want of time.
     begun : tuple of Item
         Changes of the model or its channels where their near fits ended, the likeliest first.
     """
@@ -124,27 +126,28 @@ class Explanation:
         return self.near if self.further is None else (*self.near, *self.further.near)
 
 
-def explained(base: Fitted, work: Work = ALONE, room: float = np.inf) -> Explanation:
+def explained(base: Fitted, work: Work = ALONE, budget: TimeBudget = UNLIMITED) -> Explanation:
     """The changes that explain the misfit of a fitted study; and where the first leaves some, a second beside it.
 
     Parameters
     ----------
     base : Fitted
     work : Work
-    room : float
-        Processor time that fits may take, about, in seconds: half of it for the first causes, what these leave for second ones.
-        Other pairs are looked for as long as it suffices for one more.
+    budget : TimeBudget
+        Processor time of the search, most of it for the first causes, what these leave for second ones. Other pairs are
+        looked for as long as it suffices for one more.
     """
+    base = replace(base, trial=replace(base.trial, fit_seconds=budget.of_one_fit))
     if base.trial.is_large:
-        return _of_records(base, work)
+        return _of_records(base, work, budget)
     other = _from_elsewhere(base)
     if other is not None and not is_misfit(other):
         return Explanation(base, (), (), 0, better=other)
     base = other or base
-    found = _once(base, work, "", room / 2)
-    if _is_clear(found):
-        return _paired(found, work, room - found.spent) if is_misfit(found.causes[0]) else found
-    return _of_two(found, work, room - found.spent)[0] if _is_far(base) else found
+    first = _once(base, work, "", budget.part(_FIRST))
+    if _is_clear(first):
+        return _paired(first, work, budget) if is_misfit(first.causes[0]) else first
+    return _of_two(first, work, budget) if _is_far(base) else first
 
 
 def _is_clear(found: Explanation) -> bool:
@@ -157,26 +160,27 @@ def _is_far(fitted: Fitted) -> bool:
     return fitted.cost > FAR_BEYOND * max(fitted.trial.target.n_data - n_parameters(fitted.trial), 1)
 
 
-def _of_two(found: Explanation, work: Work, room: float, tried: Sequence[Fitted] = ()) -> tuple[Explanation, float]:
-    """Two changes that leave noise alone, where one by itself brings little, and the room that is left: a fit to all data that
-    is bent to one of two faults is as wrong once the other is known. Those that were `tried` with a second are passed over.
+def _of_two(found: Explanation, work: Work, budget: TimeBudget, tried: Sequence[Fitted] = ()) -> Explanation:
+    """Two changes that leave noise alone, where one by itself brings little.
+
+    A fit to all data that is bent to one of two faults is as wrong once the other is known. Those that were `tried` with a
+    second are passed over.
     """
-    if room < found.spent or not found.base.trial.is_small:
-        return replace(found, is_single=True), room
+    if budget.left < found.spent or not found.base.trial.is_small:
+        return replace(found, is_single=True)
     known = {_place(one.trial.changes[-1][0]) for one in tried}
     begun = [item for item in found.begun if _place(item[0]) not in known]
-    for item in promising(found.base, begun, work, "a second beside each change")[:_LOOKED_AT]:
-        if room < found.spent:
+    for item in promising(found.base, begun, work, "a second beside each change", budget)[:_LOOKED_AT]:
+        if budget.left < found.spent:
             break
         first = _first(found, item, work)
-        further = None if first is None else _beside(first, work, "of two, second ", room)
+        further = None if first is None else _beside(first, work, "of two, second ", budget)
         if first is None or further is None:
             continue
-        room -= further.spent
         pair = _led_by(found, first, further)
         if pair is not None and pair.further is not None and not is_misfit(pair.further.causes[0]):
-            return pair, room
-    return found, room
+            return pair
+    return found
 
 
 def _first(found: Explanation, item: Item, work: Work) -> Fitted | None:
@@ -186,17 +190,19 @@ def _first(found: Explanation, item: Item, work: Work) -> Fitted | None:
     return fits[0] if fits else None
 
 
-def _paired(found: Explanation, work: Work, room: float) -> Explanation:
+def _paired(found: Explanation, work: Work, budget: TimeBudget) -> Explanation:
     """The first cause with a second; where noise is not all that both leave, the best of some other pairs.
 
     Beside the second, another first is looked for: a change that only looks like the first of two faults gives way once the
     second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
     nothing, a second is looked for beside the next of the first causes.
     """
-    second = _beside(found.causes[0], work, "second ", room)
-    pair, room = replace(found, further=second), room - second.spent
+    if budget.left < found.spent / 2:
+        return replace(found, is_single=True)
+    second = _beside(found.causes[0], work, "second ", budget)
+    pair = replace(found, further=second)
     if _is_far(second.causes[0] if second.causes else second.base):
-        both, room = _of_two(found, work, room, found.causes[:1])
+        both = _of_two(found, work, budget, found.causes[:1])
         if both.further is not None:
             return both
         pair = replace(pair, is_single=both.is_single)
@@ -205,15 +211,15 @@ def _paired(found: Explanation, work: Work, room: float) -> Explanation:
         second = pair.further or second
         if not second.causes or not is_misfit(second.causes[0]) or not (is_from_second or others):
             break
-        if room < second.spent:
+        if budget.left < second.spent:
             pair = replace(pair, is_single=True)
             break
         better = (
-            _from_second(found, second, work, room)
+            _from_second(found, second, work, budget)
             if is_from_second
-            else _from_next(found, second, others.pop(0), work, room)
+            else _from_next(found, second, others.pop(0), work, budget)
         )
-        pair, is_from_second, room = better or pair, better is not None, room - second.spent
+        pair, is_from_second = better or pair, better is not None
     return _second_alone(found, pair, work) or pair
 
 
@@ -227,10 +233,10 @@ def _second_alone(found: Explanation, pair: Explanation, work: Work) -> Explanat
     return _weighed(found.base, [alone, *(one for one in found.causes if one is not alone)], found.tried)
 
 
-def _from_second(found: Explanation, second: Explanation, work: Work, room: float) -> Explanation | None:
+def _from_second(found: Explanation, second: Explanation, work: Work, budget: TimeBudget) -> Explanation | None:
     """A pair with another first cause, where it explains clearly more."""
     alone = _alone(found, second.causes[0], work)
-    again = None if alone is None else _beside(alone, work, "beside the second, first ", room)
+    again = None if alone is None else _beside(alone, work, "beside the second, first ", budget)
     if again is None or not _is_better(again, second):
         return None
     both = again.causes[0]
@@ -241,9 +247,11 @@ def _from_second(found: Explanation, second: Explanation, work: Work, room: floa
     return _led_by(found, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried))
 
 
-def _from_next(found: Explanation, second: Explanation, first: Fitted, work: Work, room: float) -> Explanation | None:
+def _from_next(
+    found: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
+) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
-    further = _beside(first, work, "beside the next, second ", room)
+    further = _beside(first, work, "beside the next, second ", budget)
     return _led_by(found, first, further) if _is_better(further, second) else None
 
 
@@ -292,12 +300,17 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
     return Fitted(base.trial, found.theta, cost) if cost < _CLEARLY_BETTER * base.cost else None
 
 
-def _once(base: Fitted, work: Work, which: str, room: float = np.inf) -> Explanation:
-    shortlist = shortlisted(base, work, f"{which}causes on a linear look")
+def _once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
+    """The changes that explain the misfit of `base`, one at a time: looked at, fitted near, and the likeliest fitted to the end."""
+    taken, looks = stopwatch(), budget.part(_LOOKS)
+    shortlist = shortlisted(base, work, f"{which}causes on a linear look", looks)
     problems = base.trial.problems
     residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
     data = [*extra_modes(problems), *outlying_lines(problems, residual)]
-    few = [*of_study(base, work, f"{which}changes of the study"), *(Screened(one, 1.0, base.cost) for one in data)]
+    few = [
+        *of_study(base, work, f"{which}changes of the study", looks),
+        *(Screened(one, 1.0, base.cost) for one in data),
+    ]
     tried = shortlist.tried + len(few)
     looked = [*few, *kindred(base, shortlist), *shortlist.rows]
     changes = [(bare(one.candidate), one.strength) for one in looked]
@@ -308,10 +321,10 @@ def _once(base: Fitted, work: Work, which: str, room: float = np.inf) -> Explana
     kept = {k for k, one in enumerate(looked) if one.candidate.kind in _ALWAYS or one in at_fit}
     rank = [
         *np.argsort(np.argsort([one.left for one in few], kind="stable")).tolist(),
-        *range(_FINALISTS, _FINALISTS + first - len(few)),
+        *_ranks_of_kindred(looked[len(few) : first], shortlist.rows),
         *range(len(shortlist.rows)),
     ]
-    approaches = _approached(base, changes, alike, rank, kept, work, f"{which}causes", room)
+    approaches = _approached(base, changes, alike, rank, kept, work, f"{which}causes", budget)
     near = [one or Fit() for one in approaches]
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
     always = [k for k in order if changes[k][0].kind in _ALWAYS][:_OF_ALWAYS]
@@ -319,23 +332,35 @@ def _once(base: Fitted, work: Work, which: str, room: float = np.inf) -> Explana
     finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
-    fits = _refits(base, items, work, f"likeliest {which}causes", same)
+    fits, n_ended = _refits_in_time(base, items, work, f"likeliest {which}causes", same, budget)
     known = {_place(one.trial.changes[-1][0]) for one in fits}
     plain = {_place(item[0]): item for one in fits for item in _plainer(base, one)}
     others = [item for place, item in plain.items() if place not in known]
     others += [item for one in fits for item in _lossy(base, one)]
     if others:
-        fits += _refits(base, others, work, f"likeliest {which}causes, otherwise")
-    taken = [one["seconds"] for k, one in enumerate(near) if one and alike[k] == k]
-    spent = sum(taken) + len(fits) * _REFIT * float(np.mean(taken or [0.0]))
+        more, n_more = _refits_in_time(base, others, work, f"likeliest {which}causes, otherwise", None, budget, least=0)
+        fits, n_ended = fits + more, n_ended + n_more - len(others)
+    left_out = approaches.count(None) + len(items) - n_ended
     begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and changes[k][0].kind not in DATA_KINDS]
-    return replace(_weighed(base, fits, tried), spent=spent, left_out=approaches.count(None), begun=tuple(begun))
+    return replace(_weighed(base, fits, tried), spent=taken(), left_out=left_out, begun=tuple(begun))
 
 
-def _beside(first: Fitted, work: Work, which: str, room: float = np.inf) -> Explanation:
+def _ranks_of_kindred(kindred: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
+    """The ranks of changes that no linear look is taken at: behind the finalists, but for feet that turn together.
+
+    These come first where a look promises something of one of them.
+    """
+    turning = {row.candidate.where[0] for row in rows if row.candidate.kind == "support"}
+    return [
+        0 if one.candidate.kind == "support" and turning.intersection(one.candidate.where) else _FINALISTS + k
+        for k, one in enumerate(kindred)
+    ]
+
+
+def _beside(first: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
     """What else a changed study would need; nothing where its records cannot be looked at so: friction under two loads."""
     try:
-        return _once(first, work, which, room)
+        return _once(first, work, which, budget)
     except (StructidError, np.linalg.LinAlgError):
         return Explanation(first, (), (), 0)
 
@@ -358,60 +383,66 @@ def _approached(
     kept: Collection[int],
     work: Work,
     name: str,
-    room: float,
+    budget: TimeBudget,
 ) -> list[Fit | None]:
-    """`approached` of every change, of those of low `rank` first; None of those that there is no room for.
+    """`approached` of every change, of those of low `rank` first; None of those that there is no time for.
 
     Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
     whatever comes of it.
     """
-    own = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
-    first = [k for k in own if rank[k] < _FINALISTS]
-    fits = work.map(f"most promising {name}", approached, base, [(*changes[k], np.inf) for k in first])
-    known = dict(zip(first, fits, strict=True))
-    costs = sorted(one["cost"] for k, one in known.items() if one and changes[k][0].kind not in _ALWAYS)
+    time = TimeBudget(budget.left - (1 - _NEAR_FITS) * budget.seconds) if np.isfinite(budget.seconds) else budget
+    originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
+    first = [k for k in originals if rank[k] < _FINALISTS]
+    least = _LEAST_REFITS
+    fits = map_in_time(
+        time, work, f"most promising {name}", approached, base, [(*changes[k], np.inf) for k in first], least
+    )
+    known: dict[int, Fit | None] = dict(zip(first, fits, strict=True))
+    costs = sorted(fit["cost"] for k, fit in known.items() if fit and changes[k][0].kind not in _ALWAYS)
     above = costs[_FINALISTS - 1] if len(costs) >= _FINALISTS else np.inf
-    items = [(*change, np.inf if k in kept else above) for k, change in enumerate(changes)]
-    each = sum(one.get("seconds", 0.0) for one in fits) / max(len(fits), 1)
-    rest = sorted((k for k in own if k not in known), key=lambda k: k not in kept)
-    most = (room - len(fits) * each) / each - _FINALISTS * _REFIT if each else np.inf
-    out = set(rest[max(int(most), 0) :]) if most < len(rest) else set()
-    chosen = [k for k in range(len(changes)) if alike[k] not in out]
-    place = {k: i for i, k in enumerate(chosen)}
-    found = _mapped(
-        approached, base, [items[k] for k in chosen], [place[alike[k]] for k in chosen], work, name,
-        {place[k]: one for k, one in known.items()},
-    )  # fmt: skip
-    return [found[place[k]] if k in place else None for k in range(len(changes))]
-
-
-def _mapped(
-    task: Task,
-    base: Fitted,
-    items: Sequence[Near] | Sequence[Item],
-    alike: Sequence[int],
-    work: Work,
-    name: str,
-    known: Mapping[int, Fit] = MappingProxyType({}),
-) -> list[Fit]:
-    """`task` of every item that is not `known`, but of those that may be `alike` of the first only, where the others can take
-    its answer.
-    """
-    found = dict(known)
-    first = [k for k, other in enumerate(alike) if other == k and k not in found]
-    found.update(zip(first, work.map(name, task, base, [items[k] for k in first]), strict=True))
-    rest = [k for k in range(len(items)) if k not in found]
-    others = work.map(f"{name}, alike", likewise, base, [(task, items[k], found[alike[k]]) for k in rest])
-    found.update(zip(rest, others, strict=True))
-    return [found[k] for k in range(len(items))]
+    rest = sorted((k for k in originals if k not in known), key=lambda k: k not in kept)
+    items = [(*changes[k], np.inf if k in kept else above) for k in rest]
+    known.update(zip(rest, map_in_time(time, work, name, approached, base, items), strict=True))
+    twins = [k for k in range(len(changes)) if k not in known and known[alike[k]] is not None]
+    asked = [(approached, (*changes[k], np.inf if k in kept else above), known[alike[k]] or Fit()) for k in twins]
+    known.update(zip(twins, map_in_time(time, work, f"{name}, alike", likewise, base, asked), strict=True))
+    return [known.get(k) for k in range(len(changes))]
 
 
 def _refits(
-    base: Fitted, items: Sequence[Item], work: Work, name: str, alike: Sequence[int] | None = None
+    base: Fitted,
+    items: Sequence[Item],
+    work: Work,
+    name: str,
+    alike: Sequence[int] | None = None,
+    budget: TimeBudget = UNLIMITED,
 ) -> list[Fitted]:
-    """The changes fitted to the end, those that a model can be made of."""
-    ends = _mapped(refitted, base, items, range(len(items)) if alike is None else alike, work, name)
-    return [restored(base, item[0], one) for item, one in zip(items, ends, strict=True) if one]
+    """The changes fitted to the end, those that a model can be made of; see `_refits_in_time`."""
+    return _refits_in_time(base, items, work, name, alike, budget)[0]
+
+
+def _refits_in_time(
+    base: Fitted,
+    items: Sequence[Item],
+    work: Work,
+    name: str,
+    alike: Sequence[int] | None,
+    budget: TimeBudget,
+    least: int = _LEAST_REFITS,
+) -> tuple[list[Fitted], int]:
+    """The changes fitted to the end, those that a model can be made of, and of how many the time sufficed for.
+
+    Those that may be `alike` an earlier one take its answer where they can.
+    """
+    alike = range(len(items)) if alike is None else alike
+    originals = [k for k, other in enumerate(alike) if other == k]
+    ends = map_in_time(budget, work, name, refitted, base, [items[k] for k in originals], least)
+    fits: dict[int, Fit | None] = dict(zip(originals, ends, strict=True))
+    twins = [k for k in range(len(items)) if k not in fits and fits[alike[k]] is not None]
+    asked = [(refitted, items[k], fits[alike[k]] or Fit()) for k in twins]
+    fits.update(zip(twins, map_in_time(budget, work, f"{name}, alike", likewise, base, asked), strict=True))
+    ended = [(k, fit) for k, fit in sorted(fits.items()) if fit is not None]
+    return [restored(base, items[k][0], fit) for k, fit in ended if fit], len(ended)
 
 
 def _plainer(base: Fitted, one: Fitted) -> list[Item]:
@@ -451,14 +482,16 @@ def _begun(trial: Trial, changes: Sequence[Change], known: Mapping[str, float]) 
     return items
 
 
-def _of_records(base: Fitted, work: Work) -> Explanation:
+def _of_records(base: Fitted, work: Work, budget: TimeBudget) -> Explanation:
     """The likeliest changes of the records of a large model, so few that they cost some identifications at most."""
-    shortlist = shortlisted(base, work, "causes on a linear look")
+    taken = stopwatch()
+    shortlist = shortlisted(base, work, "causes on a linear look", budget.part(_LOOKS))
     residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
     data = outlying_lines(base.trial.problems, residual)
     few = [*(Screened(one, 1.0, base.cost) for one in data), *shortlist.rows][:_OF_LARGE]
     items = _begun(base.trial, [(bare(one.candidate), one.strength) for one in few], {})
-    return _weighed(base, _refits(base, items, work, "likeliest causes"), shortlist.tried)
+    fits, n_ended = _refits_in_time(base, items, work, "likeliest causes", None, budget)
+    return replace(_weighed(base, fits, shortlist.tried), spent=taken(), left_out=len(items) - n_ended)
 
 
 def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALONE) -> Explanation:

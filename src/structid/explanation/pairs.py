@@ -10,6 +10,7 @@ import numpy as np
 from structid.core.errors import StructidError
 from structid.criticism.pool import pool
 from structid.explanation.refits import Fitted, Item
+from structid.explanation.time_budget import UNLIMITED, TimeBudget, map_in_time
 from structid.identification.setups.setup import titles
 from structid.inversion.search.work import Tools, Work
 
@@ -19,7 +20,7 @@ _MOST, _OF_EACH_KIND = 12, 2
 _LEFT = 0.3
 
 
-def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str) -> list[Item]:
+def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget: TimeBudget = UNLIMITED) -> list[Item]:
     """The changes beside which a linear look promises that a second one leaves little, the one that leaves least first.
 
     Looks are taken at near fits, of the logarithm of the FRFs with the start held: a full fit of one of two faults is bent
@@ -33,6 +34,7 @@ def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str) -> lis
     work : Work
     name : str
         What the looks are called in progress and checkpoints.
+    budget : TimeBudget
     """
     of_kind, items = Counter[str](), list[Item]()
     for item in begun:
@@ -42,7 +44,8 @@ def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str) -> lis
     items = items[:_MOST]
     trial = base.trial
     whole = trial.looked_at(trial.anchored_views(), trial.approached().theta).left
-    left = [one["left"] for one in work.map(name, _looked_beside, base, items)]
+    looks = map_in_time(budget, work, name, _looked_beside, base, items)
+    left = [np.inf if look is None else look["left"] for look in looks]
     order = np.argsort(left, kind="stable").tolist()
     return [items[k] for k in order if left[k] < _LEFT * whole]
 

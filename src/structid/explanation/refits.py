@@ -12,6 +12,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate
 from structid.criticism.data import DATA_KINDS, changed_rows, outlying, scaled_misfit, tones
+from structid.explanation.time_budget import limit_fit
 from structid.explanation.trial import FINAL, Trial
 from structid.explanation.words import unit_of
 from structid.forward import FrfProblem, SpectraProblem
@@ -75,15 +76,13 @@ class Fitted:
 
 
 class Fit(TypedDict, total=False):
-    """What a fit of a change gave, in numbers and texts: of `approached` free variables, misfit and about its processor time, of
-    `refitted` all but that.
+    """What a fit of a change gave, in numbers and texts: of `approached` free variables and misfit, of `refitted` all.
 
     Empty where there is no model with the change.
     """
 
     theta: FloatArray
     cost: float
-    seconds: float
     aside: float
     where: list[str]
     strength: float
@@ -107,7 +106,7 @@ def approached(base: Fitted, change: Near, tools: Tools) -> Fit:
         trial = base.trial.changed(candidate, strength)
         near = trial.approached(above - base.aside)
         cost = near.cost + base.aside + _left_out(base, trial, near.theta, is_near=True)
-        return {"theta": near.theta, "cost": cost, "seconds": near.seconds}
+        return {"theta": near.theta, "cost": cost}
     except (StructidError, np.linalg.LinAlgError):
         return {}  # not a cause that could be offered
 
@@ -162,7 +161,9 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
     """
     assert candidate.record is not None
     own = base.trial.problems[candidate.record]
-    found = minimize(own, FINAL, base.theta[places(base.trial.target.names, own.names)])
+    found = minimize(
+        own, FINAL, base.theta[places(base.trial.target.names, own.names)], limit_fit(base.trial.fit_seconds)
+    )
     return float(found.costs[-1]) < _OF_ITS_OWN * max(own.n_data - len(own.names), 1)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple, TypeAlias
 
@@ -17,6 +18,7 @@ from structid.criticism.pool import exchanges, pool
 from structid.criticism.screen import Point, Screened
 from structid.explanation.by_study import study_candidates
 from structid.explanation.refits import Change, Fitted
+from structid.explanation.time_budget import UNLIMITED, TimeBudget, TimeUpError, limit_fit, map_in_time
 from structid.explanation.trial import QUICK
 from structid.forward import FrfProblem, ModalProblem
 from structid.identification.setups.setup import titles
@@ -42,11 +44,11 @@ _Key: TypeAlias = tuple[str, tuple[str, ...], int | None]
 _Promises = dict[tuple[object, ...], tuple[float, Screened]]
 
 
-def of_study(base: Fitted, work: Work, name: str) -> list[Screened]:
+def of_study(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMITED) -> list[Screened]:
     """Changes of sets and of the mesh that lower the misfit by one linear step at the fit, each with its best strength."""
     candidates = list(study_candidates(base.trial))
     changes = [(candidate, float(strength)) for candidate in candidates for strength in candidate.strengths]
-    left = iter(_left_by_step(base, changes, work, name))
+    left = iter(_left_by_step(base, changes, work, name, budget))
     found = []
     for candidate in candidates:
         least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
@@ -56,10 +58,11 @@ def of_study(base: Fitted, work: Work, name: str) -> list[Screened]:
     return found
 
 
-def _left_by_step(base: Fitted, changes: Sequence[Change], work: Work, name: str) -> list[float]:
-    """What a linear step of each changed study leaves of the misfit; infinite where there is no such study."""
+def _left_by_step(base: Fitted, changes: Sequence[Change], work: Work, name: str, budget: TimeBudget) -> list[float]:
+    """The misfit that a linear step of each changed study leaves; infinite where there is no such study, or no time for it."""
     items = [(bare(candidate), strength) for candidate, strength in changes]
-    return [one["left"] for one in work.map(name, _stepped, base, items)]
+    steps = map_in_time(budget, work, name, _stepped, base, items)
+    return [np.inf if step is None else step["left"] for step in steps]
 
 
 def _stepped(base: Fitted, change: Change, tools: Tools) -> dict[str, float]:
@@ -78,12 +81,13 @@ def screening_points(base: Fitted) -> list[Point]:
     if trial.is_large:  # every fit costs
         start = np.asarray(trial.target.theta_start)
         return [trial.looked_at(trial.anchored_views(), start), trial.looked_at(trial.seen, base.theta)]
-    theta = np.asarray(trial.target.theta_start)
-    for level, stage in trial.smoothed():
-        theta = minimize(stage, QUICK, theta).theta
-        if level in _SCREENED_LEVELS:
-            points.append(trial.looked_at(_frfs(stage), theta))
-    theta = minimize(trial.anchored(), QUICK, theta).theta
+    theta, stop = np.asarray(trial.target.theta_start), limit_fit(trial.fit_seconds)
+    with suppress(TimeUpError):
+        for level, stage in trial.smoothed():
+            theta = minimize(stage, QUICK, theta, stop).theta
+            if level in _SCREENED_LEVELS:
+                points.append(trial.looked_at(_frfs(stage), theta))
+        theta = minimize(trial.anchored(), QUICK, theta, stop).theta
     points.append(trial.looked_at(trial.anchored_views(), theta))
     points.append(trial.looked_at(trial.seen, base.theta))
     return points
@@ -109,7 +113,7 @@ class Shortlist(NamedTuple):
     lost: list[Screened]
 
 
-def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
+def shortlisted(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMITED) -> Shortlist:
     """The candidates that are worth a fit.
 
     Parameters
@@ -118,16 +122,21 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     work : Work
     name : str
         What the points are called in progress and checkpoints.
+    budget : TimeBudget
+        Looks at the fit and at the anchored fit come first, those at smoothed data as long as there is time.
     """
     points = screening_points(base)
     names = titles(base.trial.setups)
     faulty = _faulty(base)
     told = faulty | _told(base, points)
-    answers = work.map(name, _looked, (tuple(points), names), range(len(points)))
+    nearest_first = range(len(points))[::-1]
+    answers = map_in_time(budget, work, name, _looked, (tuple(points), names), nearest_first, least=1)[::-1]
     held = {dof.node for setup in base.trial.setups for dof in setup.structure.fixed}
     best, others, here = _Promises(), _Promises(), _Promises()
     tried, feet = 0, list[Screened]()
     for point, answer in zip(points, answers, strict=True):
+        if answer is None:
+            continue
         candidates = pool(point.records, names)
         feet = feet or _feet(candidates, base.cost)
         problems = [fields.problem for fields in point.records]
@@ -158,7 +167,7 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
     found = sorted(best.values(), key=lambda pair: (not _is_told(pair[1].candidate, told), -pair[0]))
     rows = [row for _, row in found]
     if base.trial.is_of_modes:
-        rows = _by_modes(base, rows + [others[key][1] for key in others if key not in best], work, name)
+        rows = _by_modes(base, rows + [others[key][1] for key in others if key not in best], work, name, budget)
     rows = rows[:_REFITTED]
     at_fit = [best[key][1] for key in here if key in best]
     sure = [row for row in rows if _key(row.candidate) in faulty]
@@ -169,16 +178,27 @@ def shortlisted(base: Fitted, work: Work, name: str) -> Shortlist:
 
 
 def _feet(candidates: Iterable[Candidate], left: float) -> list[Screened]:
-    """Supports that hold several rotations, giving way in all of them, as a loose bolt lets them."""
+    """Supports that hold rotations, giving way together: all of a node, as a loose bolt lets them, and all of a direction.
+
+    Feet that are drawn clamped and turn are the commonest slip of all, and one foot of two explains half of it.
+    """
     of_node: dict[int, list[Candidate]] = {}
-    for one in candidates:
-        dof = parse_dof(one.where[0]) if one.kind == "support" else None
-        if dof is not None and dof.is_rotation and not one.driven:
-            of_node.setdefault(dof.node, []).append(one)
-    several = [own for own in of_node.values() if len(own) > 1][:_FEET]
+    of_direction: dict[str, list[Candidate]] = {}
+    for candidate in candidates:
+        dof = parse_dof(candidate.where[0]) if candidate.kind == "support" else None
+        if dof is not None and dof.is_rotation and not candidate.driven:
+            of_node.setdefault(dof.node, []).append(candidate)
+            of_direction.setdefault(dof.direction, []).append(candidate)
+    nodes = [group for group in of_node.values() if len(group) > 1][:_FEET]
+    directions = [group for group in of_direction.values() if len(group) > 1]
+    everywhere = [[candidate for group in directions for candidate in group]] if len(directions) > 1 else []
     return [
-        Screened(replace(own[0], where=tuple(one.where[0] for one in own)), float(np.median(own[0].strengths)), left)
-        for own in several
+        Screened(
+            replace(group[0], where=tuple(candidate.where[0] for candidate in group)),
+            float(np.median(group[0].strengths)),
+            left,
+        )
+        for group in [*directions, *everywhere, *nodes]
     ]
 
 
@@ -237,12 +257,14 @@ def _is_told(candidate: Candidate, told: Collection[_Key]) -> bool:
     return candidate.kind == "load_swap" or _key(candidate) in told
 
 
-def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str) -> list[Screened]:
+def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: TimeBudget) -> list[Screened]:
     """Of changes that FRFs of the fit show, those that lower the misfit of the modes themselves most by a linear step.
 
     Modes weigh a change quite unlike the FRFs that they make up: where those promise a tenth, four fifths may go.
     """
-    left = np.array(_left_by_step(base, [(row.candidate, row.strength) for row in rows], work, f"{name}, of modes"))
+    left = np.array(
+        _left_by_step(base, [(row.candidate, row.strength) for row in rows], work, f"{name}, of modes", budget)
+    )
     first = range(min(_FIRST, len(rows)))
     order = [k for k in np.argsort(left, kind="stable").tolist() if k >= len(first)]
     return [rows[k] for k in (*first, *order)]

@@ -20,6 +20,7 @@ from structid.criticism.screen import Point, point_at
 from structid.criticism.views import View, views
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.explanation.edits import edit
+from structid.explanation.time_budget import limit_fit
 from structid.forward import FrfProblem, ModalProblem, Models, RecordProblem
 from structid.forward.frf.continuation import LEVELS
 from structid.forward.frf.problem import smooth_stage
@@ -44,17 +45,14 @@ _MODEL_ERROR, START_ERROR = 0.1, 0.2
 FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
 #: Decays of the smoothed lines, in parts of their frequency, at which candidates are followed.
 NEAR_LEVELS = (0.06, 0.015)
-#: Of an iteration: what it takes of any model, for the poles of a small one, and for each datum and parameter or unknown.
-_SECONDS, _SECONDS_A_CUBE, _SECONDS_A_DATUM = 2e-3, 1e-7, 4e-8
 QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=0.05)
 
 
 class Approached(NamedTuple):
-    """Where an anchored fit ended: free variables, misfit, and about the processor time of its iterations; see `seconds_of`."""
+    """Where an anchored fit ended: free variables and misfit."""
 
     theta: FloatArray
     cost: float
-    seconds: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +69,8 @@ class Trial:
         Every record as FRFs.
     changes : tuple of (Candidate, float)
         What was changed, in order, with the strengths written.
+    fit_seconds : float
+        Processor time after which a fit is given up with `TimeUpError`.
     """
 
     study: Study
@@ -78,6 +78,7 @@ class Trial:
     problems: tuple[RecordProblem, ...]
     views: tuple[View, ...]
     changes: tuple[tuple[Candidate, float], ...] = ()
+    fit_seconds: float = np.inf
 
     @cached_property
     def target(self) -> Problem:
@@ -102,7 +103,7 @@ class Trial:
             _same_view(problem, setup, self.setups[k], self.views[k], edited.options)
             for problem, setup, k in zip(problems, setups, kept, strict=True)
         )
-        return Trial(edited, setups, problems, shown, (*self.changes, (candidate, strength)))
+        return Trial(edited, setups, problems, shown, (*self.changes, (candidate, strength)), self.fit_seconds)
 
     def values(self, theta: FloatArray) -> dict[str, float]:
         """Physical values of free variables, by name."""
@@ -179,20 +180,11 @@ class Trial:
 
     def approached(self, above: float = np.inf) -> Approached:
         """The anchored fit, come to by the nearest smoothed stages; it ends early where its misfit would stay `above`."""
-        theta, seconds = np.asarray(self.target.theta_start), 0.0
+        theta, stop = np.asarray(self.target.theta_start), limit_fit(self.fit_seconds)
         for _, stage in self.smoothed(NEAR_LEVELS):
-            near = minimize(stage, QUICK, theta)
-            theta, seconds = near.theta, seconds + len(near.inner) * self.seconds_of(stage.n_data)
-        anchored = self.anchored()
-        found = minimize(anchored, replace(QUICK, above=above), theta)
-        seconds += len(found.inner) * self.seconds_of(anchored.n_data)
-        return Approached(found.theta, float(found.costs[-1]), seconds)
-
-    def seconds_of(self, n_data: int) -> float:
-        """Processor time that an iteration on so many data takes, about, by the size of the models: the same wherever it runs."""
-        dofs = [setup.structure.n_dofs for setup in self.setups]
-        dense = sum(_SECONDS_A_CUBE * n**3 for n in dofs if n <= DENSE_UP_TO)
-        return _SECONDS + dense + _SECONDS_A_DATUM * n_data * (max(dofs) + len(self.target.names))
+            theta = minimize(stage, QUICK, theta, stop).theta
+        near = minimize(self.anchored(), replace(QUICK, above=above), theta, stop)
+        return Approached(near.theta, float(near.costs[-1]))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
         """The best fit as the study asks for from some starts.
@@ -206,7 +198,7 @@ class Trial:
         last: Exception | None = None
         for theta in starts:
             try:
-                found.append(minimize(self.target, FINAL, theta))
+                found.append(minimize(self.target, FINAL, theta, limit_fit(self.fit_seconds)))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
         if not found:

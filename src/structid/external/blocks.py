@@ -9,7 +9,7 @@ from itertools import accumulate
 from typing import NamedTuple
 
 from structid.core.errors import InputError
-from structid.fem.meshes.abaqus import keyword_options
+from structid.fem.meshes.abaqus_keywords import keyword_options
 
 #: Columns of a small field; a large one has two. Continuations begin the fields 12, 22, ... of a card.
 _SMALL, ROW = 8, 10

@@ -15,7 +15,7 @@ from structid.core.constraints import Count, Limits
 from structid.core.errors import InputError
 from structid.external.blocks import ROW, Card, Keyword, called, cards_in, keywords_in
 
-_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+))(?:[EDed]([-+]?\d+)|([-+]\d+))?")
+_NUMBER = re.compile(r"([-+]?(?:\d+(?:\.\d*)?|\.\d+))(?:[EDed]([-+]?\d+)|([-+]\d+))?")
 _MOST_NAMED = 8
 _LISTED = "files that it includes must be listed in `deck` too"
 

@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import secrets
-import shlex
 import shutil
 import signal
 import subprocess
@@ -18,6 +17,8 @@ from pathlib import Path
 from typing import Protocol
 
 from structid.core.errors import FileError, InputError
+from structid.core.isolation import child_environment
+from structid.external.confirmation import command_words, require_confirmed, tell_command
 from structid.external.deck import Deck
 from structid.inversion.search.work import Tools, Work
 
@@ -67,6 +68,8 @@ class Solver:
         Longest time of a run, s.
     retries : int
         How often a run that fails is tried again.
+    confirmation : str, optional
+        What a user confirms before the command runs, see `confirmation_of`.
     """
 
     deck: Deck
@@ -77,19 +80,12 @@ class Solver:
     outputs: Outputs
     timeout: float
     retries: int
+    confirmation: str = ""
 
     @property
     def arguments(self) -> list[str]:
         """The command as the system takes it."""
-        main = self.deck.main
-        known = {"deck": main, "stem": Path(main).stem, "study": str(self.study.resolve())}
-        try:
-            return [word.format(**known) for word in shlex.split(self.command)]
-        except (ValueError, KeyError, IndexError) as error:
-            raise InputError(
-                f"`command` {self.command!r} cannot be read ({error}); it may hold {{deck}}, {{stem}} and {{study}},"
-                " and quotes in pairs"
-            ) from error
+        return command_words(self.command, self.deck.main, self.study)
 
     def key(self, values: Mapping[str, float]) -> str:
         """Name of a run: what it depends on, as SHA-256."""
@@ -153,6 +149,8 @@ def runs(
     failed: dict[str, RunFailedError] = {}
     if missing:
         _require_there(solver)
+        require_confirmed(solver.command, solver.confirmation)
+        tell_command(solver.command, solver.study, solver.confirmation)
         try:
             solver.folder.mkdir(parents=True, exist_ok=True)
             _sweep(solver.folder)
@@ -189,6 +187,7 @@ def needed_runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Wor
 def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
     """Run the solver, again where it fails; "" where there is a result then, else why there is none."""
     words, place = "", solver.place(values)
+    require_confirmed(solver.command, solver.confirmation)
     for _ in range(solver.retries + 1):
         if _is_done(place):  # made by another process meanwhile
             return ""
@@ -249,8 +248,9 @@ def _executed(solver: Solver, folder: Path) -> str:
     with (folder / _LOG).open("wb") as log:
         try:
             process = subprocess.Popen(
-                solver.arguments, cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
-            )
+                solver.arguments, cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True,
+                env=child_environment(),
+            )  # fmt: skip
         except OSError as error:
             return f"{solver.arguments[0]} cannot be started ({error.strerror or error})"
         try:
@@ -295,8 +295,9 @@ def _keep_failed(solver: Solver, trial: Path) -> None:
 def _sweep(folder: Path) -> None:
     """Remove what runs left that were killed long ago."""
     for path in folder.glob(".*.*"):
-        if path.is_dir() and time.time() - path.stat().st_mtime > _STALE_SECONDS:
-            shutil.rmtree(path, ignore_errors=True)
+        with suppress(FileNotFoundError):  # the run of another process that ends now has its own name from now on
+            if path.is_dir() and time.time() - path.stat().st_mtime > _STALE_SECONDS:
+                shutil.rmtree(path, ignore_errors=True)
 
 
 def _require_there(solver: Solver) -> None:

@@ -12,15 +12,16 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import DIRECTIONS
 from structid.core.errors import FileError, InputError
 from structid.files import damage_told, require_readable
+from structid.modal.formats.calculix import FRD_SUFFIXES, frd_modes
 from structid.modal.formats.files import read_modes
-from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, f06_modes, numbers, punch_modes
+from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, nastran_modes
+from structid.modal.formats.printed import PrintedMode, require_same_points
 
 #: Suffixes that are read here; others are files of modes as `read_modes` knows them.
-FRD, NASTRAN = (".frd",), (*F06_SUFFIXES, *PUNCH_SUFFIXES)
+FRD, NASTRAN = FRD_SUFFIXES, (*F06_SUFFIXES, *PUNCH_SUFFIXES)
 #: Six and seven digits.
 _ROUNDING = {".frd": 5e-6, **dict.fromkeys(NASTRAN, 5e-7)}
 _RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
-_FRD_WIDTH, _FRD_FIRST = 12, 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,23 +67,23 @@ def read_shapes(path: Path) -> Shapes:
         return _of_record(path)
     require_readable(path)
     with damage_told(path, "a file of modes", _RUN_AGAIN):
-        lines = path.read_text(encoding="latin-1").splitlines()
-        if suffix in FRD:
-            frequency, modes = _frd(path, lines)
-        else:
-            printed = (f06_modes if suffix in F06_SUFFIXES else punch_modes)(path, lines)
-            frequency, modes = [one.frequency for one in printed], [(one.nodes, one.values) for one in printed]
-    if not modes:
+        printed = (frd_modes(path, path.read_text(encoding="latin-1")) if suffix in FRD else nastran_modes(path)).modes
+    if not printed:
         raise FileError(f"{path}: holds no modes; {_RUN_AGAIN}")
-    nodes = modes[0][0]
-    for number, (own, values) in enumerate(modes, 1):
-        if len(own) != len(nodes) or not np.array_equal(own, nodes) or values.shape != modes[0][1].shape:
-            raise FileError(
-                f"{path}: mode {number} has {len(own)} nodes, the first {len(nodes)}; the file is cut short"
-            )
-    width = modes[0][1].shape[1]
+    if any(np.iscomplexobj(mode.values) for mode in printed):
+        raise FileError(f"{path}: holds complex modes; let the solver print real ones (SOL 103)")
+    require_same_points(path, printed)
+    values = np.stack([_mass_normalized(mode) for mode in printed], axis=2)
+    width = 6 if np.isfinite(values[:, 3:]).all() else 3
+    nodes = printed[0].nodes
     dofs = np.stack([np.repeat(nodes, width), np.tile(np.arange(1, width + 1), len(nodes))], axis=1)
-    return _sorted(path, frequency, dofs, np.stack([values.ravel() for _, values in modes], axis=1), True, suffix)
+    frequency = [mode.frequency for mode in printed]
+    return _sorted(path, frequency, dofs, values[:, :width].reshape(-1, len(printed)), True, suffix)
+
+
+def _mass_normalized(mode: PrintedMode) -> FloatArray:
+    """The motions of a mode at a modal mass of 1, which it is taken to have where none is printed, (n_points, 6)."""
+    return np.real(mode.values) / (np.sqrt(mode.generalized_mass) if mode.generalized_mass > 0 else 1.0)
 
 
 def require_last_line(path: Path) -> None:
@@ -115,27 +116,6 @@ def _sorted(
         )
     order = np.argsort(own, kind="stable")
     return Shapes(own[order], dofs, values[:, order], has_mass, _ROUNDING.get(suffix, Shapes.rounding))
-
-
-def _frd(path: Path, lines: Sequence[str]) -> tuple[list[float], list[tuple[IntArray, FloatArray]]]:
-    """CalculiX: blocks ``100CL`` of a mode with its frequency, whose ``-4  DISP`` has the shape."""
-    frequency: list[float] = []
-    modes: list[tuple[IntArray, FloatArray]] = []
-    for at, line in enumerate(lines):
-        if line.startswith("  100C") and "MODAL" in line and at + 1 < len(lines) and "DISP" in lines[at + 1]:
-            begin = next((i for i in range(at + 1, len(lines)) if lines[i].startswith(" -1")), len(lines))
-            end = next((i for i in range(begin, len(lines)) if not lines[i].startswith(" -1")), len(lines))
-            if end == len(lines) or not lines[end].startswith(" -3"):
-                raise FileError(f"{path}, line {end}: a shape has no end; the file is cut short, {_RUN_AGAIN}")
-            frequency.append(float(line[12:24]))
-            rows = lines[begin:end]
-            fields = [
-                row[_FRD_FIRST + k * _FRD_WIDTH : _FRD_FIRST + (k + 1) * _FRD_WIDTH] for row in rows for k in range(3)
-            ]
-            modes.append((np.array([int(row[3:_FRD_FIRST]) for row in rows]), numbers(path, fields).reshape(-1, 3)))
-    if not any(line.startswith(" 9999") for line in lines[-3:]):
-        raise FileError(f"{path}: has no last line 9999; the file is cut short, {_RUN_AGAIN}")
-    return frequency, modes
 
 
 def require_same_dofs(first: Shapes, other: Shapes, words: str) -> None:

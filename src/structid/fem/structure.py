@@ -68,6 +68,10 @@ class Structure(Shown, StructurePlots):
     measured : sequence of MeasuredComponent
         Parts that have no model but measured FRFs at the degrees of freedom of their interface. Matrices, modes and masses
         are without them.
+    left_aside : sequence of str
+        What the file of the model has that no element stands for, in sentences: a warning with every result.
+    file_notes : sequence of str
+        What else that file says that the structure does not.
 
     Raises
     ------
@@ -86,6 +90,8 @@ class Structure(Shown, StructurePlots):
     components: tuple[Component, ...] = ()
     damping_ratio: float | None = None
     measured: tuple[MeasuredComponent, ...] = ()
+    left_aside: tuple[str, ...] = ()
+    file_notes: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -100,6 +106,8 @@ class Structure(Shown, StructurePlots):
         components: Iterable[Component] = (),
         damping_ratio: float | None = None,
         measured: Iterable[MeasuredComponent] = (),
+        left_aside: Iterable[str] = (),
+        file_notes: Iterable[str] = (),
     ) -> None:
         positions = {int(label): locked(np.atleast_1d(np.asarray(x, dtype=np.float64))) for label, x in nodes.items()}
         _require_positions(positions)
@@ -119,6 +127,8 @@ class Structure(Shown, StructurePlots):
         object.__setattr__(self, "components", tuple(components))
         object.__setattr__(self, "damping_ratio", None if damping_ratio is None else float(damping_ratio))
         object.__setattr__(self, "measured", tuple(measured))
+        object.__setattr__(self, "left_aside", tuple(left_aside))
+        object.__setattr__(self, "file_notes", tuple(file_notes))
         _require_names(self)
         _require_pieces(self)
         _ = self.contributions  # so that what is wrong shows here, not at first use

@@ -137,6 +137,33 @@ class Constraint:
 
 
 @dataclass(frozen=True)
+class MiddleNode:
+    """A node that moves as the mean of the two corners beside it, so that its side stays straight.
+
+    Parameters
+    ----------
+    name : str
+    label : int
+    ends : (int, int)
+    directions : tuple of str
+        In which its elements move.
+    """
+
+    name: str
+    label: int
+    ends: tuple[int, int]
+    directions: tuple[str, ...] = ("X", "Y", "Z")
+
+    def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
+        """Own codes with those of the ends; see `Tie.equations`."""
+        return {
+            dof_code(self.label, d): {dof_code(end, d): 0.5 for end in self.ends}
+            for d in self.directions
+            if d in active
+        }
+
+
+@dataclass(frozen=True)
 class Base:
     """Supports that drive the structure with one motion: a shaking table, the ground under a building.
 

@@ -1,8 +1,8 @@
 """Files: read with a clear word when something is wrong with them, and written whole or not at all."""
 
 from structid.files.lock import claim, claimed, release
-from structid.files.reading import DAMAGE, damage_told, digest, require_readable
-from structid.files.writing import atomic_write, made_folder, require_no_file
+from structid.files.reading import DAMAGE, damage_told, digest, read_part, read_start, require_readable
+from structid.files.writing import atomic_write, made_folder, replace_unchanged, require_no_file
 
 __all__ = [
     "DAMAGE",
@@ -12,7 +12,10 @@ __all__ = [
     "damage_told",
     "digest",
     "made_folder",
+    "read_part",
+    "read_start",
     "release",
+    "replace_unchanged",
     "require_no_file",
     "require_readable",
 ]

@@ -22,6 +22,7 @@ from typing import IO, Any, NamedTuple, TypeVar
 import numpy as np
 
 from structid.core.errors import FileError
+from structid.core.isolation import NEUTRAL_FOLDER, SAFE_FLAGS, child_environment, import_paths
 from structid.core.json_types import Plain
 from structid.files.worker import __file__ as _SCRIPT
 from structid.files.worker import filled
@@ -60,10 +61,12 @@ class _Child:
     """A running `worker.py`."""
 
     def __init__(self) -> None:
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "OPENBLAS_NUM_THREADS": "1"}
+        paths = os.pathsep.join(import_paths(sys.path, Path.cwd()))
+        environment = child_environment({"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"})
         self.owner, self.served = os.getpid(), 0
         self.process = subprocess.Popen(
-            [sys.executable, "-P", _SCRIPT],
+            [sys.executable, *SAFE_FLAGS, _SCRIPT],
+            cwd=NEUTRAL_FOLDER,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import socket
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -18,16 +19,20 @@ try:
 except ImportError:  # Windows: two runs in one place are not told
     fcntl = None  # type: ignore[assignment]
 
+_WAIT_SECONDS = 0.01
 #: Places that this process holds, and the descriptors of their locks.
 _held: dict[Path, tuple[int, int]] = {}
 
 
 @contextmanager
-def claimed(path: Path) -> Iterator[None]:
-    """Holds `path`, a folder or a file that is or will be there, for the block; a process may hold it several times."""
+def claimed(path: Path, patience: float = 0.0) -> Iterator[None]:
+    """Holds `path`, a folder or a file that is or will be there, for the block; a process may hold it several times.
+
+    Another process that holds it is waited for `patience` seconds.
+    """
     path = path.absolute()
     before = path in _held
-    claim(path)
+    claim(path, patience)
     try:
         yield
     finally:
@@ -35,8 +40,10 @@ def claimed(path: Path) -> Iterator[None]:
             release(path)
 
 
-def claim(path: Path) -> None:
+def claim(path: Path, patience: float = 0.0) -> None:
     """Take `path` for this process until `release`, and remove what a killed run left beside it half written.
+
+    Another process that holds it is waited for `patience` seconds.
 
     Raises
     ------
@@ -50,7 +57,7 @@ def claim(path: Path) -> None:
         raise FileError(f"{path}: its folder {path.parent} does not exist; create it first")
     lock = _lock_file(path)
     try:
-        _held[path] = _locked(path, lock), os.getpid()
+        _held[path] = _locked(path, lock, patience), os.getpid()
     except OSError as error:
         raise FileError(
             f"{path}: cannot be written ({error.strerror or error}); check the permissions of {path.parent}, or write to"
@@ -73,16 +80,20 @@ def _lock_file(path: Path) -> Path:
     return path.parent / f".{path.name[:200]}.lock"
 
 
-def _locked(path: Path, lock: Path) -> int:
+def _locked(path: Path, lock: Path, patience: float) -> int:
     """The descriptor of the locked file `lock`, which is still the one of that name."""
+    end = time.monotonic() + patience
     while True:
-        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT, 0o644)
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
         try:
             if fcntl is not None:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             words = os.pread(descriptor, 200, 0).decode("utf-8", "replace").strip() or "another process"
             os.close(descriptor)
+            if time.monotonic() < end:
+                time.sleep(_WAIT_SECONDS)
+                continue
             raise FileError(
                 f"{path}: {words} writes there; wait until it has ended, or write to another place"
             ) from error

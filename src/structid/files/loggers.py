@@ -10,12 +10,14 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from structid.core.arrays import FloatArray
+from structid.core.units import parse_time_unit
 
 
 class Channel(NamedTuple):
@@ -31,14 +33,28 @@ class Channel(NamedTuple):
 
 
 def logger(path: str, kind: str) -> list[Channel]:
-    """The channels of numbers in a file of this kind; what a library only warns of counts as damage."""
+    """The channels of numbers in a file of this kind; what a library only warns of counts as damage, but of miniSEED.
+
+    Those files are of records with checks of their own, and their library warns of harmless ones.
+    """
     os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # the others reserve more address space than the child may take
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         __import__(PACKAGES[kind])  # of which some warn of their own
+        if kind in _ONLY_WARNED:
+            return _with_warnings(lambda: list(_READERS[kind](path)))
         warnings.simplefilter("error", UserWarning)
         warnings.simplefilter("error", RuntimeWarning)
         return list(_READERS[kind](path))
+
+
+def _with_warnings(read: Callable[[], list[Channel]]) -> list[Channel]:
+    """The channels that `read` gives, with what the library warns of beside the first."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        channels = read()
+    told = "; ".join(dict.fromkeys(" ".join(str(one.message).split()) for one in caught))
+    return [channel._replace(note=told) if told and i == 0 else channel for i, channel in enumerate(channels)]
 
 
 def _entry(
@@ -80,13 +96,14 @@ def _tdms(path: str) -> Iterator[Channel]:
                 values = np.asarray(channel[:])
                 if not _is_series(values):
                     continue
-                step = float(own.get("wf_increment") or 0.0)
+                to_seconds = parse_time_unit(own.get("wf_xunit_string") or "s")
+                step = to_seconds * float(own.get("wf_increment") or 0.0)
                 yield _entry(
                     f"{group.name}/{channel.name}" if several else channel.name,
                     own.get("unit_string") or own.get("NI_UnitDescription"),
                     values,
                     1 / step if step > 0 else 0.0,
-                    float(own.get("wf_start_offset") or 0.0),
+                    to_seconds * float(own.get("wf_start_offset") or 0.0),
                     note="the file ends within its last segment: the copy, or the logger, broke off" if cut else "",
                 )
 
@@ -123,13 +140,14 @@ def _wav(path: str) -> Iterator[Channel]:
 
     warnings.filterwarnings("ignore", "Chunk .non-data. not understood")  # notes of recorders
     rate, values = wavfile.read(path)
+    note = "in parts of full scale" if values.dtype.kind in "ui" else ""
     if values.dtype.kind == "u":
         values = (values - 128.0) / 128
     elif values.dtype.kind == "i":
         values = values / 2.0 ** (8 * values.dtype.itemsize - 1)
     values = values.reshape(len(values), -1)
     for j in range(values.shape[1]):
-        yield _entry(str(j + 1), "", values[:, j], float(rate))
+        yield _entry(str(j + 1), "", values[:, j], float(rate), note=note)
 
 
 def _parquet(path: str) -> Iterator[Channel]:
@@ -146,8 +164,57 @@ def _parquet(path: str) -> Iterator[Channel]:
             yield _entry(name, "", column.cast(pa.float64()).to_numpy())
 
 
+def _lvm(path: str) -> Iterator[Channel]:
+    """LabVIEW measurement files: a head, and one segment with a head of its own and columns of numbers."""
+    text = Path(path).read_text(encoding="cp1252")
+    lines = text.splitlines()
+    if not text.endswith("\n"):
+        raise ValueError("its last line has no end")
+    if not lines[0].startswith("LabVIEW Measurement"):
+        raise ValueError("it does not begin with LabVIEW Measurement")
+    ends = [i for i, line in enumerate(lines) if line.startswith("***End_of_Header***")]
+    if len(ends) != 2:
+        raise ValueError(f"it must hold one segment, got {max(len(ends) - 1, 0)}; write one a file")
+    separator = "," if any(line.startswith("Separator,Comma") for line in lines[: ends[0]]) else "\t"
+    file, segment = ({words[0].strip(): words[1:] for line in part if (words := line.split(separator))} for part in
+                     (lines[: ends[0]], lines[ends[0] + 1 : ends[1]]))  # fmt: skip
+    comma = file.get("Decimal_Separator", ["."])[0].strip() == ","
+    if file.get("X_Columns", ["One"])[0].strip() == "Multi":
+        raise ValueError("every channel has times of its own; write them with one column of times, or none")
+    count = int(segment["Channels"][0])
+    dimensions = {text.strip() for text in segment.get("X_Dimension", [])[:count]} - {""}
+    if dimensions - {"Time"}:
+        raise ValueError(f"its channels are over {', '.join(sorted(dimensions))}, not over time; write time histories")
+    rows = [line.split(separator)[: count + 1] for line in lines[ends[1] + 2 :] if line.strip()]
+    names = [name.strip() for name in lines[ends[1] + 1].split(separator)][1 : count + 1]
+    values = np.array([[_decimal(text, comma) for text in row[1:]] for row in rows])
+    samples = [int(text) for text in segment["Samples"][:count]]
+    if len(names) != count or samples != [len(rows)] * count or values.shape != (len(rows), count):
+        raise ValueError(
+            f"its head says {count} channels of {samples} samples, and it holds {len(rows)} lines of {values.shape[-1]}"
+        )
+    units = [*segment.get("Y_Unit_Label", []), *[""] * count]
+    steps, starts = ([_decimal(text, comma) for text in segment[key][:count]] for key in ("Delta_X", "X0"))
+    for j in range(count):
+        rate = 1 / steps[j] if steps[j] > 0 else 0.0
+        yield _entry(names[j], units[j].strip(), values[:, j], rate, starts[j])
+
+
+def _decimal(text: str, comma: bool) -> float:
+    return float(text.replace(",", ".") if comma else text)
+
+
+#: Kinds whose library's warnings are told and not taken for damage.
+_ONLY_WARNED = ("miniseed",)
 #: The package that reads each kind of file.
-PACKAGES = {"tdms": "nptdms", "mdf": "asammdf", "miniseed": "obspy", "wav": "scipy.io.wavfile", "parquet": "pyarrow"}
+PACKAGES = {
+    "lvm": "csv",
+    "tdms": "nptdms",
+    "mdf": "asammdf",
+    "miniseed": "obspy",
+    "wav": "scipy.io.wavfile",
+    "parquet": "pyarrow",
+}
 _READERS: dict[str, Callable[[str], Iterator[Channel]]] = {
-    "tdms": _tdms, "mdf": _mdf, "miniseed": _miniseed, "wav": _wav, "parquet": _parquet,
+    "tdms": _tdms, "mdf": _mdf, "miniseed": _miniseed, "lvm": _lvm, "wav": _wav, "parquet": _parquet,
 }  # fmt: skip

@@ -14,6 +14,8 @@ from structid.files.reading import damage_told, require_readable
 
 _MAGIC = 8
 _DENSEST = 1032  # bytes that deflate can make of one
+#: Bytes of an array that is packed denser than any measurement (nothing but zeros) at most, and that density.
+_MOST_PACKED, _PACKED = 100_000_000, 500
 
 
 class Header(NamedTuple):
@@ -77,6 +79,11 @@ def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
     if member.file_size > _DENSEST * member.compress_size + _MAGIC:
         raise ValueError(
             f"{member.filename} says {member.file_size} bytes, its {member.compress_size} cannot hold them"
+        )
+    if member.file_size > max(_MOST_PACKED, _PACKED * member.compress_size):
+        raise ValueError(
+            f"{member.filename} would take {member.file_size / 1e6:.0f} MB, packed into {member.compress_size / 1e6:.1f} MB as only"
+            " zeros are; write it with numpy.savez, which does not pack"
         )
     with archive.open(member) as stream:
         header = _header(stream, member.file_size)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import hashlib
+import os
+import stat
 import struct
 import tokenize
 import zipfile
@@ -48,6 +51,39 @@ def require_readable(path: str | Path) -> Path:
             raise
         raise FileError(f"{path}: cannot be opened ({error}); check the path and its permissions") from error
     return path
+
+
+def read_part(path: Path, begin: int, most: int) -> bytes:
+    """Up to `most` bytes of an ordinary file that is no link, from byte `begin` on; raises as `read_start`."""
+    return read_start(path, most, follow=False, begin=begin)
+
+
+def read_start(path: Path, most: int, follow: bool = True, begin: int = 0) -> bytes:
+    """The first `most` bytes of an ordinary file; a pipe or a device is not waited for.
+
+    Parameters
+    ----------
+    path : Path
+    most : int
+        Bytes at most.
+    follow : bool, optional
+        Whether `path` may be a link.
+    begin : int, optional
+        Byte from which on it is read.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened or is no ordinary file.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+    descriptor = os.open(path, flags | (0 if follow else getattr(os, "O_NOFOLLOW", 0)))
+    with os.fdopen(descriptor, "rb") as stream:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "is a pipe or a device, and no file", str(path))
+        if begin:
+            stream.seek(begin)
+        return stream.read(most)
 
 
 def _missing(path: Path) -> str:

@@ -128,6 +128,10 @@ def matlab(path: str) -> dict[str, Entry]:
 
 def _note_matlab(found: dict[str, Entry], name: str, value: np.ndarray | sparse.csc_array) -> None:
     """Add a variable, or the fields of a struct under ``name.field``."""
+    from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
+
+    if isinstance(value, MatlabOpaque | MatlabObject | MatlabFunction):
+        return
     if not isinstance(value, np.ndarray):
         stored = value.tocsc()
         shape = np.array(stored.shape)

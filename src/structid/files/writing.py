@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
+import stat
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from structid.core.errors import FileError
 
 
 @contextmanager
-def atomic_write(path: str | Path) -> Iterator[Path]:
+def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
     """A temporary path in the folder of `path`, which becomes `path` when the block ends without an error.
 
-    On any error the temporary file is removed and a file already at `path` stays as it was.
+    On any error the temporary file is removed and a file already at `path` stays as it was. A file that is replaced hands on
+    its permissions.
+
+    Parameters
+    ----------
+    path : str or Path
+    is_new : bool, optional
+        Whether a file that is at `path` by the end of the block is an error.
 
     Raises
     ------
@@ -35,8 +44,12 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
     temporary = path.parent / f".{path.stem[:100]}.{secrets.token_hex(6)}{path.suffix}"
     try:
         yield temporary
+        _keep_permissions(path, temporary)
         _flush_to_disk(temporary)
-        temporary.replace(path)
+        if not is_new:
+            temporary.replace(path)
+        elif not _linked(temporary, path):
+            raise FileError(f"{path}: is there already; give another name, or remove it")
     except OSError as error:
         raise FileError(
             f"{path}: cannot be written ({error.strerror or error}); free disk space, check the permissions of "
@@ -44,6 +57,86 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes | None], bool]) -> bool:
+    """Write `content` to `path` whole, if what stands there until that moment `is_expected`; else change nothing.
+
+    Other programs may write `path` at any time: where the system can exchange two names (Linux), what was replaced is looked
+    at once more afterwards, and is put back where it is not as expected.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or the name of a new one in a folder that is there.
+    content : bytes
+    is_expected : callable
+        Whether a content, None where there is no file, may be replaced.
+
+    Returns
+    -------
+    bool
+        Whether it was written.
+
+    Raises
+    ------
+    FileError
+        If writing fails.
+    """
+    temporary = path.parent / f".{path.stem[:100]}.{secrets.token_hex(6)}{path.suffix}"
+    try:
+        temporary.write_bytes(content)
+        _keep_permissions(path, temporary)
+        _flush_to_disk(temporary)
+        before = path.read_bytes() if path.exists() else None
+        if not is_expected(before):
+            return False
+        if before is None:
+            return _linked(temporary, path)
+        if not _exchanged(temporary, path):  # another system: the moment between is left
+            temporary.replace(path)
+            return True
+        if is_expected(temporary.read_bytes()):
+            return True
+        _exchanged(temporary, path)
+        if temporary.read_bytes() != content:  # written once more meanwhile: the newest stays
+            _exchanged(temporary, path)
+        return False
+    except OSError as error:
+        raise FileError(
+            f"{path}: cannot be written ({error.strerror or error}); free disk space, check the permissions of "
+            f"{path.parent}, or write to another folder"
+        ) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _linked(temporary: Path, path: Path) -> bool:
+    """Give a new file its name, unless another program just took it."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        return False
+    except OSError:  # a file system without links
+        temporary.replace(path)
+    return True
+
+
+def _exchanged(first: Path, second: Path) -> bool:
+    """Exchange two names at once (renameat2 with RENAME_EXCHANGE); False where the system cannot."""
+    if sys.platform != "linux":
+        return False
+    import ctypes
+
+    exchange = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    here = -100  # AT_FDCWD
+    return exchange is not None and exchange(here, os.fsencode(first), here, os.fsencode(second), 2) == 0
+
+
+def _keep_permissions(path: Path, temporary: Path) -> None:
+    """Give `temporary` the permissions of the file that it is to replace."""
+    with suppress(OSError):
+        temporary.chmod(stat.S_IMODE(path.stat().st_mode))
 
 
 def _flush_to_disk(path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,7 +11,7 @@ import tomlkit
 from tomlkit.items import Array
 
 from structid.core.errors import InputError
-from structid.study.schema.toml_lines import KeyPath
+from structid.study.schema.toml_lines import KeyPath, parse_toml
 from structid.workbench.toml_places import Block, Place, blocks_of
 
 #: Sections of a study in the order in which they are written.
@@ -62,18 +61,19 @@ def value_of(text: str) -> str:
     """
     written = text.strip()
     try:
-        if "\n" in written or len(tomllib.loads(f"value = [{written}]")["value"]) != 1 or not written:
-            raise InputError(f"{text!r} is not one value")
-        tomllib.loads(f"value = {written}\n")
-    except (tomllib.TOMLDecodeError, KeyError) as error:
+        count = len(parse_toml(f"value = [{written}]")["value"])
+        parse_toml(f"value = {written}\n")
+    except (ValueError, RecursionError, KeyError) as error:
         raise InputError(f'{text!r} is no value; write a number, "a text", or a list in brackets') from error
+    if "\n" in written or count != 1:
+        raise InputError(f"{text!r} is not one value")
     return written
 
 
 def _require_toml(text: str, words: str) -> None:
     try:
-        tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        parse_toml(text)
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{words}, so nothing was changed: {error}") from error
 
 

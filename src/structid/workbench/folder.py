@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
-import tomllib
+import stat
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path, PurePosixPath
+from threading import Lock
 from types import ModuleType
 from typing import Any
 
 from structid.core.errors import FileError, InputError
 from structid.fem import importers, meshes
-from structid.files import atomic_write
+from structid.files import claimed, read_start, replace_unchanged
 from structid.modal.formats.csv import is_modes_table
 from structid.modal.formats.files import CSV_SUFFIXES, JSON_SUFFIXES, UFF_SUFFIXES
 from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES
 from structid.records.formats import FORMATS, LOGGERS, LoggerFormat
+from structid.study.schema.toml_lines import parse_toml
 
 #: Where the workbench keeps its own things inside the folder: logs of runs, overviews of long records.
 OWN = ".structid"
@@ -28,17 +32,31 @@ _RECORDS: tuple[ModuleType | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
 RECORD_SUFFIXES = (*(suffix for one in _RECORDS for suffix in one.SUFFIXES), *F06_SUFFIXES)
 _MODELS: tuple[ModuleType, ...] = (*meshes.FORMATS, *importers.FORMATS)
 MODEL_SUFFIXES = tuple(suffix for one in _MODELS for suffix in one.SUFFIXES if suffix not in RECORD_SUFFIXES)
-_DEEPEST, _MOST = 4, 3000
+_LISTED = {".toml", *RECORD_SUFFIXES, *MODEL_SUFFIXES, *PUNCH_SUFFIXES, *JSON_SUFFIXES}
+#: Levels of folders and files that are looked at, and entries of a folder at most that are put in order.
+_DEEPEST, _MOST, _MOST_SORTED = 4, 3000, 100_000
 _RESULT, _MODES = "estimate.json", "modes.json"
+#: Bytes of a study that are looked at for the list, and of all studies that are parsed for one list.
+_STUDY_BYTES, _PARSED_BYTES = 200_000, 500_000
+#: Bytes of a study at most that the page shows, and of a file of JSON at most that the server reads.
+_MOST_TEXT, _MOST_JSON = 50_000_000, 100_000_000
 #: Texts and numbers at most before the frequencies.
 _MODES_BEGIN = re.compile(
     rb'\s*\{\s*(?:"(?:title|method|n_modes)":\s*(?:"(?:[^"\\]|\\.)*"|\d+|null),\s*)*"frequency_hz"'
 )
-#: A line of nothing but numbers, two or more.
-_NUMBERS = re.compile(rb"^\s*[-+]?\d[\d.,eE+-]*(?:[;,\s]+[-+]?\d[\d.,eE+-]*)+\s*$", re.M)
-#: Where a dataset of a universal file begins, with its number; and bytes of a file in which they are looked for.
-_UFF_SETS, _OF_UFF = re.compile(rb"^ {4}-1[ \r]*\n +(\d+)", re.M), 1_000_000
+#: A number in a line of nothing but numbers; commas and semicolons are blanks there.
+_NUMBER, _APART = re.compile(rb"[-+]?\d[\d.eE+-]*"), bytes.maketrans(b";,\0", b"   ")
+#: Datasets of modes or of functions in a universal file, by the line of their number behind a -1; and bytes that are looked at.
+_UFF_SETS, _OF_UFF = re.compile(rb"\n    5[58][ \r]*\n"), 1_000_000
+_MOST_SETS = 1000
 _SECTIONS = {"structure", "unknown", "record", "plan", "method"}
+#: The same in the text of a study that is too long to be parsed for a list, and its title.
+_HEADER = re.compile(rf"^[ \t]*\[\[?[ \t]*(?:{'|'.join(sorted(_SECTIONS))})\b", re.M)
+_TITLE = re.compile(r'^title[ \t]*=[ \t]*"((?:[^"\\\n]|\\.)*)"', re.M)
+
+
+#: One save of this process at a time; another process is waited for so long, s.
+_saving, _SAVE_SECONDS = Lock(), 5.0
 
 
 class OutsideError(FileError):
@@ -66,7 +84,10 @@ class OpenFolder:
         parts = PurePosixPath(name).parts
         if not name or "\0" in name or "\\" in name or name.startswith("/") or ".." in parts or ":" in name:
             raise OutsideError(f"{name!r}: is no path inside the open folder")
-        path = self.root.joinpath(*parts).resolve()
+        try:
+            path = self.root.joinpath(*parts).resolve()
+        except (OSError, RuntimeError, ValueError) as error:  # links in a circle, a name that no system has
+            raise OutsideError(f"{name!r}: is no path inside the open folder ({error})") from error
         if path == self.root or not path.is_relative_to(self.root):
             raise OutsideError(f"{name!r}: is no path inside the open folder")
         return path
@@ -82,58 +103,107 @@ class OpenFolder:
     def listing(self) -> dict[str, Any]:
         """Studies with their titles, records, other inputs and results of the folder, a few levels deep.
 
-        ``most`` is how many files are looked at where there are more, else None.
+        Only beginnings of ordinary files inside the folder are read. ``unusable`` names files that cannot be used, each with the
+        reason; ``most`` is how many files are looked at where there are more, else None.
         """
         files, is_all = self._files()
-        found: dict[str, list[dict[str, Any]]] = {"studies": [], "records": [], "models": [], "results": []}
-        for path in files:
+        lists: dict[str, list[dict[str, Any]]] = {
+            "studies": [], "records": [], "models": [], "results": [], "unusable": []
+        }  # fmt: skip
+        results = {path.parent for path, _ in files if path.name == _RESULT}
+        modes = {path.parent for path, _ in files if path.name == _MODES}
+        budget = _PARSED_BYTES
+        for path, size in files:
             name, suffix = self.name(path), path.suffix.lower()
-            if path.name == _RESULT:
-                found["results"].append({"path": self.name(path.parent), "changed": path.stat().st_mtime})
-            elif self._is_result(path):
-                continue
-            elif suffix == ".toml":
-                found["studies"] += _study(name, path)
-            elif suffix in RECORD_SUFFIXES:
-                if suffix != ".txt" or _holds_numbers(path):
-                    found["records"].append({"path": name, "bytes": path.stat().st_size, "modes": holds_modes(path)})
-            elif suffix in (*PUNCH_SUFFIXES, *JSON_SUFFIXES) and holds_modes(path):
-                found["records"].append({"path": name, "bytes": path.stat().st_size, "modes": True})
-            elif suffix in MODEL_SUFFIXES:
-                found["models"].append({"path": name, "bytes": path.stat().st_size})
-        return {"folder": str(self.root), "writable": self.is_writable, "most": None if is_all else _MOST, **found}
+            is_copy = path.name in ("modes.csv", "modes.uff") and path.parent in modes
+            try:
+                if path.name == _RESULT:
+                    self.inside(name)
+                    lists["results"].append({"path": self.name(path.parent), "changed": path.stat().st_mtime})
+                elif is_copy or path.parent in results or path.parent.name == "figures" or suffix not in _LISTED:
+                    continue
+                elif words := self._refusal(path):
+                    lists["unusable"].append({"path": _shown_name(name), "words": words})
+                elif suffix == ".toml":
+                    budget -= min(size, _STUDY_BYTES)
+                    lists["studies"] += _study(name, path, size, budget > 0)
+                elif suffix in RECORD_SUFFIXES:
+                    if suffix != ".txt" or holds_numbers(path):
+                        lists["records"].append({"path": name, "bytes": size, "modes": holds_modes(path)})
+                elif suffix in (*PUNCH_SUFFIXES, *JSON_SUFFIXES) and holds_modes(path):
+                    lists["records"].append({"path": name, "bytes": size, "modes": True})
+                elif suffix in MODEL_SUFFIXES:
+                    lists["models"].append({"path": name, "bytes": size})
+            except (OSError, OutsideError) as error:
+                words = f"cannot be read ({getattr(error, 'strerror', None) or error})"
+                lists["unusable"].append({"path": _shown_name(name), "words": words})
+        return {"folder": str(self.root), "writable": self.is_writable, "most": None if is_all else _MOST, **lists}
 
     def stamps(self) -> dict[str, int]:
         """When each TOML file that `listing` looks at was changed, ns."""
-        found = {}
-        for path in self._files()[0]:
+        stamps = {}
+        for path, _ in self._files()[0]:
             if path.suffix == ".toml":
                 with suppress(OSError):
-                    found[self.name(path)] = path.stat().st_mtime_ns
-        return found
+                    stamps[_shown_name(self.name(path))] = path.stat().st_mtime_ns
+        return stamps
 
-    def _is_result(self, path: Path) -> bool:
-        """Whether it is a file of results but no suggested study, or the same modes that modes.json beside it holds."""
-        copied = path.name in ("modes.csv", "modes.uff") and (path.parent / _MODES).exists()
-        return copied or (path.parent / _RESULT).exists() or path.parent.name == "figures"
+    def _refusal(self, path: Path) -> str:
+        """Why the page cannot use a file; "" where it can."""
+        if not _is_printable(path.name) or any(sign in path.name for sign in ":\\"):
+            return "its name holds a sign that is not used here; give it another name"
+        if path.is_symlink():
+            try:
+                target = path.resolve(strict=True)
+            except FileNotFoundError:
+                return "is a link to what is not there; fetch it, or remove the link"
+            except (OSError, RuntimeError):
+                return "is a link that leads to itself; remove it"
+            if not target.is_relative_to(self.root):
+                return "is a link that leaves the folder, which is not followed; copy the file itself"
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            return "is a pipe or a device, and no file"
+        return "" if stat.S_ISREG(mode) else "is a folder"
 
-    def _files(self) -> tuple[list[Path], bool]:
-        """Files of the folder, a few levels deep, and whether they are all that are there."""
-        found: list[Path] = []
-        count = 0
-        for folder, folders, files in os.walk(self.root):
-            here = Path(folder)
-            depth = len(here.relative_to(self.root).parts)
-            folders[:] = sorted(
-                f for f in folders if depth < _DEEPEST and not f.startswith(".") and not f.endswith(".checkpoint")
-            )
-            for file in sorted(files):
+    def _files(self) -> tuple[list[tuple[Path, int]], bool]:
+        """Files of the folder with their bytes, a few levels deep, links as they are, and whether they are all that are there."""
+        files: list[tuple[Path, int]] = []
+        folders, count = [(self.root, 0)], 0
+        while folders:
+            folder, depth = folders.pop()
+            try:
+                with os.scandir(folder) as scan:
+                    entries = sorted(islice(scan, _MOST_SORTED), key=lambda entry: entry.name)
+            except OSError:  # one that may not be read, or that was just removed
+                continue
+            inner = []
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    if depth < _DEEPEST and not entry.name.startswith(".") and not entry.name.endswith(".checkpoint"):
+                        inner.append((folder / entry.name, depth + 1))
+                    continue
                 count += 1
                 if count > _MOST:
-                    return found, False
-                if not file.startswith("."):
-                    found.append(here / file)
-        return found, True
+                    return files, False
+                if not entry.name.startswith("."):
+                    with suppress(OSError):
+                        files.append((folder / entry.name, entry.stat(follow_symlinks=False).st_size))
+            folders += reversed(inner)
+        return files, True
+
+    def files_in(self, folder: Path, most: int) -> list[Path]:
+        """Ordinary files in `folder` and the folders in it, in order, without links and without names that begin with a point."""
+        files: list[Path] = []
+        for inner, folders, names in os.walk(folder):
+            folders[:] = sorted(
+                name for name in folders if not (name.startswith(".") or Path(inner, name).is_symlink())
+            )
+            paths = [Path(inner, name) for name in sorted(names) if not name.startswith(".")]
+            files += [path for path in paths if _is_printable(path.name) and not path.is_symlink() and path.is_file()]
+            if len(files) > most:
+                break
+        return sorted(files[:most])
 
     def text(self, name: str) -> tuple[str, str]:
         """The text of a study and its digest.
@@ -145,8 +215,10 @@ class OpenFolder:
         """
         path = self.inside(name)
         try:
-            given = path.read_bytes()
-            return given.decode("utf-8-sig"), digest(given)
+            content = read_start(path, _MOST_TEXT + 1)
+            if len(content) > _MOST_TEXT:
+                raise FileError(f"{name}: is larger than {_MOST_TEXT // 1_000_000} MB, which the page does not show")
+            return content.decode("utf-8-sig"), digest(content)
         except FileNotFoundError:
             raise FileError(f"{name}: is not there any more; it was moved or removed") from None
         except (OSError, UnicodeDecodeError) as error:
@@ -154,6 +226,8 @@ class OpenFolder:
 
     def save(self, name: str, text: str, before: str) -> str:
         """Write the text of a study that still has the digest `before`; "" for a new one. The new digest.
+
+        Other servers and editors may write at the same time: what is told as saved is there, and replaced nothing unseen.
 
         Raises
         ------
@@ -165,17 +239,20 @@ class OpenFolder:
         path = self.inside(name)
         if path.suffix.lower() != ".toml":
             raise InputError(f"{name}: a study is a file that ends in .toml")
-        now = digest(path.read_bytes()) if path.exists() else ""
-        if now != before:
+        if path.exists() and not path.is_file():
+            raise FileError(f"{name}: is no file")
+        content = text.encode("utf-8")
+        with _saving, claimed(path, _SAVE_SECONDS):
+            is_saved = replace_unchanged(
+                path, content, lambda there: before == ("" if there is None else digest(there))
+            )
+        if not is_saved:
             raise ChangedError(
                 f"{name}: was changed by another page or program; what it says now is shown, change it again"
-                if now
+                if path.exists()
                 else f"{name}: was removed; save it under a new name"
             )
-        raw = text.encode("utf-8")
-        with atomic_write(path) as temporary:
-            temporary.write_bytes(raw)
-        return digest(raw)
+        return digest(content)
 
     def own(self, *parts: str) -> Path:
         """A folder of the workbench's own, made where it does not exist.
@@ -185,12 +262,16 @@ class OpenFolder:
         FileError
             If it cannot be made.
         """
-        path = self.root.joinpath(OWN, *parts)
+        path = self.root
         try:
-            path.mkdir(parents=True, exist_ok=True)
+            for part in (OWN, *parts):
+                path = path / part
+                path.mkdir(exist_ok=True)
+                if path.is_symlink():
+                    raise FileError(f"{self.name(path)}: is a link, to which nothing is written; remove it")
             ignore = self.root / OWN / ".gitignore"
-            if not ignore.exists():
-                ignore.write_text("*\n", encoding="utf-8")
+            with suppress(FileExistsError), ignore.open("x", encoding="utf-8") as stream:
+                stream.write("*\n")
         except OSError as error:
             raise FileError(
                 f"{self.root}: cannot be written ({error.strerror or error}); open a folder that you may write to"
@@ -268,19 +349,36 @@ def upload_name(name: str) -> str:
     return clean
 
 
-def _study(name: str, path: Path) -> list[dict[str, Any]]:
+def _shown_name(name: str) -> str:
+    """A name of a file as text; what is no sign, or steers, as a question mark."""
+    text = os.fsencode(name).decode("utf-8", "replace")
+    return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
+
+
+def _is_printable(name: str) -> bool:
+    """Whether a name is a text in UTF-8 without signs that steer."""
+    return name.isprintable()
+
+
+def _study(name: str, path: Path, size: int, is_parsed: bool) -> list[dict[str, Any]]:
     """A study of a folder, also one that is broken; nothing for other TOML files."""
+    begin = read_start(path, _STUDY_BYTES)
     try:
-        text = path.read_bytes()[:50_000_000].decode("utf-8-sig")
-        if len(text) > 5_000_000:
-            return [{"path": name, "title": path.stem, "broken": ""}]
-        table = tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        return [{"path": name, "title": path.stem, "broken": str(error)}]
+        if not is_parsed or size > _STUDY_BYTES:
+            text = begin.decode("utf-8-sig", "replace")
+            title = _TITLE.search(text)
+            return (
+                [{"path": name, "title": title[1] if title else path.stem, "broken": ""}]
+                if _HEADER.search(text)
+                else []
+            )
+        table = parse_toml(begin.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        return [{"path": name, "title": path.stem, "broken": str(error)[:500]}]
     if not _SECTIONS & set(table):
         return []
     title = table.get("title")
-    return [{"path": name, "title": title if isinstance(title, str) else path.stem, "broken": ""}]
+    return [{"path": name, "title": title[:500] if isinstance(title, str) else path.stem, "broken": ""}]
 
 
 def holds_modes(path: Path) -> bool:
@@ -291,27 +389,49 @@ def holds_modes(path: Path) -> bool:
     if suffix in PUNCH_SUFFIXES:
         return b"$EIGENVALUE" in _begin(path)
     if suffix in UFF_SUFFIXES:
-        sets = set(_UFF_SETS.findall(_begin(path, _OF_UFF)))
+        begin = b"\n" + _begin(path, _OF_UFF)
+        sets = {
+            match[0].strip()
+            for match in islice(_UFF_SETS.finditer(begin), _MOST_SETS)
+            if begin[max(0, match.start() - 80) : match.start()].rstrip(b" \r").endswith(b" -1")
+        }
         return b"55" in sets and b"58" not in sets
     return suffix in F06_SUFFIXES or (suffix in JSON_SUFFIXES and _MODES_BEGIN.match(_begin(path)) is not None)
 
 
-def _holds_numbers(path: Path) -> bool:
+def holds_numbers(path: Path) -> bool:
     """Whether a text file begins as a table: a line of two numbers or more, whatever stands above it."""
-    return _NUMBERS.search(_begin(path).replace(b"\0", b"")) is not None
+    for line in _begin(path).replace(b"\0", b"").splitlines():
+        words = line.translate(_APART).split()
+        if len(words) > 1 and all(map(_NUMBER.fullmatch, words)):
+            return True
+    return False
 
 
 def _begin(path: Path, count: int = 4096) -> bytes:
     try:
-        with path.open("rb") as stream:
-            return stream.read(count)
+        return read_start(path, count)
     except OSError:
         return b""
 
 
-def read_json(path: Path) -> Any:
-    """The content of a JSON file; None where it is not there or not whole."""
+def read_json(path: Path, follow: bool = True) -> Any:
+    """The content of a JSON file; None where it is not there (or a link, unless `follow`), not whole or too large."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = read_start(path, _MOST_JSON + 1, follow)
+    except OSError:
         return None
+    return parse_json(content) if len(content) <= _MOST_JSON else None
+
+
+def parse_json(content: bytes | str) -> Any:
+    """What a JSON text holds, None for numbers that are not finite; None where it is no JSON."""
+    try:
+        return json.loads(content, parse_constant=lambda _: None, parse_float=_finite)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _finite(text: str) -> float | None:
+    value = float(text)
+    return value if math.isfinite(value) else None

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import tempfile
 import zipfile
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
+from itertools import islice
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -20,11 +23,11 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 
 from structid._version import __version__
 from structid.core.errors import FileError, InputError
-from structid.files import atomic_write
+from structid.files import atomic_write, claimed
 from structid.study.templates import TEMPLATES, asked_of
 from structid.workbench.edits import edited
 from structid.workbench.folder import ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
-from structid.workbench.recent import recent_folders
+from structid.workbench.recent import is_confirmed, recent_folders, remember_confirmed
 from structid.workbench.runs import Runs
 from structid.workbench.security import MOST_UPLOAD, Access
 from structid.workbench.studies import reading_keys, study_answer
@@ -33,7 +36,10 @@ from structid.workbench.work.workers import Workers
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _SEEN = {".html", ".json", ".toml", ".csv", ".h5", ".uff", ".png", ".txt"}
 _TICK = 0.5
-_SIDE_BY_SIDE = 60
+#: Pages that hear of changes, files of results that are told, and files beside a study that are looked at, at most.
+_MOST_STREAMS, _MOST_RESULTS, _MOST_STAMPS = 64, 2000, 10_000
+#: Files that are being uploaded.
+_arriving: set[Path] = set()
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,7 @@ class Workbench:
         Opens another folder, or finds it open, and gives its access.
     ending : Event
         Set when the server ends.
+    watcher : Watcher
     """
 
     opened: OpenFolder
@@ -59,12 +66,17 @@ class Workbench:
     runs: Runs
     open: Callable[[Path], Access]
     ending: Event
+    watcher: Watcher
 
     def version(self, study: str) -> str:
         """What changes when a study or one of the files beside it does."""
         path = self.opened.inside(study)
-        stamps = [f"{p.name}{p.stat().st_mtime_ns}" for p in sorted(path.parent.iterdir()) if p.is_file()]
-        return digest("|".join(stamps).encode()) if path.exists() else ""
+        stamps = []
+        with suppress(OSError), os.scandir(path.parent) as scan:
+            for entry in islice(scan, _MOST_STAMPS):
+                with suppress(OSError):
+                    stamps.append(os.fsencode(entry.name) + str(entry.stat().st_mtime_ns).encode())
+        return digest(b"|".join(sorted(stamps))) if path.exists() else ""
 
     def shown(self, page: str) -> str:
         """The address under which a page of results is seen."""
@@ -73,6 +85,14 @@ class Workbench:
     async def worked(self, name: str, given: dict[str, Any], version: str = "") -> Response:
         """The answer of a worker."""
         return _answered(await self.workers(name, given, version))
+
+
+class Json(JSONResponse):
+    """An answer in ASCII: names and texts of files may hold what is no text."""
+
+    def render(self, content: Any) -> bytes:
+        """The bytes of `content`."""
+        return json.dumps(content, allow_nan=False, separators=(",", ":")).encode("ascii")
 
 
 def _answered(answer: str) -> Response:
@@ -111,17 +131,17 @@ async def _folder(bench: Workbench, _: Request) -> Response:
     found = await asyncio.to_thread(bench.opened.listing)
     recent = [one for one in await asyncio.to_thread(recent_folders) if one != str(bench.opened.root)]
     told = {"recent": recent, "reading": reading_keys(), "version": __version__, "runs": bench.runs.summaries()}
-    return JSONResponse({**found, **told})
+    return Json({**found, **told})
 
 
 async def _open(bench: Workbench, request: Request) -> Response:
     """Another folder, which has an address of its own from then on."""
     path = typed_folder(str((await request.json())["folder"]))
-    return JSONResponse({"address": f"/{(await asyncio.to_thread(bench.open, path)).token}/"})
+    return Json({"address": f"/{(await asyncio.to_thread(bench.open, path)).token}/"})
 
 
 async def _templates(_: Workbench, __: Request) -> Response:
-    return JSONResponse(
+    return Json(
         [
             {"name": name, "words": kind.words, "asks": [vars(one) for one in asked_of(kind)]}
             for name, kind in TEMPLATES.items()
@@ -136,8 +156,7 @@ async def _init(bench: Workbench, request: Request) -> Response:
 
 
 async def _study(bench: Workbench, request: Request) -> Response:
-    text, mark = bench.opened.text(request.query_params["study"])
-    return JSONResponse(study_answer(text, mark))
+    return await asyncio.to_thread(lambda: Json(study_answer(*bench.opened.text(request.query_params["study"]))))
 
 
 async def _line(bench: Workbench, request: Request) -> Response:
@@ -147,16 +166,25 @@ async def _line(bench: Workbench, request: Request) -> Response:
 
 async def _save(bench: Workbench, request: Request) -> Response:
     given = await request.json()
-    return JSONResponse(study_answer(given["text"], bench.opened.save(given["study"], given["text"], given["digest"])))
+
+    def saved() -> Response:
+        mark = bench.opened.save(given["study"], given["text"], given["digest"])
+        return Json(study_answer(given["text"], mark))
+
+    return await asyncio.to_thread(saved)
 
 
 async def _edit(bench: Workbench, request: Request) -> Response:
     given = await request.json()
-    text, mark = bench.opened.text(given["study"])
-    if mark != given["digest"]:
-        raise ChangedError(f"{given['study']}: was changed by another page or program; what it says now is shown")
-    changed = edited(text, given["edits"])
-    return JSONResponse(study_answer(changed, bench.opened.save(given["study"], changed, mark)))
+
+    def saved() -> Response:
+        text, mark = bench.opened.text(given["study"])
+        if mark != given["digest"]:
+            raise ChangedError(f"{given['study']}: was changed by another page or program; what it says now is shown")
+        changed = edited(text, given["edits"])
+        return Json(study_answer(changed, bench.opened.save(given["study"], changed, mark)))
+
+    return await asyncio.to_thread(saved)
 
 
 def _of_study(name: str, **numbers: int) -> Handler:
@@ -200,7 +228,7 @@ def _modes_folder(name: str, *keys: str) -> Handler:
         found = json.loads(await bench.workers(name, {key: body[key] for key in keys}))
         page = f"{body['out']}/report.html"
         shown = bench.shown(page) if bench.opened.inside(page).is_file() else ""
-        return JSONResponse({**found, "page": shown}, 422 if "error" in found else 200)
+        return Json({**found, "page": shown}, 422 if "error" in found else 200)
 
     return asked
 
@@ -226,34 +254,60 @@ def _later(work: Any) -> None:
 
 async def _upload(bench: Workbench, request: Request) -> Response:
     name = upload_name(request.query_params["name"])
-    path = bench.opened.inside(name)
-    if path.exists() and request.query_params.get("replace") != "yes":
+    path, is_replaced = bench.opened.inside(name), request.query_params.get("replace") == "yes"
+    if path in _arriving:
+        raise InputError(f"{name}: another file of this name is arriving; rename one of them")
+    if path.exists() and not is_replaced:
         raise InputError(f"{name}: is there already; rename the new file, or remove the old one")
     taken = 0
-    with atomic_write(path) as temporary, temporary.open("wb") as stream:
-        try:
-            async for chunk in request.stream():
-                taken += len(chunk)
-                if taken > MOST_UPLOAD:
-                    raise InputError(
-                        f"{name}: is larger than {MOST_UPLOAD // 1_000_000_000} GB; copy it into the folder"
-                    )
-                await asyncio.to_thread(stream.write, chunk)
-        except ClientDisconnect as error:
-            raise FileError(f"{name}: did not arrive whole; nothing was kept, drop it again") from error
-        if not taken:
-            raise InputError(f"{name}: is empty")
-    return JSONResponse({"path": name})
+    _arriving.add(path)
+    try:
+        with claimed(path), atomic_write(path, is_new=not is_replaced) as temporary, temporary.open("wb") as stream:
+            try:
+                async for chunk in request.stream():
+                    taken += len(chunk)
+                    if taken > MOST_UPLOAD:
+                        raise InputError(
+                            f"{name}: is larger than {MOST_UPLOAD // 1_000_000_000} GB; copy it into the folder"
+                        )
+                    await asyncio.to_thread(stream.write, chunk)
+            except ClientDisconnect as error:
+                raise FileError(f"{name}: did not arrive whole; nothing was kept, drop it again") from error
+            if not taken:
+                raise InputError(f"{name}: is empty")
+    finally:
+        _arriving.discard(path)
+    return Json({"path": name})
+
+
+async def _solver(bench: Workbench, study: str) -> dict[str, Any]:
+    """The command that a study runs, as `structid.study.schema.model.solver.solver_command` knows it; empty for none."""
+    told = json.loads(await bench.workers("solver", {"study": study}))
+    if "error" in told:
+        raise InputError(told["error"])
+    return dict(told)
 
 
 async def _start_run(bench: Workbench, request: Request) -> Response:
+    """Start a run; a study with a command that the user has not confirmed is answered with what would run."""
     given = await request.json()
-    run = await asyncio.to_thread(bench.runs.start, given["study"], given["results"], bool(given.get("resume")))
-    return JSONResponse(run.summary())
+    study, confirmed = given["study"], given.get("confirmed", "")
+    bench.opened.inside(study)
+    solver = await _solver(bench, study)
+    confirmation = solver.get("confirmation", "")
+    if solver and confirmed == confirmation:
+        await asyncio.to_thread(remember_confirmed, confirmation)
+    elif solver and not await asyncio.to_thread(is_confirmed, confirmation):
+        words = "this study runs a program of this machine; look at its command, and confirm it"
+        return Json({"error": words, "solver": solver}, 428)
+    run = await asyncio.to_thread(
+        bench.runs.start, study, given["results"], bool(given.get("resume")), bool(given.get("replace")), confirmation
+    )
+    return Json(run.summary())
 
 
 async def _run(bench: Workbench, request: Request) -> Response:
-    return JSONResponse(bench.runs[request.path_params["id"]].progress(int(request.query_params.get("after", 0))))
+    return Json(bench.runs[request.path_params["id"]].progress(int(request.query_params.get("after", 0))))
 
 
 async def _act(bench: Workbench, request: Request) -> Response:
@@ -264,39 +318,79 @@ async def _act(bench: Workbench, request: Request) -> Response:
         run.pause(action == "pause")
     else:
         raise InputError(f"a run can stop, pause and continue, not {action}")
-    return JSONResponse(run.summary())
+    return Json(run.summary())
+
+
+class Watcher:
+    """One look at a folder for all pages that are open on it, as long as there are any."""
+
+    def __init__(self, opened: OpenFolder, runs: Runs) -> None:
+        self._opened, self._runs = opened, runs
+        self._state, self._count = "", 0
+        self._task: asyncio.Task[None] | None = None
+        self._changed = asyncio.Event()
+        self.n_heard = 0
+
+    async def _watch(self) -> None:
+        while True:
+            state = json.dumps(await asyncio.to_thread(self._look))
+            if state != self._state:
+                self._state, self._count = state, self._count + 1
+                self._changed.set()
+                self._changed = asyncio.Event()
+            await asyncio.sleep(_TICK)
+
+    def _look(self) -> dict[str, Any]:
+        return {"runs": self._runs.summaries(), "studies": self._opened.stamps()}
+
+    async def states(self, is_over: Callable[[], Awaitable[bool]]) -> AsyncIterator[str]:
+        """Each state as JSON, "" where nothing changed for a while, until `is_over`."""
+        self.n_heard += 1
+        if self._task is None:
+            self._task = asyncio.create_task(self._watch())
+        count, quiet = 0, 0
+        try:
+            while not await is_over():
+                if self._count > count:
+                    count, quiet = self._count, 0
+                    yield self._state
+                    continue
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(self._changed.wait(), 2 * _TICK)
+                quiet += 1
+                if quiet % 15 == 0:
+                    yield ""
+        finally:
+            self.n_heard -= 1
+            if not self.n_heard and self._task is not None:
+                self._task.cancel()
+                self._task, self._state, self._count = None, "", 0
 
 
 async def _events(bench: Workbench, request: Request) -> Response:
     """What has changed, as long as page and server are there: states of runs, and stamps of studies."""
+    if bench.watcher.n_heard >= _MOST_STREAMS:
+        return Json({"error": "too many pages of this folder are open; close some"}, 503)
+
+    async def is_over() -> bool:
+        return bench.ending.is_set() or await request.is_disconnected()
 
     async def changes() -> AsyncIterator[str]:
-        before, ticks = "", 0
-        while not (bench.ending.is_set() or await request.is_disconnected()):
-            now = json.dumps(await asyncio.to_thread(_state, bench))
-            ticks += 1
-            if now != before:
-                before = now
-                yield f"data: {now}\n\n"
-            elif ticks % 30 == 0:
-                yield ": still here\n\n"
-            await asyncio.sleep(_TICK)
+        async for state in bench.watcher.states(is_over):
+            yield f"data: {state}\n\n" if state else ": still here\n\n"
 
     return StreamingResponse(changes(), media_type="text/event-stream", headers={"x-accel-buffering": "no"})
-
-
-def _state(bench: Workbench) -> dict[str, Any]:
-    return {"runs": bench.runs.summaries()[:_SIDE_BY_SIDE], "studies": bench.opened.stamps()}
 
 
 async def _results(bench: Workbench, request: Request) -> Response:
     name = request.query_params["results"]
     folder = bench.opened.inside(name)
-    found = read_json(folder / "estimate.json")
+    found = await asyncio.to_thread(read_json, bench.opened.inside(f"{name}/estimate.json"))
     if not isinstance(found, dict):
         raise FileError(f"{name}: holds no results; run the study first")
-    kept = [p for p in sorted(folder.rglob("*")) if p.is_file() and p.suffix in _SEEN and not p.name.startswith(".")]
-    listed = [{"path": bench.opened.name(p), "bytes": p.stat().st_size} for p in kept[:200]]
+    kept = await asyncio.to_thread(bench.opened.files_in, folder, _MOST_RESULTS)
+    seen = [path for path in kept if path.suffix in _SEEN]
+    listed = [{"path": bench.opened.name(path), "bytes": path.stat().st_size} for path in seen[:200]]
     page = f"{name}/report.html"
     shown = bench.shown(page) if (folder / "report.html").is_file() else ""
     keys = (
@@ -314,7 +408,7 @@ async def _results(bench: Workbench, request: Request) -> Response:
         "warnings",
         "chi_square_per_dof",
     )
-    return JSONResponse({"results": {key: found.get(key) for key in keys}, "files": listed, "report": shown})
+    return Json({"results": {key: found.get(key) for key in keys}, "files": listed, "report": shown})
 
 
 async def _view(bench: Workbench, request: Request) -> Response:
@@ -338,17 +432,20 @@ async def _export(bench: Workbench, request: Request) -> Response:
         raise FileError(f"{request.query_params['results']}: holds no results")
     with tempfile.NamedTemporaryFile(suffix=".zip", delete=False) as made:
         target = Path(made.name)
-    await asyncio.to_thread(_archive, folder, target)
+    try:
+        await asyncio.to_thread(_archive, bench.opened.files_in(folder, _MOST_RESULTS), folder, target)
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
     return FileResponse(
         target, filename=f"{folder.name}.zip", media_type="application/zip", background=BackgroundTask(target.unlink)
     )
 
 
-def _archive(folder: Path, target: Path) -> None:
-    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
-        for path in sorted(folder.rglob("*")):
-            if path.is_file() and not path.is_symlink() and not path.name.startswith("."):
-                archive.write(path, f"{folder.name}/{path.relative_to(folder).as_posix()}")
+def _archive(paths: list[Path], folder: Path, target: Path) -> None:
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as archive:
+        for path in paths:
+            archive.write(path, f"{folder.name}/{path.relative_to(folder).as_posix()}")
 
 
 #: Method, path and handler of every address.

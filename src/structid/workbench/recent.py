@@ -1,36 +1,45 @@
-"""Folders that were open before: a short list of paths in the user's state directory, and nothing of what they hold."""
+"""Folders that were open before, and commands that the user confirmed: short lists outside those folders."""
 
 from __future__ import annotations
 
 import json
-import os
 from contextlib import suppress
 from pathlib import Path
 
-from structid.core.errors import FileError
-from structid.files import atomic_write
 from structid.workbench.folder import read_json
+from structid.workbench.user_state import state_folder, write_private
 
-_MOST = 12
-
-
-def _kept() -> Path:
-    """``folders.json`` in the state directory (XDG Base Directory Specification 0.8; on Windows the local application data)."""
-    own = os.environ.get("XDG_STATE_HOME") or (os.environ.get("LOCALAPPDATA") if os.name == "nt" else None)
-    return (Path(own) if own else Path.home() / ".local" / "state") / "structid" / "folders.json"
+_FOLDERS, _MOST_FOLDERS = "folders.json", 12
+_COMMANDS, _MOST_COMMANDS = "confirmed_commands.json", 500
 
 
 def recent_folders() -> list[str]:
     """Folders that were open, the last one first; those that are gone are left out."""
-    found = read_json(_kept())
-    listed = [one for one in found if isinstance(one, str)] if isinstance(found, list) else []
-    return [one for one in dict.fromkeys(listed) if Path(one).is_absolute() and Path(one).is_dir()][:_MOST]
+    return [one for one in _kept(_FOLDERS) if Path(one).is_absolute() and Path(one).is_dir()][:_MOST_FOLDERS]
 
 
 def remember(folder: Path) -> None:
     """Put `folder` first; where the list cannot be written it stays as it was."""
-    listed = dict.fromkeys([str(folder), *recent_folders()])
-    with suppress(OSError, FileError):
-        _kept().parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(_kept()) as temporary:
-            temporary.write_text(json.dumps(list(listed)[:_MOST]), encoding="utf-8")
+    _put_first(_FOLDERS, str(folder), _MOST_FOLDERS)
+
+
+def is_confirmed(confirmation: str) -> bool:
+    """Whether the user has confirmed a command, by `structid.external.confirmation.confirmation_of`."""
+    return confirmation in _kept(_COMMANDS)
+
+
+def remember_confirmed(confirmation: str) -> None:
+    """Note that the user has confirmed a command; where that cannot be written it is asked again."""
+    _put_first(_COMMANDS, confirmation, _MOST_COMMANDS)
+
+
+def _kept(name: str) -> list[str]:
+    with suppress(OSError):
+        listed = read_json(state_folder() / name)
+        return list(dict.fromkeys(one for one in listed if isinstance(one, str))) if isinstance(listed, list) else []
+    return []
+
+
+def _put_first(name: str, entry: str, most: int) -> None:
+    with suppress(OSError):
+        write_private(state_folder() / name, json.dumps(list(dict.fromkeys([entry, *_kept(name)]))[:most]))

@@ -1,21 +1,36 @@
 """One run of `structid identify` in a process of its own, whose end is written down however it comes.
 
-Called as ``python -m structid.workbench.runner FOLDER WORDS...``; it imports nothing that takes time or memory.
+Called as ``python -m structid.workbench.runner FOLDER WORDS...``; it imports nothing that takes time or memory. Of all runs of a
+user `AT_ONCE` compute, the others wait in the order in which they were started.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from structid.workbench.user_state import state_folder
+
+try:
+    import fcntl
+except ImportError:  # Windows: runs do not wait
+    fcntl = None  # type: ignore[assignment]
+
+#: Runs of a user that compute at the same time.
+AT_ONCE = 2
 #: Letters that are kept free for how the run ends, so that a full disk does not swallow it.
 _ENDED = 80
 #: Bytes below which a disk is full.
 _FULL = 1_000_000
+_WAIT_SECONDS, _STOPPED = 0.2, 130
 
 
 def main() -> None:
@@ -24,15 +39,74 @@ def main() -> None:
     (folder / "ended.json").write_text(" " * _ENDED, encoding="utf-8")
     for number in (signal.SIGINT, signal.SIGTERM):  # sent to the whole group: this process waits for the other's end
         signal.signal(number, lambda *_: None)
-    with (folder / "log.txt").open("ab") as log:
-        child = subprocess.Popen(
-            [sys.executable, "-m", "structid", *words], stdin=subprocess.DEVNULL, stdout=log, stderr=log
-        )
-        (folder / "child.json").write_text(json.dumps({"pid": child.pid}), encoding="utf-8")
-        code = child.wait()
+    with _turn(folder) as has_turn:
+        code = _executed(folder, words) if has_turn else _STOPPED
     ended = {"code": code, "disk_full": shutil.disk_usage(folder).free < _FULL}
     with (folder / "ended.json").open("r+", encoding="utf-8") as stream:
         stream.write(json.dumps(ended).ljust(_ENDED))
+
+
+def _executed(folder: Path, words: list[str]) -> int:
+    with (folder / "log.txt").open("ab") as log:
+        child = subprocess.Popen(
+            [sys.executable, "-P", "-m", "structid", *words], stdin=subprocess.DEVNULL, stdout=log, stderr=log
+        )
+        (folder / "child.json").write_text(json.dumps({"pid": child.pid}), encoding="utf-8")
+        return child.wait()
+
+
+@contextmanager
+def _turn(folder: Path) -> Iterator[bool]:
+    """Waits until fewer than `AT_ONCE` runs of the user compute; False where the run is to stop before."""
+    try:
+        queue = state_folder() / "runs"
+        queue.mkdir(exist_ok=True)
+        ticket = _locked(queue / f"{time.time_ns():020}-{os.getpid()}")
+    except OSError:  # nowhere to wait
+        ticket = None
+    if ticket is None:
+        yield True
+        return
+    waiting = folder / "queued"
+    try:
+        while not (folder / "stop").exists():
+            if _position(queue, ticket[1]) < AT_ONCE:
+                waiting.unlink(missing_ok=True)
+                yield True
+                return
+            waiting.touch()
+            time.sleep(_WAIT_SECONDS)
+        yield False
+    finally:
+        ticket[1].unlink(missing_ok=True)
+        os.close(ticket[0])
+
+
+def _locked(path: Path) -> tuple[int, Path] | None:
+    """A new ticket that the system keeps locked as long as this process lives; None where there are no locks."""
+    if fcntl is None:
+        return None
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return descriptor, path
+
+
+def _position(queue: Path, own: Path) -> int:
+    """How many runs that still live were started before this one."""
+    count = 0
+    for path in sorted(queue.iterdir()):
+        if path.name >= own.name:
+            break
+        with suppress(OSError):
+            descriptor = os.open(path, os.O_RDWR)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path.unlink(missing_ok=True)  # its run was killed
+            except BlockingIOError:
+                count += 1
+            finally:
+                os.close(descriptor)
+    return count
 
 
 if __name__ == "__main__":

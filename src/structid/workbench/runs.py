@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import secrets
 import shutil
 import signal
@@ -20,13 +21,20 @@ from typing import Any
 import psutil
 
 from structid.core.errors import FileError, InputError
-from structid.files import atomic_write, require_no_file
-from structid.workbench.folder import OWN, OpenFolder, read_json
+from structid.core.isolation import NEUTRAL_FOLDER, SAFE_FLAGS, child_environment
+from structid.external.confirmation import CONFIRMED
+from structid.files import atomic_write, read_part, require_no_file
+from structid.workbench.folder import OWN, ChangedError, OpenFolder, OutsideError, parse_json, read_json
 
 _ENDS = {0: "done", 1: "undetermined", 2: "unusable", 3: "wrong_model", 130: "stopped"}
-_LIVE = ("running", "paused", "stopping")
+_LIVE = ("queued", "running", "paused", "stopping")
+#: Runs at most that a folder tells of, the newest; names of their folders are made by `Runs.start`.
+_MOST_RUNS, _NAME = 60, re.compile(r"\d{8}-\d{6}-[0-9a-f]{6}")
+_MOST_TOLD = 100_000
 _LOG_BYTES = 20_000
 _SAME_SECONDS = 2.0
+#: Greater than any time and number of a process, and small enough for every part of the system.
+_LATEST = 2**53
 
 
 @dataclass(frozen=True)
@@ -42,7 +50,23 @@ class Run:
 
     @cached_property
     def _told(self) -> dict[str, Any]:
-        found = read_json(self.folder / "run.json")
+        """What is written down about it; a folder may come from a stranger, so that nothing is taken that it cannot be."""
+        told = self._json("run.json")
+        texts = {key: told[key] for key in ("study", "results") if isinstance(told.get(key), str)}
+        numbers = {
+            key: told[key]
+            for key in ("started", "pid", "born")
+            if isinstance(told.get(key), int | float) and 0 <= told[key] < _LATEST
+        }
+        for name in texts.values():
+            try:
+                self.opened.inside(name)
+            except OutsideError:
+                return {}
+        return {**texts, **numbers}
+
+    def _json(self, name: str) -> dict[str, Any]:
+        found = read_json(self.folder / name, follow=False)
         return found if isinstance(found, dict) else {}
 
     def _process(self) -> psutil.Process | None:
@@ -50,7 +74,8 @@ class Run:
         told = self._told
         with suppress(psutil.Error, KeyError, TypeError):
             process = psutil.Process(int(told["pid"]))
-            if abs(process.create_time() - float(told["born"])) < _SAME_SECONDS and process.status() != "zombie":
+            is_same = abs(process.create_time() - float(told["born"])) < _SAME_SECONDS
+            if is_same and process.status() != "zombie" and str(self.folder) in process.cmdline():
                 return process
         return None
 
@@ -63,11 +88,13 @@ class Run:
 
     @property
     def state(self) -> str:
-        """running, paused, stopping, killed, disk_full, or how it ended."""
-        ended = read_json(self.folder / "ended.json")
-        if isinstance(ended, dict):
-            code = ended.get("code", -1)
-            return "disk_full" if ended.get("disk_full") and code != 0 else _ENDS.get(code, "killed")
+        """queued, running, paused, stopping, killed, disk_full, or how it ended."""
+        ended = self._json("ended.json")
+        if ended:
+            code = ended.get("code")
+            if ended.get("disk_full") and code != 0:
+                return "disk_full"
+            return _ENDS.get(code, "killed") if isinstance(code, int) else "killed"
         process = self._process()
         if process is None:
             return "killed"
@@ -75,7 +102,9 @@ class Run:
         with suppress(psutil.Error):
             if worker is not None and worker.status() == psutil.STATUS_STOPPED:
                 return "paused"
-        return "stopping" if (self.folder / "stop").exists() else "running"
+        if (self.folder / "stop").exists():
+            return "stopping"
+        return "queued" if (self.folder / "queued").exists() else "running"
 
     def summary(self) -> dict[str, Any]:
         """What a list of runs shows."""
@@ -95,33 +124,35 @@ class Run:
 
     def _last(self) -> dict[str, Any]:
         """The last line of progress."""
-        lines = _tail(self.folder / "progress.jsonl", 100_000).splitlines()
+        lines = _tail(self.folder / "progress.jsonl", _MOST_TOLD).splitlines()
         for line in reversed(lines):
-            with suppress(ValueError):
-                found = json.loads(line)
-                if isinstance(found, dict) and "words" in found:
-                    return {key: found.get(key) for key in ("words", "done", "total", "time")}
+            told = parse_json(line)
+            if isinstance(told, dict) and isinstance(told.get("words"), str):
+                counts = {key: told.get(key) for key in ("done", "total", "time")}
+                return {"words": told["words"], **{k: v for k, v in counts.items() if isinstance(v, int | float)}}
         return {}
 
     def progress(self, after: int) -> dict[str, Any]:
         """Lines of progress from the byte `after` on, and the end of the log."""
-        path, lines, at = self.folder / "progress.jsonl", [], after
-        with suppress(OSError), path.open("rb") as stream:
-            stream.seek(after)
-            text = stream.read(4_000_000)
+        path, at = self.folder / "progress.jsonl", after
+        lines: list[dict[str, Any]] = []
+        with suppress(OSError, OverflowError):
+            text = read_part(path, max(after, 0), 4_000_000)
             whole = text[: text.rfind(b"\n") + 1]
             at += len(whole)
-            for line in whole.splitlines():
-                with suppress(ValueError):
-                    lines.append(json.loads(line))
+            lines = [told for line in whole.splitlines() if isinstance(told := parse_json(line), dict)]
         return {**self.summary(), "lines": lines, "at": at, "log": _tail(self.folder / "log.txt", _LOG_BYTES)}
 
     def stop(self) -> None:
         """Ask it to end as Ctrl-C does; it writes what it has, and can be resumed."""
-        worker = self._worker(self._process())
-        if worker is None:
+        process = self._process()
+        worker = self._worker(process)
+        if process is None or (worker is None and self.state != "queued"):
             raise InputError("this run has ended already")
-        (self.folder / "stop").write_text("", encoding="utf-8")
+        with suppress(FileExistsError):
+            (self.folder / "stop").open("x").close()
+        if worker is None:
+            return
         with suppress(psutil.Error):
             worker.resume()
             worker.terminate()
@@ -143,9 +174,22 @@ class Runs:
         self.opened = opened
 
     def __iter__(self) -> Iterator[Run]:
-        folder = self.opened.root / OWN / "runs"
-        paths = sorted(folder.iterdir(), reverse=True) if folder.is_dir() else []
-        return (Run(self.opened, path) for path in paths if (path / "run.json").exists())
+        return (Run(self.opened, path) for path in self._folders()[:_MOST_RUNS])
+
+    def _folders(self) -> list[Path]:
+        """Folders of runs, the newest first; links are none."""
+        holder = self.opened.root / OWN
+        folder = holder / "runs"
+        if holder.is_symlink() or folder.is_symlink():
+            return []
+        with suppress(OSError), os.scandir(folder) as scan:
+            names = [one.name for one in scan if _NAME.fullmatch(one.name) and one.is_dir(follow_symlinks=False)]
+            return [
+                path
+                for name in sorted(names, reverse=True)
+                if (path := folder / name) and (path / "run.json").is_file()
+            ]
+        return []
 
     def __getitem__(self, name: str) -> Run:
         found = next((run for run in self if run.id == name), None)
@@ -163,33 +207,53 @@ class Runs:
             found.append(told)
         return found
 
-    def start(self, study: str, results: str, resume: bool = False) -> Run:
-        """Start `structid identify` on a study.
+    def start(
+        self, study: str, results: str, resume: bool = False, replace: bool = False, confirmation: str = ""
+    ) -> Run:
+        """Start `structid identify` on a study; it waits where as many runs as may compute at once do so.
+
+        Parameters
+        ----------
+        study, results : str
+            The study file and the folder of results, from the open folder.
+        resume : bool, optional
+            Whether it goes on from where an interrupted run was.
+        replace : bool, optional
+            Whether results that are there may be replaced.
+        confirmation : str, optional
+            Of the solver's command that may run; any other is refused.
 
         Raises
         ------
         InputError
             If a path is outside the folder, or another run writes to the same results.
+        ChangedError
+            If the folder of results holds something that is not to be replaced.
         FileError
             If nothing can be written, or a file is in the way of the results.
         """
         path, out = self.opened.inside(study), self.opened.inside(results)
+        self.opened.inside(f"{results}.checkpoint")
         require_no_file(out)
         for run in self:
             told = run.summary()
             if told["results"] == results and told["state"] in _LIVE:
                 raise InputError(f"a run writes to {results} already; wait for it, or give other results")
+        if out.is_dir() and not (resume or replace) and any(out.iterdir()):
+            raise ChangedError(f"{results}: is there already; give another folder, or replace what is in it")
         folder = self.opened.own("runs", f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}")
         words = ["identify", str(path), "--out", str(out), "--progress", str(folder / "progress.jsonl")]
         words += ["--resume"] if resume else []
         process = subprocess.Popen(
-            [sys.executable, "-m", "structid.workbench.runner", str(folder), *words],
-            cwd=self.opened.root,
+            [sys.executable, *SAFE_FLAGS, "-m", "structid.workbench.runner", str(folder), *words],
+            cwd=NEUTRAL_FOLDER,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": os.environ.get("OPENBLAS_NUM_THREADS", "1")},
+            env=child_environment(
+                {"OPENBLAS_NUM_THREADS": os.environ.get("OPENBLAS_NUM_THREADS", "1"), CONFIRMED: confirmation}
+            ),
         )
         _waited.append(process)
         told = {
@@ -222,8 +286,6 @@ def reap() -> None:
 
 def _tail(path: Path, most: int) -> str:
     try:
-        with path.open("rb") as stream:
-            stream.seek(max(0, path.stat().st_size - most))
-            return stream.read().decode("utf-8", "replace")
+        return read_part(path, max(0, path.stat(follow_symlinks=False).st_size - most), most).decode("utf-8", "replace")
     except OSError:
         return ""

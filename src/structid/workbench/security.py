@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import hmac
 import secrets
@@ -9,6 +10,8 @@ from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from dataclasses import dataclass, field
 from ipaddress import ip_address
 from typing import Any
+
+from structid.workbench.deadlines import BODY_SECONDS
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -23,7 +26,7 @@ _PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:;"
     " connect-src 'self'; frame-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
-#: Of pages of results, which hold their own script: they run apart from the workbench and reach no network.
+#: Of pages of results, which hold their own script: they run apart from the workbench and fetch nothing.
 _VIEW_POLICY = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline';"
     " img-src data: blob:; form-action 'none'; base-uri 'none'; frame-ancestors 'self'"
@@ -33,6 +36,7 @@ _ALWAYS = {
     "referrer-policy": "no-referrer",
     "cross-origin-resource-policy": "same-origin",
     "cross-origin-opener-policy": "same-origin",
+    "x-dns-prefetch-control": "off",
 }
 _WITHOUT_TOKEN = "The address lacks the token: open the whole address that `structid app` printed in the terminal."
 
@@ -129,7 +133,12 @@ def _refusal(scope: Scope, port: int) -> tuple[int, str] | None:
     origin = headers.get("origin")
     if origin is not None and origin not in {f"http://{host}" for host in hosts}:
         return 403, "Requests from other pages are refused."
-    if headers.get("sec-fetch-site", "none") not in ("same-origin", "none"):
+    is_opened = (
+        scope["method"] == "GET" and headers.get("sec-fetch-dest") == "document" and scope["path"].count("/") == 2
+    )
+    if headers.get("sec-fetch-site", "none") not in ("same-origin", "none") and not (
+        is_opened and scope["path"].endswith("/")  # from the file by which `structid app` opens a browser
+    ):
         return 403, "Requests from other pages are refused."
     if scope["method"] not in _METHODS:
         return 405, "This method is not used here."
@@ -146,13 +155,20 @@ def _is_loopback(client: tuple[str, int] | None) -> bool:
 
 
 def _limited(receive: Receive, most: int) -> Receive:
-    """`receive` that ends a request longer than it said, or than is let in."""
-    taken = 0
+    """`receive` that ends a request longer than it said, or than is let in, or whose body stays away."""
+    taken, is_whole = 0, False
 
     async def counted() -> Message:
-        nonlocal taken
-        message = await receive()
+        nonlocal taken, is_whole
+        try:
+            async with asyncio.timeout(
+                None if is_whole else BODY_SECONDS
+            ):  # behind the body comes the end of the connection
+                message = await receive()
+        except TimeoutError:
+            return {"type": "http.disconnect"}
         taken += len(message.get("body", b""))
+        is_whole = is_whole or not message.get("more_body", False)
         return {"type": "http.disconnect"} if taken > most else message
 
     return counted

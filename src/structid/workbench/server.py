@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import secrets
 import socket
+import stat
+import sys
+import tempfile
+import time
 import webbrowser
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from threading import Event, Lock
+from typing import TextIO
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 
 from structid.core.errors import InputError, StructidError
+from structid.workbench.deadlines import DeadlineProtocol
 from structid.workbench.folder import ChangedError, OutsideError, opened
-from structid.workbench.handlers import ROUTES, Handler, Workbench
+from structid.workbench.handlers import ROUTES, Handler, Json, Watcher, Workbench
 from structid.workbench.recent import remember
 from structid.workbench.runs import Runs, reap
 from structid.workbench.security import Access, Guard
+from structid.workbench.user_state import state_folder, write_private
 from structid.workbench.work.workers import Workers
+
+#: Connections at most, and seconds after which the page that leads a browser to an ended server is removed.
+_MOST_CONNECTIONS, _REDIRECT_SECONDS = 256, 24 * 3600.0
 
 
 class Workbenches:
@@ -47,7 +59,9 @@ class Workbenches:
             access = next((access for access, bench in self.opened.items() if bench.opened == place), None)
             if access is None:
                 access = Access(self.port)
-                bench = Workbench(place, access, Workers(str(place.root)), Runs(place), self.open, self.ending)
+                runs = Runs(place)
+                workers, watcher = Workers(str(place.root)), Watcher(place, runs)
+                bench = Workbench(place, access, workers, runs, self.open, self.ending, watcher)
                 self.opened[access] = bench
         remember(place.root)
         return access
@@ -101,16 +115,16 @@ def _told(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
         try:
             return await handler(bench, request)
         except ChangedError as error:
-            return JSONResponse({"error": str(error)}, 409)
+            return Json({"error": str(error)}, 409)
         except OutsideError as error:
-            return JSONResponse({"error": str(error)}, 403)
+            return Json({"error": str(error)}, 403)
         except StructidError as error:
-            return JSONResponse({"error": str(error).replace(f"{bench.opened.root}/", "")}, 422)
+            return Json({"error": str(error).replace(f"{bench.opened.root}/", "")}, 422)
         except (KeyError, TypeError, ValueError) as error:
-            return JSONResponse({"error": f"the request cannot be used: {error}"}, 400)
+            return Json({"error": f"the request cannot be used: {error}"}, 400)
         except OSError as error:
             words = f"{error.strerror or error}; check the disk and the permissions"
-            return JSONResponse({"error": words}, 507 if error.errno == 28 else 500)
+            return Json({"error": words}, 507 if error.errno == 28 else 500)
 
     return handled
 
@@ -137,16 +151,50 @@ def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
             access_log=False,
             timeout_graceful_shutdown=3,
             ws="none",
+            http=DeadlineProtocol,
+            limit_concurrency=_MOST_CONNECTIONS,
             date_header=False,
             server_header=False,
         ),
     )
-    print(f"structid workbench: {address}\n(this machine only; Ctrl-C ends it, runs go on)", flush=True)  # noqa: T201
-    if browser:
-        with suppress(webbrowser.Error):
-            webbrowser.open(address)
-    with suppress(KeyboardInterrupt):
-        server.run(sockets=[taken])
+    page = _redirect_page(address)
+    try:
+        shown = page.as_uri() if _is_read_by_others(sys.stdout) else address
+        print(f"structid workbench: {shown}\n(this machine only; Ctrl-C ends it, runs go on)", flush=True)  # noqa: T201
+        if browser:
+            with suppress(webbrowser.Error):
+                webbrowser.open(page.as_uri())  # the command line of a browser is seen by every user of the machine
+        with suppress(KeyboardInterrupt):
+            server.run(sockets=[taken])
+    finally:
+        page.unlink(missing_ok=True)
+
+
+def _redirect_page(address: str) -> Path:
+    """A file that only the user may read, which leads a browser to `address`."""
+    text = (
+        '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="referrer" content="no-referrer">'
+        f'<meta http-equiv="refresh" content="0; url={address}"><title>structid workbench</title></head>'
+        f'<body><p><a href="{address}">Open the workbench</a></p></body></html>\n'
+    )
+    name = f"open-{secrets.token_hex(8)}.html"
+    try:
+        folder = state_folder()
+        for left in folder.glob("open-*.html"):  # of servers that were killed
+            if time.time() - left.stat().st_mtime > _REDIRECT_SECONDS:
+                left.unlink(missing_ok=True)
+    except OSError:
+        folder = Path(tempfile.mkdtemp(prefix="structid-"))
+    write_private(folder / name, text)
+    return folder / name
+
+
+def _is_read_by_others(stream: TextIO) -> bool:
+    """Whether what is printed goes to a file that other users may read."""
+    with suppress(OSError, ValueError):
+        mode = os.fstat(stream.fileno()).st_mode
+        return os.name == "posix" and stat.S_ISREG(mode) and bool(mode & 0o044)
+    return False
 
 
 def _socket(port: int) -> socket.socket:

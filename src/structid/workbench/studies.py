@@ -5,12 +5,12 @@ from __future__ import annotations
 import datetime
 import math
 import re
-import tomllib
 from functools import cache
 from typing import Any
 
 from structid.records.formats import ReadOptions
 from structid.study.schema.tables import Table, table_of
+from structid.study.schema.toml_lines import parse_toml
 
 #: Tables that the page does not look at are left out where the text is longer.
 _LONG = 3_000_000
@@ -23,8 +23,8 @@ def study_answer(text: str, digest: str) -> dict[str, Any]:
     nodes and elements are left out.
     """
     try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        table = parse_toml(text)
+    except (ValueError, RecursionError) as error:
         place = re.search(r"at line (\d+)", str(error))
         line = int(place[1]) if place else text.count("\n") + 1
         return {"text": text, "digest": digest, "table": None, "broken": {"line": line, "words": str(error)}}

@@ -50,6 +50,7 @@ def _summary(result: CheckResult) -> list[RenderableType]:
         if study.structure.has_matrices
         else "structure: FRFs of a solver alone, which tell no masses, modes or mesh",
     ]
+    facts += study.structure.file_notes
     facts += [] if study.solved is None else list(study.solved.facts)
     facts += [f"{one.title}{fact}" for one in result.beside for fact in one.facts]
     facts += [result.mesh] if isinstance(result.mesh, str) and result.mesh else []

@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import NOT_DETERMINED, WRONG_MODEL, Png, Report, check_png, fail, results_folder
+from structid.cli.base import (
+    NOT_DETERMINED,
+    WRONG_MODEL,
+    Png,
+    Report,
+    beside_call,
+    check_png,
+    fail,
+    results_folder,
+    say,
+)
 from structid.cli.progress import run_progress
 from structid.cli.tables import show
 from structid.compare.states import comparing
@@ -38,14 +48,14 @@ def compare(
     check_png(report, png)
     with run_progress(100) as progress:
         found = comparing.compare(baseline, later, options, progress.search)
-    folder = out if out is not None else Path(f"{later.stem if later.is_file() else later.name}_comparison")
+    folder = out if out is not None else beside_call(f"{later.stem if later.is_file() else later.name}_comparison")
     name = "compare.json"
     with staged_folder(folder, comparing.COMPARE_PAGE) as staged:
         (staged / name).write_text(json_text(comparing.comparison_summary(found)), encoding="utf-8")
         if report:
             name = comparison_page(found).write(staged, png).name
     show(comparison_text(found))
-    typer.echo(str(folder / name))
+    say(folder / name)
     if found.baseline.is_wrong or found.later.is_wrong:
         fail("the model of a state does not explain its record: what is declared changed is no finding", WRONG_MODEL)
     if not found.comparison.is_complete:

@@ -1,29 +1,103 @@
-"""The command `structid convert`: a record from one format to another."""
+"""The command `structid convert`: a record, matrices or modes from one format to another."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
+from zipfile import ZipFile, is_zipfile
 
+import numpy as np
 import typer
 
-from structid.core.errors import FileError
-from structid.files import claimed
+from structid.cli.base import say
+from structid.core.display import counted
+from structid.core.errors import FileError, InputError
+from structid.fem.importers import FORMATS as MATRIX_FORMATS
+from structid.fem.importers import (
+    ImportedMatrix,
+    dof_table,
+    dofs_of,
+    read_matrices,
+    read_matrix,
+    read_numbering,
+    write_abaqus,
+    write_matrices,
+)
+from structid.fem.importers.abaqus import Form
+from structid.files import atomic_write, claimed, require_readable
+from structid.modal import ModalRecord
+from structid.modal.formats.calculix import FRD_SUFFIXES
+from structid.modal.formats.csv import is_modes_table
+from structid.modal.formats.files import CSV_SUFFIXES, JSON_SUFFIXES, UFF_SUFFIXES, read_modes, write_modes
+from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES
+from structid.modal.formats.printed import ModeFileOptions
 from structid.records import FrfRecord, ReadOptions, Record, read_record, write_record
 from structid.records.formats import how_read
+
+_CONTENTS = ("record", "matrices", "modes")
+_MATRIX_SUFFIXES = {suffix for module in MATRIX_FORMATS for suffix in module.SUFFIXES}
+#: Suffixes that hold nothing but matrices, and those that hold records or matrices.
+_MATRICES_ONLY = _MATRIX_SUFFIXES - {".npz", ".npy", ".mat", *PUNCH_SUFFIXES}
+_ARRAYS = (".npz", ".npy", ".mat")
+#: Suffixes of DMIG, which holds node and component of each row.
+_NUMBERED = next(module.SUFFIXES for module in MATRIX_FORMATS if ".pch" in module.SUFFIXES)
+_HEAD = 65536
+
+
+@dataclass(frozen=True)
+class MatrixOptions:
+    """How matrices are read and written.
+
+    Parameters
+    ----------
+    matrix : str
+        Name of the matrix that is meant, of a file with several; all by default.
+    name : str
+        Name that the matrix gets, as where the format of OUT has room for eight characters.
+    dofs : str
+        File with the node and component of each row, where the file of the matrix does not hold them.
+    write_dofs : str
+        File to write the node and component of each row to, where the format of OUT does not hold them.
+    mtx : str
+        Form of OUT where that is .mtx: `matrixmarket`, or `labels` or `coordinate` of Abaqus.
+    """
+
+    matrix: str = ""
+    name: str = ""
+    dofs: str = ""
+    write_dofs: str = ""
+    mtx: str = "matrixmarket"
+
+    def __post_init__(self) -> None:
+        if self.mtx not in ("matrixmarket", "labels", "coordinate"):
+            raise InputError(f"`mtx` must be matrixmarket, labels or coordinate, got {self.mtx!r}", "mtx")
 
 
 def convert(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="IN", help="Record: NPZ, NPY, HDF5, CSV, MAT, UFF, TDMS, MDF, miniSEED, WAV or Parquet."
+            metavar="IN",
+            help="Record (NPZ, NPY, HDF5, CSV, MAT, UFF, TDMS, MDF, miniSEED, WAV, Parquet), matrices (OP4, DMIG, Abaqus,"
+            " MatrixMarket, NPZ, MAT, Harwell-Boeing ...) or modes (JSON, UFF, CSV, F06, punch, FRD).",
         ),
     ],
     target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write; the suffix gives the format.")],
     read: ReadOptions,
+    modes: ModeFileOptions,
+    matrices: MatrixOptions,
+    contents: Annotated[
+        str,
+        typer.Option(help="record, matrices or modes: what IN holds, where its suffix and first lines do not say it."),
+    ] = "",
+    force: Annotated[bool, typer.Option("--force", help="Write OUT even where it exists.")] = False,
 ) -> None:
-    """Read a record and write it in another format, in SI units; the suffix of each file gives its format.
+    """Read a record, matrices or modes and write them in another format; the suffix of each file gives its format.
+
+    Records are written in SI units, modes in SI units and global axes, matrices in the units of their file. What OUT cannot
+    hold is said.
 
     \b
     Examples:
@@ -32,24 +106,163 @@ def convert(
       structid convert logger.tdms record.h5 --columns "Acc 1,Force" --channels 1X+,3X+
       structid convert frf.npz frf.uff --array accelerance --frequency-array freq_hz
           --outputs 1X-,2X+ --inputs 1X+ --kind accelerance
+      structid convert model.op4 stiffness.mtx --matrix KAA
+      structid convert stiffness.mtx stiffness.pch --dofs rows.txt --name KAAX
+      structid convert frame.f06 modes.uff --length-unit mm
     """
-    if target.exists() and source.exists() and target.samefile(source):
-        raise FileError(f"{target}: is the file that is read; write to another one")
-    record = read_record(source, read)
+    require_readable(source)
+    if target.exists():
+        if target.samefile(source):
+            raise FileError(f"{target}: is the file that is read; write to another one")
+        if not force:
+            raise FileError(f"{target}: exists already; add --force to write it anew, or write to another file")
+    kind = contents or _contents_of(source, target)
+    if kind not in _CONTENTS:
+        raise InputError(f"`contents` must be one of {', '.join(_CONTENTS)}, got {contents!r}", "contents")
+    for name, options, default in (
+        ("record", read, ReadOptions()), ("modes", modes, ModeFileOptions()), ("matrices", matrices, MatrixOptions()),
+    ):  # fmt: skip
+        if name != kind and options != default:
+            raise InputError(
+                f"{source}: holds {_words(kind)}; leave out the options of {_words(name)}, or set --contents"
+            )
     with claimed(target):
-        write_record(target, record)
-    if how_read(record.source, source):
-        typer.echo(f"read: {record.source}")
-    typer.echo(_summary(record, target))
+        lines = {"record": _record, "modes": _modes, "matrices": _matrices}[kind](
+            source, target, {"record": read, "modes": modes, "matrices": matrices}[kind]
+        )
+    for line in lines:
+        say(line)
 
 
-def _summary(record: Record, path: Path) -> str:
-    """One line on a record that was written."""
+def _words(kind: str) -> str:
+    return "a record" if kind == "record" else kind
+
+
+def _contents_of(source: Path, target: Path) -> str:
+    """What `source` holds, by its suffix and first lines, and by what `target` may hold where both leave it open."""
+    suffix = source.suffix.lower()
+    if suffix in (*F06_SUFFIXES, *FRD_SUFFIXES, *JSON_SUFFIXES, ".op2"):
+        return "modes"
+    if suffix in _MATRICES_ONLY:
+        return "matrices"
+    if suffix in PUNCH_SUFFIXES:
+        return "modes" if "$EIGENVECTOR" in _head(source) else "matrices"
+    if suffix in UFF_SUFFIXES:
+        numbers = {line.strip() for line in _head(source).splitlines()}
+        return (
+            "modes"
+            if numbers & {"55", "2414"} and not numbers & {"58"} and "    58b" not in _head(source)
+            else "record"
+        )
+    if suffix in CSV_SUFFIXES:
+        return "modes" if is_modes_table(source) else "record"
+    if suffix in _ARRAYS and target.suffix.lower() in _MATRICES_ONLY | set(PUNCH_SUFFIXES):
+        return "matrices"
+    if suffix == ".npz" and is_zipfile(source):
+        with ZipFile(source) as archive:
+            return "matrices" if {"format.npy", "shape.npy", "data.npy"} <= set(archive.namelist()) else "record"
+    return "record"
+
+
+def _head(path: Path) -> str:
+    with path.open("rb") as stream:
+        return stream.read(_HEAD).decode("latin-1")
+
+
+def _record(source: Path, target: Path, options: ReadOptions) -> list[str]:
+    record = read_record(source, options)
+    write_record(target, record)
+    read = [f"read: {record.source}"] if how_read(record.source, source) else []
+    return [*read, f"{target}: {_record_size(record)}"]
+
+
+def _record_size(record: Record) -> str:
     if isinstance(record, FrfRecord):
-        size = (
+        return (
             f"{record.kind}, {len(record.frequency)} lines, {len(record.outputs)} outputs, {len(record.inputs)} inputs"
         )
+    size = f"time histories, {record.values.shape[0]} samples at {record.sampling_rate:g} Hz"
+    return f"{size}, {len(record.channels)} channels"
+
+
+def _modes(source: Path, target: Path, options: ModeFileOptions) -> list[str]:
+    record = read_modes(source, options)
+    write_modes(target, record)
+    read = [f"read: {record.source}"] if source.suffix.lower() not in (*JSON_SUFFIXES, *CSV_SUFFIXES) else []
+    lost = _lost_of_modes(record, target)
+    size = f"{counted(record.n_modes, 'mode')} at {counted(len(record.channels), 'channel')}, scaling {record.scaling}"
+    return [*read, f"{target}: {size}", *([f"not kept by {target.suffix}: {', '.join(lost)}"] if lost else [])]
+
+
+def _lost_of_modes(record: ModalRecord, target: Path) -> list[str]:
+    """What the format of `target` does not hold of a record of modes."""
+    suffix = target.suffix.lower()
+    lost = []
+    if suffix in UFF_SUFFIXES:
+        if record.covariance is not None or record.shape_std is not None:
+            lost.append("standard deviations")
+        if any(dof.sign < 0 for dof in record.channels):
+            lost.append("negative senses of sensors (shapes are turned round)")
+        lost.append("digits beyond the sixth")
+    if suffix not in JSON_SUFFIXES and record.changes is not None:
+        lost.append("how errors move together")
+    return lost
+
+
+def _matrices(source: Path, target: Path, options: MatrixOptions) -> list[str]:
+    items = [read_matrix(source, options.matrix)] if options.matrix else list(read_matrices(source).values())
+    if options.name:
+        if len(items) > 1:
+            names = ", ".join(item.name for item in items)
+            raise InputError(f"{source}: `name` is for one matrix, not {names}; choose one with `matrix`", "name")
+        items = [replace(items[0], name=options.name)]
+    if options.dofs:
+        table = dof_table(read_numbering(require_readable(Path(options.dofs))))
+        items = [_numbered(item, table, options.dofs) for item in items]
+    suffix = target.suffix.lower()
+    numbered = [item for item in items if item.dofs is not None]
+    lines = [f"{target}: {item.name}, {_matrix_size(item)}" for item in items]
+    if options.write_dofs:
+        lines.append(_write_numbering(Path(options.write_dofs), numbered))
+    elif numbered and suffix not in _NUMBERED and options.mtx != "labels":
+        lines.append(f"not kept by {suffix}: node and component of the rows (write them with --write-dofs FILE)")
+    if suffix != ".mtx" or options.mtx == "matrixmarket":
+        write_matrices(target, items)
+    elif len(items) > 1:
+        raise InputError(f"{source}: holds {len(items)} matrices, {target} one; choose it with `matrix`", "matrix")
     else:
-        size = f"time histories, {record.values.shape[0]} samples at {record.sampling_rate:g} Hz"
-        size += f", {len(record.channels)} channels"
-    return f"{path}: {size}"
+        form: Form = "labels" if options.mtx == "labels" else "coordinate"
+        write_abaqus(target, items[0], form)
+    return lines
+
+
+def _matrix_size(item: ImportedMatrix) -> str:
+    n_rows, n_columns = item.matrix.shape
+    kind = "complex" if np.iscomplexobj(item.matrix.data) else "real"
+    return f"{n_rows} x {n_columns}, {kind}, {item.matrix.nnz} entries"
+
+
+def _numbered(item: ImportedMatrix, table: np.ndarray, name: str) -> ImportedMatrix:
+    """The matrix with the numbering of a file."""
+    if item.dofs is not None:
+        raise InputError(f"{item.name!r} has node and component of its rows in its own file; leave `dofs` out", "dofs")
+    if len(table) != item.matrix.shape[0]:
+        raise InputError(f"{name}: names {len(table)} rows, {item.name!r} has {item.matrix.shape[0]}", "dofs")
+    return replace(item, dofs=table)
+
+
+def _write_numbering(path: Path, items: Sequence[ImportedMatrix]) -> str:
+    """Write node and component of the rows, one line a row, as `read_numbering` reads them."""
+    if not items:
+        raise InputError("no matrix has node and component of its rows; leave `write_dofs` out", "write_dofs")
+    first = items[0]
+    table = np.asarray(first.dofs)
+    for item in items[1:]:
+        if not np.array_equal(np.asarray(item.dofs), table):
+            raise InputError(
+                f"{first.name!r} and {item.name!r} have other rows; choose one with `matrix`", "write_dofs"
+            )
+    dofs_of(table)
+    with atomic_write(path) as temporary:
+        temporary.write_text("".join(f"{node} {component}\n" for node, component in table.tolist()), encoding="ascii")
+    return f"{path}: node and component of {counted(len(table), 'row')}"

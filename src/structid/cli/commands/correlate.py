@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, check_png, fail, results_folder
+from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, beside_call, check_png, fail, results_folder, say
 from structid.cli.tables import show
 from structid.compare.correlation.correlating import CORRELATION_PAGE, correlation_summary, expanded_record
 from structid.compare.correlation.correlating import correlate as correlated
@@ -43,7 +43,7 @@ def correlate(
     """
     check_png(report, png)
     found = correlated(load_study(study), options, at)
-    folder, name = out if out is not None else Path(f"{study.stem}_correlation"), "correlation.json"
+    folder, name = out if out is not None else beside_call(f"{study.stem}_correlation"), "correlation.json"
     with staged_folder(folder, CORRELATION_PAGE) as staged:
         (staged / name).write_text(json_text(correlation_summary(found)), encoding="utf-8")
         for count, part in enumerate(found.modes, 1):
@@ -53,6 +53,6 @@ def correlate(
         if report:
             name = correlation_page(found).write(staged, png).name
     show(correlation_text(found))
-    typer.echo(str(folder / name))
+    say(folder / name)
     if not found.is_paired:
         fail("no measured mode has a like in the model; check sensors, supports and units", NOT_DETERMINED)

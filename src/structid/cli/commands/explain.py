@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from structid.cli.base import Png, Report, Scheduler, StudyPath, Workers, results_folder
-from structid.cli.commands.identify import Seconds, identify
+from structid.cli.commands.identify import CauseSeconds, Seconds, identify
 from structid.study.run.checkpoint import CHECKPOINT_SECONDS
 
 
@@ -18,6 +18,7 @@ def explain(
     workers: Workers = None,
     scheduler: Scheduler = None,
     checkpoint: Seconds = CHECKPOINT_SECONDS,
+    seconds: CauseSeconds = float("inf"),
 ) -> None:
     """Identify a study and say which single changes of model or record would explain its misfit.
 
@@ -30,4 +31,4 @@ def explain(
       structid explain frame.toml
       structid identify frame_results/suggestions/1-support-70Y.toml
     """
-    identify(study, out, report, png, True, False, workers, scheduler, checkpoint)
+    identify(study, out, report, png, True, False, workers, scheduler, checkpoint, None, seconds)

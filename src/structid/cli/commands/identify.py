@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -20,14 +21,18 @@ from structid.cli.base import (
     Scheduler,
     StudyPath,
     Workers,
+    beside_call,
     check_png,
     fail,
     results_folder,
+    say,
 )
 from structid.cli.console import identification_summary
 from structid.cli.progress import ProgressFile, run_progress
 from structid.cli.tables import show
-from structid.explanation.answer import criticized, write_suggestions
+from structid.explanation.answer import criticized, time_for_causes, write_suggestions
+from structid.explanation.refits import Fitted
+from structid.explanation.time_budget import TimeBudget, stopwatch
 from structid.inversion import Status
 from structid.study.results.folder import staged_folder, write_results
 from structid.study.results.result import StudyResult
@@ -50,6 +55,15 @@ Watched = Annotated[
     Path | None,
     typer.Option("--progress", metavar="FILE", help="Add a JSON line on each step to FILE, for programs that watch."),
 ]
+CauseSeconds = Annotated[
+    float | None,
+    typer.Option(
+        "--seconds",
+        metavar="SECONDS",
+        min=0,
+        help="Processor time for the search for causes [default: three times the identification and 5 s].",
+    ),
+]
 #: The words of each choice.
 _EXPLAIN: dict[bool | None, list[str]] = {None: [], True: ["--explain"], False: ["--no-explain"]}
 
@@ -65,10 +79,12 @@ def identify(
     scheduler: Scheduler = None,
     checkpoint: Seconds = CHECKPOINT_SECONDS,
     progress_file: Watched = None,
+    seconds: CauseSeconds = None,
 ) -> None:
     """Identify the unknowns of a study and write estimate.json, estimate.h5, study.toml and report.html.
 
-    What is done so far is kept in <FOLDER>.checkpoint until the results are written; see docs/long-runs.md.
+    The results are written before causes of a misfit are looked for, and again with the causes. What is done so far is
+    kept in <FOLDER>.checkpoint until then; see docs/long-runs.md.
 
     \b
     Examples:
@@ -80,8 +96,21 @@ def identify(
     check_png(report, png)
     crew = start_workers(workers, scheduler)
     read = load_study(study, work=LongRun(crew))
-    folder = out if out is not None else Path(f"{study.stem}_results")
+    folder = out if out is not None else beside_call(f"{study.stem}_results")
     owner = fingerprint(read)
+    is_answered = False
+
+    def write(answer: StudyResult, fits: Sequence[Fitted]) -> str:
+        with staged_folder(folder) as staged:
+            page = _write(answer, staged, report, png)
+            write_suggestions(answer, fits, staged, folder)
+        return page
+
+    def write_before_search(answer: StudyResult) -> None:
+        nonlocal is_answered
+        write(answer, ())
+        is_answered = True
+
     with closing(Checkpoint(checkpoint_folder(folder), owner, resume, checkpoint)) as kept:
         run = LongRun(crew, kept)
         try:
@@ -89,17 +118,18 @@ def identify(
                 run.progress = progress.tasks
                 if progress_file is not None:
                     progress.file = ProgressFile(progress_file, run.reached.summary)
+                taken = stopwatch()
                 ready, result = run_from_start(read, progress.search, run)
-                result, fits = criticized(ready, result, explain, run)
-            with staged_folder(folder) as staged:
-                name = _write(result, staged, report, png)
-                write_suggestions(result, fits, staged, folder)
+                budget = partial(time_for_causes, taken()) if seconds is None else partial(TimeBudget, seconds)
+                result, fits = criticized(ready, result, explain, run, budget, write_before_search)
+            name = write(result, fits)
         except KeyboardInterrupt:
             flags = ["--no-report"] * (not report) + ["--png"] * png + _EXPLAIN[explain]
-            fail(
-                _interrupted(run, kept, _resumed(study, flags, out=out, workers=workers, scheduler=scheduler)),
-                INTERRUPTED,
-            )
+            again = _resumed(study, flags, out=out, workers=workers, scheduler=scheduler, seconds=seconds)
+            words = _interrupted(run, kept, again)
+            if is_answered:
+                words = f"the answer is in {folder}, without its causes: {words}"
+            fail(words, INTERRUPTED)
         except WorkersLostError:
             kept.write(run.so_far())
             raise
@@ -107,7 +137,7 @@ def identify(
             run.close()
         kept.remove()
     show(identification_summary(result))
-    typer.echo(str(folder / name))
+    say(folder / name)
     estimate = result.identification.estimate
     verdict = result.criticism.judgement.verdict if result.criticism is not None else ""
     if verdict == "wrong_model":

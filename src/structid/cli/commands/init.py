@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from structid.cli.base import beside_call, say
 from structid.core.errors import InputError
 from structid.study.templates import TEMPLATES, Asked, Template, asked_of, asked_value, template_with, write_study
 
@@ -41,8 +42,8 @@ def init(
     made = template_with(kind, values)  # so that what is wrong shows before anything is asked
     if sys.stdin.isatty():
         made = template_with(kind, values | _asked(kind, set(values)))
-    path = write_study(made, study or Path(f"{template}.toml"))
-    typer.echo(f"{path}: written; look at it with `structid app {path.parent}`, or go on with `structid plan {path}`")
+    path = write_study(made, study or beside_call(f"{template}.toml"))
+    say(f"{path}: written; look at it with `structid app {path.parent}`, or go on with `structid plan {path}`")
 
 
 def _given(pairs: list[str]) -> dict[str, str]:

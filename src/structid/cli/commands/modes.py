@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from structid.cli.base import NOT_DETERMINED, Png, Report, check_png, fail, results_folder
+from structid.cli.base import NOT_DETERMINED, Png, Report, beside_call, check_png, fail, results_folder, say
 from structid.cli.tables import show
 from structid.core.display import file_names
 from structid.core.errors import InputError
@@ -67,13 +67,13 @@ def modes(
         found = modes_of_setups(records, options, read, geometry)
     else:
         found = modes_of_file(records[0], options, read, geometry)
-    folder, name = out if out is not None else Path(f"{records[0].stem}_modes"), "modes.json"
+    folder, name = out if out is not None else beside_call(f"{records[0].stem}_modes"), "modes.json"
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(found, staged)
         if report:
             name = modes_page(found).write(staged, png).name
     show(modes_text(found))
-    typer.echo(str(folder / name))
+    say(folder / name)
     if not found.is_determined:
         fail("the data do not determine the uncertainty of every mode; see the warnings", NOT_DETERMINED)
 
@@ -89,8 +89,8 @@ def _merge(
     names = file_names(paths)
     merging = merged_setups([read_modes(path) for path in paths], names=names)
     places = None if geometry is None else read_geometry(geometry)
-    folder = out if out is not None else Path(f"{paths[0].stem}_modes")
+    folder = out if out is not None else beside_call(f"{paths[0].stem}_modes")
     with staged_folder(folder, MODES_PAGE) as staged:
         write_merged(merging.modes, staged, places)
     show(merged_text(names, merging))
-    typer.echo(str(folder / "modes.json"))
+    say(folder / "modes.json")

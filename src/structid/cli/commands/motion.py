@@ -8,7 +8,17 @@ from typing import Annotated, cast
 
 import typer
 
-from structid.cli.base import INTERRUPTED, NOT_DETERMINED, Scheduler, StudyPath, Workers, fail, results_folder
+from structid.cli.base import (
+    INTERRUPTED,
+    NOT_DETERMINED,
+    Scheduler,
+    StudyPath,
+    Workers,
+    beside_call,
+    fail,
+    results_folder,
+    say,
+)
 from structid.files import claimed
 from structid.inversion.regression.local_reduction import Engine, Kernels
 from structid.study.results.folder import staged_folder
@@ -56,14 +66,14 @@ def motion(
     except KeyboardInterrupt:
         kept = f"; {checkpoint} holds what is done, the same command goes on from it" if checkpoint else ""
         fail(f"interrupted; no results were written{kept}", INTERRUPTED)
-    folder = out if out is not None else Path(f"{study.stem}_motion")
+    folder = out if out is not None else beside_call(f"{study.stem}_motion")
     with staged_folder(folder) as staged:
         write_motion(found, staged)
     typer.echo("", err=True)
     for line in motion_lines(found):
         typer.echo(line)
-    typer.echo(str(folder / MOTION_SUMMARY))
-    typer.echo(str(folder / MOTION_TABLE))
+    say(folder / MOTION_SUMMARY)
+    say(folder / MOTION_TABLE)
     if not found.is_determined:
         fail("the motion does not determine every parameter; see the message above", NOT_DETERMINED)
 

@@ -6,9 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, check_png, fail, results_folder
+from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, beside_call, check_png, fail, results_folder, say
 from structid.cli.tables import show
 from structid.report.planning import plan_page, plan_text
 from structid.study.results.folder import staged_folder
@@ -61,12 +59,12 @@ def plan(
     check_png(report, png)
     read = load_plan(study, **{name: value for name, value in asdict(wanted).items() if value is not None})
     found = planned(read)
-    folder, name = out if out is not None else Path(f"{study.stem}_plan"), "plan.json"
+    folder, name = out if out is not None else beside_call(f"{study.stem}_plan"), "plan.json"
     with staged_folder(folder, PLAN_PAGE) as staged:
         write_plan(found, read, staged)
         if report:
             name = plan_page(found, read.title, read.notes).write(staged, png).name
     show(plan_text(found, read.title, read.notes))
-    typer.echo(str(folder / name))
+    say(folder / name)
     if not found.determined:
         fail(f"even all candidates together do not determine {', '.join(found.undetermined[:6])}", NOT_DETERMINED)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from rich.console import RenderableType
 
-from structid.cli.base import Png
+from structid.cli.base import Png, say
 from structid.cli.progress import run_progress
 from structid.cli.tables import new_table, show
 from structid.core.display import figures
@@ -37,7 +37,7 @@ def reproduce(
         items = run.reproduce(chapters, lambda name, done: progress.tasks(name, round(100 * done), 100))
     page = write_reproduction(items, out, png)
     show(_summary(items))
-    typer.echo(str(page))
+    say(page)
 
 
 def _summary(items: Iterable[Item]) -> list[RenderableType]:

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from structid.cli.base import say
 from structid.files import atomic_write
 from structid.study.json_schema import study_schema
 
@@ -33,4 +34,4 @@ def schema(target: Target = None) -> None:
         return
     with atomic_write(target) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    typer.echo(str(target))
+    say(target)

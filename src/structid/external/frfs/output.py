@@ -22,7 +22,8 @@ from structid.external.outputs import OneFile, there
 from structid.external.shapes import require_last_line
 from structid.external.solved import Units
 from structid.fem.importers.exports import FORCES, LENGTHS
-from structid.modal.formats.nastran import PUNCH_SUFFIXES, numbers
+from structid.modal.formats.nastran import PUNCH_SUFFIXES
+from structid.modal.formats.printed import numbers
 from structid.records import FrfRecord, TimeRecord
 from structid.records.formats import read_record
 

@@ -51,6 +51,7 @@ __all__ = [
     "total_mass",
     "write_abaqus",
     "write_dmig",
+    "write_matrices",
     "write_matrix",
     "write_op4",
 ]
@@ -171,20 +172,29 @@ def write_abaqus(path: str | Path, matrix: ImportedMatrix, form: Form = "labels"
 
 
 def write_matrix(path: str | Path, matrix: ImportedMatrix) -> None:
-    """Write one matrix by the suffix: .op4, .pch (DMIG), .npz, .npy, or .mtx (MatrixMarket), whole or not at all.
+    """Write one matrix by the suffix; see `write_matrices`."""
+    write_matrices(path, [matrix])
+
+
+def write_matrices(path: str | Path, matrices: Iterable[ImportedMatrix]) -> None:
+    """Write matrices by the suffix, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+        .op4, .pch (DMIG) and .mat hold several; .npz, .npy and .mtx (MatrixMarket) hold one. DMIG alone keeps the node and
+        component of each row.
 
     Raises
     ------
     FileError
-        If the suffix is none of these or the file cannot be written.
-    InputError
-        If the matrix lacks what the format needs.
+        If the suffix is none of these, the matrices do not fit the format, or the file cannot be written.
     """
-    path = Path(path)
-    if path.suffix.lower() == ".op4":
-        write_op4(path, [matrix])
+    path, items = Path(path), list(matrices)
+    if path.suffix.lower() in _op4.SUFFIXES:
+        write_op4(path, items)
     elif path.suffix.lower() in _dmig.SUFFIXES:
-        write_dmig(path, [matrix])
+        write_dmig(path, items)
     else:
         with atomic_write(path) as temporary:
-            _arrays.write(temporary, matrix)
+            _arrays.write(temporary, items, path)

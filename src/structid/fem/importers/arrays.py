@@ -5,7 +5,8 @@ What is kept: values; all digits. There is no numbering in these formats.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ SUFFIXES: tuple[str, ...] = (".npz", ".npy", ".mtx", ".mat")
 
 _REMEDY = "write it with scipy.sparse.save_npz, scipy.io.mmwrite (.mtx) or numpy.save (.npy)"
 _KIND = "a file of a matrix"
+_MATLAB_NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
 
 
 def read(path: Path) -> list[ImportedMatrix]:
@@ -104,15 +106,29 @@ _READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
 }
 
 
-def write(path: Path, item: ImportedMatrix) -> None:
-    """One matrix as NPZ, MatrixMarket (17 digits) or NPY, by the suffix.
+def write(path: Path, matrices: Sequence[ImportedMatrix], called: Path | None = None) -> None:
+    """One matrix as NPZ, MatrixMarket (17 digits) or NPY, or all as MAT, by the suffix; `called` is the file in messages.
 
     Raises
     ------
     FileError
-        If the suffix is none of these.
+        If the suffix is none of these, several matrices do not fit the format, or a name does not.
     """
-    suffix = path.suffix.lower()
+    suffix, called = path.suffix.lower(), called or path
+    if suffix == ".mat":
+        from scipy.io import savemat
+
+        for item in matrices:
+            if not _MATLAB_NAME.fullmatch(item.name):
+                raise FileError(
+                    f"{called}: {item.name!r} is no name of a MATLAB variable; give another one with `name`"
+                )
+        savemat(path, {item.name: item.matrix for item in matrices}, do_compression=True)
+        return
+    if len(matrices) != 1:
+        names = ", ".join(item.name for item in matrices)
+        raise FileError(f"{called}: the format holds one matrix, not {len(matrices)} ({names}); choose one by its name")
+    item = matrices[0]
     if suffix == ".npz":
         sparse.save_npz(path, item.matrix)
     elif suffix == ".npy":
@@ -123,4 +139,4 @@ def write(path: Path, item: ImportedMatrix) -> None:
         with path.open("wb") as stream:
             mmwrite(stream, sparse.coo_array(item.matrix), precision=17)
     else:
-        raise FileError(f"{path}: cannot be written; take one of .npz .mtx .npy")
+        raise FileError(f"{called}: cannot be written; take one of .op4 .pch .mtx .npz .npy .mat")

@@ -15,10 +15,36 @@ from numpy.typing import NDArray
 
 from structid.core.arrays import IntArray
 from structid.core.errors import FileError
-from structid.fem.importers.fixed_fields import Bytes, FieldError, chunks, fields_at, real_numbers, whole_numbers
+from structid.fem.importers.fixed_fields import (
+    Bytes,
+    FieldError,
+    as_real,
+    chunks,
+    fields_at,
+    real_numbers,
+    whole_numbers,
+)
 
 _WIDE = 24
 _MARKS = np.array([ord(c) for c in " +*\r\n\t"], dtype=np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Origins:
+    """The file and the line that each line of a text comes from.
+
+    Attributes
+    ----------
+    paths : tuple of Path
+    file : (n_lines,) int array
+        Index into `paths`.
+    number : (n_lines,) int array
+        From 1.
+    """
+
+    paths: tuple[Path, ...]
+    file: IntArray
+    number: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +64,8 @@ class BulkLines:
         Columns of a field: 8 (eight fields a line), 16 (large field, four a line) or 24 (was free field, four a line).
     card : (n_lines,) int array
         Line (as an index) where the card begins that it continues; its own where it begins one.
+    origins : Origins, optional
+        Where the lines come from, where the text was put together of files.
     """
 
     path: Path
@@ -47,6 +75,7 @@ class BulkLines:
     number: IntArray
     width: IntArray
     card: IntArray
+    origins: Origins | None = None
 
     def take(self, lines: IntArray, column: IntArray | int, width: IntArray | int) -> Bytes:
         """`width` characters from `column` of each of `lines`, blanks behind the line's end."""
@@ -82,9 +111,16 @@ class BulkLines:
     def error(self, line: int, what: str, text: str, wanted: str) -> FileError:
         """The error at a field of a line (as an index)."""
         return FileError(
-            f"{self.path}, line {self.number[line]}: {what} must be {wanted}, got {text!r}; correct the line or write "
+            f"{self.location(line)}: {what} must be {wanted}, got {text!r}; correct the line or write "
             "the file again (a line cut short shifts its fields)"
         )
+
+    def location(self, line: int) -> str:
+        """File and number of a line (as an index)."""
+        number = int(self.number[line])
+        if self.origins is None:
+            return f"{self.path}, line {number}"
+        return f"{self.origins.paths[self.origins.file[number - 1]]}, line {self.origins.number[number - 1]}"
 
 
 def _part(given: IntArray | int, part: slice) -> IntArray | int:
@@ -92,7 +128,11 @@ def _part(given: IntArray | int, part: slice) -> IntArray | int:
 
 
 def bulk_lines(
-    path: Path, names: tuple[str, ...], content: bytes | None = None, whole_lines: bool = False
+    path: Path,
+    names: tuple[str, ...],
+    content: bytes | None = None,
+    whole_lines: bool = False,
+    origins: Origins | None = None,
 ) -> BulkLines:
     """The lines of the cards called `names` in the file at `path`, comments and all other cards left out.
 
@@ -104,6 +144,8 @@ def bulk_lines(
         Text to take instead of that of the file.
     whole_lines : bool
         Whether a line in free field always becomes two of four fields each, so that fields keep their place in a card.
+    origins : Origins, optional
+        Where each line of `content` comes from.
     """
     content = (path.read_bytes() if content is None else content).upper()
     if b"\t" in content:
@@ -113,7 +155,7 @@ def bulk_lines(
     if free.any():
         content, number = _rewritten(content, free, number, whole_lines)
         buffer, start, end, _ = _split(content)
-    return _selected(path, buffer, start, end, number, names)
+    return _selected(path, buffer, start, end, number, names, origins)
 
 
 def _split(content: bytes) -> tuple[Bytes, IntArray, IntArray, IntArray]:
@@ -148,22 +190,38 @@ def _rewritten(content: bytes, free: NDArray[np.bool_], number: IntArray, whole_
 
 def _widened(line: bytes, whole: bool) -> list[bytes]:
     fields = [field.strip() for field in line.split(b"$")[0].split(b",")]
-    name, values = fields[0].rstrip(b"*"), fields[1:9]
-    if fields[0].endswith(b"*"):
-        values = values[:4]
+    is_large = b"*" in fields[0]
+    name, most = fields[0].rstrip(b"*"), 4 if is_large else 8
+    values = fields[1:] if any(fields[most + 2 :]) else fields[1 : most + 1]  # a longer line goes on without marks
     is_start = name[:1].isalpha()
-    whole = whole and not fields[0].endswith(b"*")
+    whole = whole and not is_large
     made = []
-    for i in range(0, 8 if whole else max(len(values), 1), 4):
+    for i in range(0, -(-len(values) // 8) * 8 or 8 if whole else max(len(values), 1), 4):
         head = name if is_start and i == 0 else b"*"
         group = values[i : i + 4]
         if i == 0 or whole or any(group):
-            made.append(head[:7].ljust(7) + b"#" + b"".join(value[:_WIDE].ljust(_WIDE) for value in group))
+            made.append(head[:7].ljust(7) + b"#" + b"".join(_fitted(value).ljust(_WIDE) for value in group))
     return made
 
 
+def _fitted(value: bytes) -> bytes:
+    """A field in at most 24 characters; of a number that is longer, the digits that a float has."""
+    if len(value) <= _WIDE:
+        return value
+    try:
+        return repr(as_real(value)).upper().encode()
+    except FieldError:
+        return value[:_WIDE]
+
+
 def _selected(
-    path: Path, buffer: Bytes, start: IntArray, end: IntArray, number: IntArray, names: tuple[str, ...]
+    path: Path,
+    buffer: Bytes,
+    start: IntArray,
+    end: IntArray,
+    number: IntArray,
+    names: tuple[str, ...],
+    origins: Origins | None,
 ) -> BulkLines:
     head = np.concatenate([fields_at(buffer, start[part], end[part], 8) for part in chunks(len(start))])
     blank_line = (head <= ord(" ")).all(axis=1) & (end - start <= 8)
@@ -178,4 +236,4 @@ def _selected(
     wanted = np.isin(name, [word.encode() for word in names]) & is_start
     keep = np.flatnonzero((card >= 0) & wanted[np.maximum(card, 0)] & ~blank_line)
     place = np.searchsorted(keep, card[keep])
-    return BulkLines(path, buffer, start[keep], end[keep], number[keep], width[keep], place)
+    return BulkLines(path, buffer, start[keep], end[keep], number[keep], width[keep], place, origins)

@@ -65,13 +65,15 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
     return float(rigid @ (mass @ rigid))
 
 
-def require_total_mass(found: float, declared: float) -> None:
+def require_total_mass(found: float, declared: float, left_aside: str = "") -> None:
     """Raise an `InputError` where the mass `found` in the matrices is not the `declared` one; it names the factor.
 
     Parameters
     ----------
     found, declared : float
         kg; a tenth apart they pass, as a model is rarely right to the percent, and units are wrong by a factor.
+    left_aside : str
+        What of the model no element stands for, to be said as the cause.
     """
     if not declared > 0:
         raise InputError(f"`total_mass` must be greater than 0, got {declared}")
@@ -84,9 +86,9 @@ def require_total_mass(found: float, declared: float) -> None:
     if abs(ratio - 1) <= _MASS_ERROR:
         return
     likely = [words for factor, words in _RATIOS if abs(ratio / factor - 1) <= _MASS_ERROR]
-    cause = likely[0] if likely else (
+    cause = left_aside or (likely[0] if likely else (
         "mass at degrees of freedom held in the export is not in the matrix; else check units, densities and numbering"
-    )  # fmt: skip
+    ))  # fmt: skip
     raise InputError(
         f"the total mass of the matrices is {found:.6g} kg, the declared one {declared:.6g} kg: a factor of {ratio:.6g}; "
         f"{cause}"

@@ -78,6 +78,12 @@ def real_numbers(fields: Bytes) -> FloatArray:
         raise _first_bad(text, fields) from None
 
 
+def as_real(word: bytes) -> float:
+    """The real number of one field; a `FieldError` where it is none."""
+    fields = np.frombuffer(word.strip().ljust(1), dtype=np.uint8)[None, :]
+    return float(real_numbers(fields)[0])
+
+
 def _first_bad(text: NDArray[np.bytes_], fields: Bytes) -> FieldError:
     index = next(i for i, word in enumerate(text.tolist()) if not _is_real(word))
     return FieldError(index, bytes(fields[index]).decode("latin-1").strip())

@@ -23,6 +23,8 @@ from structid.fem.importers.imported import ImportedMatrix, completed
 SUFFIXES: tuple[str, ...] = (".hb", ".rb", ".rua", ".rsa", ".matrix")
 
 _FORM = re.compile(rb"\(?\s*(?:\d+P\s*,?\s*)?(\d*)\s*([IEDFG])\s*(\d+)", re.IGNORECASE)
+#: Letters of a line of forms that are looked at; it has 80.
+_LONGEST = 200
 _REMEDY = "the file is cut short or of another form; write it again (HBMAT with ASCII)"
 
 
@@ -53,7 +55,7 @@ def _matrix(path: Path, lines: list[bytes]) -> ImportedMatrix:
         raise FileError(
             f"{path}: is of type {kind.decode('latin-1')}; assembled matrices with real or complex values can be read"
         )
-    forms = lines[3]
+    forms = lines[3][:_LONGEST]
     pointer_form, index_form, value_form = (match.groups() for match in list(_FORM.finditer(forms))[:3])
     at = 5 if n_right else 4
     parts = 2 if kind[:1] == b"C" else 1

@@ -8,7 +8,9 @@ from types import ModuleType
 import numpy as np
 
 from structid.core.errors import FileError, InputError
-from structid.fem.meshes import abaqus, gmsh, nastran, vtk
+from structid.fem.importers.exports import FORCES
+from structid.fem.meshes import abaqus, gmsh, nastran, universal, vtk
+from structid.fem.meshes.deck_parts import DeckPart, DeckUnits, choose_parts, describe_left_aside
 from structid.fem.meshes.mesh import (
     CELL_DIMENSIONS,
     CellBlock,
@@ -20,8 +22,8 @@ from structid.fem.meshes.mesh import (
 )
 from structid.files import damage_told, require_readable
 
-#: Each has SUFFIXES and read(path, factor); coordinates of the file times the factor are in m.
-FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk)
+#: Each has SUFFIXES and read(path, units), the mesh in SI units.
+FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk, universal)
 #: What the numbers of a file are multiplied by to give m.
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 _FARTHEST = 1e100  # its square is still finite
@@ -31,7 +33,10 @@ __all__ = [
     "FORMATS",
     "LENGTH_UNITS",
     "CellBlock",
+    "DeckPart",
     "Mesh",
+    "choose_parts",
+    "describe_left_aside",
     "duplicate_nodes",
     "orphan_nodes",
     "read_mesh",
@@ -40,21 +45,23 @@ __all__ = [
 ]
 
 
-def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
-    """The mesh of a file, with its own node numbers and named groups.
+def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -> Mesh:
+    """The mesh of a file, with its own node numbers and named groups, and what the file has beside its cells.
 
     Parameters
     ----------
     path : str or Path
-        Gmsh ``.msh``, Nastran ``.bdf .nas .fem .dat``, Abaqus ``.inp``, VTK ``.vtu .vtk``.
+        Gmsh ``.msh``, Nastran ``.bdf .nas .fem .dat``, Abaqus ``.inp``, VTK ``.vtu .vtk``, universal ``.unv .uff``.
     length_unit : {"m", "cm", "mm", "um", "in", "ft"}
         Unit of the coordinates in the file; those of the mesh are in m.
+    force_unit : {"N", "mN", "kN", "lbf", "kip"}
+        With the length and s it gives the units of masses and springs of the file: in mm and N masses are in tonnes.
 
     Returns
     -------
     Mesh
         Groups are physical groups (Gmsh: by name, or by number where they have none), properties (Nastran),
-        element and node sets (Abaqus), and whole-number cell arrays (VTK: ``array=value``).
+        element and node sets (Abaqus), whole-number cell arrays (VTK: ``array=value``), and groups of a universal file.
 
     Raises
     ------
@@ -68,8 +75,10 @@ def read_mesh(path: str | Path, length_unit: str = "m") -> Mesh:
         raise FileError(f"{place}: the suffix of a mesh must be one of {known}; export it as one of these")
     if length_unit not in LENGTH_UNITS:
         raise InputError(f"`length_unit` must be one of {' '.join(LENGTH_UNITS)}, got {length_unit!r}")
+    if force_unit not in FORCES:
+        raise InputError(f"`force_unit` must be one of {' '.join(FORCES)}, got {force_unit!r}")
     with damage_told(place, "a whole mesh", "export it again"):
-        mesh: Mesh = reader.read(place, LENGTH_UNITS[length_unit])
+        mesh: Mesh = reader.read(place, DeckUnits(LENGTH_UNITS[length_unit], FORCES[force_unit]))
     if not (np.abs(mesh.positions) < _FARTHEST).all():
         raise FileError(f"{place}: coordinates must be finite, and below {_FARTHEST:g} m; export it again")
     return mesh

@@ -1,18 +1,20 @@
-"""Abaqus input files as meshes: nodes, elements, node and element sets of one part."""
+"""Abaqus and CalculiX input files as meshes: nodes, elements and sets, of flat files and of assemblies of instances."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
+from structid.fem.meshes.abaqus_assembly import Assembly, Scope
+from structid.fem.meshes.abaqus_keywords import KeywordBlock, keyword_blocks
+from structid.fem.meshes.abaqus_parts import displacement_axes, is_part, read_parts
+from structid.fem.meshes.deck_parts import DeckUnits
 from structid.fem.meshes.mesh import CellBlock, Mesh
-from structid.files import require_readable
 
 SUFFIXES: tuple[str, ...] = (".inp",)
 
@@ -36,161 +38,109 @@ _KINDS = (
 )
 #: Where Abaqus numbers the middles of volume and faces in another order than VTK.
 _ORDERS = {"hexahedron27": (*range(20), 26, 24, 23, 25, 21, 22, 20)}
-_MOST_MEMBERS = 20_000_000
 #: Keywords that make nodes or elements by rule: what they say is not read.
-_REFUSED = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
-_SCOPES = {"PART": "PART", "ASSEMBLY": "ASSEMBLY", "INSTANCE": "INSTANCE"}
-_SCOPES |= {"END PART": "", "END ASSEMBLY": "", "END INSTANCE": "ASSEMBLY"}
-Block = tuple[int, str, dict[str, str], list[list[str]]]
-_MOST_INCLUDES = 20
+_REFUSED = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SUBSTRUCTURE PATH", "IMPORT")
 
 
-@dataclass(eq=False)
-class _Content:
-    """What has been read so far: of the parts; nodes, elements and sets of the assembly itself are left out.
+def read(path: Path, units: DeckUnits) -> Mesh:
+    """The mesh of an Abaqus input file in SI units, with what it has beside its cells.
 
-    Sets have their names in capital letters as keys, as Abaqus does not tell them apart. `owner` is the part or instance
-    that is being read; a set of it that the assembly has too is called OWNER.SET.
-    """
-
-    nodes: dict[int, list[float]] = field(default_factory=dict)
-    elements: dict[str, dict[int, list[int]]] = field(default_factory=dict)
-    cell_sets: dict[str, set[int]] = field(default_factory=dict)
-    node_sets: dict[str, set[int]] = field(default_factory=dict)
-    names: dict[str, str] = field(default_factory=dict)
-    owners: dict[str, str] = field(default_factory=dict)
-    instances: int = 0
-    placing: list[list[float]] = field(default_factory=list)
-    owner: str = ""
-
-
-def read(path: Path, factor: float) -> Mesh:
-    """The mesh of an Abaqus input file; coordinates times `factor` are in m.
-
-    Of an assembly of one part, nodes and elements are those of the part, where its instance puts them; reference points
-    and elements of the assembly itself are left out.
+    Instances stand where the assembly puts them. Labels are those of the parts; where those of several instances repeat,
+    the second has a power of ten added, the third twice that. Nodes of the assembly itself that no cell uses are no part of
+    the mesh, but of what works on them.
 
     Raises
     ------
     FileError
-        If it has several parts with the same numbers, several instances, or keywords that make nodes by rule.
+        If it has several parts with the same numbers and no instances, or keywords that make nodes by rule.
     """
-    content, scope = _Content(), ""
-    for number, keyword, options, rows in keyword_blocks(path):
-        scope = _SCOPES.get(keyword, scope)
-        if keyword in _REFUSED:
-            raise FileError(
-                f"{path}, line {number}: *{keyword} is not read; write the mesh with all nodes and elements"
-            )
-        content.owner = options.get("NAME", "") if keyword in _SCOPES else content.owner
-        try:
-            if keyword == "INSTANCE":
-                content.instances += 1
-                content.placing += [[float(word) for word in row if word] for row in rows if any(row)]
-            elif keyword == "END INSTANCE":
-                _place(content)
-            elif scope != "ASSEMBLY" or "INSTANCE" in options:
-                _take(content, keyword, options, rows)
-        except ValueError as error:
-            raise FileError(
-                f"{path}, line {number}: cannot read the lines of *{keyword} ({error}); export it again"
-            ) from error
-    if not content.nodes or not content.elements:
-        raise FileError(f"{path}: holds no *NODE and *ELEMENT lines; export the mesh, not only the steps")
-    return _mesh(path, content, factor)
+    assembly = _Reader(path).read()
+    return _mesh(path, assembly, units)
 
 
-def _place(content: _Content) -> None:
-    """Move the nodes of the part to where its instance is: a shift, then a turn about a line."""
-    numbers = content.placing
-    if not numbers or not content.nodes:
-        return
-    if content.instances > 1:
-        raise ValueError("there are several instances, and one is moved; write the mesh as a flat input file")
-    positions = np.array(list(content.nodes.values())) + np.array([*numbers[0], 0.0, 0.0, 0.0][:3])
-    if len(numbers) > 1:
-        if len(numbers[1]) != 7:
-            raise ValueError("an instance is turned by two points and an angle")
-        start, end, degrees = np.array(numbers[1][:3]), np.array(numbers[1][3:6]), numbers[1][6]
-        positions = start + (positions - start) @ _turned(end - start, degrees).T
-    content.nodes = dict(zip(content.nodes, positions.tolist(), strict=True))
+class _Reader:
+    """Parts, instances and the assembly of a file, one keyword after another."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._root, self._parts = Scope(), dict[str, Scope]()
+        self._assembly = Assembly([])
+        self._scope = self._root
+        self._placing: list[list[str]] = []
+        self._owners: dict[str, str] = {}
+
+    def read(self) -> Assembly:
+        for block in keyword_blocks(self._path):
+            if block.keyword in _REFUSED:
+                raise FileError(
+                    f"{self._path}, line {block.line}: *{block.keyword} is not read; write the mesh with all nodes and elements"
+                )
+            try:
+                self._take(block)
+            except (ValueError, KeyError) as error:
+                raise FileError(
+                    f"{self._path}, line {block.line}: cannot read the lines of *{block.keyword} ({error}); export it again"
+                ) from error
+        return self._whole()
+
+    def _take(self, block: KeywordBlock) -> None:
+        own, name = self._assembly.own, block.options.get("NAME", "")
+        if block.keyword == "PART":
+            self._scope = self._parts.setdefault(name.upper(), Scope(name))
+        elif block.keyword == "ASSEMBLY":
+            self._assembly.own = self._scope = Scope()
+        elif block.keyword == "INSTANCE":
+            self._begin_instance(block, name)
+        elif block.keyword == "END INSTANCE":
+            self._scope.move(self._placing)
+            self._scope = own if own is not None else self._root
+        elif block.keyword in ("END PART", "END ASSEMBLY"):
+            self._scope = self._root
+        elif self._scope is own and own is not None and block.keyword in ("NSET", "ELSET"):
+            self._assembly.take_set(block)
+        else:
+            self._scope.take(block, _node_counts(block))
+
+    def _begin_instance(self, block: KeywordBlock, name: str) -> None:
+        if "LIBRARY" in block.options or "INSTANCE" in block.options:
+            raise ValueError("it is imported from another analysis; write its mesh into the file")
+        part = block.options.get("PART", "")
+        if part and part.upper() not in self._parts:
+            raise ValueError(f"there is no part {part!r} before this line")
+        instance = self._parts[part.upper()].instance(name) if part else Scope(name)
+        self._assembly.scopes.append(instance)
+        self._scope, self._placing = instance, block.rows
+        self._owners[name.upper()] = part or name
+
+    def _whole(self) -> Assembly:
+        """The assembly; a flat file, or parts without instances, as one instance without a name."""
+        if not self._assembly.scopes:
+            for part in self._parts.values():
+                for field in ("nodes", "elements"):
+                    mine, theirs = getattr(self._root, field), getattr(part, field)
+                    for key in set(mine) & set(theirs) if field == "nodes" else ():
+                        raise FileError(
+                            f"{self._path}: node {key} stands twice, in several parts, and no *INSTANCE says where they are"
+                        )
+                    mine.update(theirs)
+                for sets in ("node_sets", "cell_sets", "names"):
+                    getattr(self._root, sets).update(getattr(part, sets))
+                self._root.blocks.extend(part.blocks)
+                self._root.overlong |= part.overlong
+            self._assembly.scopes.append(self._root)
+        else:  # what stands behind the assembly works on the whole model
+            own = self._assembly.own = self._assembly.own or Scope()
+            own.blocks.extend(self._root.blocks)
+        if not any(scope.nodes and scope.elements for scope in self._assembly.scopes):
+            raise FileError(f"{self._path}: holds no *NODE and *ELEMENT lines; export the mesh, not only the steps")
+        self._assembly.owners = self._owners if len(self._assembly.scopes) == 1 else {}
+        self._assembly.number()
+        return self._assembly
 
 
-def _turned(axis: FloatArray, degrees: float) -> FloatArray:
-    """The rotation about `axis` (Rodrigues)."""
-    x, y, z = axis / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    angle = np.radians(degrees)
-    turned: FloatArray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return turned
-
-
-def _take(content: _Content, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
-    if keyword == "NODE":
-        for row in rows:
-            if int(row[0]) in content.nodes:
-                raise ValueError(f"node {row[0]} stands twice, as it does where a file has several parts")
-            content.nodes[int(row[0])] = [float(x or 0) for x in (*row[1:4], "0", "0", "0")[:3]]
-        _set(content, content.node_sets, options.get("NSET", "")).update(int(row[0]) for row in rows)
-    elif keyword == "ELEMENT":
-        kind, count = _kind(options.get("TYPE", ""))
-        table = _element_rows(rows, count)
-        twice = next((label for label in table if any(label in other for other in content.elements.values())), None)
-        if twice is not None:
-            raise ValueError(f"element {twice} stands twice, as it does where a file has several parts")
-        content.elements.setdefault(kind, {}).update(table)
-        _set(content, content.cell_sets, options.get("ELSET", "")).update(table)
-    elif keyword in ("NSET", "ELSET"):
-        known = content.node_sets if keyword == "NSET" else content.cell_sets
-        members = _set(content, known, options.get(keyword, ""))
-        for row in rows:
-            members.update(_members(row, "GENERATE" in options, known))
-
-
-def _set(content: _Content, known: dict[str, set[int]], name: str) -> set[int]:
-    """The set called `name` in any case, made where it is new."""
-    key = name.upper()
-    other = content.owners.setdefault(key, content.owner)
-    if other != content.owner:  # a set of a part and one of the assembly
-        for sets in (content.cell_sets, content.node_sets):
-            if key in sets:
-                sets[f"{other}.{name}".upper()] = sets.pop(key)
-        content.names[f"{other}.{name}".upper()] = f"{other}.{content.names[key]}"
-        content.owners[key] = content.owner
-        content.names[key] = name
-    content.names.setdefault(key, name)
-    return known.setdefault(key, set())
-
-
-def _members(row: list[str], generate: bool, known: dict[str, set[int]]) -> set[int]:
-    if generate:
-        first, last, step = ([int(w) for w in row if w] + [1])[:3]
-        if (last - first) // step > _MOST_MEMBERS:
-            raise ValueError(f"a set from {first} to {last} has more than {_MOST_MEMBERS} members")
-        return set(range(first, last + 1, step))
-    found: set[int] = set()
-    for word in filter(None, row):
-        own, label = word.strip('"').upper(), word.rpartition(".")[2]  # INSTANCE.SET, INSTANCE.LABEL
-        key = own if own in known else own.rpartition(".")[2]
-        if not label.isdigit() and key not in known:
-            raise ValueError(f"there is no set {word!r} before this line")
-        found |= {int(label)} if label.isdigit() else known[key]
-    return found
-
-
-def _element_rows(rows: list[list[str]], count: int) -> dict[int, list[int]]:
-    """Nodes by element label; the data of one element may run over several lines."""
-    found, pending = {}, []
-    for row in rows:
-        pending += [int(word) for word in row if word]
-        if len(pending) >= count + 1 or count == 0:
-            if count and len(pending) != count + 1:
-                raise ValueError(f"element {pending[0]} has {len(pending) - 1} nodes instead of {count}")
-            found[pending[0]] = pending[1:]
-            pending = []
-    if pending:
-        raise ValueError(f"element {pending[0]} has {len(pending) - 1} nodes instead of {count}")
-    return found
+def _node_counts(block: KeywordBlock) -> Mapping[str, int]:
+    kind = block.options.get("TYPE", "").upper()
+    return {kind: _kind(kind)[1]} if block.keyword == "ELEMENT" else {}
 
 
 def _kind(name: str) -> tuple[str, int]:
@@ -201,84 +151,131 @@ def _kind(name: str) -> tuple[str, int]:
     return name, 0
 
 
-def _mesh(path: Path, content: _Content, factor: float) -> Mesh:
+def _mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
+    every = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
+    tables: dict[tuple[str, int, bool], dict[int, list[int]]] = {}
+    for scope in every:
+        for name, table in scope.elements.items():
+            if scope is assembly.own and is_part(name):
+                continue  # masses and springs of the assembly do not make a node one of the mesh
+            kind = _kind(name)[0]
+            for label, words in table.items():
+                try:
+                    nodes = [assembly.node(scope, word) for word in words]
+                except ValueError as error:
+                    raise FileError(
+                        f"{path}: the nodes of element {label} ({name}) cannot be read ({error})"
+                    ) from error
+                key = (kind, len(nodes), is_part(name))
+                tables.setdefault(key, {})[label + assembly.shift(scope)] = nodes
     blocks, rows_of = [], []
-    for kind, table in content.elements.items():
-        widths = {len(row) for row in table.values()}
-        for width in sorted(widths):
-            own = [label for label, row in table.items() if len(row) == width]
-            nodes = np.array([table[label] for label in own], dtype=np.int64)
-            blocks.append(CellBlock(kind, nodes[:, list(_ORDERS.get(kind, range(width)))]))
-            rows_of.append({label: i for i, label in enumerate(own)})
-    groups = {
-        content.names[key]: tuple(_rows(members, known) for known in rows_of)
-        for key, members in content.cell_sets.items()
-        if key
-    }
-    node_sets = {content.names[key]: np.array(sorted(members)) for key, members in content.node_sets.items() if key}
-    labels = np.array(list(content.nodes), dtype=np.int64)
-    positions = factor * np.array(list(content.nodes.values()), dtype=np.float64)
-    return Mesh(labels, positions, tuple(blocks), groups, node_sets, path.name)
+    for (kind, width, beside), table in tables.items():
+        nodes = np.array(list(table.values()), dtype=np.int64).reshape(len(table), width)
+        blocks.append(CellBlock(kind, nodes[:, list(_ORDERS.get(kind, range(width)))], beside))
+        rows_of.append({label: row for row, label in enumerate(table)})
+    labels, positions = _nodes(assembly, blocks, units.length)
+    nodes_of = dict(zip(labels.tolist(), positions, strict=True))
+    points = _points(assembly, units.length)
+    axes = displacement_axes(path, assembly, nodes_of | points)
+    parts = read_parts(path, assembly, nodes_of | points, axes, units)
+    return Mesh(
+        labels,
+        positions,
+        tuple(blocks),
+        _cell_groups(assembly, rows_of),
+        _node_groups(assembly),
+        path.name,
+        tuple(parts),
+        _notes(assembly, axes),
+        axes,
+        cells_are_elements=True,
+        points=points,
+    )
 
 
-def _rows(members: set[int], known: dict[int, int]) -> IntArray:
-    return np.array(sorted(known[label] for label in members if label in known), dtype=np.int64)
+def _nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) -> tuple[IntArray, FloatArray]:
+    """Labels and positions of the nodes of instances, and of those of the assembly itself that cells use."""
+    labels: list[int] = []
+    positions: list[list[float]] = []
+    for scope in assembly.scopes:
+        labels += [label + assembly.shift(scope) for label in scope.nodes]
+        positions += scope.nodes.values()
+    if assembly.own is not None and assembly.own.nodes:
+        used = {int(n) for block in blocks for n in np.unique(block.nodes)}
+        for label, position in assembly.own.nodes.items():
+            if label + assembly.shift(assembly.own) in used:
+                labels.append(label + assembly.shift(assembly.own))
+                positions.append(position)
+    return np.array(labels, dtype=np.int64), factor * np.array(positions, dtype=np.float64)
 
 
-def keyword_blocks(path: Path) -> Iterator[Block]:
-    """Line, keyword, options and data lines of every keyword; included files stand in the place of *INCLUDE.
+def _points(assembly: Assembly, factor: float) -> dict[int, FloatArray]:
+    """Positions of the nodes of the assembly itself: reference points."""
+    own = assembly.own
+    if own is None:
+        return {}
+    return {label + assembly.shift(own): factor * np.array(position) for label, position in own.nodes.items()}
 
-    Raises
-    ------
-    FileError
-        If an included file cannot be read.
+
+def _cell_groups(assembly: Assembly, rows_of: list[dict[int, int]]) -> dict[str, tuple[IntArray, ...]]:
+    """Rows of each element set in each block."""
+    return {name: tuple(_rows(members, rows) for rows in rows_of) for name, members in _sets(assembly, False).items()}
+
+
+def _node_groups(assembly: Assembly) -> dict[str, IntArray]:
+    return {name: np.array(sorted(members), dtype=np.int64) for name, members in _sets(assembly, True).items()}
+
+
+def _sets(assembly: Assembly, is_nodes: bool) -> dict[str, set[int]]:
+    """Members of each set by its name.
+
+    A set of an instance is INSTANCE.SET where there are several or the assembly has one of its name (of a single instance
+    PART.SET too); the bare name is then the set of the assembly, or that of all instances together.
     """
-    found: Block | None = None
-    for number, text in _lines(path, 0):
-        words = [word.strip() for word in text.split(",")]
-        if text.startswith("*"):
-            if found is not None:
-                yield found
-            found = (number, " ".join(words[0][1:].upper().split()), keyword_options(words[1:]), [])
-        elif found is not None:
-            found[3].append(words)
-    if found is not None:
-        yield found
+    shared = assembly.node_sets if is_nodes else assembly.cell_sets
+    sets: dict[str, set[int]] = {}
+    for scope in assembly.scopes:
+        for key, members in (scope.node_sets if is_nodes else scope.cell_sets).items():
+            labels = {label + assembly.shift(scope) for label in members}
+            owners = dict.fromkeys([assembly.owners.get(scope.name.upper(), scope.name), scope.name])
+            taken = key in shared or (assembly.own is not None and key in assembly.own.names)
+            if len(assembly.scopes) > 1 or taken:
+                sets |= {f"{owner}.{scope.names[key]}": labels for owner in owners}
+            if not taken:
+                name = next((name for name in sets if name.upper() == key), scope.names[key])
+                sets[name] = sets.get(name, set()) | labels
+    own = assembly.own
+    if own is not None:
+        for key, by_owner in shared.items():
+            sets[own.names[key]] = {
+                label + assembly.shifts[owner] for owner, labels in by_owner.items() for label in labels
+            }
+        for key, members in (own.node_sets if is_nodes else own.cell_sets).items():
+            labels = {label + assembly.shift(own) for label in members}
+            sets[own.names[key]] = sets.get(own.names[key], set()) | labels
+    return {name: members for name, members in sets.items() if name}
 
 
-def keyword_options(words: list[str]) -> dict[str, str]:
-    """Options such as ``NAME=STEEL`` by their names in capitals; those without a value have an empty one."""
-    pairs = (word.partition("=") for word in words if word)
-    return {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+def _rows(members: set[int], rows: dict[int, int]) -> IntArray:
+    return np.array(sorted(rows[label] for label in members if label in rows), dtype=np.int64)
 
 
-def _lines(path: Path, depth: int) -> Iterator[tuple[int, str]]:
-    """Lines without comments and blank ones; keyword lines that go on behind a comma are joined."""
-    if depth > _MOST_INCLUDES:
-        raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
-    number, pending = 0, ""
-    with path.open(encoding="utf-8", errors="replace") as stream:
-        for at, line in enumerate(stream, 1):
-            text = line.strip()
-            if not text or text.startswith("**"):
-                continue
-            number = number if pending else at
-            text, pending = pending + text, ""
-            name, *options = text.split(",")
-            if text.startswith("*") and text.endswith(","):
-                pending = text
-            elif name.replace(" ", "").upper() == "*INCLUDE":
-                yield from _included(path, number, keyword_options(options), depth)
-            else:
-                yield number, text
-    if pending:
-        yield number, pending
-
-
-def _included(path: Path, number: int, options: dict[str, str], depth: int) -> Iterator[tuple[int, str]]:
-    name = options.get("INPUT", "").replace("\\", "/")
-    try:
-        place = require_readable(path.parent / name)
-    except FileError as error:
-        raise FileError(f"{path}, line {number}: the included file cannot be read ({error})") from error
-    yield from _lines(place, depth + 1)
+def _notes(assembly: Assembly, axes: Mapping[int, FloatArray]) -> tuple[str, ...]:
+    notes = []
+    every = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
+    if any(block.keyword == "BOUNDARY" for scope in every for block in scope.blocks):
+        notes.append("its *BOUNDARY is not read: supports are those of the study")
+    overlong = sorted({kind for scope in every for kind in scope.overlong})
+    if overlong:
+        notes.append(
+            f"lines of {', '.join(overlong)} name more nodes than it has: the first are taken, as CalculiX does"
+        )
+    moved = [scope for scope in assembly.scopes if assembly.shift(scope)]
+    if moved:
+        words = ", ".join(f"{scope.name} {assembly.shift(scope):+d}" for scope in moved[:5])
+        notes.append(f"node and element numbers repeat between instances, so that they are shifted: {words}")
+    if axes:
+        few = ", ".join(map(str, sorted(axes)[:5]))
+        more = f" and {len(axes) - 5} more" if len(axes) > 5 else ""
+        notes.append(f"nodes {few}{more} have directions of their own (*TRANSFORM); directions here are global")
+    return tuple(notes)

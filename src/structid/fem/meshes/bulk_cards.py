@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,62 +13,154 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
-from structid.fem.importers.bulk_lines import BulkLines, bulk_lines
+from structid.fem.importers.bulk_lines import BulkLines, Origins, bulk_lines
 from structid.fem.importers.fixed_fields import FieldError, chunks, is_blank, real_numbers, whole_numbers
+from structid.fem.meshes.replication import expand_replication
 from structid.files import require_readable
 
-_INCLUDE = re.compile(rb"^\s*INCLUDE\s+(?:'([^']*)'|\"([^\"]*)\"|(\S+))", re.IGNORECASE | re.DOTALL)
-_REMEDY = "a bulk data file goes from BEGIN BULK to ENDDATA; export it again, or add the two lines"
+_INCLUDE = re.compile(rb"\s*INCLUDE\s+(?:'([^']*)'|\"([^\"]*)\"|([^$]+))", re.IGNORECASE)
+_SYMBOL = re.compile(r"([A-Za-z_]\w+):(.*)", re.DOTALL)  # one letter is a drive of Windows
+_BEGIN = re.compile(rb"BEGIN\b\s*(?:BULK\b)?\s*(\w*)\s*=?\s*(\w*)")
+_CARD_NAME = re.compile(rb"^ {0,7}([A-Za-z]\w{0,7})(?=[*, \t\r\n]|$)", re.MULTILINE)
+_NO_BEGIN = "there is a CEND but no BEGIN BULK behind it; export it again, or add the line"
+_NO_END = "there is no ENDDATA, so that a deck that was cut short between two cards would not show"
 _MOST_INCLUDES = 20
 
 
-def bulk_text(path: Path) -> bytes:
-    """The bulk data of a file, included files in their places; lines before BEGIN BULK are blank.
+@dataclass(frozen=True, eq=False)
+class BulkText:
+    """The bulk data of a deck.
+
+    Attributes
+    ----------
+    path : Path
+    content : bytes
+        Included files in their places, replicated cards written out.
+    case_control : bytes
+        The lines before BEGIN BULK.
+    origins : Origins
+        File and line of each line of `content`.
+    has_end : bool
+        Whether there is an ENDDATA.
+    """
+
+    path: Path
+    content: bytes
+    case_control: bytes
+    origins: Origins
+    has_end: bool
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the deck should know of it."""
+        return () if self.has_end else (_NO_END,)
+
+    def count_cards(self) -> Counter[str]:
+        """Number of cards by name."""
+        return Counter(name.decode().upper() for name in _CARD_NAME.findall(self.content))
+
+
+@dataclass(eq=False)
+class _Lines:
+    """Lines with the file and number of each."""
+
+    paths: list[Path]
+    text: list[bytes]
+    file: list[int]
+    number: list[int]
+
+    def location(self, row: int) -> str:
+        """File and number of a line."""
+        return f"{self.paths[self.file[row]]}, line {self.number[row]}"
+
+
+def bulk_text(path: Path) -> BulkText:
+    """The bulk data of a deck; without BEGIN BULK and CEND all of a file are bulk data.
 
     Raises
     ------
     FileError
-        If bulk data do not begin or end, or an included file cannot be read.
+        If case control is not followed by bulk data, there are superelements of their own, or an included file cannot be
+        read.
     """
-    lines = path.read_bytes().replace(b"\r\n", b"\n").split(b"\n")
-    found, begun, ended = [], False, False
-    for line in _expanded(path, lines, 0):
+    lines = _Lines([], [], [], [])
+    _take_lines(lines, path, path.parent, 0)
+    begin, stop, has_end, has_case = -1, len(lines.text), False, False
+    for row, line in enumerate(lines.text):
         word = line.strip().upper()
-        if begun and word.startswith(b"ENDDATA"):
-            ended = True
+        if word.startswith(b"BEGIN") and (match := _BEGIN.match(word)):
+            _require_one_section(lines, row, match, begin >= 0)
+            begin = row if begin < 0 else begin
+        elif word.startswith(b"ENDDATA"):
+            stop, has_end = row, True
             break
-        found.append(line if begun else b"")
-        begun = begun or re.match(rb"BEGIN\s+(BULK|SUPER)", word) is not None
-    if not begun or not ended:
-        missing = "BEGIN BULK" if not begun else "ENDDATA"
-        raise FileError(f"{path}: is no whole bulk data file, or was cut short: there is no {missing}; {_REMEDY}")
-    return b"\n".join(found)
+        has_case |= word.split(b"$")[0].strip() == b"CEND"
+    if begin < 0 and has_case:
+        raise FileError(f"{path}: is no whole deck: {_NO_BEGIN}")
+    rows = slice(begin + 1, stop)
+    text, source = expand_replication(lines.text[rows], lambda index: lines.location(begin + 1 + index))
+    chosen = np.array(source, dtype=np.int64)
+    number, file = (np.array(own[rows], dtype=np.int64)[chosen] for own in (lines.number, lines.file))
+    origins = Origins(tuple(lines.paths), file, number)
+    return BulkText(path, b"\n".join(text), b"\n".join(lines.text[: begin + 1]), origins, has_end)
 
 
-def _expanded(path: Path, lines: list[bytes], depth: int) -> list[bytes]:
-    """Lines with those of included files in the place of INCLUDE."""
+def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun: bool) -> None:
+    """Refuse the bulk data of superelements and the like, which are models of their own."""
+    word, name = match[1].decode("latin-1"), match[2].decode("latin-1")
+    if not word or (word == "SUPER" and not begun and not name.strip("0")):
+        return
+    said = lines.text[row].strip().decode("latin-1")
+    raise FileError(
+        f"{lines.location(row)}: {said!r} begins the bulk data of {f'{word.lower()} {name}'.strip()}; decks of several"
+        " sections are not read: write the model as one, or export the superelement as matrices"
+    )
+
+
+def _take_lines(lines: _Lines, path: Path, root: Path, depth: int) -> None:
+    """Take up the lines of a file, with those of included files in the place of INCLUDE."""
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
-    found: list[bytes] = []
-    at = 0
-    while at < len(lines):
-        if lines[at].lstrip()[:7].upper() != b"INCLUDE":
-            found.append(lines[at])
-            at += 1
+    lines.paths.append(path)
+    file = len(lines.paths) - 1
+    content = path.read_bytes().replace(b"\r\n", b"\n").split(b"\n")
+    row = 0
+    while row < len(content):
+        if content[row].lstrip()[:7].upper() != b"INCLUDE":
+            lines.text.append(content[row])
+            lines.file.append(file)
+            lines.number.append(row + 1)
+            row += 1
             continue
-        text, last = lines[at].rstrip(), at
-        while text.count(b"'") % 2 and last + 1 < len(lines):  # a name may run over several lines
+        text, last = content[row].rstrip(), row
+        while text.count(b"'") % 2 and last + 1 < len(content):  # a name may run over several lines
             last += 1
-            text += lines[last].strip()
+            text += content[last].strip()
         match = _INCLUDE.match(text)
-        name = next((g for g in match.groups() if g), b"").decode("latin-1") if match else ""
+        name = next((g for g in match.groups() if g), b"").decode("utf-8", "replace") if match else ""
         try:
-            place = require_readable(path.parent / name.strip().replace("\\", "/"))
+            included = _included_file(name.strip().replace("\\", "/"), root, path.parent)
         except FileError as error:
-            raise FileError(f"{path}, line {at + 1}: the included file cannot be read ({error})") from error
-        found += _expanded(place, place.read_bytes().replace(b"\r\n", b"\n").split(b"\n"), depth + 1)
-        at = last + 1
-    return found
+            raise FileError(f"{path}, line {row + 1}: the included file cannot be read ({error})") from error
+        _take_lines(lines, included, root, depth + 1)
+        row = last + 1
+
+
+def _included_file(name: str, root: Path, parent: Path) -> Path:
+    """The file that INCLUDE names: from the folder of the deck as the solver has it, else of the file that includes it."""
+    symbol = _SYMBOL.fullmatch(name)
+    if symbol is not None:
+        folder = next((os.environ[key] for key in (symbol[1], symbol[1].upper()) if key in os.environ), None)
+        if folder is None:
+            raise FileError(
+                f"{name}: {symbol[1]} is a logical symbol of the solver's set-up that is not known here; set an environment"
+                f" variable {symbol[1]} to its folder, or write the path out"
+            )
+        return require_readable(Path(folder) / symbol[2].lstrip("/"))
+    for folder_path in dict.fromkeys((root, parent)):
+        if (folder_path / name).is_file():
+            return require_readable(folder_path / name)
+    return require_readable(root / name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +183,10 @@ class Cards:
     def __len__(self) -> int:
         return len(self.first)
 
+    @property
+    def n_fields(self) -> int:
+        return int(self.fields.shape[1])
+
     def integers(self, place: int) -> IntArray:
         """The whole numbers in one field; 0 where blank."""
         return self._converted(place, whole_numbers, "a whole number").astype(np.int64)
@@ -101,8 +199,14 @@ class Cards:
         return np.ones(len(self), dtype=bool) if place >= self.fields.shape[1] else is_blank(self.fields[:, place])
 
     def words(self, place: int) -> list[str]:
-        """The text of one field."""
+        """The text of one field; blank behind the last."""
+        if place >= self.n_fields:
+            return [""] * len(self)
         return [bytes(field).decode("latin-1").strip() for field in self.fields[:, place]]
+
+    def row_words(self, row: int) -> list[str]:
+        """The text of all fields of one card."""
+        return [bytes(field).decode("latin-1").strip() for field in self.fields[row]]
 
     def _converted(self, place: int, convert: Callable[[np.ndarray], np.ndarray], wanted: str) -> np.ndarray:
         if place >= self.fields.shape[1]:
@@ -113,9 +217,9 @@ class Cards:
             raise self.lines.error(int(self.first[error.index]), f"field {place + 2}", error.text, wanted) from None
 
 
-def cards_of(path: Path, content: bytes, names: tuple[str, ...]) -> dict[str, Cards]:
+def cards_of(text: BulkText, names: tuple[str, ...]) -> dict[str, Cards]:
     """The cards of each of `names` that the text has."""
-    lines = bulk_lines(path, names, content, whole_lines=True)
+    lines = bulk_lines(text.path, names, text.content, whole_lines=True, origins=text.origins)
     if not len(lines.start):
         return {}
     own = np.arange(len(lines.start))
@@ -135,8 +239,8 @@ def cards_of(path: Path, content: bytes, names: tuple[str, ...]) -> dict[str, Ca
             same = np.flatnonzero(lines.width[rows] == width)
             for part in chunks(len(same)):
                 at = same[part]
-                text = lines.take(rows[at], 8, each * width).reshape(len(at), each, width)
+                taken = lines.take(rows[at], 8, each * width).reshape(len(at), each, width)
                 place = offset[rows[at]][:, None] + np.arange(each)
-                fields[card[at][:, None], place, :width] = text
+                fields[card[at][:, None], place, :width] = taken
         found[name] = Cards(lines, first, fields)
     return found

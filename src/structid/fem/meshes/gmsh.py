@@ -13,6 +13,7 @@ import numpy as np
 from structid.core.arrays import IntArray
 from structid.core.display import counted, listed
 from structid.core.errors import FileError
+from structid.fem.meshes.deck_parts import DeckUnits
 from structid.fem.meshes.gmsh_numbers import Ascii, Binary, Numbers
 from structid.fem.meshes.mesh import CellBlock, Mesh
 
@@ -62,8 +63,8 @@ class _Content:
     tags: dict[int, list[tuple[int, list[int]]]] = field(default_factory=dict)
 
 
-def read(path: Path, factor: float) -> Mesh:
-    """The mesh of a Gmsh file; coordinates times `factor` are in m.
+def read(path: Path, units: DeckUnits) -> Mesh:
+    """The mesh of a Gmsh file in m.
 
     Raises
     ------
@@ -105,7 +106,7 @@ def read(path: Path, factor: float) -> Mesh:
         raise
     except (ValueError, IndexError, KeyError) as error:
         raise FileError(f"{path}: cannot be read as gmsh ({error}); {_REMEDY}") from error
-    return _mesh(path, content, factor)
+    return _mesh(path, content, units.length)
 
 
 def _is_swapped(data: bytes, at: int) -> bool:
@@ -160,11 +161,22 @@ def _old_nodes(content: _Content, numbers: Numbers) -> None:
 
 
 def _old_elements(content: _Content, numbers: Numbers) -> None:
+    """Cells of version 2, which repeats a cell for each physical group that it is in; each counts once here."""
     total = int(numbers.counts(1)[0])
+    by_kind: dict[int, list[tuple[IntArray, IntArray]]] = {}
     for kind, tags, rows in numbers.old_elements(total, lambda kind: _known(kind)[1]):
-        content.cells.setdefault(kind, []).append(rows)
-        for tag in tags.tolist():
-            content.tags.setdefault(kind, []).append((1, [tag] if tag else []))
+        by_kind.setdefault(kind, []).append((tags, rows))
+    for kind, parts in by_kind.items():
+        tags, rows = (np.concatenate(tables) for tables in zip(*parts, strict=True))
+        keys = np.column_stack([tags[:, 1], rows])  # one cell of one entity
+        _, first, cell = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        order = np.sort(first)
+        content.cells[kind] = [rows[order]]
+        groups: list[list[int]] = [[] for _ in order]
+        for place, tag in zip(np.searchsorted(order, first[cell.ravel()]).tolist(), tags[:, 0].tolist(), strict=True):
+            if tag and tag not in groups[place]:
+                groups[place].append(tag)
+        content.tags[kind] = [(1, own) for own in groups]
 
 
 def _known(kind: int) -> tuple[str, int, int, tuple[int, ...]]:

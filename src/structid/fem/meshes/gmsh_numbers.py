@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 
-#: Cells of one type: the type, the physical group of each, and their nodes.
+#: Cells of one type: the type, the physical group and the entity of each (0 where it has none), and their nodes.
 Cells = tuple[int, IntArray, IntArray]
 _QUOTED = re.compile(rb'\s*"([^"]*)"')
 
@@ -104,7 +104,8 @@ class Ascii:
             stop = at + 3 + n_tags + width(kind)
             if stop > len(numbers):
                 raise ValueError("a section ends too soon")
-            found.append((kind, int(numbers[at + 3]) if n_tags else 0, at + 3 + n_tags, stop))
+            tags = [*numbers[at + 3 : at + 3 + min(n_tags, 2)].tolist(), 0, 0][:2]
+            found.append((kind, tags, at + 3 + n_tags, stop))
             at = stop
         if at == len(numbers):
             self.place = self.stop
@@ -113,7 +114,7 @@ class Ascii:
             if last == len(found) or found[last][0] != found[first][0]:
                 same = found[first:last]
                 rows = np.stack([numbers[a:b] for _, _, a, b in same])
-                yield same[0][0], np.array([tag for _, tag, _, _ in same]), rows
+                yield same[0][0], np.array([tags for _, tags, _, _ in same]), rows
                 first = last
 
 
@@ -164,6 +165,6 @@ class Binary:
             if own < 1:
                 raise ValueError("a block of elements is empty")
             rows = self.integers(own * (1 + n_tags + width(kind))).reshape(own, -1)
-            tags = rows[:, 1] if n_tags else np.zeros(own, np.int64)
+            tags = np.pad(rows[:, 1 : 1 + min(n_tags, 2)], ((0, 0), (0, 2 - min(n_tags, 2))))
             yield kind, tags, rows[:, 1 + n_tags :]
             done += own

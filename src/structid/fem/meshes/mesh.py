@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError
 from structid.fem.elements.cells.isoparametric import CELLS
+from structid.fem.meshes.deck_parts import DeckPart, choose_parts
 
 #: Dimension of each cell type that elements can be made of.
 CELL_DIMENSIONS = {"vertex": 0, "line": 1, "line3": 1, **{name: made.corners.shape[1] for name, made in CELLS.items()}}
@@ -32,10 +33,13 @@ class CellBlock:
         Such as ``triangle`` or ``hexahedron20``; see `CELL_DIMENSIONS`.
     nodes : (n_cells, n_nodes) int array
         Node labels, numbered as in VTK.
+    is_beside : bool
+        Whether they are masses, springs and the like, which the mesh has as parts too.
     """
 
     kind: str
     nodes: IntArray
+    is_beside: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +59,16 @@ class Mesh:
         Labels of the nodes of each node set.
     source : str
         Where it comes from, for messages.
+    parts : tuple of DeckPart
+        Masses, springs, rigid elements and the like that the file has beside its cells.
+    notes : tuple of str
+        What else the file says that the mesh does not.
+    displacement_axes : mapping of int to (3, 3) float array
+        Directions of motion as rows of the nodes that have their own in the file; those of the mesh are global.
+    cells_are_elements : bool
+        Whether cells of lower dimension are elements too (bars of a deck), not edges to choose nodes by.
+    points : mapping of int to (3,) float array
+        Positions of nodes that only parts use: reference points of an assembly.
     """
 
     labels: IntArray
@@ -63,6 +77,11 @@ class Mesh:
     groups: Mapping[str, tuple[IntArray, ...]]
     node_groups: Mapping[str, IntArray]
     source: str = "the mesh"
+    parts: tuple[DeckPart, ...] = ()
+    notes: tuple[str, ...] = ()
+    displacement_axes: Mapping[int, FloatArray] = field(default_factory=dict)
+    cells_are_elements: bool = False
+    points: Mapping[int, FloatArray] = field(default_factory=dict)
 
     @cached_property
     def nodes(self) -> dict[int, FloatArray]:
@@ -72,13 +91,13 @@ class Mesh:
     @cached_property
     def dimension(self) -> int:
         """Largest dimension of its cells."""
-        return max((CELL_DIMENSIONS.get(block.kind, 0) for block in self.blocks), default=0)
+        return max((CELL_DIMENSIONS.get(block.kind, 0) for block in self.blocks if not block.is_beside), default=0)
 
     def chosen(self, group: str | None = None) -> list[tuple[CellBlock, IntArray]]:
         """Blocks with the rows of `group`; all cells of the largest dimension without one."""
         if group is None:
             every = [(block, np.arange(len(block.nodes))) for block in self.blocks]
-            return [pair for pair in every if CELL_DIMENSIONS.get(pair[0].kind, 3) == self.dimension]
+            return [pair for pair in every if _dimension_of(pair[0]) == self.dimension]
         if group not in self.groups:
             self._raise_missing(group, self.groups, "group of cells")
         return [(b, rows) for b, rows in zip(self.blocks, self.groups[group], strict=True) if len(rows)]
@@ -164,26 +183,36 @@ class Mesh:
         raise InputError(f"there is no {word} {group!r} in {self.source}; {have}")
 
 
-def duplicate_nodes(mesh: Mesh) -> IntArray:
-    """Pairs of labels of nodes of cells that lie at one place, (n_pairs, 2)."""
+def _dimension_of(block: CellBlock) -> int:
+    """Dimension of cells; -1 of masses and springs, and 3 of types that are not known, so that they are not overlooked."""
+    return -1 if block.is_beside else CELL_DIMENSIONS.get(block.kind, 3)
+
+
+def duplicate_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
+    """Pairs of labels of nodes of cells that lie at one place, (n_pairs, 2), but those that one of `parts` joins."""
     from scipy.spatial import cKDTree
 
-    used = np.isin(mesh.labels, _used(mesh))
+    used = np.isin(mesh.labels, _used(mesh, parts))
     labels, positions = mesh.labels[used], mesh.positions[used]
     if len(labels) < 2:
         return np.zeros((0, 2), dtype=np.int64)
     size = float(np.ptp(positions, axis=0).max())
     pairs = cKDTree(positions).query_pairs(_SAME * size, output_type="ndarray")
     found: IntArray = np.sort(labels[pairs], axis=1)
+    joined = {pair for part in parts for pair in part.joined_pairs}
+    apart = np.array([pair not in joined for pair in map(tuple, found.tolist())], dtype=bool)
+    found = found[apart]
     return found[np.lexsort(found.T[::-1])]
 
 
-def orphan_nodes(mesh: Mesh) -> IntArray:
-    """Labels of nodes that belong to no cell."""
-    return np.setdiff1d(mesh.labels, _used(mesh))
+def orphan_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
+    """Labels of nodes that belong to no cell and none of `parts`."""
+    return np.setdiff1d(mesh.labels, _used(mesh, parts))
 
 
-def require_sound(mesh: Mesh, drop_orphans: bool = False, duplicates: str = "refuse") -> Mesh:
+def require_sound(
+    mesh: Mesh, drop_orphans: bool = False, duplicates: str = "refuse", take: str | Sequence[str] = ()
+) -> Mesh:
     """`mesh`, after the checks; with what was asked to be repaired.
 
     Parameters
@@ -193,12 +222,17 @@ def require_sound(mesh: Mesh, drop_orphans: bool = False, duplicates: str = "ref
         Whether nodes without a cell are left out instead of refused.
     duplicates : {"refuse", "merge", "keep"}
         Of nodes at one place: ``keep`` is for cracks and joints, where the parts are meant to move apart.
+    take : "all" or kinds
+        Parts beside the cells that are taken, see `choose_parts`: their nodes belong to them, and nodes at one place that
+        one of them joins stay apart.
 
     Raises
     ------
     InputError
         If nodes repeat, lie at one place or belong to no cell, or cells name a node that is not there.
     """
+    parts = choose_parts(mesh.parts, take, mesh.source)
+    mesh = _with_points(mesh, parts)
     values, counts = np.unique(mesh.labels, return_counts=True)
     if (counts > 1).any():
         raise InputError(f"node {values[counts > 1][0]} stands twice in {mesh.source}; number the nodes anew")
@@ -208,7 +242,7 @@ def require_sound(mesh: Mesh, drop_orphans: bool = False, duplicates: str = "ref
             f"cells of {mesh.source} name {_listed(missing)}, which it does not have; export all nodes of the cells"
         )
     if duplicates != "keep":
-        pairs = duplicate_nodes(mesh)
+        pairs = duplicate_nodes(mesh, parts)
         if len(pairs) and duplicates == "refuse":
             named = ", ".join(f"{a} and {b}" for a, b in pairs[:5])
             raise InputError(
@@ -217,19 +251,35 @@ def require_sound(mesh: Mesh, drop_orphans: bool = False, duplicates: str = "ref
                 " parts are meant to be apart"
             )
         mesh = _merged(mesh, pairs)
-    orphans = orphan_nodes(mesh)
+        parts = choose_parts(mesh.parts, take, mesh.source)
+    orphans = orphan_nodes(mesh, parts)
     if len(orphans):
         if not drop_orphans:
+            lone = set(orphans.tolist())
+            kinds = dict.fromkeys(part.kind for part in mesh.parts if part.nodes & lone)
+            words = f", only to {', '.join(kinds)}, which `take` would take" if kinds else ""
             raise InputError(
-                f"{_listed(orphans)} of {mesh.source} {'belongs' if len(orphans) == 1 else 'belong'} to no cell; delete"
-                ' them in the mesher, or set `orphan_nodes` to "drop"'
+                f"{_listed(orphans)} of {mesh.source} {'belongs' if len(orphans) == 1 else 'belong'} to no cell{words};"
+                ' delete them in the mesher, or set `orphan_nodes` to "drop"'
             )
         mesh = _without(mesh, orphans)
     return mesh
 
 
-def _used(mesh: Mesh) -> IntArray:
-    return np.unique(np.concatenate([np.zeros(0, np.int64), *(block.nodes.ravel() for block in mesh.blocks)]))
+def _used(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
+    """Labels of the nodes of cells and of `parts`."""
+    beside = np.array(sorted(node for part in parts for node in part.nodes), dtype=np.int64)
+    return np.unique(np.concatenate([beside, *(block.nodes.ravel() for block in mesh.blocks)]))
+
+
+def _with_points(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
+    """The mesh with those reference points that `parts` use as nodes."""
+    labels = set(mesh.labels.tolist())
+    new = sorted(node for node in set().union(*(part.nodes for part in parts)) - labels if node in mesh.points)
+    if not new:
+        return mesh
+    positions = np.concatenate([mesh.positions, [mesh.points[node] for node in new]])
+    return replace(mesh, labels=np.concatenate([mesh.labels, np.array(new)]), positions=positions)
 
 
 def _merged(mesh: Mesh, pairs: IntArray) -> Mesh:
@@ -242,26 +292,35 @@ def _merged(mesh: Mesh, pairs: IntArray) -> Mesh:
     if not len(pairs):
         return mesh
     blocks = tuple(
-        CellBlock(b.kind, np.array([[stands[n] for n in row] for row in b.nodes.tolist()])) for b in mesh.blocks
+        replace(b, nodes=np.array([[stands[n] for n in row] for row in b.nodes.tolist()])) for b in mesh.blocks
     )
     groups = {name: np.unique([stands[n] for n in nodes.tolist()]) for name, nodes in mesh.node_groups.items()}
     gone = np.array([label for label, other in stands.items() if label != other])
-    merged = Mesh(mesh.labels, mesh.positions, blocks, mesh.groups, groups, mesh.source)
-    return _without(merged, gone)
+    parts = tuple(part.renumbered({label: stands[label] for label in gone.tolist()}) for part in mesh.parts)
+    return _without(replace(mesh, blocks=blocks, node_groups=groups, parts=parts), gone)
 
 
 def _without(mesh: Mesh, labels: IntArray) -> Mesh:
     keep = ~np.isin(mesh.labels, labels)
     groups = {name: np.setdiff1d(nodes, labels) for name, nodes in mesh.node_groups.items()}
-    return Mesh(mesh.labels[keep], mesh.positions[keep], mesh.blocks, mesh.groups, groups, mesh.source)
+    return replace(mesh, labels=mesh.labels[keep], positions=mesh.positions[keep], node_groups=groups)
 
 
-def unassigned(mesh: Mesh, tables: list[IntArray]) -> str | None:
-    """What cells of the mesh's dimension are in none of the node tables of element sets: in words, or None."""
+def unassigned(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str | None:
+    """What cells are in none of the node tables of element sets: in words, or None.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    tables : list of int arrays
+        Node tables of element sets.
+    lower : bool
+        Whether cells of lower dimension than the mesh are looked at, instead of those of its own.
+    """
     used = {tuple(sorted(n for n in row if n >= 0)) for table in tables for row in table.tolist()}
     rows_of = {}
     for place, block in enumerate(mesh.blocks):
-        if CELL_DIMENSIONS.get(block.kind, 3) == mesh.dimension:
+        if 0 <= _dimension_of(block) < mesh.dimension if lower else _dimension_of(block) == mesh.dimension:
             free = [i for i, row in enumerate(block.nodes.tolist()) if tuple(sorted(row)) not in used]
             if free:
                 rows_of[place] = free

@@ -11,10 +11,16 @@ import numpy as np
 
 from structid.core.arrays import AnyArray, IntArray, locked
 from structid.core.errors import FileError
+from structid.fem.meshes.deck_parts import DeckUnits
 from structid.fem.meshes.mesh import CellBlock, Mesh
 
 SUFFIXES: tuple[str, ...] = (".vtu", ".vtk")
 _LABEL_ARRAYS = ("node_id", "node_ids", "GlobalNodeId", "NodeID", "label", "labels")
+#: Nodes of wedges whose triangles run the other way about.
+_OTHER_WAY = {
+    "wedge": (0, 2, 1, 3, 5, 4),
+    "wedge15": (0, 2, 1, 3, 5, 4, 8, 7, 6, 11, 10, 9, 12, 14, 13),
+}
 _REMEDY = "write it again, as an unstructured grid"
 
 
@@ -36,8 +42,8 @@ class _Grid(Protocol):
     cell_sets: Mapping[str, Sequence[AnyArray | None]]
 
 
-def read(path: Path, factor: float) -> Mesh:
-    """The mesh of a VTK file; coordinates times `factor` are in m.
+def read(path: Path, units: DeckUnits) -> Mesh:
+    """The mesh of a VTK file in m.
 
     Groups are whole-number cell arrays: ``array=value``.
 
@@ -57,16 +63,33 @@ def read(path: Path, factor: float) -> Mesh:
         rows = np.asarray(block.data, dtype=np.int64)
         if rows.size and (rows.min() < 0 or rows.max() >= len(labels)):
             raise FileError(f"{path}: cells of type {block.type} name nodes that are not there; {_REMEDY}")
+        rows = _upright(block.type, rows, points)
         blocks.append(CellBlock(block.type, locked(labels[rows])))
     groups = _groups(given)
     nodes = {str(name): locked(labels[np.asarray(rows, np.int64)]) for name, rows in given.point_sets.items()}
-    return Mesh(locked(labels), locked(factor * points), tuple(blocks), groups, nodes, path.name)
+    return Mesh(locked(labels), locked(units.length * points), tuple(blocks), groups, nodes, path.name)
+
+
+def _upright(kind: str, rows: IntArray, points: AnyArray) -> IntArray:
+    """Wedges whose first triangle has its normal towards the second, as VTK documents it for 15 nodes, not for 6.
+
+    Writers differ in both, so that the positions tell.
+    """
+    order = _OTHER_WAY.get(kind)
+    if order is None or not len(rows):
+        return rows
+    corners = points[rows[:, :6]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across = (corners[:, 3:] - corners[:, :3]).mean(axis=1)
+    is_down = np.einsum("ij,ij->i", normal, across) < 0
+    return np.where(is_down[:, None], rows[:, list(order)], rows)
 
 
 def _read(path: Path, kind: str) -> _Grid:
     """What meshio's own reader of the format gives."""
     _require_meshio(path, kind)
     try:
+        importlib.import_module("meshio._mesh").topological_dimension.setdefault("wedge15", 3)  # it lacks that one
         return importlib.import_module(f"meshio.{kind}").read(path)
     except MemoryError:
         raise

@@ -178,6 +178,7 @@ def prefixes(setups: Sequence[AnySetup]) -> list[str]:
 
 def prepared_warnings(setups: Sequence[AnySetup], prepared: Sequence[Prepared[Any]]) -> list[str]:
     """What is worth a warning about structures, once, and about each record with its title before it."""
-    of_structures = dict.fromkeys(words for ready in prepared for words in ready.of_structure)
+    left_aside = [words for setup in setups for words in setup.structure.left_aside]
+    of_structures = dict.fromkeys([*left_aside, *(words for ready in prepared for words in ready.of_structure)])
     pairs = zip(prefixes(setups), prepared, strict=True)
     return [*of_structures, *(prefix + words for prefix, ready in pairs for words in ready.warnings)]

@@ -20,6 +20,8 @@ from structid.records.formats.csv.recognition import is_number
 _NUMBERS = ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std")
 #: Bytes that tell what a table holds.
 _HEAD = 16384
+#: Columns, or lines where one mode is a column, among which frequencies and channels are looked for.
+_MOST_COLUMNS = 500
 _PARTS = ("real", "imaginary", "std")
 _COUNTERS = ("mode", "no", "#", "mode no", "mode number", "mode nr")
 _STD = r"(std|std dev|standard deviation|deviation)"
@@ -126,10 +128,15 @@ def is_modes_table(path: Path) -> bool:
             head = stream.read(_HEAD).decode("utf-8-sig", "replace").splitlines()
     except OSError:
         return False
-    separator = max((",", ";", "\t"), key=head[0].count) if head else ","
-    rows = [[_own_word(cell)[0] for cell in line.split(separator)] for line in head]
-    turned = any(row[0] == "frequency_hz" and is_number(row[1]) for row in rows if len(row) > 1)
-    words = [row[0] for row in rows] if turned else rows[0] if rows else []
+    if not any("freq" in line.lower() for line in head):
+        return False
+    separator = max((",", ";", "\t"), key=head[0].count)
+    rows = [line.split(separator, _MOST_COLUMNS)[:_MOST_COLUMNS] for line in head[:_MOST_COLUMNS]]
+    names = [_own_word(row[0])[0] for row in rows]
+    is_turned = any(
+        name == "frequency_hz" and len(row) > 1 and is_number(row[1]) for name, row in zip(names, rows, strict=True)
+    )
+    words = names if is_turned else [_own_word(cell)[0] for cell in rows[0]]
     return "frequency_hz" in words and ("damping_ratio" in words or any(map(_is_channel, words)))
 
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from structid.core.errors import FileError
+from structid.core.errors import FileError, InputError
 from structid.core.json_types import Entry, json_text
 from structid.files import atomic_write, damage_told, require_readable
+from structid.modal.formats.calculix import FRD_SUFFIXES, read_modes_calculix
 from structid.modal.formats.csv import modes_csv, read_modes_csv
 from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, read_modes_nastran
+from structid.modal.formats.printed import ModeFileOptions
 from structid.modal.formats.uff import modes_uff, read_modes_uff
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles.poles import modal_phase_collinearity
@@ -21,44 +24,63 @@ from structid.records.formats import Geometry
 
 JSON_SUFFIXES, CSV_SUFFIXES, UFF_SUFFIXES = (".json",), (".csv",), (".uff", ".unv", ".uf")
 _WRITTEN = (*JSON_SUFFIXES, *UFF_SUFFIXES, *CSV_SUFFIXES)
-_READ = (*_WRITTEN, *F06_SUFFIXES, *PUNCH_SUFFIXES)
+_READ = (*_WRITTEN, *F06_SUFFIXES, *PUNCH_SUFFIXES, *FRD_SUFFIXES)
+#: What to do about files that are often at hand.
+_ELSEWHERE = {
+    ".op2": "is binary; let Nastran print the vectors too (DISPLACEMENT(PRINT) = ALL) and give the .f06, or punch them"
+    " (DISPLACEMENT(PUNCH) = ALL) and give the .pch",
+    ".xdb": "is a database of Nastran; let it print the vectors (.f06) or punch them (.pch)",
+    ".odb": "is read by Abaqus alone; print the shapes (*NODE PRINT) to a table, and give it as CSV",
+    ".rst": "is read by Ansys alone; list the shapes (PRNSOL) to a table, and give it as CSV",
+}
 
 
-def read_modes(path: str | Path) -> ModalRecord:
+def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> ModalRecord:
     """The modes in the file at `path`, its format by the suffix.
 
     Parameters
     ----------
     path : str or Path
         ``.json`` as written by `write_modes` or by the command ``structid modes``; ``.uff``, ``.unv`` or ``.uf`` with
-        datasets 55; ``.csv`` with one row a mode; ``.f06``, ``.pch`` or ``.pun`` with real eigenvectors of Nastran.
+        datasets 55 or 2414; ``.csv`` with one row a mode; ``.f06``, ``.pch`` or ``.pun`` with eigenvectors of Nastran;
+        ``.frd`` of CalculiX.
+    options : ModeFileOptions, optional
+        What a universal file or one of Nastran does not say about itself.
 
     Raises
     ------
     FileError
         If the file is missing, damaged, of another kind, or a field of it cannot be used; the message begins with
         its path and names the field.
+    InputError
+        If an option is of no use for the format, or contradicts the file.
 
     Notes
     -----
     JSON keeps everything. A universal file keeps six digits, and no covariance, standard deviations, warnings or unknown
     entries of shapes; each sense becomes the positive one, and a damping ratio of 0 means that it is not known. CSV keeps
     standard deviations but not how errors move together: they count as independent. Shape entries that are blank or
-    ``nan`` there, or null in JSON, are unknown. Of Nastran's files translations are read, not rotations, whose size beside
-    translations goes with the unit of length; they hold no damping and no deviations.
+    ``nan`` there, or null in JSON, are unknown. Of Nastran's files translations are read, and rotations where
+    `options.length_unit` is stated, beside which alone their size has a meaning; real modes there hold no damping. What a
+    reader took for granted or left out stands in the `source` of the record, behind the name of the file.
     """
-    path = Path(path)
+    path, options = Path(path), options or ModeFileOptions()
     suffix = path.suffix.lower()
     _require_known(path, suffix, _READ)
+    taken = ("length_unit", "force_unit") if suffix in (*UFF_SUFFIXES, *FRD_SUFFIXES) else ()
+    if suffix not in (*F06_SUFFIXES, *PUNCH_SUFFIXES):
+        for name in (item.name for item in fields(options)):
+            if getattr(options, name) and name not in taken:
+                raise InputError(f"{path}: `{name}` is about files of Nastran; leave it out", name)
     require_readable(path)
-    readers: dict[str, Callable[[Path], ModalRecord]] = {
-        **dict.fromkeys(JSON_SUFFIXES, _read_json),
-        **dict.fromkeys(UFF_SUFFIXES, read_modes_uff),
-        **dict.fromkeys(CSV_SUFFIXES, read_modes_csv),
-        **dict.fromkeys((*F06_SUFFIXES, *PUNCH_SUFFIXES), read_modes_nastran),
-    }
     with damage_told(path, "a file of modes", "copy it again, or run `structid modes` again"):
-        return readers[suffix](path)
+        if suffix in UFF_SUFFIXES:
+            return read_modes_uff(path, options)
+        if suffix in (*F06_SUFFIXES, *PUNCH_SUFFIXES):
+            return read_modes_nastran(path, options)
+        if suffix in FRD_SUFFIXES:
+            return read_modes_calculix(path, options)
+        return _read_json(path) if suffix in JSON_SUFFIXES else read_modes_csv(path)
 
 
 def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None = None) -> None:
@@ -86,6 +108,8 @@ def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None 
 
 
 def _require_known(path: Path, suffix: str, known: tuple[str, ...]) -> None:
+    if suffix in _ELSEWHERE:
+        raise FileError(f"{path}: {_ELSEWHERE[suffix]}")
     if suffix not in known:
         raise FileError(f"{path}: the suffix {suffix!r} is of no format for modes; use one of {' '.join(known)}")
 
@@ -127,13 +151,13 @@ def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
 
 
 def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]) -> ModalChanges | None:
-    fields = data.get("changes")
-    if fields is None:
+    tables = data.get("changes")
+    if tables is None:
         return None
-    if not isinstance(fields, dict):
-        raise FileError(f"{path}: `changes` must hold tables of changes, got {_short(fields)}; write it again")
+    if not isinstance(tables, dict):
+        raise FileError(f"{path}: `changes` must hold tables of changes, got {_short(tables)}; write it again")
     frequency, ratio, real, imaginary = (
-        _array(path, fields, key, 2, "changes.")
+        _array(path, tables, key, 2, "changes.")
         for key in ("frequency_hz", "damping_ratio", "shapes_real", "shapes_imaginary")
     )
     if real.shape != (len(frequency), shape[0] * shape[1]) or imaginary.shape != real.shape:

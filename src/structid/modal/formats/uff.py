@@ -1,32 +1,55 @@
-"""Modes in universal files: dataset 55, data at nodes.
+"""Modes in universal files: datasets 55 (data at nodes) and 2414 (analysis data), written as 55.
 
-Normal modes (analysis type 2) hold frequency, modal mass and damping ratio; complex ones (3, 7) their eigenvalue and
-modal A, which for a displacement shape x and residues R = x x' / A is 2 i omega_d times the modal mass.
+Normal modes (analysis type 2) hold frequency, modal mass and damping ratio; complex ones (3, 7) their eigenvalue s and
+modal A, which for a displacement shape x and residues R = x x' / A is 2 i omega_d times the modal mass. Modal mass and modal A
+belong to the displacement shape: one of velocity is s x, one of acceleration s^2 x.
 
 References
 ----------
-Structural Dynamics Research Laboratory, University of Cincinnati: Universal file formats, dataset 55.
+Structural Dynamics Research Laboratory, University of Cincinnati: Universal file formats, datasets 55 and 2414.
 """
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from structid.core.arrays import NumberArray
 from structid.core.dof import DIRECTIONS, Dof
-from structid.core.errors import FileError
+from structid.core.errors import FileError, InputError
+from structid.core.units import FORCES, LENGTHS
+from structid.files.uff import Block, UniversalNodes, read_blocks, read_nodes, read_unit_factors
+from structid.files.uff.fields import integers, read_reals
+from structid.modal.formats.printed import ModeFileOptions
 from structid.modal.modal_record import ModalRecord, Scaling, unit_largest
 from structid.records.formats import Geometry
-from structid.records.formats.uff.blocks import dataset_lines
 from structid.records.formats.uff.write import SI_UNITS, block, geometry_blocks
 
 _STRUCTURAL, _NORMAL, _COMPLEX, _DISPLACEMENT = 1, 2, 3, 8
 _EIGENVALUES = (3, 7)
-_HEADER = 9  # records 1 to 8 of a mode: five lines of text, the kind, integers and reals
+_LARGEST_LABEL = 9_999_999_999
+#: How often each kind of motion is the displacement differentiated by time.
+_MOTIONS = {8: ("displacement", 0), 11: ("velocity", 1), 12: ("acceleration", 2)}
+#: Result types of which a file says that it does not know them; 94 and 97 are scalars and tensors.
+_UNKNOWN = (0, 1, 93, 95, 96)
+_RESULTS = {
+    2: "stress", 3: "strain", 4: "element force", 5: "temperature", 6: "heat flux", 7: "strain energy", 9: "reaction force",
+    10: "kinetic energy", 13: "strain energy density", 14: "kinetic energy density", 32: "constraint forces",
+}  # fmt: skip
+_ANALYSES = {
+    0: "an unknown analysis", 1: "a static analysis", 4: "a transient analysis", 5: "a frequency response", 6: "buckling",
+    9: "a nonlinear static analysis",
+}  # fmt: skip
+_MODELS = {2: "heat transfer", 3: "fluid flow"}
+_VECTORS = {2: 3, 3: 6}
+
+T = TypeVar("T")
 
 
 def modes_uff(path: Path, modes: ModalRecord, geometry: Geometry | None = None) -> bytes:
@@ -42,6 +65,10 @@ def modes_uff(path: Path, modes: ModalRecord, geometry: Geometry | None = None) 
         raise FileError(
             f"{path}: universal files have no sign for the {int((~modes.known).sum())} unknown entries of the mode shapes;"
             " write .json or .csv, or leave out these modes or channels"
+        )
+    if wide := [dof.node for dof in modes.channels if dof.node > _LARGEST_LABEL]:
+        raise FileError(
+            f"{path}: node {wide[0]} has more than the ten digits of the format; renumber it, or write .json"
         )
     directions = [dof.unsigned for dof in modes.channels]
     for dof in directions:
@@ -83,110 +110,342 @@ def _reals(values: list[float]) -> list[str]:
     return ["".join(f"{x:13.5E}" for x in values[at : at + 6]) for at in range(0, len(values), 6)]
 
 
+@dataclass(frozen=True)
+class _Kind:
+    """What the header of a dataset 55 or 2414 says of its data."""
+
+    model: int
+    analysis: int
+    characteristic: int
+    result: int
+    data: int
+    n_values: int
+
+    def objection(self) -> str:
+        """Why these are no mode shape, in words; "" where they are."""
+        if self.model in _MODELS:
+            return f"results of {_MODELS[self.model]}"
+        if self.analysis != _NORMAL and self.analysis not in _EIGENVALUES:
+            return f"results of {_ANALYSES.get(self.analysis, f'analysis type {self.analysis}')}"
+        if self.result not in _MOTIONS and self.result not in _UNKNOWN:
+            return _RESULTS.get(self.result, f"data of type {self.result}")
+        if self.characteristic == 0 and self.result not in _MOTIONS:
+            return "data of unknown type and characteristic"
+        if self.characteristic not in (0, *_VECTORS):
+            return f"scalars or tensors (data characteristic {self.characteristic})"
+        return ""
+
+
 @dataclass(frozen=True, eq=False)
 class _Mode:
-    frequency: float
+    """A mode as a dataset states it.
+
+    Attributes
+    ----------
+    s : complex
+        Eigenvalue, rad/s; of a normal mode i omega.
+    damping_ratio : float
+        NaN where it is not known.
+    modal_mass : complex
+        Modal A over 2 i omega_d of a complex mode, in the units of the file; 0 where it is not stated.
+    order : int
+        How often the shape is the displacement differentiated by time; -1 where the file does not say.
+    nodes : dict of int to (n_values,) complex array
+    """
+
+    where: str
+    number: int
+    s: complex
     damping_ratio: float
-    factor: complex  # the shape times this has a modal mass of 1; 0 where the file does not say
+    modal_mass: complex
+    order: int
     nodes: dict[int, NDArray[np.complex128]]
     is_complex: bool
 
 
-def read_modes_uff(path: Path) -> ModalRecord:
-    """The modes in the datasets 55 of the universal file at `path`; others of its datasets are left alone.
+def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalRecord:
+    """The modes in the datasets 55 and 2414 of the universal file at `path`, in SI units and global axes.
 
     Directions that are 0 throughout were not measured. Where every dataset states a modal mass or modal A, shapes get a
-    modal mass of 1.
+    modal mass of 1. The `source` of the record says what was taken for granted and left out.
 
     Raises
     ------
     FileError
-        If there are no modes, a dataset is damaged, or nodes differ between modes.
+        If there are no modes, a dataset is damaged, nodes differ between modes, or a node was measured in directions that are
+        along no global axes.
     """
-    found = [mode for place, lines in dataset_lines(path, 55) if (mode := _mode(path, place, lines)) is not None]
-    if not found:
-        raise FileError(f"{path}: holds no modes (dataset 55 of normal or complex modes); export the mode shapes")
-    found.sort(key=lambda mode: mode.frequency)
-    nodes = list(found[0].nodes)
-    for mode in found:
+    options = options or ModeFileOptions()
+    blocks = read_blocks(path)
+    notes: list[str] = []
+    modes = _read_datasets(path, blocks, notes)
+    modes = _one_of_each(path, modes, notes)
+    length, force, has_units = _units(path, blocks, options)
+    s = np.array([mode.s for mode in modes])
+    nodes = list(modes[0].nodes)
+    for mode in modes:
         if set(mode.nodes) != set(nodes):
-            raise FileError(
-                f"{path}: the mode of {mode.frequency:g} Hz has other nodes than the first; export all alike"
-            )
-    values = np.array([[mode.nodes[node] for node in nodes] for mode in found])  # mode, node, direction
-    for mode, own in zip(found, values, strict=True):
+            raise FileError(f"{mode.where} has other nodes than the first mode; export all alike")
+    values = np.array([[mode.nodes[node] for node in nodes] for mode in modes])  # mode, node, direction
+    for mode, own in zip(modes, values, strict=True):
         if not own.any():
-            raise FileError(f"{path}: the mode shape of {mode.frequency:g} Hz is 0 throughout; export it again")
+            raise FileError(f"{mode.where}: the mode shape is 0 throughout; export it again")
+    _turn_to_global_axes(read_nodes(path, blocks), nodes, values, notes)
+    values[:, :, :3] *= length
+    scaling: Scaling = "unit_largest"
+    if factors := _mass_factors(modes, force * length, notes):
+        values, scaling = values * np.array(factors)[:, None, None], "mass"
     moving = np.any(values != 0, axis=0)
+    if not has_units and (scaling == "mass" or moving[:, 3:].any()):
+        notes.append("no units (dataset 164): taken as SI")
     dofs = tuple(Dof(node, DIRECTIONS[j]) for i, node in enumerate(nodes) for j in np.flatnonzero(moving[i]))
     shapes = np.array([values[:, i, j] for i, j in np.argwhere(moving)])
-    scaling: Scaling = "mass" if all(mode.factor != 0 for mode in found) else "unit_largest"
-    shapes = shapes * np.array([mode.factor for mode in found]) if scaling == "mass" else shapes
-    scaled = shapes if any(mode.is_complex for mode in found) else shapes.real
+    scaled: NumberArray = shapes if any(mode.is_complex for mode in modes) else shapes.real
     return ModalRecord(
-        np.array([mode.frequency for mode in found]), np.array([mode.damping_ratio for mode in found]),
-        scaled if scaling == "mass" else unit_largest(scaled), dofs, source=path.name, scaling=scaling,
+        np.abs(s) / (2 * np.pi), np.array([mode.damping_ratio for mode in modes]),
+        scaled if scaling == "mass" else unit_largest(scaled), dofs, source="; ".join([path.name, *notes]), scaling=scaling,
     )  # fmt: skip
 
 
-def _mode(path: Path, place: int, lines: list[str]) -> _Mode | None:
-    """The mode in one dataset 55, None where it holds something else."""
-    where = f"{path}: dataset {place} (55)"
-    kind = _numbers(where, lines, 5, 10, 6, "record 6")
-    analysis, is_complex, n_values = int(kind[1]), int(kind[4]) in (5, 6), int(kind[5])
-    if analysis != _NORMAL and analysis not in _EIGENVALUES:
-        return None
-    if n_values not in (3, 6):
-        raise FileError(f"{where} has {n_values} values per node in record 6; it must be 3 or 6, export it again")
-    reals = _numbers(where, lines, 7, 13, 4 if analysis == _NORMAL else 2, "record 8")
-    if analysis == _NORMAL:
-        frequency, ratio = reals[0], reals[2] or reals[3] / 2
-        factor = complex(reals[1] ** -0.5) if reals[1] > 0 else 0j
-    else:
-        s = complex(reals[0], reals[1])
-        frequency, ratio = abs(s) / (2 * np.pi), -s.real / abs(s) if s else 0.0
-        modal_a = complex(reals[2], reals[3]) if len(reals) >= 4 else 0j
-        factor = complex(np.sqrt(2j * abs(s.imag) / modal_a)) if modal_a and s.imag else 0j
-    if not np.isfinite(frequency) or frequency < 0:
-        raise FileError(f"{where} has a frequency of {frequency:g} Hz in record 8; it must be at least 0")
-    nodes = _nodes(where, lines, n_values, is_complex)
-    return _Mode(frequency, ratio if ratio else np.nan, factor, nodes, is_complex)
+def _read_datasets(path: Path, blocks: Sequence[Block], notes: list[str]) -> list[_Mode]:
+    """All modes of the file, by frequency; what else its datasets hold is noted."""
+    modes: list[_Mode] = []
+    objections: Counter[str] = Counter()
+    for dataset in blocks:
+        if dataset.number in (55, 2414):
+            read = _read_55 if dataset.number == 55 else _read_2414
+            mode = read(f"{path}: dataset {dataset.place} ({dataset.number})", dataset.lines)
+            if isinstance(mode, str):
+                objections[mode] += 1
+            else:
+                modes.append(mode)
+    left_out = [f"{words} ({count})" if count > 1 else words for words, count in objections.items()]
+    if not modes:
+        reason = f"; it holds {', '.join(left_out)}" if left_out else ""
+        raise FileError(
+            f"{path}: holds no modes (datasets 55 or 2414 of normal or complex modes at nodes){reason}; export the mode shapes"
+        )
+    notes += [f"left out: {words}" for words in left_out]
+    return sorted(modes, key=lambda mode: abs(mode.s))
 
 
-def _nodes(where: str, lines: list[str], n_values: int, is_complex: bool) -> dict[int, NDArray[np.complex128]]:
-    """Records 9 and 10: the values at every node."""
+def _one_of_each(path: Path, modes: list[_Mode], notes: list[str]) -> list[_Mode]:
+    """One shape of each mode: displacements where there are several kinds of motion, one of each conjugate pair."""
+    numbers = {mode.number for mode in modes}
+    if len(numbers) > 1:
+        first, second = ([mode for mode in modes if mode.number == number] for number in (55, 2414))
+        same = len(first) == len(second)
+        if not same or not np.allclose([m.s for m in first], [m.s for m in second], rtol=1e-4, atol=1e-6):
+            raise FileError(f"{path}: holds modes in datasets 55 and others in datasets 2414; export one of the two")
+        modes = first
+        notes.append("left out: the same modes in datasets 2414")
+    orders = {mode.order for mode in modes}
+    if len(orders) > 1:
+        kept = min(order for order in orders if order >= 0)
+        notes.append("left out: shapes of other motions of the same modes")
+        modes = [mode for mode in modes if mode.order == kept]
+    if any(mode.s.imag > 0 for mode in modes):
+        n_real = sum(mode.s.imag == 0 and mode.s.real != 0 for mode in modes)
+        if n_real:
+            notes.append(f"left out: {n_real} real eigenvalues")
+        return [mode for mode in modes if mode.s.imag > 0 or mode.s == 0]
+    if all(mode.s.imag == 0 and mode.s.real != 0 for mode in modes):
+        raise FileError(f"{path}: all eigenvalues are real; there is no vibration in them")
+    return modes
+
+
+def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tuple[float, float, bool]:
+    """Metres and newtons of the units of the file, and whether it or the options state them."""
+    factors = read_unit_factors(path, blocks)
+    stated = (1.0, 1.0) if factors is None else (1 / factors.length, 1 / factors.force)
+    units = []
+    for name, unit, known, value in (
+        ("length_unit", options.length_unit, LENGTHS, stated[0]),
+        ("force_unit", options.force_unit, FORCES, stated[1]),
+    ):
+        if unit and factors is not None and abs(known[unit] / value - 1) > 1e-4:
+            raise InputError(
+                f"{path}: its dataset 164 states another unit than {unit}, of {value:g} SI units; leave `{name}` out",
+                name,
+            )
+        units.append(known[unit] if unit else value)
+    return units[0], units[1], factors is not None or bool(options.length_unit)
+
+
+def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list[complex]:
+    """Factors that give each shape a modal mass of 1; none where a mode does not state its own.
+
+    Parameters
+    ----------
+    unit : float
+        Of force times length in the file, in N m.
+    """
+    n_stated = sum(mode.modal_mass != 0 for mode in modes)
+    if not n_stated:
+        return []
+    unknown = next((mode for mode in modes if mode.order < 0), None)
+    if n_stated < len(modes) or unknown is not None:
+        reason = "which the file does not say to be of displacement" if unknown else "as some modes state none"
+        notes.append(f"modal masses not used, {reason}")
+        return []
+    factors = []
+    for mode in modes:
+        if mode.order and mode.s == 0:
+            notes.append("modal masses not used, as a shape of velocity or acceleration at 0 Hz has no displacement")
+            return []
+        s = mode.s if mode.is_complex and mode.s.real else complex(abs(mode.s))
+        factors.append(complex(1 / np.sqrt(mode.modal_mass * unit)) / (s**mode.order if mode.order else 1.0))
+    return factors
+
+
+def _turn_to_global_axes(
+    universal: UniversalNodes, nodes: Sequence[int], values: NDArray[np.complex128], notes: list[str]
+) -> None:
+    """Turn the motions (mode, node, direction) of nodes with displacement systems of their own into global axes, in place."""
+    n_turned = 0
+    for i, node in enumerate(nodes):
+        axes = universal.axes(node)
+        if axes is None:
+            continue
+        n_turned += 1
+        for part in (slice(0, 3), slice(3, 6)):
+            own = values[:, i, part]
+            measured = np.any(own != 0, axis=0)
+            if not measured.any():
+                continue
+            touched = np.any(np.abs(axes[measured]) > 1e-9, axis=0)
+            if touched.sum() > measured.sum():
+                raise FileError(
+                    f"{universal.path}: node {node} was measured in {int(measured.sum())} of the directions of its own coordinate"
+                    " system, which are along no global axes; export shapes in global axes, or all directions of the node"
+                )
+            values[:, i, part] = own @ np.where(touched, axes, 0.0)
+    if n_turned:
+        notes.append(f"motions of {n_turned} nodes turned from their displacement systems to global axes")
+
+
+def _read_55(where: str, lines: list[str]) -> _Mode | str:
+    """The mode in one dataset 55; in words what it holds instead."""
+    kind = _Kind(*_integers_of(where, lines, 5, 6, "record 6"))
+    if words := kind.objection():
+        return words
+    n_integers, n_reals, *_ = _integers_of(where, lines, 6, 2, "record 7")
+    if not (0 <= n_integers <= 10 and 1 <= n_reals <= 12):
+        raise FileError(f"{where} states {n_integers} integers and {n_reals} reals in record 7; export it again")
+    begin = 6 + -(-(2 + n_integers) // 8)
+    n_lines = -(-n_reals // 6)
+    reals = _reals_of(where, lines, begin, n_lines, "record 8")
+    if len(reals) < (4 if kind.analysis == _NORMAL else 2):
+        raise FileError(f"{where} has {len(reals)} numbers in record 8, too few for a mode; export it again")
+    if kind.analysis == _NORMAL:
+        return _mode(where, 55, kind, lines, begin + n_lines, _normal(where, *reals[:4]))
+    return _mode(where, 55, kind, lines, begin + n_lines, _complex(reals))
+
+
+def _read_2414(where: str, lines: list[str]) -> _Mode | str:
+    """The mode in one dataset 2414; in words what it holds instead."""
+    (location,) = _integers_of(where, lines, 2, 1, "record 3")
+    kind = _Kind(*_integers_of(where, lines, 8, 6, "record 9"))
+    if words := kind.objection():
+        return words
+    if location != 1:
+        return "results that are not at nodes"
+    first, second = (_reals_of(where, lines, at, 1, f"record {at + 1}") for at in (11, 12))
+    if len(first) < 6 or len(second) < 6:
+        raise FileError(f"{where} must have six numbers in each of the records 12 and 13; export it again")
+    stated = _normal(where, first[1], *first[3:6]) if kind.analysis == _NORMAL else _complex(second)
+    return _mode(where, 2414, kind, lines, 13, stated)
+
+
+_Stated = tuple[complex, float, complex]
+
+
+def _normal(where: str, frequency: float, mass: float, viscous: float, hysteretic: float) -> _Stated:
+    """Eigenvalue, damping ratio and modal mass of a normal mode."""
+    if not np.isfinite([frequency, mass, viscous, hysteretic]).all() or frequency < 0:
+        raise FileError(
+            f"{where} has a frequency of {frequency:g} Hz; it must be at least 0, and all its numbers finite"
+        )
+    return 2j * np.pi * frequency, viscous or hysteretic / 2 or np.nan, complex(max(mass, 0.0))
+
+
+def _complex(reals: Sequence[float]) -> _Stated:
+    """Eigenvalue, damping ratio and modal A over 2 i omega_d of a complex mode."""
+    s, modal_a = complex(reals[0], reals[1]), complex(*reals[2:4]) if len(reals) >= 4 else 0j
+    ratio = -s.real / abs(s) if s.real else np.nan
+    return s, ratio, modal_a / (2j * s.imag) if s.imag else 0j
+
+
+def _mode(where: str, number: int, kind: _Kind, lines: list[str], begin: int, stated: _Stated) -> _Mode:
+    s, ratio, mass = stated
+    if not np.isfinite([s.real, s.imag, mass.real, mass.imag]).all():
+        raise FileError(f"{where} has an eigenvalue or modal mass that is not finite; export it again")
+    width = _VECTORS.get(kind.characteristic, kind.n_values)
+    if kind.n_values != width or kind.n_values not in (3, 6):
+        raise FileError(
+            f"{where} has {kind.n_values} values per node of data characteristic {kind.characteristic}; it must be 3 of 2"
+            " (translations) or 6 of 3 (translations and rotations): export it again"
+        )
+    if kind.data not in (2, 4, 5, 6):
+        raise FileError(f"{where} has data of type {kind.data}; it must be 2 or 4 (real), 5 or 6 (complex)")
+    is_complex = kind.data in (5, 6)
+    nodes = _nodes(where, lines, begin, kind.n_values, is_complex)
+    order = _MOTIONS[kind.result][1] if kind.result in _MOTIONS else -1
+    return _Mode(where, number, s, ratio, mass, order, nodes, is_complex or kind.analysis != _NORMAL)
+
+
+def _nodes(
+    where: str, lines: list[str], begin: int, n_values: int, is_complex: bool
+) -> dict[int, NDArray[np.complex128]]:
+    """The values at every node, each behind a line with its label."""
     n_numbers = n_values * (2 if is_complex else 1)
     step = 1 + -(-n_numbers // 6)
     nodes: dict[int, NDArray[np.complex128]] = {}
-    for at in range(_HEADER - 1, len(lines), step):
-        node = int(_numbers(where, lines, at, 10, 1, f"line {at + 1}")[0])
-        numbers: list[float] = []
-        for row in range(at + 1, at + step):
-            wanted = min(6, n_numbers - len(numbers))
-            numbers += _numbers(where, lines, row, 13, wanted, f"node {node}")[:wanted]
+    for at in range(begin, len(lines), step):
+        words = lines[at].split()
+        if len(words) != 1 or not words[0].isdigit():
+            raise FileError(
+                f"{where} must have a node number in line {at + 1}, got {lines[at].strip()[:60]!r}; export it again"
+            )
+        node = int(words[0])
+        numbers = _reals_of(where, lines, at + 1, step - 1, f"node {node}")
+        if len(numbers) != n_numbers:
+            raise FileError(f"{where} has {len(numbers)} of {n_numbers} numbers at node {node}; export it again")
         if node in nodes:
             raise FileError(f"{where} gives node {node} twice; export it again")
         values = np.array(numbers)
         if not np.isfinite(values).all():
             raise FileError(f"{where} has a value that is not finite at node {node}; export it again")
-        nodes[node] = values[0::2] + 1j * values[1::2] if is_complex else values.astype(np.complex128)
+        full = np.zeros(6, dtype=np.complex128)
+        full[:n_values] = values[0::2] + 1j * values[1::2] if is_complex else values
+        nodes[node] = full
     if not nodes:
         raise FileError(f"{where} has no nodes; export the mode shapes again")
     return nodes
 
 
-def _numbers(where: str, lines: list[str], at: int, width: int, least: int, field: str) -> list[float]:
-    """The numbers in the fixed columns of line `at`."""
-    if at >= len(lines):
+def _lines_of(where: str, lines: list[str], at: int, count: int, field: str) -> list[str]:
+    if at + count > len(lines):
         raise FileError(f"{where} ends before {field}; the file is truncated, export it again")
-    line = lines[at].rstrip()
-    texts = [line[k : k + width] for k in range(0, len(line), width)]
+    return lines[at : at + count]
+
+
+def _integers_of(where: str, lines: list[str], at: int, count: int, field: str) -> list[int]:
+    """The first `count` whole numbers of a record in columns of ten."""
+    (line,) = _lines_of(where, lines, at, 1, field)
+    n_words = max(len(line.split()), count)
+    return _numbers_of(where, line, field, lambda: integers(line, (10,) * n_words)[:count])
+
+
+def _reals_of(where: str, lines: list[str], at: int, count: int, field: str) -> list[float]:
+    text = "\n".join(_lines_of(where, lines, at, count, field))
+    return _numbers_of(where, text, field, lambda: read_reals(text.encode("ascii", errors="replace")).tolist())
+
+
+def _numbers_of(where: str, text: str, field: str, read: Callable[[], list[T]]) -> list[T]:
     try:
-        found = [float(text.replace("D", "E").replace("d", "e")) for text in texts]
+        return read()
     except ValueError:
         raise FileError(
-            f"{where} has something other than numbers in {field}: {line[:60]!r}; export it again"
+            f"{where} has something other than numbers in {field}: {text[:60]!r}; export it again"
         ) from None
-    if len(found) < least:
-        raise FileError(f"{where} has {len(found)} of {least} numbers in {field}; export it again")
-    return found

@@ -134,6 +134,12 @@ def _refined(
         weak = _weakest(modes) if options.frequencies is None else np.zeros(len(at.poles), dtype=bool)
         if not weak.any():
             break
+        if len(weak) == 1 and at.fixed.all():
+            raise NoModesError(
+                f"the only mode that `record` shows from {band.edges[0]:g} to {band.edges[1]:g} Hz, at"
+                f" {abs(at.poles[0]) / (2 * np.pi):.4g} Hz, leaves this band when it is refined; put the ends of the band between"
+                " resonances, away from them"
+            )
         if len(weak) == 1:
             raise NoModesError(
                 f"`record` shows noise only from {band.edges[0]:g} to {band.edges[1]:g} Hz; {_NO_MODE_REMEDY}"

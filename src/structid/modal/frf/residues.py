@@ -91,7 +91,10 @@ def _fractions(laplace: ComplexArray, poles: ComplexArray, power: int) -> tuple[
 
 def weighted(columns: ComplexArray, weights: FloatArray) -> FloatArray:
     """Rows of real parts, then of imaginary ones, times the weights of lines and inputs: (2 n_lines n_inputs, ...)."""
-    return stack_real((columns * weights[:, :, None]).reshape(-1, columns.shape[2]))
+    n_lines, n_inputs, n_columns = columns.shape
+    return stack_real(
+        (columns * weights[:, :, None]).reshape(n_lines * n_inputs, n_columns)
+    )  # where there is no column too
 
 
 def residue_shapes(

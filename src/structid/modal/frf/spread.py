@@ -130,6 +130,8 @@ def _inverse(normal: FloatArray) -> FloatArray:
     size = np.sqrt(np.diag(normal))
     with np.errstate(divide="ignore", invalid="ignore"):
         scaled = normal / np.outer(size, size)
+    if not scaled.size:
+        return scaled
     if not np.isfinite(scaled).all() or np.linalg.eigvalsh(scaled)[0] < 1e-14:
         return np.full_like(normal, np.nan)
     return np.asarray(np.linalg.inv(scaled) / np.outer(size, size))

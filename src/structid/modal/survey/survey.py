@@ -17,6 +17,7 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError, NoModesError, UnnamedChannelsError
 from structid.core.provenance import Provenance
 from structid.files import digest
+from structid.files.uff import dataset_lines
 from structid.modal.correlations import outputs
 from structid.modal.full_field import SharedMotions, at_all_channels, shared_motions
 from structid.modal.identification import modal_identification
@@ -42,7 +43,6 @@ from structid.records import (
     read_record,
 )
 from structid.records.formats import how_read
-from structid.records.formats.uff.blocks import dataset_lines
 from structid.records.formats.uff.uff import SUFFIXES
 
 #: Name of the page that is written beside modes.json.

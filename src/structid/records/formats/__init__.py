@@ -104,8 +104,8 @@ def _require_fitting(path: Path, module: ModuleType | LoggerFormat, options: Rea
     given = options.given()
     if "csv" in given and module is not _csv:
         raise InputError(f"{path}: is no table, which `csv` is about; leave it out", "csv")
-    for name in ("columns", "time_column"):
-        if name in given and module not in _NAMED:
+    for name, formats in (("columns", (*_NAMED, _uff)), ("time_column", _NAMED)):
+        if name in given and module not in formats:
             raise InputError(
                 f"{path}: has no named columns, which `{name}` is about; choose with `channels` or `array`", name
             )

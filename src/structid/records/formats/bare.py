@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from structid.core.arrays import require_finite
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, UnnamedChannelsError, about
-from structid.core.units import parse_frf_unit, parse_unit
+from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_unit
 from structid.records.formats.gaps import sourced, whole
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.record import DERIVATIVES, QUANTITY_UNITS, FrfKind, FrfRecord, Quantity, TimeRecord
@@ -242,8 +242,10 @@ def frf_from_array(
                 require_same_rotation(path, f"input {dof}", dof.is_rotation, unit.input_rotation)
     require_finite("values", values, "remove these lines or channels, or repair the file")
     shape = (frequency.size, len(outputs), len(inputs))
+    with about("axis_unit"):
+        to_hertz = parse_frequency_unit(options.axis_unit) if options.axis_unit else 1.0
     return FrfRecord(
-        frequency=frequency.ravel().astype(np.float64),
+        frequency=frequency.ravel().astype(np.float64) * to_hertz,
         values=_shaped(path, "array", values, shape).astype(np.complex128) * factor,
         outputs=outputs,
         inputs=inputs,

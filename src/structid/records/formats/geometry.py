@@ -8,10 +8,10 @@ from pathlib import Path
 
 from structid.core.errors import FileError, InputError
 from structid.files import damage_told, require_readable
-from structid.records.formats.uff.blocks import Dataset, datasets
-from structid.records.formats.uff.scales import unit_factors
-
-Point = tuple[float, float, float]
+from structid.files.uff.blocks import Block, read_blocks
+from structid.files.uff.elements import read_elements
+from structid.files.uff.fields import integers
+from structid.files.uff.nodes import Point, read_nodes
 
 _REMEDY = "write node,x,y,z rows, and rows as line,1,2,3"
 
@@ -46,8 +46,9 @@ class Geometry:
 def read_geometry(path: str | Path) -> Geometry:
     """Nodes and lines of the CSV table (``node,x,y,z`` and ``line,1,2`` rows) or universal file at `path`, in m.
 
-    Of a universal file: datasets 15 and 2411 (nodes) and 82 (trace lines). A node in both 15 and 2411 is taken from
-    2411, which has more digits. Local coordinate systems are not applied.
+    Of a universal file: datasets 15 and 2411 (nodes), 82 (trace lines) or
+    else the edges of elements (2412). A node in both 15 and 2411 is taken from
+    2411, which has more digits. Coordinate systems (datasets 18 and 2420) are applied: positions are global.
 
     Raises
     ------
@@ -62,27 +63,27 @@ def read_geometry(path: str | Path) -> Geometry:
 
 
 def _of_universal_file(path: Path) -> Geometry:
-    found = datasets(path)
-    factors = unit_factors(path, found)
-    scale = 1.0 if factors is None else 1 / factors.length
-    nodes: dict[int, Point] = {}
-    for number in (15, 2411):
-        nodes.update(_nodes(path, [d for d in found if d["type"] == number], scale))
+    blocks = read_blocks(path)
+    nodes = read_nodes(path, blocks).points
     if not nodes:
         raise FileError(f"{path}: has no nodes (dataset 15 or 2411); export the geometry too")
-    return Geometry(nodes, tuple(tuple(int(n) for n in d["nodes"]) for d in found if d["type"] == 82))
+    lines = tuple(_trace_line(path, block) for block in blocks if block.number == 82)
+    return Geometry(nodes, lines or tuple(read_elements(path, blocks).edges()))
 
 
-def _nodes(path: Path, tables: list[Dataset], scale: float) -> dict[int, Point]:
-    nodes: dict[int, Point] = {}
-    for table in tables:
-        if not len(table["node_nums"]) == len(table["x"]) == len(table["y"]) == len(table["z"]):
-            raise FileError(f"{path}: dataset {table['type']} ends within a node; export the geometry again")
-        for label, x, y, z in zip(table["node_nums"], table["x"], table["y"], table["z"], strict=True):
-            point = (float(x) * scale, float(y) * scale, float(z) * scale)
-            if nodes.setdefault(int(label), point) != point:
-                raise FileError(f"{path}: dataset {table['type']} gives node {int(label)} two positions; keep one")
-    return nodes
+def _trace_line(path: Path, block: Block) -> tuple[int, ...]:
+    """The node labels of a dataset 82."""
+    where, lines = f"{path}: dataset {block.place} (82)", block.lines
+    try:
+        count = integers(lines[0], (10, 10, 10))[1]
+        nodes = [int(line[at : at + 10]) for line in lines[2:] for at in range(0, len(line.rstrip()), 10)]
+        if len(nodes) < count:
+            nodes = [int(word) for line in lines[2:] for word in line.split()]
+    except (ValueError, IndexError) as error:
+        raise FileError(f"{where} is damaged ({error}); export the geometry again") from error
+    if len(nodes) < count or any(nodes[count:]):
+        raise FileError(f"{where} has {len(nodes)} of its {count} nodes; export the geometry again")
+    return tuple(nodes[:count])
 
 
 def _of_table(path: Path) -> Geometry:

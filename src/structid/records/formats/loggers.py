@@ -1,4 +1,4 @@
-"""Files of loggers and recorders: TDMS, MDF, miniSEED, WAV and Parquet, read through libraries of their own.
+"""Files of loggers and recorders: TDMS, MDF, miniSEED, LVM, WAV and Parquet, read through libraries of their own.
 
 They hold time histories under names of the program that wrote them; `ReadOptions.columns` chooses by these, and `channels` and
 `units` say what they are where names and units do not. The libraries are extras of the installation.
@@ -17,7 +17,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import FileError, InputError
 from structid.files.contained import ReaderError, contained
 from structid.files.loggers import PACKAGES, Channel
-from structid.records.formats.named_channels import TIME_UNITS, NamedChannels, chosen, is_time, name_and_unit, record_of
+from structid.records.formats.named_channels import NamedChannels, chosen, is_time, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
@@ -89,6 +89,7 @@ LOGGERS: tuple[LoggerFormat, ...] = (
     LoggerFormat("tdms", (".tdms",), "tdms", "TDMS"),
     LoggerFormat("mdf", (".mf4", ".mdf"), "mdf", "MDF"),
     LoggerFormat("miniseed", (".mseed", ".miniseed"), "miniseed", "miniSEED"),
+    LoggerFormat("lvm", (".lvm",), "", "LVM"),
     LoggerFormat("wav", (".wav",), "", "WAV"),
     LoggerFormat("parquet", (".parquet",), "parquet", "Parquet"),
 )
@@ -106,7 +107,7 @@ def _together(path: Path, channels: Sequence[Channel], options: ReadOptions, wor
     )
     if not wanted:
         raise FileError(f"{path}: holds no channel besides its times; export the channels too")
-    clock = None if time is None else _clock_of(path, channels[time])
+    clock = None if time is None else _clock_of(path, channels[time], options)
     clocks = {j: clock or _own_clock(path, channels[j], options) for j in wanted}
     rate = _one_rate(path, [channels[j] for j in wanted], [clocks[j][0] for j in wanted])
     parts, start, note = _cut(path, [channels[j] for j in wanted], [clocks[j][1] for j in wanted], rate)
@@ -132,12 +133,9 @@ def _time_channel(path: Path, channels: Sequence[Channel], options: ReadOptions)
     return next((j for j, name in enumerate(names) if is_time(name)), None)
 
 
-def _clock_of(path: Path, channel: Channel) -> tuple[float, float]:
+def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
     """Rate and start by a channel of times."""
-    unit = channel.unit or name_and_unit(channel.name)[1] or "s"
-    scale = TIME_UNITS.get(unit.lower())
-    if scale is None:
-        raise FileError(f"{path}: channel {channel.name!r} has times in {unit!r}; use s, ms, us or min")
+    scale = scale_of_times(f"{path}: channel {channel.name!r}", channel.name, channel.unit, options)
     time = channel.values * scale
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     if not np.isfinite(time).all() or not step > 0 or np.abs(np.diff(time) - step).max() > _EVEN * step:

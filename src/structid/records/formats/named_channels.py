@@ -16,17 +16,24 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof, as_dof, parse_dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
-from structid.core.units import Unit, parse_unit
+from structid.core.units import Unit, parse_time_unit, parse_unit
 from structid.records.formats.bare import channel_units, require_same_rotation
 from structid.records.formats.gaps import Lines, sourced, whole
-from structid.records.formats.options import ReadOptions
+from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import selected
 from structid.records.record import FrfRecord, TimeRecord
 
 _HEAD = re.compile(r"^(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]+|[^\[\]]*\([^\[\]]*\)[^\[\]]*)[\])]$")
+#: Letters of a header at most that is taken apart.
+_LONGEST_HEAD = 200
 _TIME = re.compile(r"^(time|times|t|zeit|temps|tiempo|tempo|timestamp|date|datetime|x)$|^(time|zeit)\b", re.IGNORECASE)
-#: Units of times, in s.
-TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
+#: A word for times with their unit behind it, as in ``Time ms``, ``t_us`` or ``time, sec``.
+_TIME_AND_UNIT = re.compile(
+    r"^(?:time|times|t|zeit|temps|tiempo|tempo|timestamp|elapsed)(?:[ _.,/-]+(?:in |since start )?)(?P<unit>[^\W\d_]+)\.?$",
+    re.IGNORECASE,
+)
+#: Units that are names of columns of times too, as loggers of hobbyists call them.
+_TIMES_BY_UNIT = ("millis", "micros", "milliseconds", "microseconds", "seconds", "msec", "usec", "secs")
 _SHOWN = 8
 _NAMED_BY = '`channels`, in the order of the columns, as in channels = ["1X", "2X"]'
 
@@ -84,13 +91,71 @@ class NamedChannels:
 
 def name_and_unit(text: str) -> tuple[str, str]:
     """A header without its unit, and the unit in brackets behind it or ""."""
-    match = _HEAD.match(text.strip())
-    return (match["name"], match["unit"].strip()) if match else (text.strip(), "")
+    text = text.strip()
+    match = _HEAD.match(text) if len(text) <= _LONGEST_HEAD else None
+    return (match["name"], match["unit"].strip()) if match else (text, "")
 
 
 def is_time(text: str) -> bool:
     """Whether a header is one of times."""
-    return _TIME.match(name_and_unit(text)[0].replace("_s", "")) is not None
+    name = name_and_unit(text)[0]
+    return _TIME.match(name) is not None or time_factor(name) is not None
+
+
+def time_factor(name: str, unit: str = "") -> float | None:
+    """What a column of times headed so is multiplied by to be in s; None where neither name nor unit says it.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``Time [ms]``, ``Time ms``, ``t_us``, ``time_s`` or ``millis``.
+    unit : str
+        As it stands beside or below the name; it must be one of times.
+
+    Raises
+    ------
+    InputError
+        If the unit is said, and is none of times.
+    """
+    bare, bracketed = name_and_unit(name)
+    if unit or bracketed:
+        return parse_time_unit(unit or bracketed)
+    match = _TIME_AND_UNIT.match(bare)
+    word = match["unit"] if match else bare if bare.lower() in _TIMES_BY_UNIT else ""
+    try:
+        return parse_time_unit(word) if word else None
+    except InputError:
+        return None  # a word such as "stamp" of a time stamp
+
+
+def scale_of_times(place: str, name: str, unit: str, options: ReadOptions) -> float:
+    """What times are multiplied by to be in s: by the file, or by the option `axis_unit`.
+
+    Raises
+    ------
+    InputError
+        If nothing says their unit, the unit is none of times, or the option contradicts the file; `place` begins the message.
+    """
+    try:
+        told = time_factor(name, unit)
+    except InputError as error:
+        raise InputError(
+            f"{place} holds times: {error}; or leave the column out and give `sampling_rate` and `columns`"
+        ) from error
+    if not options.axis_unit:
+        if told is None:
+            raise InputError(
+                f"{place} does not say the unit of its times; give {option_words(axis_unit='s')}", "axis_unit"
+            )
+        return told
+    with about("axis_unit"):
+        given = parse_time_unit(options.axis_unit)
+    if told is not None and abs(told / given - 1) > 1e-9:
+        raise InputError(
+            f"{place} says the unit of its times, but `axis_unit` {options.axis_unit} was given; leave it out",
+            "axis_unit",
+        )
+    return given
 
 
 def chosen(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import Literal, get_args
 
 from structid.core.constraints import Count, Positive
 from structid.core.errors import InputError
 from structid.records.formats.csv.layout import CsvLayout
 
-_TEXTS = ("array", "frequency_array", "kind", "unit", "coherence_array")
+Axes = Literal["", "named"]
+_TEXTS = ("array", "frequency_array", "kind", "unit", "axis_unit", "coherence_array")
 _LISTS = ("channels", "quantities", "units", "outputs", "inputs", "columns")
 
 
@@ -38,7 +40,7 @@ class ReadOptions:
     array : str
         Name of the array (NPZ, MAT, HDF5); in a UFF file with both, ``frf`` or ``time``.
     frequency_array : str
-        Name of the array of frequencies in Hz that belongs to a bare FRF array.
+        Name of the array of frequencies that belongs to a bare FRF array, in Hz or in `axis_unit`.
     outputs : tuple of str
         Sensors of a bare FRF array, as in ``1X-,2X+``, shape (n_frequencies, n_outputs, n_inputs), or
         (n_frequencies, n_outputs) with one input, or of a table with names of its own, in its order; else those to use.
@@ -49,6 +51,12 @@ class ReadOptions:
     unit : str
         Unit of a bare FRF array, or of a table of FRFs that says none, such as ``g/lbf``; says the kind too. Arrays are SI if not
         given.
+    axis_unit : str
+        Unit of the axis where the file does not say it: ``Hz``, ``kHz``, ``rad/s`` or ``rpm`` of frequencies, ``s``, ``ms``,
+        ``us`` or ``min`` of times.
+    axes : str
+        ``named`` where sensors and loads of a universal file are called by the axes that their names say, whatever coordinate
+        systems the nodes have; by default they are turned into global axes.
     coherence_array : str
         Name of an array of coherences of the same shape.
     averages : int, optional
@@ -60,9 +68,13 @@ class ReadOptions:
     longest_gap : int, optional
         Samples of the longest gap (NaN, infinite, an empty cell) in time histories that is filled by cubic
         interpolation; the record's `source` then says how many samples were invented. Gaps are refused without it.
+    resample : bool
+        Whether time histories at uneven times are brought to an even raster by cubic splines; the record's `source` then says
+        what that cost. They are refused without it.
     columns : tuple of str
-        Columns of a table, or channels of a logger's file (TDMS, MDF, miniSEED, WAV, Parquet), that are read, by name or by
-        number from 1, as in ``Acc 1,Acc 3`` or ``2,4``; all by default. `channels` says what they are, in this order.
+        Columns of a table, channels of a logger's file (TDMS, MDF, miniSEED, WAV, Parquet) or functions of a universal file
+        that are read, by name or by number from 1, as in ``Acc 1,Acc 3`` or ``2,4``; all by default. `channels` says what
+        they are, in this order; of frequency responses `outputs` and `inputs`, one a function, or one for all.
     time_column : str
         Column or channel that holds the times, by name or number; recognised by its name by default.
     csv : CsvLayout, optional
@@ -84,11 +96,14 @@ class ReadOptions:
     inputs: tuple[str, ...] = ()
     kind: str = ""
     unit: str = ""
+    axis_unit: str = ""
+    axes: Axes = ""
     coherence_array: str = ""
     averages: Count | None = None
     start: float | None = None
     stop: float | None = None
     longest_gap: Count | None = None
+    resample: bool = False
     columns: tuple[str | int, ...] = ()
     time_column: str | int = ""
     csv: CsvLayout | None = None
@@ -105,6 +120,8 @@ class ReadOptions:
         if self.sampling_rate is not None and not _is_positive(self.sampling_rate):
             raise InputError(f"`sampling_rate` must be a positive number of Hz, got {self.sampling_rate!r}")
 
+        if self.axes not in get_args(Axes):
+            raise InputError(f"`axes` must be named, or left out, got {self.axes!r}", "axes")
         for name in ("start", "stop"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, (int, float)) and math.isfinite(value)):
@@ -114,13 +131,17 @@ class ReadOptions:
 
     def given(self) -> tuple[str, ...]:
         """Names of the options that were set."""
-        return tuple(f.name for f in fields(self) if getattr(self, f.name) not in (None, "", ()))
+        return tuple(f.name for f in fields(self) if getattr(self, f.name) not in (None, "", (), False))
 
 
 def option_words(**values: object) -> str:
     """Options, with their values where these are known, as a study, Python and the command line take them."""
-    keys = " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in values.items())
-    flags = [f"--{name.replace('_', '-')}" + ("" if value is None else f" {value}") for name, value in values.items()]
+    said = {name: "true" if value is True else value for name, value in values.items()}
+    keys = " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in said.items())
+    flags = [
+        f"--{name.replace('_', '-')}" + ("" if value is None or value is True else f" {value}")
+        for name, value in values.items()
+    ]
     return f"{keys} in the study, beside `path`, or in ReadOptions ({' '.join(flags)} on the command line)"
 
 

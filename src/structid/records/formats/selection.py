@@ -52,7 +52,7 @@ def positions(path: Path, name: str, texts: tuple[str, ...], present: tuple[Dof,
 
 
 def _selected_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRecord:
-    _refuse(path, "frequency response functions", options, _OF_HISTORIES)
+    refuse_options(path, "frequency response functions", options, _OF_HISTORIES)
     if options.kind and options.kind != record.kind:
         raise _contradiction(path, "kind", options.kind, record.kind)
     rows = positions(path, "outputs", options.outputs, record.outputs)
@@ -63,7 +63,7 @@ def _selected_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRec
 
 def _selected_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRecord:
     frf_options = ("frequency_array", "outputs", "inputs", "kind", "coherence_array", "averages")
-    _refuse(path, "time histories", options, frf_options)
+    refuse_options(path, "time histories", options, frf_options)
     rate = options.sampling_rate
     if rate is not None and abs(rate - record.sampling_rate) > 1e-9 * rate:
         raise _contradiction(path, "sampling_rate", rate, record.sampling_rate)
@@ -109,7 +109,8 @@ def _time_positions(path: Path, record: TimeRecord, options: ReadOptions) -> lis
     return [i for dof in dict.fromkeys(chosen) for i, channel in enumerate(record.channels) if channel == dof]
 
 
-def _refuse(path: Path, content: str, options: ReadOptions, names: tuple[str, ...]) -> None:
+def refuse_options(path: Path, content: str, options: ReadOptions, names: tuple[str, ...]) -> None:
+    """Refuse options of `names`, which are about something else than what a file holds."""
     wrong = [name for name in options.given() if name in names]
     if wrong:
         raise InputError(f"{path}: holds {content} and says what they are; leave out `{wrong[0]}`", wrong[0])

@@ -68,6 +68,8 @@ def _move(temporary: Path, folder: Path, page: str) -> None:
         return
     for path in temporary.rglob("*"):
         target = folder / path.relative_to(temporary)
+        if path.is_dir() and target.is_symlink():  # it may lead out of the folder
+            raise FileError(f"{target}: is a link where results have a folder; remove it, or give another --out")
         if target.exists() and target.is_dir() != path.is_dir():
             raise FileError(f"{target}: is in the way of a result of this name; move it, or give another --out")
     if not (temporary / page).exists():

@@ -14,6 +14,7 @@ import numpy as np
 import psutil
 
 from structid.core.errors import InputError, StructidError
+from structid.core.isolation import NEUTRAL_FOLDER, SAFE_FLAGS, child_environment
 from structid.criticism.verdict import is_sound
 from structid.forward import RecordProblem
 from structid.forward.frf.products import STORED_BYTES
@@ -276,7 +277,7 @@ def _start_seconds() -> float:
     """Of a program of Python that imports what a run does, and ends."""
     begun = time.perf_counter()
     words = "import structid.study.run.run, structid.report, structid.criticism.verdict"
-    subprocess.run([sys.executable, "-c", words], check=True)
+    subprocess.run([sys.executable, *SAFE_FLAGS, "-c", words], check=True, cwd=NEUTRAL_FOLDER, env=child_environment())
     return time.perf_counter() - begun
 
 

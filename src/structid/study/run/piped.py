@@ -19,6 +19,8 @@ from multiprocessing.process import BaseProcess
 from multiprocessing.reduction import ForkingPickler
 from typing import ParamSpec, TypeVar
 
+from structid.core.isolation import safe_child_environment
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -80,7 +82,8 @@ class PipedProcesses(Executor):
                 context = get_context("spawn")
                 self._pipes[thread], theirs = context.Pipe()
                 process = context.Process(target=_answer, args=(theirs, self._begin))
-                process.start()
+                with safe_child_environment():
+                    process.start()
                 theirs.close()
                 self._processes.append(process)
             return self._pipes[thread]

@@ -15,6 +15,8 @@ from structid.study.schema.kinds import TEXT
 from structid.study.schema.section import Section, StudyError, StudyText
 from structid.study.schema.tables import Key, Table
 
+#: Bytes of a study file at most: one with a node a line and a million nodes has 30 MB.
+MOST_STUDY_BYTES = 100_000_000
 #: Its keys; those of the sections stand where each is read.
 SECTIONS = Table(
     {
@@ -125,6 +127,11 @@ def read_study_text(path: str | Path) -> StudyText:
         If there is no such file, it is not UTF-8 text, or not TOML.
     """
     path = require_readable(path)
+    if path.stat().st_size > MOST_STUDY_BYTES:
+        raise StudyError(
+            f"{path}: is larger than {MOST_STUDY_BYTES // 1_000_000} MB, which no study is; keep meshes, matrices and records in"
+            " files of their own"
+        )
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from structid.core.errors import InputError
 from structid.core.json_types import Plain
 from structid.study.schema.kinds import Kind
 from structid.study.schema.tables import Given, Key, Table, own_table
-from structid.study.schema.toml_lines import KeyPath, toml_lines
+from structid.study.schema.toml_lines import KeyPath, parse_toml, toml_lines
 
 T = TypeVar("T")
 #: Tables of a study file to be changed, which are checked when they are read again.
@@ -46,8 +45,8 @@ class StudyText:
 
     @cached_property
     def table(self) -> Mapping[str, Plain]:
-        """Its content, as edited; a `TOMLDecodeError` of `tomllib` where it is not TOML."""
-        return tomllib.loads(self.text) if self.edited is None else self.edited
+        """Its content, as edited; raises as `parse_toml` where it is not TOML."""
+        return parse_toml(self.text) if self.edited is None else self.edited
 
     @cached_property
     def lines(self) -> Mapping[KeyPath, int]:

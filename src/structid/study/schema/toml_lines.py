@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from bisect import bisect_left
+from typing import Any
 
 #: Names of tables and keys, and positions in arrays of tables.
 KeyPath = tuple[str | int, ...]
@@ -19,6 +20,24 @@ WORD = re.compile(
     r"|'[^']*'"
     r"|[\[\]{},=.\n]|#[^\n]*|[ \t]+|[^\s\[\]{},=.#\"']+"
 )
+#: Parts of a dotted key at most; a study has five.
+_MOST_PARTS = 32
+_LONG_KEY = re.compile(rf"(?:\.[ \t]*(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[ \t]*){{{_MOST_PARTS}}}")
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The content of a TOML text, after a check that its keys are short: `tomllib` takes memory with the square of their parts.
+
+    Raises
+    ------
+    ValueError
+        If it is no TOML (`tomllib.TOMLDecodeError`), or a key has too many parts or a number too many digits.
+    RecursionError
+        If values are nested too deep.
+    """
+    if _LONG_KEY.search(text):
+        raise ValueError(f"a key has more than {_MOST_PARTS} parts")
+    return tomllib.loads(text)
 
 
 def toml_lines(text: str) -> dict[KeyPath, int]:

@@ -2,14 +2,14 @@
 const BASE = new URL(".", location.href);
 
 export class Refused extends Error {
-  constructor(words, status) { super(words); this.status = status; }
+  constructor(words, status, found = {}) { super(words); this.status = status; this.found = found; }
 }
 
 async function answered(response) {
   const text = await response.text().catch(() => "");
   let found = null;
   try { found = JSON.parse(text); } catch { found = {error: text}; }
-  if (!response.ok) { throw new Refused(found.error || `the server answered ${response.status}`, response.status); }
+  if (!response.ok) { throw new Refused(found.error || `the server answered ${response.status}`, response.status, found); }
   return found;
 }
 
@@ -33,10 +33,26 @@ export async function put(name, file, replace = "") {
 export const link = (path, given) => new URL(`api/${path}?${new URLSearchParams(given)}`, BASE).href;
 export const view = (path) => new URL(path, BASE.origin).href;
 
+// One page of a browser listens to the server and tells the others, which take over when it is closed: a browser opens six connections only.
 // `lost` hears true where the server is away, and false when it is there again.
 export function events(heard, lost) {
-  const source = new EventSource(new URL("api/events", BASE));
-  source.onmessage = (message) => heard(JSON.parse(message.data));
-  source.onerror = () => lost(true);
-  source.onopen = () => lost(false);
+  const name = `structid ${BASE.href}`;
+  let now = null;
+  const changed = (state) => { now = state; heard(state); }, away = lost;
+  const listen = (tell) => {
+    const source = new EventSource(new URL("api/events", BASE));
+    source.onmessage = (message) => { const state = JSON.parse(message.data); tell({now: state}); changed(state); };
+    source.onerror = () => { tell({isAway: true}); away(true); };
+    source.onopen = () => { tell({isAway: false}); away(false); };
+  };
+  if (!navigator.locks || !window.BroadcastChannel) { listen(() => {}); return; }
+  const others = new BroadcastChannel(name);
+  let isListening = false;
+  others.onmessage = ({data}) => {
+    if (data.asks) { if (isListening && now) { others.postMessage({now}); } return; }
+    if (data.isAway !== undefined) { away(data.isAway); }
+    if (data.now) { changed(data.now); }
+  };
+  others.postMessage({asks: true});
+  navigator.locks.request(name, () => new Promise(() => { isListening = true; listen((told) => others.postMessage(told)); }));
 }

@@ -17,6 +17,9 @@ dark.addEventListener("change", () => { for (const place of document.querySelect
 export const colours = () => (dark.matches ? ["#6cb6ff", "#ff9a5c", "#5fd3a6", "#f0c05a", "#e39ac0", "#8fd3f4", "#d0d4d8"] : ["#0072B2", "#D55E00", "#007a5a", "#b07800", "#a8558a", "#2f8fc4", "#333333"]);
 export const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
 
+// Names come from files: Plotly would make links and markup of them.
+const plain = (text) => (typeof text === "string" ? text.replace(/&/g, "&amp;").replace(/</g, "&lt;") : text);
+
 // `again` draws a chart anew where its colours were chosen by the caller; by default the same traces in the new scheme.
 export async function chart(place, traces, layout, settings = {}) {
   const Plotly = await plotly();
@@ -27,6 +30,6 @@ export async function chart(place, traces, layout, settings = {}) {
   for (const name of new Set(["xaxis", "yaxis", ...Object.keys(full).filter((key) => /^[xy]axis\d*$/.test(key))])) { full[name] = {...axis, ...full[name]}; }
   if (place.clientWidth < 520) { full.margin = {...full.margin, l: 44, r: 8}; }
   delete full.again;
-  await Plotly.react(place, traces, full, {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "sendChartToCloud", "toImage"], displayModeBar: place.clientWidth < 500 ? false : "hover", ...settings});
+  await Plotly.react(place, traces.map((one) => ({...one, name: plain(one.name)})), full, {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "sendChartToCloud", "toImage"], displayModeBar: place.clientWidth < 500 ? false : "hover", ...settings});
   return Plotly;
 }

@@ -233,6 +233,15 @@ def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[st
     return beside(read_model(opened.inside(study), number), modes, results)
 
 
+def _solver(opened: OpenFolder, study: str) -> Entry:
+    """The command that a study runs; empty where it runs none."""
+    from structid.study.schema.model.solver import solver_command
+    from structid.study.schema.root import read_root
+
+    command = solver_command(*read_root(opened.inside(study), work=LOOKING))
+    return {} if command is None else {**command._asdict(), "folder": opened.name(opened.inside(study).parent)}
+
+
 def _line(opened: OpenFolder, study: str) -> Entry:
     """What is wrong with a study as it stands; nothing where it can be read."""
     from structid.study.schema.plan import load_plan
@@ -266,4 +275,5 @@ _FUNCTIONS: dict[str, Callable[..., Entry]] = {
     "merge": _merge,
     "beside": _beside,
     "line": _line,
+    "solver": _solver,
 }

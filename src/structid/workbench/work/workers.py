@@ -13,8 +13,23 @@ from structid.workbench.work.called import called_again
 #: Workers idle for so long are ended, s.
 IDLE_SECONDS = 120.0
 _KEPT = 24
+#: Part of the free memory that a worker may take.
+_FREE_PART = 0.75
 _THINKING = {"check", "needs", "plan", "survey", "pick", "merge", "beside", "overview"}
 _LOST = '{"error":"the process that worked on this was ended, by lack of memory or by hand; try again"}'
+
+
+def limit_memory() -> None:
+    """Let this process take most of the memory that is free now, so that a file that asks for more is refused in words."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    import psutil
+
+    wanted = psutil.Process().memory_info().vms + int(_FREE_PART * psutil.virtual_memory().available)
+    _, most = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (wanted if most == resource.RLIM_INFINITY else min(wanted, most), most))
 
 
 class Workers:
@@ -47,7 +62,7 @@ class Workers:
     async def _called(self, name: str, given: dict[str, Any]) -> str:
         kind = "think" if name in _THINKING else "look"
         if kind not in self._pools:
-            self._pools[kind] = PipedProcesses(1)
+            self._pools[kind] = PipedProcesses(1, limit_memory)
         pool = self._pools[kind]
         self._busy[kind] += 1
         try:

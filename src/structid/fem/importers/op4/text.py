@@ -17,6 +17,8 @@ from structid.fem.importers.imported import ImportedMatrix
 from structid.fem.importers.op4.strings import Op4Options, Strings, assembled, finished
 
 _FORMAT = re.compile(rb"(?:1P,?)?\s*(\d+)\s*[EDG](\d+)\.(\d+)", re.IGNORECASE)
+#: Letters of a form that are looked at.
+_LONGEST = 100
 _REMEDY = "the file is cut short or damaged; copy it or write it again"
 
 
@@ -81,7 +83,7 @@ def _title(lines: _Lines, at: int) -> _Title:
     wide = 16 if line.rstrip().upper().endswith(b"|I16") else 0  # large dimensions have fields of sixteen columns
     columns, rows, form, kind = _whole(lines, at, wide)
     name = line[32 + wide : 40 + wide].decode("latin-1").replace("\0", " ").strip().upper()
-    said = _FORMAT.search(line[40 + wide :])
+    said = _FORMAT.search(line[40 + wide :][:_LONGEST])
     if columns <= 0 or rows == 0 or kind not in (1, 2, 3, 4):
         raise FileError(
             f"{lines.path}, line {at + 1}: matrix {name!r} has {rows} rows, {columns} columns and type {kind}; {_REMEDY}"

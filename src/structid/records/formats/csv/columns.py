@@ -18,11 +18,19 @@ from structid.core.dof import Dof, as_dof, parse_dof
 from structid.core.errors import FileError, InputError
 from structid.core.units import FrfUnit, parse_frf_unit
 from structid.records.formats.bare import require_same_rotation
+from structid.records.formats.clocks import Rate, even_rate, resample, resampling_remedy
 from structid.records.formats.csv.layout import CsvLayout
-from structid.records.formats.csv.recognition import as_date, is_axis
+from structid.records.formats.csv.recognition import LONGEST_NAME, as_date, is_axis
 from structid.records.formats.csv.table import Table
 from structid.records.formats.gaps import sourced
-from structid.records.formats.named_channels import TIME_UNITS, NamedChannels, chosen, is_time, name_and_unit, record_of
+from structid.records.formats.named_channels import (
+    NamedChannels,
+    chosen,
+    is_time,
+    name_and_unit,
+    record_of,
+    scale_of_times,
+)
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import selected
 from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
@@ -44,10 +52,6 @@ _PHASE_UNITS = {"deg": math.pi / 180, "°": math.pi / 180, "degree": math.pi / 1
 _MOST_RAD = 50.0
 #: Units of a number that has none.
 _RATIOS = ("1", "-")
-#: Unevenness of the time column allowed, as a part of the step.
-_EVEN = 1e-6
-#: Distance of a rounded time from the even one, as a part of its last digit.
-_ROUNDED = 0.75
 #: Relative error of a sampling rate from rounded times that is let pass.
 _SURE = 1e-4
 
@@ -72,18 +76,22 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
     axis = _time_column(table, options)
     keep = [j for j in range(count) if j != axis]
     clock = _clock(table, axis, options)
+    values, at = table.values[:, keep], clock
+    if clock.uneven is not None:
+        made = resample(table.path, clock.uneven, values)
+        values, at = made.values, _Clock(made.rate, made.start, made.words)
     plain = axis == 0 and is_axis(table.names[0]) and "commas, decimal points, names in line 1" in table.words
     found = NamedChannels(
         path=table.path,
         names=tuple(table.names[j] for j in keep),
         units=tuple(table.units[j] for j in keep),
-        values=table.values[:, keep],
-        rate=clock.rate,
-        start=clock.start,
+        values=values,
+        rate=at.rate,
+        start=at.start,
         numbers=tuple(numbers[j] for j in keep),
         lines=(table.header_line, table.first_line),
-        words=", ".join(filter(None, (table.words, clock.words))),
-        tells_all=plain and not clock.words,
+        words=", ".join(filter(None, (table.words, at.words))),
+        tells_all=plain and not at.words,
     )
     return record_of(found, options)
 
@@ -101,7 +109,7 @@ def _time_column(table: Table, options: ReadOptions) -> int | None:
         raise FileError(
             f"{table.path}: line {table.header_line}: no column is headed as time, as in time_s, nor the first as frequency, as in"
             f" Frequency [Hz]; the columns are {shown:.200}: give `time_column` (a name or number) or `sampling_rate` (Hz) of time"
-            ' histories, `frequency_unit = "Hz"` in [record.csv] of frequency responses'
+            f" histories, and of frequency responses {option_words(axis_unit='Hz')}"
         )
     return None
 
@@ -111,9 +119,12 @@ def _is_chosen(table: Table, j: int, options: ReadOptions) -> bool:
 
 
 class _Clock(NamedTuple):
+    """Sampling rate in Hz, time of the first sample in s, words on both, and the times that are still to be resampled."""
+
     rate: float
     start: float
     words: str
+    uneven: FloatArray | None = None
 
 
 def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
@@ -122,15 +133,12 @@ def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
     if axis is None:
         return _Clock(given or 1.0, 0.0, "sampling rate as given")
     texts = table.column(axis)
-    unit = table.units[axis] or name_and_unit(table.names[axis])[1] or "s"
-    scale = TIME_UNITS.get(unit.lower())
     if as_date(texts[0]) is not None:
         time, scale = _seconds(table, axis, [as_date(text) for text in texts]), 1.0
         texts = [text[11:].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]
     else:
-        if scale is None:
-            raise _column(table, axis, text=f"times are in {unit!r}; use s, ms, us or min, or leave the column out and give"
-                          " `sampling_rate` and `columns`")  # fmt: skip
+        place = f"{table.path}: line {table.header_line}, column {axis + 1} ({table.names[axis]!r})"
+        scale = scale_of_times(place, table.names[axis], table.units[axis], options)
         time = table.values[:, axis]
         if not np.isfinite(time).all():
             i = int(np.argmin(np.isfinite(time)))
@@ -139,7 +147,10 @@ def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
                 " repair or remove the line"
             )
     time = time * scale
-    rate, error, step = sampling_rate(table.path, time, texts, scale, table.first_line, axis + 1)
+    even = sampling_rate(table.path, time, texts, scale, table.first_line, axis + 1, options.resample)
+    if even is None:
+        return _Clock(0.0, 0.0, "", time)
+    rate, error, step = even
     words = f"times rounded to {step:g} s" if error else ""
     if given is None and error > _SURE:
         raise FileError(
@@ -190,9 +201,15 @@ def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> Float
 
 
 def sampling_rate(
-    path: Path, time: FloatArray, texts: Sequence[str], scale: float, first_line: int, column: int
-) -> tuple[float, float, float]:
-    """Samples per second of an even column of times; where times were rounded its relative error and the rounding in s, else 0, 0.
+    path: Path,
+    time: FloatArray,
+    texts: Sequence[str],
+    scale: float,
+    first_line: int,
+    column: int,
+    to_resample: bool = False,
+) -> Rate | None:
+    """Samples per second of an even column of times, see `even_rate`; None where they are uneven and to be resampled.
 
     Parameters
     ----------
@@ -200,10 +217,10 @@ def sampling_rate(
     time : (n_times,) float array
         s.
     texts : (n_times,) sequence of str
-        The times as written, in units of `scale` s: a step that differs by the rounding to the last digit is even too, where it
-        is longer than two such digits.
+        The times as written, in units of `scale` s.
     first_line, column : int
         Of the file, for messages.
+    to_resample : bool
 
     Raises
     ------
@@ -215,21 +232,11 @@ def sampling_rate(
     step = float(time[-1] - time[0]) / (time.size - 1)
     if step <= 0:
         raise FileError(f"{path}: column {column}: time must increase, got {time[0]:g} first and {time[-1]:g} last")
+    exact = np.zeros(time.size)
+    even = even_rate(time, exact) or even_rate(time, last_digits(texts) * scale)
+    if even is not None or to_resample:
+        return even
     off = np.abs(np.diff(time) - step)
-    allowed = _EVEN * step + 4 * np.finfo(float).eps * float(np.abs(time).max())
-    if off.max() <= allowed:
-        return float(1 / step), 0.0, 0.0
-    digit = last_digits(texts) * scale
-    coarsest = float(digit.max())
-    if time.size > 2 and step > 2 * coarsest > 0:
-        order, weight = np.arange(time.size), (coarsest / np.maximum(digit, 1e-6 * coarsest)) ** 2
-        middle, mean = np.average(order, weights=weight), np.average(time, weights=weight)
-        slope = float(weight @ ((order - middle) * time) / (weight @ (order - middle) ** 2))
-        rounding = 4 * np.finfo(float).eps * float(np.abs(time).max())
-        if (np.abs(time - mean - slope * (order - middle)) <= _ROUNDED * digit + rounding).all():
-            rate, error = 1 / slope, coarsest / float(time[-1] - time[0])
-            near = round(rate) if abs(rate - round(rate)) <= rate * error < 0.1 else rate
-            return float(near), error, coarsest
     i = int(np.argmax(off))
     raise FileError(
         f"{path}: line {i + first_line + 1}, column {column}: time must be even, got a step of {time[i + 1] - time[i]:.9g} s"
@@ -246,7 +253,7 @@ def _uneven_remedy(time: FloatArray, i: int) -> str:
             f"{round(missing)} lines are missing at the usual step of {usual:.9g} s: cut the file there, or add these lines "
             f"with empty cells and interpolate with {option_words(longest_gap=round(missing))}"
         )
-    return "resample, or write more digits"
+    return f"write more digits, or {resampling_remedy()}"
 
 
 def time_header(record: TimeRecord) -> tuple[list[str], list[FloatArray]]:
@@ -288,7 +295,7 @@ def _heads(table: Table, options: ReadOptions) -> list[_Head]:
         return [_Head(a, b, own[j], part) for j, (a, b, part) in enumerate(every, start=1)]
     found = []
     for j, name in enumerate(table.names[1:], start=1):
-        match = _PAIR.fullmatch(name)
+        match = _PAIR.fullmatch(name) if len(name) <= LONGEST_NAME else None
         if match is None:
             raise _column(table, j, text=(
                 "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, magnitude, phase, std,"
@@ -385,7 +392,9 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
     to_hertz = table.to_hertz
     if to_hertz is None or np.isnan(to_hertz):
         raise _column(
-            table, 0, text='says no unit of the frequencies; give `frequency_unit = "Hz"` in [record.csv] (or "rad/s")'
+            table,
+            0,
+            text=f"does not say the unit of its frequencies, of Hz, kHz, rad/s or rpm; give {option_words(axis_unit='Hz')}",
         )
     heads = _heads(table, options)
     of_outputs = _called(table, "outputs", [head.output for head in heads], options.outputs)

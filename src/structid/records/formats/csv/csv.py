@@ -37,7 +37,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
         If a cell is no number, a line has too few cells, a header cannot be read, or time is not even; the
         message names line and column.
     """
-    table = read_table(path, options.csv)
+    table = read_table(path, options.csv, options.axis_unit)
     if table.is_frequency:
         return frf_record(table, options)
     return time_record(table, options)

@@ -11,7 +11,6 @@ from structid.core.errors import InputError
 
 Separator = Literal["auto", "comma", "semicolon", "tab", "space"]
 Decimal = Literal["auto", "point", "comma"]
-FrequencyUnit = Literal["", "Hz", "kHz", "rad/s"]
 PhaseUnit = Literal["", "deg", "rad"]
 #: What a column of a frequency response holds.
 PARTS = ("re", "im", "magnitude", "phase", "coherence", "std")
@@ -38,8 +37,6 @@ class CsvLayout:
         ``point`` or ``comma`` in numbers.
     encoding : str
         Of the text, such as ``cp1252`` or ``utf-16``.
-    frequency_unit : str
-        ``Hz``, ``kHz`` or ``rad/s`` of the first column, where it holds frequencies and its header does not say so.
     phase_unit : str
         ``deg`` or ``rad`` of phases, where neither header nor numbers say it.
     parts : tuple of str
@@ -59,7 +56,6 @@ class CsvLayout:
     separator: Separator = "auto"
     decimal: Decimal = "auto"
     encoding: str = "utf-8"
-    frequency_unit: FrequencyUnit = ""
     phase_unit: PhaseUnit = ""
     parts: tuple[str, ...] = ()
 
@@ -84,7 +80,6 @@ class CsvLayout:
         for name, known in (
             ("separator", (*SEPARATORS, "auto")),
             ("decimal", get_args(Decimal)),
-            ("frequency_unit", get_args(FrequencyUnit)),
             ("phase_unit", get_args(PhaseUnit)),
         ):
             if getattr(self, name) not in known:

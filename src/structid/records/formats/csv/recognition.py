@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,28 +12,27 @@ from typing import NamedTuple, overload
 
 from structid.core.display import counted
 from structid.core.errors import FileError, InputError
-from structid.core.units import parse_frf_unit, parse_unit
+from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_time_unit, parse_unit
 from structid.records.formats.csv.layout import SEPARATORS, CsvLayout
-from structid.records.formats.named_channels import TIME_UNITS
 
 #: Headers of times, in small letters, as structid writes them and the like.
 _TIMES = ("time_s", "time [s]", "time (s)")
 _FREQUENCY = re.compile(
     r"(?P<name>frequency|frequencies|freq|frequenz|fréquence|frequence|frecuencia|frequenza|f|omega|ω)\.?"
-    r"(?P<unit>(_|\s*[,/]\s*|\s+in\s+|\s*)[\[(]?(?P<of>hz|khz|rad/s|rad s-1|1/s)[\])]?)?",
+    r"(?P<unit>(_|\s*[,/]\s*|\s+in\s+|\s+(?=[\[(])|(?=[\[(])|\s+)[\[(]?(?P<of>[^\[\]]+?)[\])]?)?",
     re.IGNORECASE,
 )
-#: Units of frequencies, in Hz.
-FREQUENCY_UNITS = {"hz": 1.0, "khz": 1e3, "rad/s": 1 / (2 * math.pi), "rad s-1": 1 / (2 * math.pi)}
 _REAL = r"(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?"
 _NUMBER = re.compile(rf"[+-]?{_REAL}|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _COMPLEX = re.compile(
     rf"\(?\s*(?P<re>[+-]?{_REAL})\s*(?P<sign>[+-])\s*[ij]?\s*\*?\s*(?P<im>{_REAL})\s*\*?\s*[ij]?\s*\)?"
 )
-_POINT, _COMMA = re.compile(r"\d*\.\d"), re.compile(r"\d*,\d")
+_POINT, _COMMA = re.compile(r"\.\d"), re.compile(r",\d")
 #: With thousands apart.
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?:\.\d{3})+,\d+|(?:,\d{3})+\.\d+|(?:[' ]\d{3})+[.,]\d+)")
 _SAMPLE, _HEAD, _LONGEST_UNIT = 40, 200, 16
+#: Letters of a number, and of a name that is taken apart, at most: the patterns take time with the square of them.
+_LONGEST_NUMBER, LONGEST_NAME = 100, 120
 
 
 @dataclass(frozen=True)
@@ -86,12 +84,14 @@ class Grid(NamedTuple):
 
 def is_number(cell: str) -> bool:
     """Whether a cell is a number, with a decimal point or comma, complex or not."""
-    return _NUMBER.fullmatch(cell.strip()) is not None or complex_parts(cell) is not None
+    text = cell.strip()
+    return len(text) <= _LONGEST_NUMBER and (_NUMBER.fullmatch(text) is not None or complex_parts(text) is not None)
 
 
 def complex_parts(cell: str) -> tuple[str, str] | None:
     """Real and imaginary part of a cell such as ``1.5-2e-3i`` or ``(1,5 + 2j)``, as written; None where it is none."""
-    match = _COMPLEX.fullmatch(cell.strip()) if {"i", "j"} & set(cell.lower()) else None
+    text = cell.strip()
+    match = _COMPLEX.fullmatch(text) if len(text) <= _LONGEST_NUMBER and {"i", "j"} & set(text.lower()) else None
     return match and (match["re"], match["sign"] + match["im"])
 
 
@@ -105,12 +105,16 @@ def frequency_factor(name: str, unit: str = "") -> float | None:
     unit : str
         As it stands below the name.
     """
-    match = _FREQUENCY.fullmatch(name.strip())
+    text = name.strip()
+    match = _FREQUENCY.fullmatch(text) if len(text) <= LONGEST_NAME else None
     if match is None:
         return None
-    factor = FREQUENCY_UNITS.get((match["of"] or unit).strip().lower())
-    is_short = match["name"].lower() in ("f", "omega", "ω")  # which a force may be called too
-    return factor if factor is not None or is_short else float("nan")
+    text = (match["of"] or unit).strip()
+    is_word = match["name"].lower() not in ("f", "omega", "ω")  # which a force may be called too
+    try:
+        return parse_frequency_unit(text)
+    except InputError:
+        return float("nan") if is_word and (not match["of"] or match["unit"].strip()[0] in "[(,/_") else None
 
 
 def is_axis(name: str) -> bool:
@@ -132,9 +136,7 @@ def as_date(cell: str) -> datetime | None:
 def is_unit(cell: str) -> bool:
     """Whether a cell is the unit of a channel, a time, a frequency or a frequency response, in brackets or not."""
     text = bare_unit(cell)
-    if text.lower() in TIME_UNITS or text.lower() in FREQUENCY_UNITS or text == "°":
-        return True
-    for parse in (parse_unit, parse_frf_unit):
+    for parse in (parse_unit, parse_frf_unit, parse_time_unit, parse_frequency_unit):
         try:
             parse(text)
         except InputError:

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.errors import FileError
+from structid.core.errors import FileError, InputError
+from structid.core.units import parse_frequency_unit
 from structid.files import require_readable
 from structid.records.formats.csv.layout import CsvLayout
 from structid.records.formats.csv.recognition import (
-    FREQUENCY_UNITS,
     Grid,
     Rows,
     as_date,
@@ -73,8 +73,8 @@ class Table(NamedTuple):
         return [cell.strip() for cell in cells]
 
 
-def read_table(path: Path, layout: CsvLayout | None = None) -> Table:
-    """The table in the CSV file at `path`.
+def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "") -> Table:
+    """The table in the CSV file at `path`; `axis_unit` is that of a first column of frequencies that does not say it.
 
     Raises
     ------
@@ -88,12 +88,28 @@ def read_table(path: Path, layout: CsvLayout | None = None) -> Table:
     names = _names(path, grid)
     units = [bare_unit(cell) for cell in grid.header[1]] if len(grid.header) > 1 else []
     below = (*units, *("" for _ in names))[: len(names)]
-    to_hertz = FREQUENCY_UNITS.get(layout.frequency_unit.lower())
-    to_hertz = frequency_factor(names[0], below[0]) if to_hertz is None else to_hertz
+    to_hertz = _to_hertz(path, names[0], below[0], axis_unit)
     if to_hertz is not None:
         grid, names, below = _complex_apart(path, grid, names, below)
     values = _numbers(path, grid, names, to_hertz is None)
     return Table(path, names, below, values, grid.header_line, grid.first_line, grid.words, grid.rows, to_hertz)
+
+
+def _to_hertz(path: Path, name: str, unit: str, axis_unit: str) -> float | None:
+    """What a first column of frequencies is multiplied by; None where it holds something else, NaN where nothing says its unit."""
+    told = frequency_factor(name, unit)
+    try:
+        given = parse_frequency_unit(axis_unit) if axis_unit else None
+    except InputError:
+        given = None  # it is one of times, which is judged with them
+    if given is None:
+        return told
+    if told is not None and not np.isnan(told) and abs(told / given - 1) > 1e-9:
+        raise InputError(
+            f"{path}: column 1 ({name}) says the unit of its frequencies, but `axis_unit` {axis_unit} was given; leave it out",
+            "axis_unit",
+        )
+    return given
 
 
 def _complex_apart(

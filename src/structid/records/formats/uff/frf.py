@@ -3,38 +3,38 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.core.dof import Dof
-from structid.core.errors import FileError, InputError
+from structid.core.dof import Dof, as_dof, parse_dofs
+from structid.core.errors import FileError, InputError, about
 from structid.core.units import parse_frf_unit
+from structid.files.uff.nodes import UniversalNodes
+from structid.files.uff.units import UnitFactors
+from structid.records.formats.gaps import sourced
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import positions, selected
-from structid.records.formats.uff.blocks import Dataset
-from structid.records.formats.uff.scales import (
-    UNKNOWN,
-    Factors,
-    Side,
-    channel_scale,
-    dof_of,
-    sides,
-    unit_factors,
-    whole_unit,
-)
+from structid.records.formats.uff.abscissa import one_axis_unit
+from structid.records.formats.uff.axes import in_global_axes
+from structid.records.formats.uff.functions import Characteristics, Function
+from structid.records.formats.uff.scales import SI_UNITS, UNKNOWN, channel_scale, dof_of, whole_unit
 from structid.records.record import FrfKind, FrfRecord, TimeRecord
 from structid.records.transforms.spectra import KINDS
 
 AVERAGES = re.compile(r"\baverages[ =:]+(?P<count>\d+)\b", re.IGNORECASE)
-_TITLES: Final = ("id1", "id2", "id3", "id4", "id5")
+_TRANSMISSIBILITY = 5
+#: Points from which on a response that is real and positive throughout is no chance.
+_SEVERAL = 8
 
 Pair = tuple[Dof, Dof]
 
 
-class _Function(NamedTuple):
+class _Response(NamedTuple):
     kind: FrfKind
     frequency: FloatArray
     values: ComplexArray
@@ -42,22 +42,39 @@ class _Function(NamedTuple):
 
 def read_frfs(
     path: Path,
-    found: list[Dataset],
-    frfs: list[Dataset],
-    coherences: list[Dataset],
+    frfs: Sequence[Function],
+    coherences: Sequence[Function],
+    factors: UnitFactors | None,
+    nodes: UniversalNodes | None,
     options: ReadOptions,
-) -> FrfRecord | TimeRecord:
-    """One record of the datasets `frfs`, or of the outputs and inputs among them that `options` name.
+) -> tuple[FrfRecord | TimeRecord, bool]:
+    """One record of the functions `frfs`, or of the outputs and inputs among them that `options` name.
+
+    Parameters
+    ----------
+    path : Path
+    frfs, coherences : sequence of Function
+    factors : UnitFactors, optional
+        By dataset 164.
+    nodes : UniversalNodes, optional
+        Whose axes the sensors and loads are named by; None where names count as they are.
+    options : ReadOptions
+
+    Returns
+    -------
+    record : FrfRecord
+    has_coherence : bool
+        Whether the coherences are part of it.
 
     Raises
     ------
     FileError
-        If pairs are missing or doubled, or kinds or frequencies differ.
+        If pairs are missing or doubled, a response is a magnitude alone, or kinds or frequencies differ.
     """
-    factors = unit_factors(path, found)
-    by_pair = _by_pair(path, frfs, "FRF")
-    outputs = _chosen(path, "outputs", options.outputs, [pair[0] for pair in by_pair])
-    inputs = _chosen(path, "inputs", options.inputs, [pair[1] for pair in by_pair])
+    by_pair = _by_pair(path, frfs, options)
+    named = bool(options.columns) and bool(options.outputs or options.inputs)
+    outputs = _chosen(path, "outputs", () if named else options.outputs, [pair[0] for pair in by_pair])
+    inputs = _chosen(path, "inputs", () if named else options.inputs, [pair[1] for pair in by_pair])
     pairs = [(output, load) for output in outputs for load in inputs]
     missing = [f"{output}/{load}" for output, load in pairs if (output, load) not in by_pair]
     if missing:
@@ -65,25 +82,47 @@ def read_frfs(
             f"{path}: has no FRF of {', '.join(missing[:12])}{' ...' if len(missing) > 12 else ''} (output/input), "
             f"but of the other pairs; choose a complete set with {option_words(outputs=None, inputs=None)}"
         )
-    functions = [_function(path, by_pair[pair], pair, factors, options) for pair in pairs]
-    _require_alike(path, pairs, functions)
-    shape = (functions[0].frequency.size, len(outputs), len(inputs))
+    functions = [by_pair[pair] for pair in pairs]
+    to_hertz, axis_words = one_axis_unit(path, functions, "frequencies", options)
+    responses = [
+        _response(path, function, pair, to_hertz, factors, options)
+        for function, pair in zip(functions, pairs, strict=True)
+    ]
+    _require_alike(path, pairs, responses)
+    frequency = responses[0].frequency
+    values = np.stack([response.values for response in responses], axis=1).reshape(-1, len(outputs), len(inputs))
+    coherence = _coherence(path, coherences, by_pair, outputs, inputs, frequency, to_hertz)
+    turned_words = ""
+    if nodes is not None and not named:
+        sensors, loads = in_global_axes(path, nodes, outputs), in_global_axes(path, nodes, inputs, is_load=True)
+        outputs, inputs = sensors.dofs, loads.dofs
+        if sensors.matrix is not None or loads.matrix is not None:
+            left = np.eye(len(outputs)) if sensors.matrix is None else sensors.matrix
+            right = np.eye(len(inputs)) if loads.matrix is None else loads.matrix
+            values, coherence = left @ values @ right.T, None
+        turned_words = ", ".join(filter(None, (sensors.words, loads.words and f"of loads {loads.words}")))
     record = FrfRecord(
-        frequency=functions[0].frequency,
-        values=np.stack([f.values for f in functions], axis=1).reshape(shape),
+        frequency=frequency,
+        values=values,
         outputs=outputs,
         inputs=inputs,
-        kind=functions[0].kind,
-        coherence=_coherence(path, coherences, outputs, inputs, functions[0].frequency),
-        averages=_averages(frfs),
-        source=str(path),
+        kind=responses[0].kind,
+        coherence=coherence,
+        averages=_averages(functions),
+        source=sourced(path, "; ".join(filter(None, (_unit_words(functions, options), axis_words, turned_words)))),
     )
-    return selected(path, record, _without_unit(options))
-
-
-def _without_unit(options: ReadOptions) -> ReadOptions:
-    return ReadOptions(kind=options.kind, averages=options.averages, sampling_rate=options.sampling_rate,
+    rest = ReadOptions(kind=options.kind, averages=options.averages, sampling_rate=options.sampling_rate,
                        channels=options.channels)  # fmt: skip
+    return selected(path, record, rest), coherence is not None
+
+
+def _unit_words(functions: Sequence[Function], options: ReadOptions) -> str:
+    """The units of responses that are not in SI by their labels."""
+    if options.unit:
+        return f"in {options.unit} as given"
+    labels = {(f.ordinate.label, f.denominator.label) for f in functions}
+    other = [pair for pair in sorted(labels) if not set(pair) <= SI_UNITS]
+    return f"in {', '.join(' per '.join(filter(None, pair)) for pair in other)}" if other else ""
 
 
 def _chosen(path: Path, name: str, texts: tuple[str, ...], present: list[Dof]) -> tuple[Dof, ...]:
@@ -91,29 +130,84 @@ def _chosen(path: Path, name: str, texts: tuple[str, ...], present: list[Dof]) -
     return tuple(distinct[i] for i in positions(path, name, texts, distinct))
 
 
-def _pair_of(path: Path, dataset: Dataset) -> Pair:
-    output = dof_of(path, int(dataset["rsp_node"]), int(dataset["rsp_dir"]), "response")
-    return output, dof_of(path, int(dataset["ref_node"]), int(dataset["ref_dir"]), "reference")
-
-
-def _by_pair(path: Path, functions: list[Dataset], word: str) -> dict[Pair, Dataset]:
-    found: dict[Pair, Dataset] = {}
-    for dataset in functions:
-        pair = _pair_of(path, dataset)
+def _by_pair(path: Path, functions: Sequence[Function], options: ReadOptions) -> dict[Pair, Function]:
+    """The functions by output and input: as the file names them, or as `options` do where they choose by number."""
+    named: dict[str, tuple[Dof, ...]] = {}
+    for name in ("outputs", "inputs"):
+        texts = getattr(options, name)
+        if not (options.columns and texts):
+            continue
+        with about(name):
+            dofs = parse_dofs(texts)
+        if len(dofs) not in (1, len(functions)):
+            raise InputError(
+                f"{path}: `{name}` must have 1 or {len(functions)} entries, one for each of the functions chosen by `columns`, got"
+                f" {len(dofs)}",
+                name,
+            )
+        named[name] = dofs * len(functions) if len(dofs) == 1 else dofs
+    wanted = {name: {as_dof(text) for text in getattr(options, name)} for name in ("outputs", "inputs")}
+    found: dict[Pair, Function] = {}
+    for i, function in enumerate(functions):
+        sides = []
+        for name, place, role in (
+            ("outputs", function.response, "response"),
+            ("inputs", function.reference, "reference"),
+        ):
+            if name in named:
+                sides.append(named[name][i])
+            elif place[1] == 0 and wanted[name]:  # a scalar that is not asked for
+                break
+            else:
+                sides.append(dof_of(path, place, role, function.place))
+        if len(sides) < 2:
+            continue
+        pair = (sides[0], sides[1])
+        if pair in found and not options.columns and not _is_wanted(pair, wanted):
+            continue
         if pair in found:
-            raise FileError(f"{path}: has the {word} of {pair[0]}/{pair[1]} twice; keep one of them")
-        found[pair] = dataset
+            raise FileError(
+                f"{path}: has the FRF of {pair[0]}/{pair[1]} twice, as functions {found[pair].place} and {function.place}; keep one"
+                " of them, or choose functions by their numbers with `columns`"
+            )
+        found[pair] = function
     return found
 
 
-def _function(path: Path, dataset: Dataset, pair: Pair, factors: Factors | None, options: ReadOptions) -> _Function:
-    kind, factor = _frf_scale(path, dataset, pair, factors, options)
-    values = np.asarray(dataset["data"], dtype=np.complex128)
-    return _Function(kind, np.asarray(dataset["x"][: values.size], float), values * factor)
+def _is_wanted(pair: Pair, wanted: dict[str, set[Dof | None]]) -> bool:
+    return all(not dofs or dof in dofs for dof, dofs in zip(pair, wanted.values(), strict=True))
+
+
+def _response(
+    path: Path,
+    function: Function,
+    pair: Pair,
+    to_hertz: float,
+    factors: UnitFactors | None,
+    options: ReadOptions,
+) -> _Response:
+    values = function.values
+    if not np.iscomplexobj(values) or _is_padded_magnitude(values):
+        raise FileError(
+            f"{path}: function {function.place}, the FRF of {pair[0]}/{pair[1]}, holds real numbers only: a magnitude without its"
+            " phase, or one part of a response, which tells no motion; export complex values (real and imaginary part)"
+        )
+    kind, factor = _frf_scale(path, function, pair, factors, options)
+    if function.kind == _TRANSMISSIBILITY and kind != "transmissibility":
+        raise FileError(
+            f"{path}: function {function.place}, of {pair[0]}/{pair[1]}, is a transmissibility by its function type and {kind} by"
+            f" its units; correct one of them, or say the unit: {option_words(unit=None)}"
+        )
+    return _Response(kind, function.axis * to_hertz, np.asarray(values, np.complex128) * factor)
+
+
+def _is_padded_magnitude(values: FloatArray | ComplexArray) -> bool:
+    """Whether complex values are a magnitude with imaginary parts of 0, as some programs write it."""
+    return values.size >= _SEVERAL and not values.imag.any() and bool((values.real > 0).all())
 
 
 def _frf_scale(
-    path: Path, dataset: Dataset, pair: Pair, factors: Factors | None, options: ReadOptions
+    path: Path, function: Function, pair: Pair, factors: UnitFactors | None, options: ReadOptions
 ) -> tuple[FrfKind, float]:
     """Kind and factor to SI of one FRF: by the option `unit`, or by types, labels and dataset 164."""
     if options.unit:
@@ -121,24 +215,28 @@ def _frf_scale(
         if unit.output_rotation == pair[0].is_rotation and unit.input_rotation == pair[1].is_rotation:
             return unit.kind, unit.factor
         raise InputError(f"{path}: `unit` {options.unit!r} does not fit the directions of {pair[0]}/{pair[1]}")
-    above, below = sides(dataset)
-    whole = whole_unit(above)
+    above, below = function.ordinate, function.denominator
+    whole = whole_unit(path, above, below)
     if whole is None:
         return _scale_by_sides(path, above, below, pair, factors)
-    kind, factor = _scale_by_sides(path, *_split(whole.kind, above, below), pair, factors)
-    if factors is None:
-        return whole.kind, whole.factor
-    if whole.kind != kind or not np.isclose(whole.factor, factor, rtol=1e-4):
+    if (whole.output_rotation, whole.input_rotation) != (pair[0].is_rotation, pair[1].is_rotation):
+        raise FileError(
+            f"{path}: the unit {above.label!r} does not fit the directions of {pair[0]}/{pair[1]}; correct one of them"
+        )
+    kind, factor = _scale_by_sides(path, *_split(whole.kind, above, below), pair, factors or UnitFactors(1.0, 1.0))
+    if whole.kind != kind or (factors is not None and not np.isclose(whole.factor, factor, rtol=1e-4)):
         raise FileError(
             f"{path}: the FRF of {pair[0]}/{pair[1]} has unit {above.label!r}, "
             f"which does not fit its data types and dataset 164; tell which is right with {option_words(unit=None)}"
         )
-    return kind, factor
+    return whole.kind, whole.factor
 
 
-def _scale_by_sides(path: Path, above: Side, below: Side, pair: Pair, factors: Factors | None) -> tuple[FrfKind, float]:
-    quantity, above_factor = channel_scale(path, above, pair[0], factors)
-    load, below_factor = channel_scale(path, below, pair[1], factors)
+def _scale_by_sides(
+    path: Path, above: Characteristics, below: Characteristics, pair: Pair, factors: UnitFactors | None
+) -> tuple[FrfKind, float]:
+    quantity, above_factor = channel_scale(path, above, pair[0], factors, "unit")
+    load, below_factor = channel_scale(path, below, pair[1], factors, "unit")
     if quantity == load != "force":
         return "transmissibility", above_factor / below_factor
     if quantity == "force" or load != "force":
@@ -149,25 +247,25 @@ def _scale_by_sides(path: Path, above: Side, below: Side, pair: Pair, factors: F
     return KINDS[quantity], above_factor / below_factor
 
 
-def _split(kind: FrfKind, above: Side, below: Side) -> tuple[Side, Side]:
-    """Both sides of a dataset whose numerator's label is of the whole FRF, of this kind: without labels, types by its kind."""
+def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tuple[Characteristics, Characteristics]:
+    """Both sides where the numerator's label is of the whole FRF, of this kind: without labels, types by its kind."""
     types = {"receptance": 8, "mobility": 11, "accelerance": 12, "transmissibility": 12}
     load = 12 if kind == "transmissibility" else 13
     return (
-        Side(types[kind] if above.number in UNKNOWN else above.number, ""),
-        Side(load if below.number in UNKNOWN else below.number, ""),
+        replace(above, number=types[kind] if above.number in UNKNOWN else above.number, label=""),
+        replace(below, number=load if below.number in UNKNOWN else below.number, label=""),
     )
 
 
-def _require_alike(path: Path, pairs: list[Pair], functions: list[_Function]) -> None:
-    first = functions[0]
-    for (output, load), function in zip(pairs, functions, strict=True):
-        if function.kind != first.kind:
+def _require_alike(path: Path, pairs: list[Pair], responses: list[_Response]) -> None:
+    first = responses[0]
+    for (output, load), response in zip(pairs, responses, strict=True):
+        if response.kind != first.kind:
             raise FileError(
-                f"{path}: the FRF of {output}/{load} is {function.kind}, others are {first.kind}; choose "
+                f"{path}: the FRF of {output}/{load} is {response.kind}, others are {first.kind}; choose "
                 f"outputs of one kind with {option_words(outputs=None)}"
             )
-        _require_axis(path, f"the FRF of {output}/{load}", function.frequency, first.frequency)
+        _require_axis(path, f"the FRF of {output}/{load}", response.frequency, first.frequency)
 
 
 def _require_axis(path: Path, what: str, axis: FloatArray, first: FloatArray) -> None:
@@ -176,33 +274,44 @@ def _require_axis(path: Path, what: str, axis: FloatArray, first: FloatArray) ->
 
 
 def _coherence(
-    path: Path, functions: list[Dataset], outputs: tuple[Dof, ...], inputs: tuple[Dof, ...], axis: FloatArray
+    path: Path,
+    coherences: Sequence[Function],
+    by_pair: dict[Pair, Function],
+    outputs: tuple[Dof, ...],
+    inputs: tuple[Dof, ...],
+    frequency: FloatArray,
+    to_hertz: float,
 ) -> FloatArray | None:
-    """Coherence of every pair, or None unless the file has it for every pair."""
+    """Coherence of every pair, (n_frequencies, n_outputs, n_inputs), or None unless the file has it for every pair."""
     found: dict[Pair, FloatArray] = {}
-    for dataset in functions:
-        if int(dataset["ref_dir"]) == 0:
-            output = dof_of(path, int(dataset["rsp_node"]), int(dataset["rsp_dir"]), "response")
-            pairs = [(output, load) for load in inputs]
-        else:
-            pairs = [_pair_of(path, dataset)]
-        values = np.asarray(dataset["data"]).real.astype(float)
-        for pair in pairs:
+    for function in coherences:
+        for pair in [(output, load) for output in outputs for load in inputs]:
+            if not _belongs(function, by_pair[pair]):
+                continue
             if pair in found:
                 raise FileError(f"{path}: has the coherence of {pair[0]}/{pair[1]} twice; keep one of them")
-            found[pair] = values
-        _require_axis(path, f"the coherence of {pairs[0][0]}", np.asarray(dataset["x"][: values.size], float), axis)
-    if not found or any((output, load) not in found for output in outputs for load in inputs):
+            axis = function.axis * to_hertz
+            _require_axis(path, f"the coherence of {pair[0]}/{pair[1]}", axis, frequency)
+            if np.iscomplexobj(function.values) and function.values.imag.any():
+                raise FileError(f"{path}: function {function.place}, a coherence, is complex; export it again")
+            found[pair] = function.values.real.astype(float)
+    if any((output, load) not in found for output in outputs for load in inputs):
         return None
     stacked = [[found[output, load] for load in inputs] for output in outputs]
     return np.moveaxis(np.array(stacked), -1, 0)
 
 
-def _averages(frfs: list[Dataset]) -> int | None:
+def _belongs(coherence: Function, frf: Function) -> bool:
+    """Whether a coherence is that of an FRF; one without a reference is that of all."""
+    return coherence.response == frf.response and coherence.reference[1] in (0, frf.reference[1]) and (
+        coherence.reference[1] == 0 or coherence.reference == frf.reference
+    )  # fmt: skip
+
+
+def _averages(frfs: Sequence[Function]) -> int | None:
     """Number of averages that the title lines of all FRFs agree on, or None."""
     counts = set()
-    for dataset in frfs:
-        text = " ".join(str(dataset.get(key, "")) for key in _TITLES)
-        match = AVERAGES.search(text)
+    for function in frfs:
+        match = AVERAGES.search(function.titles)
         counts.add(int(match["count"]) if match else None)
     return counts.pop() if len(counts) == 1 else None

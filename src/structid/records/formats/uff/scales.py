@@ -1,61 +1,42 @@
-"""What a dataset 58 measures, where, and the factor of its values to SI."""
+"""What a function measures, where, and the factor of its values to SI."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
 
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError, InputError
-from structid.core.units import FrfUnit, parse_frf_unit, parse_unit
+from structid.core.units import FrfUnit, Unit, frf_unit_sides, parse_frf_unit, parse_unit
+from structid.files.uff.units import UnitFactors
 from structid.records.formats.options import option_words
-from structid.records.formats.uff.blocks import Dataset
+from structid.records.formats.uff.functions import Characteristics
+from structid.records.record import QUANTITY_UNITS
 
 #: Specific data types of dataset 58 that structid reads, and the one it writes for each quantity.
-QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "force", 9: "force"}
+QUANTITIES = {8: "displacement", 11: "velocity", 12: "acceleration", 13: "force"}
 DATA_TYPES = {"displacement": 8, "velocity": 11, "acceleration": 12, "force": 13, "support_acceleration": 12}
 UNKNOWN = (0, 1)
+#: Labels of which nothing needs to be said.
+SI_UNITS = {"", *(unit for pair in QUANTITY_UNITS.values() for unit in pair)}
+_FORCE_EXPONENTS = ((0, 1), (1, 1))
+_OTHERS = {2: "stress", 3: "strain", 5: "temperature", 6: "heat flux", 9: "reaction force", 15: "pressure", 16: "mass"}
 
 
-class Factors(NamedTuple):
-    """Units of a universal file by dataset 164: numbers are divided by these to become m and N."""
-
-    length: float
-    force: float
-
-
-def unit_factors(path: Path, datasets: list[Dataset]) -> Factors | None:
-    """The unit factors of the file, or None where it has no dataset 164.
-
-    Raises
-    ------
-    FileError
-        If a factor is not positive, or two datasets 164 differ.
-    """
-    found = {Factors(float(d["length"]), float(d["force"])) for d in datasets if d["type"] == 164}
-    for factors in found:
-        if not all(math.isfinite(factor) and factor > 0 for factor in factors):
-            raise FileError(f"{path}: dataset 164 has unit factors {tuple(factors)}; they must be positive")
-    if len(found) > 1:
-        raise FileError(
-            f"{path}: has several datasets 164 with different units; export the parts to files of their own"
-        )
-    return found.pop() if found else None
-
-
-def dof_of(path: Path, node: int, direction: int, role: str) -> Dof:
-    """The degree of freedom of UFF direction `direction` (1 to 3 translations, 4 to 6 rotations, signed).
+def dof_of(path: Path, place: tuple[int, int], role: str, function: int) -> Dof:
+    """The degree of freedom of a UFF node and direction (1 to 3 translations, 4 to 6 rotations, signed).
 
     Raises
     ------
     FileError
         If the direction is 0 (a scalar) or larger than 6.
     """
-    if not 1 <= abs(direction) <= 6:
+    node, direction = place
+    if not 1 <= abs(direction) <= 6 or node < 0:
         raise FileError(
-            f"{path}: the {role} at node {node} has direction {direction}; it must be 1 to 6 or -1 to -6, "
-            "set it in the export"
+            f"{path}: the {role} of function {function}, at node {node}, has direction {direction}; it must be 1 to 6 or -1 to -6:"
+            " set it in the export, choose others with `channels` (`outputs` and `inputs` of FRFs), or choose functions by their"
+            " numbers with `columns` and say by `channels` what they are"
         )
     return Dof(node, DIRECTIONS[abs(direction) - 1], 1 if direction > 0 else -1)
 
@@ -65,88 +46,116 @@ def direction_of(dof: Dof) -> int:
     return dof.sign * (dof.axis + 1)
 
 
-class Side(NamedTuple):
-    """What a dataset 58 says of its ordinate's numerator or denominator: specific data type, and label of the unit or ""."""
-
-    number: int
-    label: str
-
-
-def sides(dataset: Dataset) -> tuple[Side, Side]:
-    """Numerator and denominator of a dataset 58."""
-    return (
-        _side(dataset.get("ordinate_spec_data_type"), dataset.get("ordinate_axis_units_lab")),
-        _side(dataset.get("orddenom_spec_data_type"), dataset.get("orddenom_axis_units_lab")),
-    )
-
-
-def _side(number: int | None, label: str | None) -> Side:
-    text = str(label or "").strip()
-    return Side(int(number or 0), "" if text.upper() in ("NONE", "NULL", "UNKNOWN") else text)
-
-
-def _label_unit(text: str) -> tuple[str, float] | None:
-    """Quantity and factor of a unit label, or None where it cannot be read."""
-    try:
-        unit = parse_unit(text)
-    except InputError:
-        return None
-    return unit.quantity, unit.factor
-
-
-def _file_factor(factors: Factors, quantity: str, dof: Dof) -> float:
+def _file_factor(factors: UnitFactors, quantity: str, dof: Dof) -> float:
     """Factor to SI of a `quantity` at `dof` by the units of the file."""
     if quantity == "force":
         return 1 / (factors.force * (factors.length if dof.is_rotation else 1.0))
     return 1.0 if dof.is_rotation else 1 / factors.length
 
 
-def channel_scale(path: Path, side: Side, dof: Dof, factors: Factors | None) -> tuple[str, float]:
-    """Quantity and factor to SI of one side of a dataset 58.
+def channel_scale(
+    path: Path, side: Characteristics, dof: Dof, factors: UnitFactors | None, option: str
+) -> tuple[str, float]:
+    """Quantity and factor to SI of one side of a function.
 
     Parameters
     ----------
-    side : Side
+    side : Characteristics
     dof : Dof
-    factors : Factors, optional
-        Units by dataset 164; without them the label decides, and without a label SI is meant.
+    factors : UnitFactors, optional
+        Units by dataset 164.
+    option : str
+        That says the unit where the file does not: ``unit`` of FRFs, ``units`` of time histories.
 
     Raises
     ------
     FileError
-        If neither data type nor label says the quantity, or label and dataset 164 contradict each other.
+        If neither data type nor label says the quantity, nothing says the unit, or label, type and dataset 164 contradict
+        each other.
     """
-    number, text = side
-    label = _label_unit(text)
-    if number in QUANTITIES:
-        quantity = QUANTITIES[number]
-    elif number in UNKNOWN and label is not None:
-        quantity = label[0]
+    remedy = _remedy(option)
+    unit = _label_unit(path, side, dof, remedy)
+    if side.number in QUANTITIES:
+        quantity = QUANTITIES[side.number]
+    elif side.number in UNKNOWN and unit is not None:
+        quantity = unit.quantity
+    elif side.number == 1 and side.exponents in _FORCE_EXPONENTS:
+        quantity = "force"
     else:
+        name = _OTHERS.get(side.number, "")
         raise FileError(
-            f"{path}: the data of {dof} are of type {number} and not of displacement (8), velocity (11), "
-            "acceleration (12) or force (13); set the type in the export, or say what they are with `unit`, as in"
-            ' unit = "g/N", of frequency responses, with `units` of time histories'
+            f"{path}: the data of {dof} are of type {side.number}{f' ({name})' if name else ''} and not of displacement (8),"
+            f" velocity (11), acceleration (12) or force (13); set the type in the export, or say what they are: {remedy}"
         )
-    if label is not None and label[0] != quantity:
+    if unit is not None and unit.quantity != quantity:
         raise FileError(
-            f"{path}: the data of {dof} are of {quantity} by their type but {label[0]} by their unit {text!r}"
+            f"{path}: the data of {dof} are of {quantity} by their type but {unit.quantity} by their unit {side.label!r}"
         )
     if factors is None:
-        return quantity, label[1] if label is not None else 1.0
+        if unit is None:
+            raise FileError(
+                f"{path}: nothing says the unit of the {quantity} at {dof}: it has no unit label and the file no dataset 164;"
+                f" {remedy}"
+            )
+        return quantity, unit.factor
     factor = _file_factor(factors, quantity, dof)
-    if label is not None and not math.isclose(label[1], factor, rel_tol=1e-4):
+    if unit is not None and not math.isclose(unit.factor, factor, rel_tol=1e-4):
         raise FileError(
-            f"{path}: the data of {dof} have unit {text!r} (factor {label[1]:g} to SI), but dataset 164 "
-            f"says {factor:g}; tell which is right: for FRFs with {option_words(unit=None)}, for time histories with"
-            f" {option_words(units=None)}"
+            f"{path}: the data of {dof} have unit {side.label!r} (factor {unit.factor:g} to SI), but dataset 164 "
+            f"says {factor:g}; tell which is right: {remedy}"
         )
     return quantity, factor
 
 
-def whole_unit(numerator: Side) -> FrfUnit | None:
-    """The unit of a whole FRF, such as `(m/s^2)/N`, where the numerator's label is of that."""
+def _remedy(option: str) -> str:
+    example = '"g/N"' if option == "unit" else '"g"'
+    return f"give {option_words(**{option: example})}"
+
+
+def _label_unit(path: Path, side: Characteristics, dof: Dof, remedy: str) -> Unit | None:
+    """The unit that a label says; None where there is no label."""
+    if not side.label:
+        return None
     try:
-        return parse_frf_unit(numerator.label)
+        unit = parse_unit(side.label)
+    except InputError as error:
+        raise FileError(
+            f"{path}: the unit label of {dof} cannot be used: {error}; or say the unit: {remedy}"
+        ) from error
+    if unit.rotation != dof.is_rotation:
+        words = ("translation", "rotation")
+        raise FileError(
+            f"{path}: {dof} is a {words[dof.is_rotation]} but its unit {side.label!r} belongs to a {words[unit.rotation]}; correct"
+            f" one of them: {remedy}"
+        )
+    return unit
+
+
+def whole_unit(path: Path, numerator: Characteristics, denominator: Characteristics) -> FrfUnit | None:
+    """The unit of a whole FRF, such as `(m/s^2)/N`, where the numerator's label is of that.
+
+    Raises
+    ------
+    FileError
+        If the denominator has another unit than the one behind the division.
+    """
+    try:
+        unit = parse_frf_unit(numerator.label)
     except InputError:
         return None
+    _, below = frf_unit_sides(numerator.label)
+    try:
+        other = parse_unit(denominator.label) if denominator.label else below
+    except InputError:
+        other = None
+    if (
+        other is None
+        or below is None
+        or other[:1] != below[:1]
+        or not math.isclose(other.factor, below.factor, rel_tol=1e-4)
+    ):
+        raise FileError(
+            f"{path}: an FRF is in {numerator.label!r} by its ordinate and per {denominator.label!r} by its denominator;"
+            f" {_remedy('unit')}"
+        )
+    return unit

@@ -2,60 +2,139 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.dof import Dof
-from structid.core.errors import FileError, InputError
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import FileError, InputError, about
+from structid.files.uff.nodes import UniversalNodes
+from structid.files.uff.units import UnitFactors
 from structid.records.formats.bare import channel_units
+from structid.records.formats.clocks import even_rate, resample, resampling_remedy
 from structid.records.formats.gaps import sourced, whole
-from structid.records.formats.options import ReadOptions
-from structid.records.formats.uff.blocks import Dataset
-from structid.records.formats.uff.scales import channel_scale, dof_of, sides, unit_factors
+from structid.records.formats.options import ReadOptions, option_words
+from structid.records.formats.selection import positions
+from structid.records.formats.uff.abscissa import one_axis_unit
+from structid.records.formats.uff.axes import in_global_axes
+from structid.records.formats.uff.functions import Function
+from structid.records.formats.uff.scales import SI_UNITS, channel_scale, dof_of
 from structid.records.record import Quantity, TimeRecord
 
 #: Difference allowed between a step of six digits, as the format stores it, and the true one.
 _SIX_DIGITS = 1e-5
+#: Relative error of a sampling rate from rounded times that is let pass.
+_SURE = 1e-4
 
 
-def read_times(path: Path, found: list[Dataset], times: list[Dataset], options: ReadOptions) -> TimeRecord:
-    """One record of the time responses `times`.
+def read_times(
+    path: Path,
+    times: Sequence[Function],
+    factors: UnitFactors | None,
+    nodes: UniversalNodes | None,
+    options: ReadOptions,
+) -> TimeRecord:
+    """One record of the time responses `times`, or of the channels among them that `options` name.
 
     The format stores an even step with six digits only: `options.sampling_rate` may state it exactly.
+
+    Parameters
+    ----------
+    path : Path
+    times : sequence of Function
+    factors : UnitFactors, optional
+        By dataset 164.
+    nodes : UniversalNodes, optional
+        Whose axes the channels are named by; None where names count as they are.
+    options : ReadOptions
 
     Raises
     ------
     FileError
-        If lengths, start or steps differ, or a step is not even.
+        If lengths, start or steps differ, a step is not even and not to be resampled, or nothing says a unit.
     """
-    channels = tuple(dof_of(path, int(d["rsp_node"]), int(d["rsp_dir"]), "response") for d in times)
-    for dof, dataset in zip(channels, times, strict=True):
-        if np.iscomplexobj(dataset["data"]):
+    times, channels, is_named = _chosen(path, times, options)
+    for dof, function in zip(channels, times, strict=True):
+        if np.iscomplexobj(function.values):
             raise FileError(f"{path}: the time history of {dof} has complex samples; export real ones")
-    _require_one_clock(path, channels, times)
-    quantities, factors = _scales(path, found, times, channels, options)
-    rate, start = _rate(path, times[0], options), float(np.asarray(times[0]["x"], float)[0])
-    values = np.stack([np.asarray(d["data"], float) for d in times], axis=1)
-    kept = whole(path, values, channels, rate, start, options)
+    to_seconds, axis_words = one_axis_unit(path, list(times), "times", options)
+    clocks = [function.axis * to_seconds for function in times]
+    _require_one_clock(path, channels, clocks)
+    quantities, scale = _scales(path, times, channels, factors, options)
+    values = np.stack([np.asarray(function.values, float) for function in times], axis=1)
+    rate, start, values, clock_words = _on_one_raster(path, times[0], clocks[0], to_seconds, values, options)
+    kept = whole(path, values, channels, rate, start, options, named=False)
+    values, turned_words = kept.values * scale, ""
+    if nodes is not None and not is_named:
+        turned = in_global_axes(path, nodes, channels, quantities)
+        channels, turned_words = turned.dofs, turned.words
+        values = values if turned.matrix is None else values @ turned.matrix.T
+    _require_distinct(path, times, channels, quantities)
+    words = (_unit_words(times, options), axis_words, clock_words, turned_words, kept.note)
     return TimeRecord(
         sampling_rate=rate,
-        values=kept.values * factors,
+        values=values,
         channels=channels,
         quantities=quantities,
         start=kept.start,
-        source=sourced(path, kept.note),
+        source=sourced(path, "; ".join(filter(None, words))),
     )
 
 
-def _require_one_clock(path: Path, channels: tuple[Dof, ...], times: list[Dataset]) -> None:
+def _chosen(
+    path: Path, times: Sequence[Function], options: ReadOptions
+) -> tuple[Sequence[Function], tuple[Dof, ...], bool]:
+    """The functions that are read, what their channels are called, and whether the user called them so."""
+    if options.columns and options.channels:
+        with about("channels"):
+            channels = parse_dofs(options.channels)
+        if len(channels) != len(times):
+            raise InputError(
+                f"{path}: `channels` must have {len(times)} entries, one for each of the functions chosen by `columns`, got"
+                f" {len(channels)}",
+                "channels",
+            )
+        return times, channels, True
+    if not options.channels:
+        return times, tuple(dof_of(path, f.response, "response", f.place) for f in times), False
+    whole_dofs = [f for f in times if f.response[1] != 0]
+    present = tuple(dof_of(path, f.response, "response", f.place) for f in whole_dofs)
+    wanted = [present[i] for i in positions(path, "channels", options.channels, present)]
+    kept = [
+        (f, dof) for name in dict.fromkeys(wanted) for f, dof in zip(whole_dofs, present, strict=True) if dof == name
+    ]
+    return [f for f, _ in kept], tuple(dof for _, dof in kept), False
+
+
+def _require_distinct(
+    path: Path, times: Sequence[Function], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]
+) -> None:
+    seen: dict[tuple[Dof, Quantity], Function] = {}
+    for function, dof, quantity in zip(times, channels, quantities, strict=True):
+        other = seen.setdefault((dof, quantity), function)
+        if other is not function:
+            raise FileError(
+                f"{path}: functions {other.place} and {function.place} are both the {quantity} at {dof}; choose functions by their"
+                " numbers with `columns`, and say by `channels` what they are"
+            )
+
+
+def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
+    """The units of channels that are not in SI by their labels."""
+    if options.units:
+        return f"units {', '.join(dict.fromkeys(options.units))} as given"
+    labels = dict.fromkeys(function.ordinate.label for function in times)
+    return f"units {', '.join(labels)}" if set(labels) - SI_UNITS else ""
+
+
+def _require_one_clock(path: Path, channels: tuple[Dof, ...], clocks: Sequence[FloatArray]) -> None:
     """Refuse channels with sample times other than those of the first."""
-    first = np.asarray(times[0]["x"], float)
+    first = clocks[0]
     allowed = 0.01 * abs(first[-1] - first[0]) / max(first.size - 1, 1)
-    for dof, dataset in zip(channels, times, strict=True):
-        axis = np.asarray(dataset["x"], float)
+    for dof, axis in zip(channels, clocks, strict=True):
         if axis.shape != first.shape or np.abs(axis - first).max() > allowed:
             raise FileError(
                 f"{path}: channel {dof} runs on another clock than channel {channels[0]}: {_clock(axis)} against "
@@ -71,35 +150,60 @@ def _clock(axis: FloatArray) -> str:
 
 def _scales(
     path: Path,
-    found: list[Dataset],
-    times: list[Dataset],
+    times: Sequence[Function],
     channels: tuple[Dof, ...],
+    factors: UnitFactors | None,
     options: ReadOptions,
 ) -> tuple[tuple[Quantity, ...], FloatArray]:
     if options.units:
         return channel_units(path, channels, options)
-    factors = unit_factors(path, found)
-    pairs = [channel_scale(path, sides(d)[0], dof, factors) for dof, d in zip(channels, times, strict=True)]
-    return tuple(cast(Quantity, quantity) for quantity, _ in pairs), np.array([factor for _, factor in pairs])
+    pairs = [
+        channel_scale(path, function.ordinate, dof, factors, "units")
+        for dof, function in zip(channels, times, strict=True)
+    ]
+    quantities = tuple(cast(Quantity, quantity) for quantity, _ in pairs)
+    if options.quantities and options.quantities not in (quantities, tuple(dict.fromkeys(quantities))):
+        raise InputError(
+            f"{path}: says quantities {', '.join(quantities)}, but `quantities` {', '.join(options.quantities)} was given; leave"
+            " the option out",
+            "quantities",
+        )
+    return quantities, np.array([factor for _, factor in pairs])
 
 
-def _rate(path: Path, dataset: Dataset, options: ReadOptions) -> float:
-    axis = np.asarray(dataset["x"], float)
-    if dataset["abscissa_spacing"]:
-        step = float(dataset["abscissa_inc"])
-    elif axis.size > 1:
-        step = float(axis[-1] - axis[0]) / (axis.size - 1)
-        if np.abs(np.diff(axis) - step).max() > 1e-6 * abs(step) + 4e-16 * np.abs(axis).max():
-            raise FileError(f"{path}: sample times are not even; resample them before the export")
-    else:
-        step = 0.0
+def _on_one_raster(
+    path: Path, function: Function, time: FloatArray, to_seconds: float, values: FloatArray, options: ReadOptions
+) -> tuple[float, float, FloatArray, str]:
+    """Sampling rate, first time in s, the samples at it, and words on the clock where it is not plainly even."""
+    step = float(time[-1] - time[0]) / max(time.size - 1, 1)
     if step <= 0:
         raise FileError(f"{path}: the time step is {step:g} s; it must be positive, set it in the export")
+    if function.is_even:
+        return _stated(path, 1 / step, _SIX_DIGITS, options), float(time[0]), values, ""
+    even = even_rate(time, function.digits * to_seconds)
+    if even is None:
+        if options.resample:
+            made = resample(path, time, values)
+            return made.rate, made.start, made.values, made.words
+        off = float(np.abs(np.diff(time) - step).max())
+        raise FileError(
+            f"{path}: sample times are not even: a step differs from the mean of {step:.6g} s by {off:.2g} s; {resampling_remedy()}"
+        )
+    if even.error > _SURE and options.sampling_rate is None:
+        raise FileError(
+            f"{path}: sample times are rounded to {even.digit:g} s, so that they tell the sampling rate {even.rate:.6g} Hz to"
+            f" {100 * even.error:.2g} % only; give {option_words(sampling_rate=None)}"
+        )
+    words = f"times rounded to {even.digit:g} s" if even.error else ""
+    return _stated(path, even.rate, max(even.error, _SIX_DIGITS), options), float(time[0]), values, words
+
+
+def _stated(path: Path, rate: float, error: float, options: ReadOptions) -> float:
+    """The rate of the file, or the one given where that is the same within the relative `error`."""
     if options.sampling_rate is None:
-        return 1 / step
-    if abs(options.sampling_rate * step - 1) > _SIX_DIGITS:
+        return rate
+    if abs(options.sampling_rate / rate - 1) > error:
         raise InputError(
-            f"{path}: is sampled at {1 / step:g} Hz, but `sampling_rate` {options.sampling_rate:g} was "
-            "given; leave it out"
+            f"{path}: is sampled at {rate:g} Hz, but `sampling_rate` {options.sampling_rate:g} was given; leave it out"
         )
     return options.sampling_rate

@@ -6,60 +6,121 @@ What is kept: values, frequencies or sampling rate, degrees of freedom with thei
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
-from structid.core.errors import FileError, InputError
+from structid.core.dof import DIRECTIONS
+from structid.core.errors import FileError, InputError, about
 from structid.files import atomic_write
+from structid.files.uff.blocks import Block, read_blocks
+from structid.files.uff.nodes import UniversalNodes, read_nodes
+from structid.files.uff.units import read_unit_factors
 from structid.records.formats.geometry import Geometry
+from structid.records.formats.named_channels import chosen
 from structid.records.formats.options import ReadOptions, option_words
-from structid.records.formats.selection import selected
-from structid.records.formats.uff.blocks import datasets
+from structid.records.formats.selection import refuse_options
 from structid.records.formats.uff.frf import read_frfs
+from structid.records.formats.uff.functions import Function, read_function
 from structid.records.formats.uff.time import read_times
 from structid.records.formats.uff.write import file_bytes, require_same
 from structid.records.record import FrfRecord, TimeRecord
 
 SUFFIXES: tuple[str, ...] = (".uff", ".unv", ".uf", ".ufb")
 
+_DIRECTIONS = {sign * (i + 1): f"{d}{'+' if sign > 0 else '-'}" for i, d in enumerate(DIRECTIONS) for sign in (1, -1)}
 _FUNCTIONS = {
-    0: "general", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "frequency response function",
-    6: "coherence", 9: "power spectral density", 12: "spectrum",
+    0: "general function", 1: "time response", 2: "auto spectrum", 3: "cross spectrum", 4: "frequency response function",
+    5: "transmissibility", 6: "coherence", 7: "auto correlation", 8: "cross correlation", 9: "power spectral density",
+    10: "energy spectral density", 12: "spectrum", 18: "mode indicator function", 24: "shock response spectrum",
+    26: "multiple coherence", 27: "order function",
 }  # fmt: skip
+_TIME, _COHERENCE = 1, 6
+_RESPONSES = (4, 5)
+_SPECTRA = (2, 3, 9)
+_OF_FRFS = ("frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array", "averages")
+_OF_TIMES = ("channels", "quantities", "units", "start", "stop", "longest_gap", "resample", "sampling_rate")
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The record in the universal file at `path`, in SI units.
 
-    FRFs (function type 4) become one record of all outputs and inputs, with coherence (6) where every pair has it;
-    time responses (1) become one record of all channels. Datasets 15, 82, 151 are geometry and titles; others
-    are skipped. Units come from dataset 164, else from the labels, else SI is meant.
+    FRFs (function types 4 and 5) become one record of all outputs and inputs, with coherence (6) where every pair has it;
+    time responses (1) become one record of all channels; `options.columns` chooses functions by their numbers. Sensors and
+    loads are turned into global axes where their nodes (15, 2411) have coordinate systems (18, 2420) of their own. Units come
+    from labels and dataset 164; the record's `source` says what was converted, turned or left aside.
 
     Raises
     ------
     FileError
-        If the file is truncated or damaged, holds neither FRFs nor time responses, both (choose with
+        If the file is truncated or damaged, does not say its units, holds neither FRFs nor time responses, both (choose with
         ``ReadOptions(array="frf")`` or ``"time"``), or pairs are missing or doubled.
     """
-    found = datasets(path)
-    functions = [dataset for dataset in found if dataset["type"] == 58]
-    frfs = [f for f in functions if f["func_type"] == 4]
-    times = [f for f in functions if f["func_type"] == 1]
+    blocks = read_blocks(path)
+    tables = [block for block in blocks if block.number == 58]
+    functions = [read_function(path, block, place) for place, block in enumerate(tables, 1)]
+    chosen_functions = _chosen(path, functions, options)
+    frfs = [f for f in chosen_functions if f.kind in _RESPONSES]
+    times = [f for f in chosen_functions if f.kind == _TIME]
     if frfs and times and options.array not in ("frf", "time"):
         raise InputError(
             f"{path}: holds {len(frfs)} FRFs and {len(times)} time responses; choose with "
             f'{option_words(array=None)}, "frf" or "time"'
         )
+    if not frfs and not times:
+        raise _nothing_to_read(path, chosen_functions)
+    takes_units = not options.unit if frfs and options.array != "time" else not options.units
+    factors = read_unit_factors(path, blocks) if takes_units else None
+    nodes = None if options.axes == "named" else _nodes(path, blocks)
     if frfs and (not times or options.array == "frf"):
-        coherences = [f for f in functions if f["func_type"] == 6]
-        return read_frfs(path, found, frfs, coherences, options)
-    if times:
-        return selected(path, read_times(path, found, times, options), options)
-    others = sorted({int(f["func_type"]) for f in functions})
-    names = ", ".join(_FUNCTIONS.get(number, f"function type {number}") for number in others)
-    raise FileError(
+        refuse_options(path, "frequency response functions", options, _OF_TIMES)
+        coherences = [f for f in functions if f.kind == _COHERENCE]
+        record, has_coherence = read_frfs(path, frfs, coherences, factors, nodes, options)
+        used = {*_RESPONSES, _COHERENCE} if has_coherence else set(_RESPONSES)
+    else:
+        refuse_options(path, "time histories", options, _OF_FRFS)
+        record, used = read_times(path, times, factors, nodes, options), {_TIME}
+    left = Counter(f.kind for f in functions if f.kind not in used)
+    words = [f"{_name(kind)} ({n})" for kind, n in sorted(left.items())]
+    if len(chosen_functions) < len(functions) or not words:
+        return record
+    return replace(record, source=f"{record.source}; left aside: {', '.join(words)}")
+
+
+def _name(kind: int) -> str:
+    return _FUNCTIONS.get(kind, f"function type {kind}")
+
+
+def _chosen(path: Path, functions: list[Function], options: ReadOptions) -> list[Function]:
+    """The functions that `columns` asks for, by number or name; all by default."""
+    if not options.columns:
+        return functions
+    names = [f"{f.response[0]}{_DIRECTIONS.get(f.response[1], ' direction 0')}" for f in functions]
+    numbers = [function.place for function in functions]
+    with about("columns"):
+        return [functions[i] for i in chosen(path, options.columns, names, numbers)]
+
+
+def _nodes(path: Path, blocks: list[Block]) -> UniversalNodes:
+    try:
+        return read_nodes(path, blocks)
+    except FileError as error:
+        raise FileError(f"{error}; or take directions as they are named: {option_words(axes='named')}") from error
+
+
+def _nothing_to_read(path: Path, functions: list[Function]) -> FileError:
+    kinds = sorted({function.kind for function in functions})
+    if kinds and set(kinds) <= {*_SPECTRA, _COHERENCE}:
+        names = ", ".join(map(_name, kinds))
+        return FileError(
+            f"{path}: holds spectra of responses ({names}), averaged already and without the time histories behind them, which"
+            " are neither frequency response functions (type 4) nor histories (type 1); export the time histories, of which"
+            " `structid modes` makes spectra with their uncertainty"
+        )
+    names = ", ".join(map(_name, kinds))
+    return FileError(
         f"{path}: holds no frequency response function (type 4) or time response (type 1), only "
-        f"{names or 'other datasets'};"
-        " export those"
+        f"{names or 'other datasets'}; export those"
     )
 
 

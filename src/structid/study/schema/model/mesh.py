@@ -9,8 +9,18 @@ from typing import Annotated, Literal
 from structid.core.arrays import IntArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.fem.elements import ElementSet
-from structid.fem.meshes import LENGTH_UNITS, Mesh, read_mesh, require_sound, unassigned
+from structid.fem.importers.exports import FORCES
+from structid.fem.meshes import (
+    LENGTH_UNITS,
+    Mesh,
+    choose_parts,
+    describe_left_aside,
+    read_mesh,
+    require_sound,
+    unassigned,
+)
 from structid.fem.places import MeshPoint, mesh_points
+from structid.fem.supports import MiddleNode, Tie
 from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either, flat
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
@@ -27,7 +37,16 @@ class MeshEntry:
 
     path: Annotated[str, "Gmsh .msh, Nastran .bdf .nas .fem .dat, Abaqus .inp, VTK .vtu .vtk"]
     length_unit: Annotated[str, choice(*LENGTH_UNITS), "Of the coordinates in the file"] = "m"
-    leave_out: Annotated[tuple[str, ...], "Groups of cells that are no part of the structure"] = ()
+    force_unit: Annotated[str, choice(*FORCES), "With length and s, of masses and springs in the file"] = "N"
+    take: Annotated[
+        tuple[str, ...],
+        "Kinds of masses, springs and rigid elements of the file that become element sets and ties, as in"
+        ' `["CONM2", "RBE2"]`; `"all"` for all that can',
+    ] = ()
+    leave_out: Annotated[
+        tuple[str, ...],
+        "Groups of cells, and kinds of masses, springs and rigid elements, that are no part of the structure",
+    ] = ()
     orphan_nodes: Annotated[Literal["refuse", "drop"], "What becomes of nodes that belong to no cell"] = "refuse"
     duplicate_nodes: Annotated[
         Literal["refuse", "merge", "keep"], "What becomes of nodes at one place; `keep` is for cracks and joints"
@@ -55,17 +74,83 @@ MESH_TABLES = {
 
 def read_structure_mesh(section: Section, files: InputFiles) -> Mesh | None:
     """The mesh that `[structure]` names, checked; None where it names none."""
+    inner = _entry(section)
+    if inner is None:
+        return None
+    short = isinstance(section.table["mesh"], str)
+    wanted = inner.read(MeshEntry)
+    with inner.located("mesh" if short else "path"):
+        mesh = read_mesh(files.path(wanted.path), wanted.length_unit, wanted.force_unit)
+    with inner.located(None if short else "take"):
+        choose_parts(mesh.parts, as_list(wanted.take), mesh.source)
+    with inner.located("mesh" if short else None):
+        return require_sound(mesh, wanted.orphan_nodes == "drop", wanted.duplicate_nodes, as_list(wanted.take))
+
+
+def _entry(section: Section) -> Section | None:
+    """``[structure.mesh]``, from its path where it is only that; None where there is none."""
     given = section.table.get("mesh")
     if given is None:
         return None
-    short = isinstance(given, str)
-    inner = Section(section.source, section.path, {"path": given}) if short else section.section("mesh")
-    assert inner is not None
+    return Section(section.source, section.path, {"path": given}) if isinstance(given, str) else section.section("mesh")
+
+
+@dataclass(frozen=True, eq=False)
+class TakenParts:
+    """What a study takes of a deck beside its cells, and what it leaves.
+
+    Attributes
+    ----------
+    elements : tuple of ElementSet
+    ties : tuple of Tie
+    left_aside : tuple of str
+        What no element of the structure stands for, in sentences.
+    notes : tuple of str
+        What else the deck says that the mesh does not.
+    """
+
+    elements: tuple[ElementSet, ...] = ()
+    ties: tuple[Tie, ...] = ()
+    left_aside: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def take_parts(section: Section, mesh: Mesh | None, elements: list[ElementSet]) -> TakenParts:
+    """Element sets and ties of the parts that ``[structure.mesh]`` takes of the deck, beside the element sets of the study."""
+    inner = _entry(section)
+    if mesh is None or inner is None:
+        return TakenParts()
     wanted = inner.read(MeshEntry)
-    with inner.located("mesh" if short else "path"):
-        mesh = read_mesh(files.path(wanted.path), wanted.length_unit)
-    with inner.located("mesh" if short else None):
-        return require_sound(mesh, wanted.orphan_nodes == "drop", wanted.duplicate_nodes)
+    take, leave_out = as_list(wanted.take), {name.lstrip("*").upper() for name in as_list(wanted.leave_out)}
+    with inner.located("take" if take else None):
+        taken = choose_parts(mesh.parts, take, mesh.source)
+        made = [element for part in taken for element in part.elements()]
+    moves = tuple(d for d in DIRECTIONS if any(d in element.moves for element in elements))
+    ties = [
+        replace(tie, directions=moves) if isinstance(tie, MiddleNode) else tie for part in taken for tie in part.ties
+    ]
+    known = [part for part in mesh.parts if part.kind not in leave_out]
+    words = describe_left_aside(known, taken, mesh.source)
+    bare = unassigned(mesh, _assigned_tables(mesh, wanted, elements), lower=True) if mesh.cells_are_elements else None
+    bars = f"{bare} of {mesh.source}, belong to no element set: add one with `group`, or name the group in `leave_out`"
+    return TakenParts(
+        tuple(made),
+        tuple(ties),
+        (*([words] if words else []), *([bars] if bare else [])),
+        tuple(f"{mesh.source}: {note}" for note in mesh.notes),
+    )
+
+
+def _assigned_tables(mesh: Mesh, wanted: MeshEntry, elements: list[ElementSet]) -> list[IntArray]:
+    """Node tables of element sets, and of the groups that are left out."""
+    kinds = {part.kind for part in mesh.parts}
+    groups = [
+        name for name in as_list(wanted.leave_out) if name in mesh.groups or name.lstrip("*").upper() not in kinds
+    ]
+    return [
+        *(element.nodes for element in elements),
+        *(block.nodes[rows] for name in groups for block, rows in mesh.chosen(str(name))),
+    ]
 
 
 def group_table(entry: Section, kind: type[ElementSet], group: str | None, mesh: Mesh) -> IntArray:
@@ -79,11 +164,9 @@ def group_table(entry: Section, kind: type[ElementSet], group: str | None, mesh:
 def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet]) -> None:
     """Raise a `StudyError` where cells of the mesh belong to no element set and are not left out."""
     inner = section.section("mesh") if isinstance(section.table.get("mesh"), dict) else None
-    left_out = as_list(inner.table.get("leave_out", [])) if inner is not None else []
-    with (inner or section).located("leave_out" if left_out else "mesh" if inner is None else None):
-        tables = [element.nodes for element in elements]
-        tables += [block.nodes[rows] for name in left_out for block, rows in mesh.chosen(str(name))]
-        words = unassigned(mesh, tables)
+    wanted = inner.read(MeshEntry) if inner is not None else MeshEntry("")
+    with (inner or section).located("leave_out" if wanted.leave_out else "mesh" if inner is None else None):
+        words = unassigned(mesh, _assigned_tables(mesh, wanted, elements))
     if words:
         raise (inner or section).error(
             f"{words} of {mesh.source}, belong to no element set; add one with `group`, or name the group in `leave_out`"

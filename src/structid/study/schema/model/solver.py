@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from structid.core.constraints import Limits, Positive
 from structid.core.dof import parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Plain
+from structid.external.confirmation import command_words, confirmation_of
 from structid.external.deck import Deck, DeckParameter, deck_texts, with_lines
 from structid.external.differences import solved_modes
 from structid.external.frfs.model import solved_frfs
@@ -121,10 +123,13 @@ def _solved(own: Section, files: InputFiles) -> Solved:
     with own.located("deck"):
         deck = Deck(with_lines(texts, out.frequency.tolist()) if isinstance(out, FrfsOut) else texts, parameters)
     linked = {Path(name).name: files.path(name) for name in as_list(given.get("files", []))}
+    inputs = [*(files.path(name) for name in as_list(given["deck"])), *linked.values()]
     folder = files.folder / given.get("runs", f"{own.source.path.stem}.runs")
-    solver = Solver(deck, given["command"], folder, files.folder, linked, out, given["timeout"], given["retries"])
     with own.located("command"):
-        _ = solver.arguments
+        confirmation = confirmation_of(given["command"], files.folder, inputs)
+    solver = Solver(
+        deck, given["command"], folder, files.folder, linked, out, given["timeout"], given["retries"], confirmation
+    )
     name, units = given["name"], Units(given["length_unit"], given["force_unit"])
     with own.located():
         if isinstance(out, FrfsOut):
@@ -132,6 +137,34 @@ def _solved(own: Section, files: InputFiles) -> Solved:
         if isinstance(out, ModesOut):
             return solved_modes(name, solver, out, units, files.work)
         return solved_matrices(name, solver, out, units, files.work, given["indefinite"])
+
+
+class SolverCommand(NamedTuple):
+    """The command of a study, and what a user confirms of it before it runs."""
+
+    command: str
+    words: list[str]
+    inputs: list[str]
+    confirmation: str
+
+
+def solver_command(root: Section, files: InputFiles) -> SolverCommand | None:
+    """The command that a study runs; None where it runs none. Nothing is run to know it.
+
+    Raises
+    ------
+    InputError
+        If ``[structure.solver]`` cannot be used, or a deck or file is missing.
+    """
+    own = root.inner("structure").section("solver")
+    if own is None:
+        return None
+    given = SOLVER.defaults | own.values(SOLVER)
+    names = [*as_list(given["deck"]), *as_list(given.get("files", []))]
+    inputs = [files.path(name) for name in names]
+    with own.located("command"):
+        words = command_words(given["command"], inputs[0].name, files.folder)
+        return SolverCommand(given["command"], words, names, confirmation_of(given["command"], files.folder, inputs))
 
 
 def _parameters(own: Section, texts: Mapping[str, str]) -> tuple[list[DeckParameter], dict[str, str]]:

@@ -53,6 +53,7 @@ from structid.study.schema.model.mesh import (
     read_structure_mesh,
     read_supports,
     require_all_assigned,
+    take_parts,
 )
 from structid.study.schema.model.solver import SOLVER_TABLES, positions_of, read_solver
 from structid.study.schema.records.sensors import read_sensors
@@ -218,6 +219,11 @@ def read_structure(
         ties += [(section.inner("solver"), tie) for tie in solved.ties]
     if mesh is not None:
         require_all_assigned(section, mesh, [element for _, element in elements])
+    taken = take_parts(section, mesh, [element for _, element in elements])
+    if mesh is not None:
+        deck = section if isinstance(section.table["mesh"], str) else section.inner("mesh")
+        elements += [(deck, element) for element in taken.elements]
+        ties += [(deck, tie) for tie in taken.ties]
     for entry, point in read_points(section, mesh, [element for _, element in elements]):
         nodes[point.label] = list(nodes[point.node])
         ties.append((entry, point))
@@ -228,18 +234,19 @@ def read_structure(
     if "total_mass" in given:
         whole = _built(section, nodes, (elements, ties, [*fixed, *held], []), bases, [], given)
         with section.located("total_mass"):
-            require_total_mass(whole.mass_of(), given["total_mass"])
+            require_total_mass(whole.mass_of(), given["total_mass"], "; ".join(taken.left_aside))
     if changes is not None:
         elements, ties, fixed, measured = _changed(changes, nodes, (elements, ties, fixed, measured), mesh)
     aims = record is not None and "sensors" in record.table
     parts = elements, ties, [*fixed, *held], measured
-    structure = _built(section, nodes, parts, bases, [] if aims else components, given)
+    file_words = taken.left_aside, taken.notes
+    structure = _built(section, nodes, parts, bases, [] if aims else components, given, file_words)
     if record is not None and aims:
         aimed = read_sensors(record, nodes, structure)
         for entry, sensor in aimed:
             nodes.setdefault(sensor.label, nodes[sensor.node])
             ties.append((entry, sensor))
-        structure = _built(section, nodes, parts, bases, components, given)
+        structure = _built(section, nodes, parts, bases, components, given, file_words)
     if structure.n_dofs == 0:
         raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
     return structure
@@ -252,6 +259,7 @@ def _built(
     bases: Bases,
     components: Components,
     given: Given,
+    file_words: tuple[tuple[str, ...], tuple[str, ...]] = ((), ()),
 ) -> Structure:
     elements, ties, fixed, measured = parts
     active = as_list(given["active"]) if "active" in given else None
@@ -261,7 +269,18 @@ def _built(
         inner = [component for _, component in components]
         pieces, ratio = given.get("subdivide", 1), given.get("damping_ratio")
         return Structure(
-            nodes, sets, fixed, links, active, pieces, drives, sliding, inner, ratio, [one for _, one in measured]
+            nodes,
+            sets,
+            fixed,
+            links,
+            active,
+            pieces,
+            drives,
+            sliding,
+            inner,
+            ratio,
+            [one for _, one in measured],
+            *file_words,
         )
     except InputError as error:
         raise _placed(section, str(error), [*measured, *components, *elements, *ties, *bases]) from error

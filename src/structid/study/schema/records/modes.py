@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +16,7 @@ from structid.forward import ModalSettings
 from structid.identification.setups.modal import chosen_modes
 from structid.modal import ModalRecord
 from structid.modal.formats.files import read_modes
+from structid.modal.formats.printed import ModeFileOptions
 from structid.modal.modal_record import independent_errors, largest_entries
 from structid.study.schema.kinds import COUNT, Kind, as_list, list_of
 from structid.study.schema.records.sensors import used_names
@@ -79,6 +80,7 @@ class ModeDeviations:
 MODES = (
     table_of(ModalSettings)
     | table_of(ModeDeviations).keys
+    | table_of(ModeFileOptions).keys
     | {"use": Key(_NUMBERS, "Numbers of the modes; all by default")}
 )
 
@@ -102,6 +104,7 @@ class ModesSource:
     aimed : mapping of str to str
         See `RecordSource`.
     deviations : ModeDeviations
+    file_options : ModeFileOptions
     """
 
     section: Section
@@ -112,6 +115,7 @@ class ModesSource:
     settings: ModalSettings
     aimed: Mapping[str, str]
     deviations: ModeDeviations = ModeDeviations()
+    file_options: ModeFileOptions = field(default_factory=ModeFileOptions)
 
     @property
     def modes_section(self) -> Section:
@@ -127,7 +131,7 @@ class ModesSource:
             If the file is damaged, or lacks a mode or sensor that the study asks for.
         """
         with self.section.located("path"):
-            record = read_modes(self.path)
+            record = read_modes(self.path, self.file_options)
         with self.section.located("relabel"):
             record = replace(record, channels=renamed(record.channels, (), self.relabel)[0])
         with self.section.located("sensors"):
@@ -161,5 +165,10 @@ def read_modes_source(section: Section, table: Table, files: InputFiles, aimed: 
     own = {} if inner is None else inner.values(MODES)
     names = [item.name for item in fields(ModeDeviations)]
     deviations = ModeDeviations(**{name: tuple(as_list(own.pop(name))) for name in names if name in own})
+    named = {item.name: own.pop(item.name) for item in fields(ModeFileOptions) if item.name in own}
+    with (inner or section).located():
+        if named.get("deck"):
+            named["deck"] = str(files.path(named["deck"]))
+        file_options = ModeFileOptions(**named)
     chosen, relabel = own.pop("use", ()), given.get("relabel", {})
-    return ModesSource(section, path, chosen, used, relabel, ModalSettings(**own), aimed, deviations)
+    return ModesSource(section, path, chosen, used, relabel, ModalSettings(**own), aimed, deviations, file_options)

@@ -1,11 +1,11 @@
 // Runs: processes of their own that go on without this page; stages, sum of squares and values as they move.
 import {get, post} from "../api.js";
 import {chart, colours} from "../charts.js";
-import {bytes, clock, field, fill, h, quantity, table} from "../dom.js";
+import {bytes, clock, field, fill, h, quantity, table, writing} from "../dom.js";
 import {resultsName} from "../recorded.js";
 
-export const STATES = {running: ["running", "live"], paused: ["paused", "doubt"], stopping: ["stopping", "doubt"], done: ["done", "good"], undetermined: ["no certain answer", "doubt"], unusable: ["input cannot be used", "bad"], wrong_model: ["the model does not explain the record", "bad"], stopped: ["stopped", "doubt"], disk_full: ["the disk is full", "bad"], killed: ["ended from outside", "bad"]};
-const LIVE = ["running", "paused", "stopping"];
+export const STATES = {queued: ["waits for its turn", "doubt"], running: ["running", "live"], paused: ["paused", "doubt"], stopping: ["stopping", "doubt"], done: ["done", "good"], undetermined: ["no certain answer", "doubt"], unusable: ["input cannot be used", "bad"], wrong_model: ["the model does not explain the record", "bad"], stopped: ["stopped", "doubt"], disk_full: ["the disk is full", "bad"], killed: ["ended from outside", "bad"]};
+const LIVE = ["queued", "running", "paused", "stopping"];
 
 export async function show(box, app) {
   const list = h("div", {id: "runs"}), cards = new Map();
@@ -33,17 +33,41 @@ function start(app) {
     return name;
   };
   const results = h("input", {value: free(), spellcheck: "false", id: "results-folder"}), needs = h("p", {class: "note", "aria-live": "polite"}, "");
-  const go = h("button", {class: "main", type: "button", disabled: !app.folder.writable || !app.now.table.record, onclick: () => app.doing(go, async () => {
-    app.runs = [...app.runs, await post("runs", {study: app.study, results: results.value})];
-    results.value = free();
-    app.say("Started; it goes on when this page is closed.");
-  })}, "Identify");
+  const box = h("div"), off = !app.folder.writable || !app.now.table.record;
+  const buttons = writing(app, "Identify", results, (replace) => begin(app, box, {study: app.study, results: results.value, replace}, () => { results.value = free(); }), {class: "main", disabled: off});
   const ask = h("button", {type: "button", onclick: () => app.doing(ask, async () => {
     fill(needs, "Timing a few lines, and trying the search for some seconds…");
     try { const found = await get("needs", {study: app.study}); fill(needs, `About ${clock(found.seconds)}${duration(found)}. One iteration takes about ${clock(found.iteration_seconds)}. About ${bytes(found.bytes)} of memory (${bytes(found.free)} free).`); } catch (error) { fill(needs, ""); throw error; }
   })}, "What will it take?");
-  return h("section", {class: "card"}, h("div", {class: "row end"}, field("Results go to", results), go, ask), needs, app.now.table.record ? null : h("p", {class: "note"}, "The study has no record yet."));
+  return h("section", {class: "card"}, h("div", {class: "row end"}, field("Results go to", results), buttons, ask), needs, box, app.now.table.record ? null : h("p", {class: "note"}, "The study has no record yet."));
 }
+
+// Start a run; where its study runs a program, what that is is shown first, and the run starts when it is confirmed.
+async function begin(app, box, given, started = () => {}) {
+  fill(box);
+  try {
+    app.runs = [...app.runs, await post("runs", given)];
+    started();
+    app.say("Started; it goes on when this page is closed.");
+  } catch (error) {
+    if (error.status !== 428) { throw error; }
+    fill(box, confirming(app, error.found.solver, (confirmed) => begin(app, box, {...given, confirmed}, started), () => fill(box)));
+    box.querySelector("h2").focus(); // not the button: whoever presses a key twice has not read it
+  }
+}
+
+function confirming(app, solver, run, cancel) {
+  const go = h("button", {class: "main", type: "button", onclick: () => app.doing(go, () => run(solver.confirmation))}, "Run this program");
+  return h("section", {class: "card doubt", id: "confirm", role: "group", "aria-labelledby": "confirm-title"}, h("h2", {id: "confirm-title", tabindex: -1}, "This study runs a program of this machine"),
+    h("p", {}, "It can do all that you can do. Run it only where you know where the study comes from, and what the program does."),
+    h("pre", {class: "log command", tabindex: 0, "aria-label": "The command"}, visible(solver.command)),
+    h("p", {class: "note"}, `Word by word: ${solver.words.map((word) => JSON.stringify(visible(word))).join(" ")}. It works in a folder of its own with ${solver.inputs.map(visible).join(", ")} of the study.`),
+    h("p", {class: "note"}, "You are asked again when command, deck or files change."),
+    h("div", {class: "row"}, go, h("button", {type: "button", onclick: cancel}, "Do not run it")));
+}
+
+// Signs that are not seen, or that turn the text around, by their numbers.
+const visible = (text) => text.replace(/[\p{C}\p{Zl}\p{Zp}]/gu, (sign) => `\\u{${sign.codePointAt(0).toString(16)}}`);
 
 function duration(found) {
   if (found.is_tried) { return found.causes_seconds ? `, of which ${clock(found.causes_seconds)} to look for causes: the search was tried, and its fit misses the noise` : ": the search was tried, and came to its end"; }
@@ -53,11 +77,11 @@ function duration(found) {
 class Card {
   constructor(app, one) {
     this.app = app; this.id = one.id; this.at = 0; this.lines = []; this.isOpen = false; this.busy = false; this.again = false;
-    this.state = h("span", {class: "state"}); this.words = h("p", {"aria-live": "polite"}); this.buttons = h("div", {class: "row"});
+    this.state = h("span", {class: "state"}); this.words = h("p", {"aria-live": "polite"}); this.buttons = h("div", {class: "row"}); this.confirm = h("div");
     this.bar = h("progress", {max: 1, "aria-label": `Progress of the run into ${one.results}`}); this.plot = h("div", {class: "plot low"}); this.values = h("div"); this.log = h("pre", {class: "log", tabindex: 0, role: "log", "aria-label": "Log of the run"});
     this.more = h("div", {}, this.plot, this.values, h("details", {}, h("summary", {}, "Log"), this.log));
     this.toggle = h("button", {class: "small", type: "button", onclick: () => (this.isOpen ? this.close() : this.open())}, "Show");
-    this.box = h("section", {class: "card", "data-run": one.id}, h("div", {class: "row"}, h("strong", {}, one.results), h("span", {class: "muted"}, `${one.study}, ${new Date(1000 * one.started).toLocaleString()}`), this.state, this.toggle), this.words, this.bar, this.buttons);
+    this.box = h("section", {class: "card", "data-run": one.id}, h("div", {class: "row"}, h("strong", {}, one.results), h("span", {class: "muted"}, `${one.study}, ${new Date(1000 * one.started).toLocaleString()}`), this.state, this.toggle), this.words, this.bar, this.buttons, this.confirm);
   }
 
   open() { if (!this.isOpen && !this.closed) { this.isOpen = true; this.box.append(this.more); this.toggle.textContent = "Hide"; this.read(); } }
@@ -70,12 +94,12 @@ class Card {
     const [words, kind] = STATES[one.state] || [one.state, ""], live = LIVE.includes(one.state), app = this.app;
     this.state.textContent = words;
     this.state.className = "state " + kind;
-    this.bar.hidden = !live;
+    this.bar.hidden = !live || one.state === "queued";
     if (one.last?.total) { this.bar.value = one.last.done / one.last.total; } else { this.bar.removeAttribute("value"); }
-    this.words.textContent = live ? one.last?.words || "reading and checking" : one.state === "disk_full" ? `Free some space${one.can_resume ? ", then resume it where it was" : ", then start it again"}: nothing is half written, and what stood in ${one.results} before is untouched.` : "";
+    this.words.textContent = one.state === "queued" ? "Two runs compute at a time; this one begins when one of them has ended." : live ? one.last?.words || "reading and checking" : one.state === "disk_full" ? `Free some space${one.can_resume ? ", then resume it where it was" : ", then start it again"}: nothing is half written, and what stood in ${one.results} before is untouched.` : "";
     const act = (label, action, main = false) => { const button = h("button", {class: main ? "main" : "", type: "button", onclick: () => app.doing(button, action)}, label); return button; };
-    fill(this.buttons, live && one.state !== "paused" ? act("Pause", () => post(`runs/${one.id}/pause`, {})) : null, one.state === "paused" ? act("Go on", () => post(`runs/${one.id}/continue`, {}), true) : null, live ? act("Stop", () => post(`runs/${one.id}/stop`, {})) : null,
-      one.can_resume ? act("Resume where it was", () => post("runs", {study: one.study, results: one.results, resume: true}), true) : null, one.has_results && !live ? h("a", {class: "button", href: `#results/${encodeURIComponent(one.study)}`}, "Results") : null);
+    fill(this.buttons, live && !["paused", "queued"].includes(one.state) ? act("Pause", () => post(`runs/${one.id}/pause`, {})) : null, one.state === "paused" ? act("Go on", () => post(`runs/${one.id}/continue`, {}), true) : null, live ? act("Stop", () => post(`runs/${one.id}/stop`, {})) : null,
+      one.can_resume ? act("Resume where it was", () => begin(app, this.confirm, {study: one.study, results: one.results, resume: true}), true) : null, one.has_results && !live ? h("a", {class: "button", href: `#results/${encodeURIComponent(one.study)}`}, "Results") : null);
     if (this.isOpen) { this.read(); }
   }
 

@@ -22,7 +22,12 @@ export async function show(box, app) {
     drop(app),
     h("section", {class: "card"}, h("h2", {}, "Records and models"),
       records.length + models.length ? h("ul", {class: "plain"}, records.map((one) => row(one, lookButton(app, one))), models.map((one) => row(one, h("button", {class: "small", type: "button", disabled: !writable, "aria-label": `New study from it: ${one.path}`, onclick: () => made.from(one.path)}, "New study from it"))))
-        : h("p", {class: "muted"}, "None yet.")));
+        : h("p", {class: "muted"}, "None yet."), unusable(app.folder.unusable)));
+}
+
+// Files that are there and cannot be used, each with the reason.
+function unusable(files) {
+  return files.length ? h("details", {id: "unusable"}, h("summary", {}, `${files.length} ${files.length === 1 ? "file" : "files"} that cannot be used`), h("ul", {class: "plain"}, files.map((one) => h("li", {}, h("strong", {}, one.path), " ", h("span", {class: "muted"}, one.words))))) : null;
 }
 
 function row(one, button) {

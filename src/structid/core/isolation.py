@@ -1,0 +1,111 @@
+"""Processes that take no code and no settings from the folder in which a command is called, or that it opens.
+
+Python looks for modules in the working directory, and libraries look there for settings (``matplotlibrc``,
+``.numba_config.yaml``, ``arvizrc``). A folder of measurements may come from a stranger. Commands therefore work in
+`NEUTRAL_FOLDER`, with paths made absolute before, and every child begins there with Python's safe path.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+#: Folder of the Python environment: who can write there can run code anyway.
+NEUTRAL_FOLDER = Path(sys.prefix)
+#: Flags of every Python that is started: the folder of a script and the working directory are no places of modules.
+SAFE_FLAGS = ("-P",)
+_PACKAGE_ROOT = Path(__file__).resolve().parents[2]
+_changing_environment = threading.Lock()
+#: Folders of the calls of commands in this process, and folders whose absolute paths the user wrote.
+_calling: list[Path] = []
+_given_absolute: set[str] = set()
+
+
+def calling_folder() -> Path:
+    """The folder in which the command was called, to which its relative paths refer."""
+    return _calling[-1] if _calling else Path.cwd()
+
+
+def absolute_paths(value: Any) -> Any:
+    """`value`, a path or a list of them, from the folder of the call; anything else as it is."""
+    if isinstance(value, Path):
+        if value.is_absolute():
+            _given_absolute.add(str(value.parent if value.suffix else value))
+        return calling_folder() / value
+    return [absolute_paths(entry) for entry in value] if isinstance(value, list) else value
+
+
+def paths_as_called(text: str) -> str:
+    """`text` with absolute paths inside the folder of the call made relative to it, as the user gave them."""
+    folder = calling_folder()
+    if str(folder) == folder.anchor:
+        return text
+
+    def shortened(match: re.Match[str]) -> str:
+        if any(text.startswith(given, match.start()) for given in _given_absolute):
+            return match[0]
+        return "" if match[1] else "."
+
+    return re.sub(rf"(?<![\w.~/\\-]){re.escape(str(folder))}(?:([/\\])|(?![\w.-]))", shortened, text)
+
+
+def import_paths(entries: list[str], folder: Path) -> list[str]:
+    """Absolute places of modules among `entries`, without `folder` unless structid itself lies there."""
+    absolute = [os.path.abspath(folder / entry) for entry in entries]  # noqa: PTH100 - zip archives are no folders
+    own = [str(_PACKAGE_ROOT)] if str(_PACKAGE_ROOT) in absolute else []
+    refused = {str(folder), str(folder.resolve())} - set(own)
+    return [entry for entry in dict.fromkeys(absolute) if entry not in refused]
+
+
+def child_environment(changes: Mapping[str, str] | None = None) -> dict[str, str]:
+    """The environment of a child process: safe path, and no working directory among the places of modules."""
+    environment = {**os.environ, **(changes or {}), "PYTHONSAFEPATH": "1"}
+    listed = environment.get("PYTHONPATH", "")
+    kept = import_paths(listed.split(os.pathsep), Path.cwd()) if listed else []
+    environment.pop("PYTHONPATH", None)
+    return environment | ({"PYTHONPATH": os.pathsep.join(kept)} if kept else {})
+
+
+@contextmanager
+def safe_child_environment() -> Iterator[None]:
+    """Gives the children that the block begins the environment of `child_environment`, where it cannot be handed over."""
+    with _changing_environment:
+        before = dict(os.environ)
+        changed = child_environment()
+        try:
+            _replace_environment(changed)
+            yield
+        finally:
+            _replace_environment(before)
+
+
+@contextmanager
+def isolated() -> Iterator[None]:
+    """Runs the block in `NEUTRAL_FOLDER`, without the folder of the call among the places of modules."""
+    folder, modules, environment = Path.cwd(), list(sys.path), dict(os.environ)
+    _calling.append(folder)
+    _given_absolute.clear()
+    sys.path[:] = import_paths(sys.path, folder)
+    _replace_environment(child_environment())
+    os.chdir(NEUTRAL_FOLDER)
+    try:
+        yield
+    finally:
+        sys.path[:] = modules
+        _replace_environment(environment)
+        os.chdir(folder)
+
+
+def _replace_environment(wanted: Mapping[str, str]) -> None:
+    """Change only what differs: other threads read the environment."""
+    for name in set(os.environ) - set(wanted):
+        del os.environ[name]
+    for name, value in wanted.items():
+        if os.environ.get(name) != value:
+            os.environ[name] = value

@@ -1,0 +1,88 @@
+"""The command of a study's solver: what a user confirms of it, and the word before it runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+
+from structid.core.errors import InputError
+from structid.files import digest
+
+#: Environment variable with the confirmation of the one command that may run; where it is set, no other runs.
+CONFIRMED = "STRUCTID_CONFIRMED_SOLVER"
+#: Who hears of commands, and the confirmations of those that were told.
+_teller: ContextVar[tuple[Callable[[str, Path], None] | None, set[str]]] = ContextVar("teller", default=(None, set()))
+
+
+def command_words(command: str, deck: str, study: Path) -> list[str]:
+    """The words of a command with its deck and the folder of the study put in.
+
+    Raises
+    ------
+    InputError
+        If it cannot be taken apart, or names something else in braces.
+    """
+    values = {"deck": deck, "stem": Path(deck).stem, "study": str(study.resolve())}
+    try:
+        return [word.format(**values) for word in shlex.split(command)]
+    except (ValueError, KeyError, IndexError, AttributeError) as error:
+        raise InputError(
+            f"`command` {command!r} cannot be read ({error}); it may hold {{deck}}, {{stem}} and {{study}},"
+            " and quotes in pairs"
+        ) from error
+
+
+def confirmation_of(command: str, study: Path, inputs: Sequence[Path]) -> str:
+    """What a user confirms: SHA-256 of a command, the folder of its study, its decks and files, and files that it names.
+
+    Parameters
+    ----------
+    command : str
+    study : Path
+        Folder of the study file.
+    inputs : sequence of Path
+        The deck, further decks and files that a run gets.
+
+    Raises
+    ------
+    InputError
+        If the command cannot be read.
+    """
+    folder = study.resolve()
+    words = [Path(word) for word in command_words(command, inputs[0].name, folder)]
+    named = [word for word in words if word.is_absolute() and word.resolve().is_relative_to(folder) and word.is_file()]
+    parts = [command, str(folder), *(f"{path.name} {digest(path)}" for path in [*inputs, *named])]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+
+
+@contextmanager
+def commands_told(tell: Callable[[str, Path], None]) -> Iterator[None]:
+    """Calls `tell` with each command and the folder of its study before it runs for the first time within the block."""
+    token = _teller.set((tell, set()))
+    try:
+        yield
+    finally:
+        _teller.reset(token)
+
+
+def tell_command(command: str, study: Path, confirmation: str) -> None:
+    """Tell that `command` is about to run, where somebody wants to hear it and has not."""
+    tell, told = _teller.get()
+    if tell is not None and confirmation not in told:
+        told.add(confirmation)
+        tell(command, study)
+
+
+def require_confirmed(command: str, confirmation: str) -> None:
+    """Refuse a command where another one, or none, was confirmed for this process and its children."""
+    if os.environ.get(CONFIRMED, confirmation) != confirmation:
+        raise InputError(
+            f"[structure.solver] runs `{command}`, which was not confirmed as it is now: command, deck or files have"
+            " changed since; start the run again in the workbench, which shows what would run"
+        )

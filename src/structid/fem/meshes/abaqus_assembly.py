@@ -1,0 +1,322 @@
+"""Parts, instances and assemblies of Abaqus input files: nodes, elements and sets with labels of their own."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.fem.meshes.abaqus_keywords import KeywordBlock
+from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_of_points, rectangular
+
+#: Sets of labels by name in capitals.
+Sets = dict[str, set[int]]
+_MOST_MEMBERS = 20_000_000
+_NUMBER = re.compile(r"-?\d+")
+
+
+@dataclass(eq=False)
+class Scope:
+    """What a flat file, a part, an instance or the assembly itself has read so far.
+
+    Attributes
+    ----------
+    name : str
+    nodes : dict of label to position
+        In the file's unit, where the instance puts them.
+    elements : dict of (type, number of nodes) to dict of label to nodes
+        Types in capitals; nodes as words, as those of an assembly may be of an instance.
+    node_sets, cell_sets : Sets
+    names : dict of str to str
+        Names of sets as written.
+    blocks : list of KeywordBlock
+        Keywords that are not nodes, elements or sets.
+    system : CoordinateSystem, optional
+        In which nodes are given.
+    turn : (3, 3) float array
+        Rotation of the instance.
+    overlong : set of str
+        Types of elements of which lines name more nodes than they have.
+    """
+
+    name: str = ""
+    nodes: dict[int, list[float]] = field(default_factory=dict)
+    elements: dict[str, dict[int, list[str]]] = field(default_factory=dict)
+    node_sets: Sets = field(default_factory=dict)
+    cell_sets: Sets = field(default_factory=dict)
+    names: dict[str, str] = field(default_factory=dict)
+    blocks: list[KeywordBlock] = field(default_factory=list)
+    system: CoordinateSystem | None = None
+    turn: FloatArray = field(default_factory=lambda: np.eye(3))
+    overlong: set[str] = field(default_factory=set)
+
+    def take(self, block: KeywordBlock, counts: Mapping[str, int]) -> None:
+        """Take up a keyword; `counts` are the numbers of nodes of the element types with several lines a cell."""
+        options, rows = block.options, block.rows
+        if block.keyword == "NODE":
+            self._take_nodes(options, rows)
+        elif block.keyword == "ELEMENT":
+            kind = options.get("TYPE", "").upper()
+            table, too_many = element_rows(rows, counts.get(kind, 0))
+            self.overlong |= {kind} if too_many else set()
+            twice = next((label for label in table if any(label in other for other in self.elements.values())), None)
+            if twice is not None:
+                raise ValueError(f"element {twice} stands twice, as it does where a file has several parts")
+            self.elements.setdefault(kind, {}).update(table)
+            if options.get("ELSET"):
+                self.set_of(self.cell_sets, options["ELSET"]).update(table)
+        elif block.keyword in ("NSET", "ELSET"):
+            sets = self.node_sets if block.keyword == "NSET" else self.cell_sets
+            members = self.set_of(sets, options.get(block.keyword, ""))
+            for row in rows:
+                members.update(self.members(row, "GENERATE" in options, sets))
+            if block.keyword == "NSET" and options.get("ELSET"):
+                members.update(self.nodes_of_cells(self.cell_sets[options["ELSET"].upper()]))
+        elif block.keyword == "SYSTEM":
+            self.system = _system(rows)
+        else:
+            self.blocks.append(block)
+
+    def _take_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
+        labels = [int(row[0]) for row in rows]
+        for label in labels:
+            if label in self.nodes:
+                raise ValueError(f"node {label} stands twice, as it does where a file has several parts")
+        given = np.array([[float(x or 0) for x in (*row[1:4], "0", "0", "0")[:3]] for row in rows]).reshape(-1, 3)
+        form = options.get("SYSTEM", "R").upper()[:1]
+        if form not in ("R", "C"):
+            raise ValueError(
+                f"coordinates of SYSTEM={options['SYSTEM']} are not read; write the nodes in rectangular ones"
+            )
+        positions = rectangular(form, given)
+        if self.system is not None:
+            positions = self.system.to_basic(positions)
+        repeated = len(labels) - len(set(labels))
+        if repeated:
+            raise ValueError("a node stands twice, as it does where a file has several parts")
+        self.nodes.update(zip(labels, positions.tolist(), strict=True))
+        if options.get("NSET"):
+            self.set_of(self.node_sets, options["NSET"]).update(labels)
+
+    def set_of(self, sets: Sets, name: str) -> set[int]:
+        """The set of a name in any case, made where it is new."""
+        self.names.setdefault(name.upper(), name)
+        return sets.setdefault(name.upper(), set())
+
+    def members(self, row: list[str], generate: bool, sets: Sets) -> set[int]:
+        """Labels of one data line of a set."""
+        if generate:
+            first, last, step = ([int(word) for word in row if word] + [1])[:3]
+            if (last - first) // step > _MOST_MEMBERS:
+                raise ValueError(f"a set from {first} to {last} has more than {_MOST_MEMBERS} members")
+            return set(range(first, last + 1, step))
+        members: set[int] = set()
+        for word in filter(None, row):
+            if _NUMBER.fullmatch(word):
+                members.add(int(word))
+                continue
+            key = word.strip('"').upper()
+            if key not in sets:
+                raise ValueError(f"there is no set {word!r} before this line")
+            members |= sets[key]
+        return members
+
+    def nodes_of_cells(self, labels: Iterable[int]) -> set[int]:
+        """Labels of the nodes of some elements."""
+        wanted = set(labels)
+        return {int(n) for table in self.elements.values() for label in wanted & set(table) for n in table[label]}
+
+    def instance(self, name: str) -> Scope:
+        """A copy of a part."""
+        return Scope(
+            name,
+            dict(self.nodes),
+            {kind: dict(table) for kind, table in self.elements.items()},
+            {key: set(members) for key, members in self.node_sets.items()},
+            {key: set(members) for key, members in self.cell_sets.items()},
+            dict(self.names),
+            list(self.blocks),
+            overlong=set(self.overlong),
+        )
+
+    def move(self, rows: list[list[str]]) -> None:
+        """Move the nodes to where the instance is: a shift, then a turn about a line."""
+        numbers = [[float(word) for word in row if word] for row in rows if any(row)]
+        if not numbers or not self.nodes:
+            return
+        positions = np.array(list(self.nodes.values())) + np.array([*numbers[0], 0.0, 0.0, 0.0][:3])
+        if len(numbers) > 1:
+            if len(numbers[1]) != 7:
+                raise ValueError("an instance is turned by two points and an angle")
+            start, end, degrees = np.array(numbers[1][:3]), np.array(numbers[1][3:6]), numbers[1][6]
+            self.turn = _rotation(end - start, degrees)
+            positions = start + (positions - start) @ self.turn.T
+        self.nodes = dict(zip(self.nodes, positions.tolist(), strict=True))
+
+
+def _system(rows: list[list[str]]) -> CoordinateSystem | None:
+    """The system of a *SYSTEM; None where it ends one."""
+    lines = [[float(word or 0) for word in row] for row in rows if any(row)]
+    if not lines:
+        return None
+    origin = np.array([*lines[0], 0.0, 0.0, 0.0][:3])
+    on_x = np.array([*lines[0][3:6], 0.0, 0.0, 0.0][:3]) if any(rows[0][3:6]) else origin + np.array([1.0, 0.0, 0.0])
+    if len(lines) > 1:
+        in_xy = np.array([*lines[1], 0.0, 0.0, 0.0][:3])
+        # z is x cross (c - a), so that the half plane of z and x is that of this point
+        axes = axes_of_points(origin, origin + np.cross(on_x - origin, in_xy - origin), on_x)
+    else:
+        flat = (on_x - origin) * np.array([1.0, 1.0, 0.0])
+        axes = axes_of_points(origin, origin + np.array([0.0, 0.0, 1.0]), origin + flat)
+    if axes is None:
+        raise ValueError("the points of the system lie on a line")
+    return CoordinateSystem("R", origin, axes)
+
+
+def _rotation(axis: FloatArray, degrees: float) -> FloatArray:
+    """The rotation about `axis` (Rodrigues)."""
+    if not np.linalg.norm(axis):
+        raise ValueError("the two points of the axis of rotation are one")
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = np.radians(degrees)
+    rotation: FloatArray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return rotation
+
+
+def element_rows(rows: list[list[str]], count: int) -> tuple[dict[int, list[str]], bool]:
+    """Nodes by element label, in words, and whether lines have more nodes than the element, as CalculiX lets pass.
+
+    With `count` nodes an element, or lines that end in a comma, its data run over several lines.
+    """
+    table: dict[int, list[str]] = {}
+    pending: list[str] = []
+    too_many = False
+    for row in rows:
+        pending += [word for word in row if word]
+        if not pending or (len(pending) < count + 1 if count else row[-1] == ""):
+            continue
+        too_many |= bool(count) and len(pending) > count + 1
+        label = int(pending[0])
+        if label in table:
+            raise ValueError(f"element {label} stands twice, as it does where a file has several parts")
+        table[label] = pending[1 : count + 1] if count else pending[1:]
+        pending = []
+    if pending and count:
+        raise ValueError(f"element {pending[0]} has {len(pending) - 1} nodes instead of {count}")
+    if pending:
+        table[int(pending[0])] = pending[1:]
+    return table, too_many
+
+
+@dataclass(eq=False)
+class Assembly:
+    """Instances with one numbering of all nodes and elements.
+
+    Attributes
+    ----------
+    scopes : list of Scope
+        The instances in order; one alone for a flat file.
+    own : Scope, optional
+        The assembly itself: reference points, elements between instances and sets of its own.
+    node_sets, cell_sets : dict of str to dict of str to set of int
+        Sets of the assembly: labels by instance, by name in capitals.
+    shifts : dict of str to int
+        What is added to the labels of each instance.
+    owners : dict of str to str
+        Name of the part of a single instance, under which its sets go.
+    """
+
+    scopes: list[Scope]
+    own: Scope | None = None
+    node_sets: dict[str, dict[str, set[int]]] = field(default_factory=dict)
+    cell_sets: dict[str, dict[str, set[int]]] = field(default_factory=dict)
+    shifts: dict[str, int] = field(default_factory=dict)
+    owners: dict[str, str] = field(default_factory=dict)
+
+    def number(self) -> None:
+        """Give each instance a shift of its labels: 0 where they do not repeat, else its number times a power of ten."""
+        every = [*self.scopes, *([self.own] if self.own is not None else [])]
+        labels = [_labels(scope) for scope in every]
+        highest = max((max(pair[k], default=0) for pair in labels for k in (0, 1)), default=0)
+        step = 10 ** len(str(highest))
+        taken: tuple[set[int], set[int]] = (set(), set())
+        for index, (scope, pair) in enumerate(zip(every, labels, strict=True)):
+            repeats = bool(taken[0] & pair[0] or taken[1] & pair[1])
+            self.shifts[scope.name.upper()] = index * step if repeats else 0
+            shift = self.shifts[scope.name.upper()]
+            for known, new in zip(taken, pair, strict=True):
+                known.update(label + shift for label in new)
+
+    def scope(self, name: str) -> Scope:
+        """The instance of a name in any case."""
+        for scope in self.scopes:
+            if scope.name.upper() == name.upper():
+                return scope
+        raise ValueError(f"there is no instance {name!r}")
+
+    def shift(self, scope: Scope) -> int:
+        return self.shifts[scope.name.upper()]
+
+    def node(self, scope: Scope, word: str) -> int:
+        """The label in the mesh of a node that a scope names: ``12``, or ``INSTANCE.12`` in an assembly."""
+        owner, dot, label = word.strip('"').rpartition(".")
+        return int(label) + self.shift(self.scope(owner) if dot else scope)
+
+    def nodes(self, scope: Scope, word: str) -> list[int]:
+        """Labels in the mesh of a node or a node set that a scope names, in order."""
+        if _NUMBER.fullmatch(word.strip('"').rpartition(".")[2]):
+            return [self.node(scope, word)]
+        key = word.strip('"').upper()
+        if scope is self.own and key in self.node_sets:
+            return sorted(
+                label + self.shifts[owner] for owner, labels in self.node_sets[key].items() for label in labels
+            )
+        owner, dot, name = key.rpartition(".")
+        holder = self.scope(owner) if dot else scope
+        if name not in holder.node_sets:
+            raise ValueError(f"there is no node set {word!r}")
+        return sorted(label + self.shift(holder) for label in holder.node_sets[name])
+
+    def take_set(self, block: KeywordBlock) -> None:
+        """Take up a set of the assembly: of one instance, or of its own labels, sets, INSTANCE.LABEL and INSTANCE.SET."""
+        assert self.own is not None
+        is_nodes = block.keyword == "NSET"
+        every = self.node_sets if is_nodes else self.cell_sets
+        name = block.options.get(block.keyword, "")
+        self.own.names.setdefault(name.upper(), name)
+        members = every.setdefault(name.upper(), {})
+        holder = self.scope(block.options["INSTANCE"]) if block.options.get("INSTANCE") else None
+        for row in block.rows:
+            if holder is not None or "GENERATE" in block.options:
+                target = holder or self.own
+                sets = target.node_sets if is_nodes else target.cell_sets
+                if not (set(filter(None, (word.strip('"').upper() for word in row))) & (set(every) - set(sets))):
+                    labels = target.members(row, "GENERATE" in block.options, sets)
+                    members.setdefault(target.name.upper(), set()).update(labels)
+                    continue
+            for word in filter(None, row):
+                for owner, labels in self._named(word, is_nodes).items():
+                    members.setdefault(owner, set()).update(labels)
+
+    def _named(self, word: str, is_nodes: bool) -> dict[str, set[int]]:
+        assert self.own is not None
+        every = self.node_sets if is_nodes else self.cell_sets
+        key = word.strip('"').upper()
+        if key in every:
+            return {owner: set(labels) for owner, labels in every[key].items()}
+        owner, dot, name = key.rpartition(".")
+        holder = self.scope(owner) if dot else self.own
+        sets = holder.node_sets if is_nodes else holder.cell_sets
+        if _NUMBER.fullmatch(name):
+            return {holder.name.upper(): {int(name)}}
+        if name not in sets:
+            raise ValueError(f"there is no set {word!r} before this line")
+        return {holder.name.upper(): set(sets[name])}
+
+
+def _labels(scope: Scope) -> tuple[set[int], set[int]]:
+    return set(scope.nodes), {label for table in scope.elements.values() for label in table}

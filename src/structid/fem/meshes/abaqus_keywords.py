@@ -1,0 +1,101 @@
+"""Keywords of Abaqus and CalculiX input files, with the files that they include."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from structid.core.errors import FileError
+from structid.files import require_readable
+
+_MOST_INCLUDES = 20
+#: Keywords whose data lines may stand in a file of their own.
+_WITH_INPUT = ("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION")
+
+
+@dataclass(frozen=True, eq=False)
+class KeywordBlock:
+    """A keyword with its data lines.
+
+    Attributes
+    ----------
+    line : int
+        Where it stands in its file, from 1.
+    keyword : str
+        In capitals.
+    options : dict of str to str
+        By their names in capitals; "" where they have no value.
+    rows : list of list of str
+        The words of each data line.
+    """
+
+    line: int
+    keyword: str
+    options: dict[str, str]
+    rows: list[list[str]]
+
+
+def keyword_blocks(path: Path) -> Iterator[KeywordBlock]:
+    """Every keyword with its data lines; included files stand in the place of *INCLUDE, data files in that of INPUT=.
+
+    Raises
+    ------
+    FileError
+        If an included file cannot be read.
+    """
+    block: KeywordBlock | None = None
+    for number, text in _lines(path, path.parent, 0):
+        words = [word.strip() for word in text.split(",")]
+        if text.startswith("*"):
+            if block is not None:
+                yield block
+            keyword = " ".join(words[0][1:].upper().split())
+            block = KeywordBlock(number, keyword, keyword_options(words[1:]), [])
+            if keyword in _WITH_INPUT and block.options.get("INPUT"):
+                included = _included(path, path.parent, number, block.options, 0)
+                block.rows.extend([word.strip() for word in line.split(",")] for _, line in included)
+        elif block is not None:
+            block.rows.append(words)
+    if block is not None:
+        yield block
+
+
+def keyword_options(words: list[str]) -> dict[str, str]:
+    """Options such as ``NAME=STEEL`` by their names in capitals; those without a value have an empty one."""
+    pairs = (word.partition("=") for word in words if word)
+    return {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+
+
+def _lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]:
+    """Lines without comments and blank ones; keyword lines that go on behind a comma are joined."""
+    if depth > _MOST_INCLUDES:
+        raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
+    number, pending = 0, ""
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        for line_number, line in enumerate(stream, 1):
+            text = line.strip()
+            if not text or text.startswith("**"):
+                continue
+            number = number if pending else line_number
+            text, pending = pending + text, ""
+            name, *options = text.split(",")
+            if text.startswith("*") and text.endswith(","):
+                pending = text
+            elif name.replace(" ", "").upper() == "*INCLUDE":
+                yield from _included(path, root, number, keyword_options(options), depth)
+            else:
+                yield number, text
+    if pending:
+        yield number, pending
+
+
+def _included(path: Path, root: Path, number: int, options: dict[str, str], depth: int) -> Iterator[tuple[int, str]]:
+    """The lines of an included file, found from the folder of the job as the solver has it, else from that of the file."""
+    name = options.get("INPUT", "").replace("\\", "/")
+    try:
+        folder = next((folder for folder in (root, path.parent) if (folder / name).is_file()), root)
+        included = require_readable(folder / name)
+    except FileError as error:
+        raise FileError(f"{path}, line {number}: the included file cannot be read ({error})") from error
+    yield from _lines(included, root, depth + 1)

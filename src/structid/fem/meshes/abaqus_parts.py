@@ -1,0 +1,442 @@
+"""Masses, springs, dashpots, constraints and offsets of Abaqus and CalculiX input files as parts of a deck."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import DIRECTIONS, Dof
+from structid.core.errors import FileError
+from structid.fem.meshes.abaqus_assembly import Assembly, Scope
+from structid.fem.meshes.abaqus_keywords import KeywordBlock
+from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_of_points
+from structid.fem.meshes.deck_parts import (
+    DeckPart,
+    DeckSpring,
+    DeckUnits,
+    NodalMass,
+    mass_matrix,
+    rigid_constraints,
+    split_by_obstacle,
+    turned_matrix,
+    weights_along,
+)
+from structid.fem.supports import Constraint, RigidLink
+
+#: Element types that are no cells; those that structid has elements for have a section keyword.
+_PART_TYPES = re.compile(
+    r"(?:MASS|ROTARYI|HEATCAP|SPRING[12A]|DASHPOT[12A]|CONN[23]D2|JOINTC|JOINT2D|JOINT3D|GAP\w*|ITS\w+|DCOUP[23]D|"
+    r"DISTRIB\w*|PSI\d\d|FLINK|D|RB[23]D\w*|DRAG[23]D|SPH\w*|PC3D|COH\w*)"
+)
+_SPRINGS = {"SPRING": ("SPRING1", "SPRING2", "SPRINGA"), "DASHPOT": ("DASHPOT1", "DASHPOT2", "DASHPOTA")}
+#: Keywords that are listed, and why nothing stands for them.
+_UNREAD = {
+    "TIE": "ties of surfaces",
+    "EMBEDDED ELEMENT": "embedded elements",
+    "CONTACT PAIR": "contact",
+    "CONTACT": "contact",
+    "PRE-TENSION SECTION": "pretension of bolts",
+    "CYCLIC SYMMETRY MODEL": "cyclic symmetry",
+    "SHELL TO SOLID COUPLING": "shells coupled to solids",
+    "DISTRIBUTING COUPLING": "distributing couplings",
+    "FASTENER": "fasteners",
+    "RELEASE": "released ends of beams",
+    "SUBMODEL": "submodels",
+    "NONSTRUCTURAL MASS": "non-structural mass; add it to the density",
+    "CONNECTOR SECTION": "connectors",
+    "GAP": "gaps",
+    "JOINT": "joints",
+    "SUBSTRUCTURE PROPERTY": "substructures",
+    "MATRIX ASSEMBLE": "matrices",
+}
+#: Why a part cannot be taken, "" where it can, and the part.
+Items = list[tuple[str, DeckPart]]
+_TURNED = "it stands in a turned instance"
+_LOCAL = "its nodes have directions of their own (*TRANSFORM)"
+
+
+def is_part(kind: str) -> bool:
+    """Whether elements of an Abaqus type are masses, springs and the like instead of cells."""
+    return _PART_TYPES.fullmatch(kind.upper()) is not None
+
+
+@dataclass(frozen=True, eq=False)
+class _Deck:
+    """An assembly with what its parts refer to.
+
+    Attributes
+    ----------
+    positions : mapping of label to position in m
+    axes : mapping of label to (3, 3) float array
+        Of nodes with directions of their own.
+    """
+
+    path: Path
+    assembly: Assembly
+    positions: Mapping[int, FloatArray]
+    axes: Mapping[int, FloatArray]
+    units: DeckUnits
+
+    @property
+    def scopes(self) -> list[Scope]:
+        own = self.assembly.own
+        return [*self.assembly.scopes, *([own] if own is not None else [])]
+
+    def blocks(self, *keywords: str) -> Iterator[tuple[Scope, KeywordBlock]]:
+        """Keywords of some names with what they stand in."""
+        for scope in self.scopes:
+            for block in scope.blocks:
+                if block.keyword in keywords:
+                    yield scope, block
+
+    def read(self, keyword: str, reader: Callable[[_Deck, Scope, KeywordBlock], Items]) -> list[DeckPart]:
+        """The parts that a reader makes of the blocks of a keyword; what it cannot read is one with that obstacle."""
+        items: Items = []
+        for scope, block in self.blocks(keyword):
+            try:
+                items += reader(self, scope, block)
+            except (ValueError, IndexError, KeyError) as error:
+                items.append((f"line {block.line} cannot be read: {error}", DeckPart(keyword, 1)))
+        return split_by_obstacle(keyword, items)
+
+    def elements_of(self, scope: Scope, name: str, kinds: Sequence[str]) -> list[tuple[str, list[int]]]:
+        """Type and nodes of the elements of a set that are of some types."""
+        own = scope is self.assembly.own
+        by_owner = self.assembly.cell_sets.get(name.upper(), {}) if own else {}
+        members = dict(by_owner)
+        if name.upper() in scope.cell_sets:
+            members[scope.name.upper()] = members.get(scope.name.upper(), set()) | scope.cell_sets[name.upper()]
+        if not members:
+            raise ValueError(f"there is no element set {name!r}")
+        elements = []
+        for owner, labels in members.items():
+            holder = scope if owner == scope.name.upper() else self.assembly.scope(owner)
+            for kind in kinds:
+                table = holder.elements.get(kind, {})
+                for label in sorted(labels & set(table)):
+                    elements.append((kind, [self.assembly.node(holder, word) for word in table[label]]))
+        return elements
+
+
+def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
+    """Directions of motion as rows, (3, 3), of the nodes that *TRANSFORM turns.
+
+    Raises
+    ------
+    FileError
+        If the points of a *TRANSFORM lie on a line, or its node set is not there.
+    """
+    deck = _Deck(path, assembly, positions, {}, DeckUnits())
+    axes: dict[int, FloatArray] = {}
+    for scope, block in deck.blocks("TRANSFORM"):
+        try:
+            numbers = [float(word or 0) for row in block.rows for word in row][:6]
+            a, b = np.array(numbers[:3]), np.array(numbers[3:6])
+            form = block.options.get("TYPE", "R").upper()[:1]
+            for node in assembly.nodes(scope, block.options.get("NSET", "")):
+                directions = _axes_at(form, a, b, positions[node]) @ scope.turn.T
+                if np.abs(directions - np.eye(3)).max() > 1e-12:
+                    axes[node] = directions
+        except (ValueError, IndexError, KeyError) as error:
+            raise FileError(
+                f"{path}, line {block.line}: cannot read the lines of *TRANSFORM ({error}); export it again"
+            ) from error
+    return axes
+
+
+def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> FloatArray:
+    """Directions at a node as rows: R by points on x and in x-y, C by two on the axis, S by the centre and the pole."""
+    if form == "R":
+        made = axes_of_points(np.zeros(3), np.cross(a, b), a)
+    elif form == "C":
+        reference = np.eye(3)[int(np.argmin(abs(b - a)))]
+        axes = axes_of_points(a, b, a + reference)
+        made = None if axes is None else CoordinateSystem("C", a, axes).directions_at(position)[0]
+    else:
+        radial, pole = position - a, b - a
+        up = pole - radial * (pole @ radial) / max(radial @ radial, 1e-300)
+        made = axes_of_points(np.zeros(3), up, radial)
+    if made is None:
+        raise ValueError("the points of the system lie on a line")
+    return made
+
+
+def read_parts(
+    path: Path,
+    assembly: Assembly,
+    positions: Mapping[int, FloatArray],
+    axes: Mapping[int, FloatArray],
+    units: DeckUnits,
+) -> list[DeckPart]:
+    """The parts of an input file beside its cells: those that structid has elements for, and the others with the reason.
+
+    Raises
+    ------
+    FileError
+        If a keyword cannot be read.
+    """
+    deck = _Deck(path, assembly, positions, axes, units)
+    parts = [
+        *deck.read("MASS", _point_masses),
+        *deck.read("ROTARY INERTIA", _rotary_inertias),
+        *deck.read("SPRING", _springs),
+        *deck.read("DASHPOT", _springs),
+        *deck.read("EQUATION", _equations),
+        *deck.read("MPC", _multi_point),
+        *deck.read("RIGID BODY", _rigid_body),
+        *deck.read("KINEMATIC COUPLING", _kinematic_coupling),
+        *deck.read("COUPLING", _coupling),
+        *_offsets(deck),
+    ]
+    for keyword, why in _UNREAD.items():
+        count = sum(max(len(block.rows), 1) if keyword == "TIE" else 1 for _, block in deck.blocks(keyword))
+        parts += [DeckPart(keyword, count, obstacle=why)] if count else []
+    counts: dict[str, int] = {}
+    read_kinds = {"MASS", "ROTARYI"} | {kind for kinds in _SPRINGS.values() for kind in kinds}
+    for scope in deck.scopes:
+        for kind, table in scope.elements.items():
+            if is_part(kind) and kind not in read_kinds:
+                counts[kind] = counts.get(kind, 0) + len(table)
+    return [*parts, *(DeckPart(kind, count, obstacle="no element for it") for kind, count in counts.items())]
+
+
+def _point_masses(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    name = block.options.get("ELSET", "")
+    values = [float(word) for word in block.rows[0] if word]
+    mass = deck.units.mass * values[0]
+    matrix = mass_matrix(mass, np.zeros(3), np.zeros((3, 3)))
+    obstacle = "" if len(set(values)) == 1 else "it is not the same in all directions"
+    nodes = [nodes[0] for _, nodes in deck.elements_of(scope, name, ["MASS"])]
+    return [(obstacle, DeckPart("MASS", 1, mass, (NodalMass(node, matrix, name),))) for node in nodes]
+
+
+def _rotary_inertias(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    name = block.options.get("ELSET", "")
+    values = [deck.units.inertia * float(word) for word in block.rows[0] if word]
+    xx, yy, zz, xy, xz, yz = [*values, *[0.0] * 6][:6]
+    matrix = np.zeros((6, 6))
+    matrix[3:, 3:] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
+    matrix = turned_matrix(matrix, scope.turn.T)
+    obstacle = "its axes have an orientation" if block.options.get("ORIENTATION") else ""
+    nodes = [nodes[0] for _, nodes in deck.elements_of(scope, name, ["ROTARYI"])]
+    return [(obstacle, DeckPart("ROTARY INERTIA", 1, masses=(NodalMass(node, matrix, name),))) for node in nodes]
+
+
+def _springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Springs or dashpots: of one node to the ground (1), between two degrees of freedom (2), along their line (A)."""
+    name = block.options.get("ELSET", "")
+    rows = [row for row in block.rows if any(row)]
+    obstacle = "it is nonlinear" if "NONLINEAR" in block.options else ""
+    obstacle = "its directions have an orientation" if block.options.get("ORIENTATION") else obstacle
+    items: Items = []
+    for kind, nodes in deck.elements_of(scope, name, _SPRINGS[block.keyword]):
+        value = float(rows[0 if kind.endswith("A") else 1][0])
+        weights, why, is_rotation = _spring_weights(deck, scope, kind, nodes, rows[0])
+        value *= deck.units.stiffness(is_rotation)
+        is_spring = block.keyword == "SPRING"
+        spring = DeckSpring(weights, value * is_spring, value * (not is_spring), 0.0, name)
+        items.append((obstacle or why, DeckPart(block.keyword, 1, springs=(spring,))))
+    return items
+
+
+def _spring_weights(
+    deck: _Deck, scope: Scope, kind: str, nodes: Sequence[int], row: Sequence[str]
+) -> tuple[dict[tuple[int, str], float], str, bool]:
+    """What a spring works on, what hinders, and whether it turns."""
+    if kind.endswith("A"):
+        along = deck.positions[nodes[1]] - deck.positions[nodes[0]]
+        length = float(np.linalg.norm(along))
+        if not length:
+            return {}, "its nodes are at one place", False
+        axis = along / length
+        return weights_along(nodes[0], axis, False, -1.0) | weights_along(nodes[1], axis), "", False
+    if np.abs(scope.turn - np.eye(3)).max() > 1e-12:
+        return {}, _TURNED, False
+    components = [int(word) - 1 for word in row if word][: len(nodes)]
+    if len(components) < len(nodes):
+        raise ValueError(f"{kind} needs {len(nodes)} degrees of freedom")
+    weights: dict[tuple[int, str], float] = {}
+    for node, component, sign in zip(nodes, components, (1.0, -1.0), strict=False):
+        axis = deck.axes.get(node, np.eye(3))[component % 3]
+        for key, weight in weights_along(node, axis, component > 2, sign).items():
+            weights[key] = weights.get(key, 0.0) + weight
+    return weights, "", components[0] > 2
+
+
+Ties = list[RigidLink | Constraint]
+
+
+def _equations(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Linear equations; the first term is the dependent one."""
+    items: Items = []
+    rows = [[word for word in row if word] for row in block.rows if any(row)]
+    while rows:
+        count, words = int(float(rows.pop(0)[0])), list[str]()
+        while len(words) < 3 * count and rows:
+            words += rows.pop(0)
+        if len(words) < 3 * count:
+            raise ValueError(f"an equation of {count} terms has {len(words) // 3}")
+        items += _equation(deck, scope, [words[3 * k : 3 * k + 3] for k in range(count)])
+    return items
+
+
+def _equation(deck: _Deck, scope: Scope, terms: Sequence[Sequence[str]]) -> Items:
+    """One equation, or one for each node of the sets that it names."""
+    if np.abs(scope.turn - np.eye(3)).max() > 1e-12:
+        return [(_TURNED, DeckPart("EQUATION", 1))]
+    nodes = [deck.assembly.nodes(scope, term[0]) for term in terms]
+    count = max(map(len, nodes))
+    if any(len(labels) not in (1, count) for labels in nodes):
+        raise ValueError("the sets of an equation differ in size")
+    items: list[tuple[str, DeckPart]] = []
+    for index in range(count):
+        pairs = []
+        for labels, (_, component, factor) in zip(nodes, terms, strict=True):
+            label, axis = labels[min(index, len(labels) - 1)], int(component) - 1
+            if label not in deck.positions or axis > 5:
+                return [("it works on no displacement", DeckPart("EQUATION", count))]
+            if label in deck.axes:
+                return [(_LOCAL, DeckPart("EQUATION", count))]
+            pairs.append((Dof(label, DIRECTIONS[axis]), float(factor) * (deck.units.length if axis > 2 else 1.0)))
+        (dependent, first), *others = pairs
+        sums: dict[Dof, float] = {}
+        for dof, factor in others:
+            sums[dof] = sums.get(dof, 0.0) - factor / first
+        tie = Constraint(f"equation {dependent.unsigned}", dependent, sums.items())
+        items.append(("", DeckPart("EQUATION", 1, ties=(tie,))))
+    return items
+
+
+def _multi_point(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """*MPC of type BEAM, TIE and PIN; the first node is the dependent one."""
+    items: Items = []
+    for row in block.rows:
+        words = [word for word in row if word]
+        if not words:
+            continue
+        kind = words[0].upper()
+        if kind not in ("BEAM", "TIE", "PIN"):
+            items.append((f"type {kind}", DeckPart("MPC", 1)))
+            continue
+        dependents, mains = deck.assembly.nodes(scope, words[1]), deck.assembly.nodes(scope, words[2])
+        mains = mains * len(dependents) if len(mains) == 1 else mains
+        for dependent, main in zip(dependents, mains, strict=True):
+            items.append(("", DeckPart("MPC", 1, ties=tuple(_joined(kind, main, dependent)))))
+    return items
+
+
+def _joined(kind: str, main: int, dependent: int) -> Ties:
+    name = f"mpc {kind.lower()} {dependent}"
+    if kind == "BEAM":
+        return [RigidLink(name, main, [dependent])]
+    directions = DIRECTIONS if kind == "TIE" else DIRECTIONS[:3]
+    return [Constraint(name, Dof(dependent, d), [(Dof(main, d), 1.0)]) for d in directions]
+
+
+def _rigid_body(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Nodes of sets that move with a reference node."""
+    options = block.options
+    if options.get("ROT NODE") or "ANALYTICAL SURFACE" in options:
+        return [("it turns with a node of its own (ROT NODE) or is a surface", DeckPart("RIGID BODY", 1))]
+    if not options.get("REF NODE"):
+        return [("it has no reference node", DeckPart("RIGID BODY", 1))]
+    [main] = deck.assembly.nodes(scope, options["REF NODE"])
+    tied = [node for key in ("NSET", "TIE NSET") for node in _named_nodes(deck, scope, options.get(key, ""))]
+    tied += _nodes_of_elements(deck, scope, options.get("ELSET", ""))
+    pinned = _named_nodes(deck, scope, options.get("PIN NSET", ""))
+    ties: Ties = []
+    for directions, labels in ((None, tied), (DIRECTIONS[:3], pinned)):
+        dependents = [node for node in dict.fromkeys(labels) if node != main]
+        ties += [RigidLink(f"rigid body {main}", main, dependents, directions)] if dependents else []
+    return [("", DeckPart("RIGID BODY", 1, ties=tuple(ties)))]
+
+
+def _named_nodes(deck: _Deck, scope: Scope, name: str) -> list[int]:
+    return deck.assembly.nodes(scope, name) if name else []
+
+
+def _nodes_of_elements(deck: _Deck, scope: Scope, name: str) -> list[int]:
+    if not name:
+        return []
+    kinds = sorted({kind for holder in deck.scopes for kind in holder.elements})
+    return sorted({node for _, nodes in deck.elements_of(scope, name, kinds) for node in nodes})
+
+
+def _kinematic_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Nodes that follow a reference node in a range of components."""
+    [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
+    items: Items = []
+    for row in block.rows:
+        words = [word for word in row if word]
+        nodes = deck.assembly.nodes(scope, words[0])
+        items.append(_follow(deck, block, scope, main, nodes, _range(words[1:])))
+    return items
+
+
+def _coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """*COUPLING with the *KINEMATIC or *DISTRIBUTING behind it, of a surface of nodes."""
+    behind = scope.blocks[scope.blocks.index(block) + 1 :][:1]
+    if not behind or behind[0].keyword != "KINEMATIC":
+        return [("it is distributing", DeckPart("COUPLING", 1))]
+    name = block.options.get("SURFACE", "").upper()
+    surfaces = [surface for _, surface in deck.blocks("SURFACE") if surface.options.get("NAME", "").upper() == name]
+    if len(surfaces) != 1 or surfaces[0].options.get("TYPE", "ELEMENT").upper() != "NODE":
+        return [("its surface is of elements", DeckPart("COUPLING", 1))]
+    [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
+    nodes = [node for row in surfaces[0].rows if row[0] for node in deck.assembly.nodes(scope, row[0])]
+    rows = [[word for word in row if word] for row in behind[0].rows]
+    components = sorted({component for row in rows if row for component in _range(row)}) or list(range(6))
+    return [_follow(deck, block, scope, main, nodes, components)]
+
+
+def _range(words: Sequence[str]) -> list[int]:
+    """Components from a first to a last as 0 to 5; all where there are none."""
+    if not words:
+        return list(range(6))
+    first, last = int(words[0]), int(words[1] if len(words) > 1 else words[0])
+    return list(range(first - 1, last))
+
+
+def _follow(
+    deck: _Deck, block: KeywordBlock, scope: Scope, main: int, nodes: Sequence[int], components: Sequence[int]
+) -> tuple[str, DeckPart]:
+    """Nodes that follow a main node rigidly in some components."""
+    kind = block.keyword
+    if block.options.get("ORIENTATION"):
+        return "its directions have an orientation", DeckPart(kind, 1)
+    dependents = [node for node in dict.fromkeys(nodes) if node != main]
+    name = f"{kind.lower()} {main}"
+    if set(components) == set(range(6)):
+        return "", DeckPart(kind, 1, ties=(RigidLink(name, main, dependents),))
+    if np.abs(scope.turn - np.eye(3)).max() > 1e-12:
+        return _TURNED, DeckPart(kind, 1)
+    ties: Ties = []
+    for node in dependents:
+        arm = deck.positions[node] - deck.positions[main]
+        rows = rigid_constraints(name, main, node, arm, deck.axes.get(node, np.eye(3)), components)
+        if rows is None:
+            return _LOCAL, DeckPart(kind, 1)
+        ties += rows
+    return "", DeckPart(kind, 1, ties=tuple(ties))
+
+
+def _offsets(deck: _Deck) -> list[DeckPart]:
+    """Offsets of shells and beams from their nodes."""
+    parts = []
+    for keyword in ("SHELL SECTION", "SHELL GENERAL SECTION", "BEAM SECTION", "BEAM GENERAL SECTION"):
+        count = sum(
+            1
+            for _, block in deck.blocks(keyword)
+            if any(
+                key.startswith("OFFSET") and value.upper() not in ("0", "0.", "0.0", "MIDDLE")
+                for key, value in block.options.items()
+            )
+        )
+        parts += [DeckPart(f"{keyword} OFFSET", count, obstacle="move the nodes")] if count else []
+    count = sum(1 for _ in deck.blocks("CENTROID", "SHEAR CENTER"))
+    return [*parts, *([DeckPart("BEAM CENTROID", count, obstacle="move the nodes")] if count else [])]

@@ -1,0 +1,72 @@
+"""Rectangular, cylindrical and spherical coordinate systems of decks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class CoordinateSystem:
+    """A coordinate system in basic coordinates.
+
+    Attributes
+    ----------
+    form : str
+        R (rectangular: x, y, z), C (cylindrical: r, theta, z) or S (spherical: see `to_basic`); angles in degrees.
+    origin : (3,) float array
+    axes : (3, 3) float array
+        Unit vectors x, y and z as rows.
+    """
+
+    form: str
+    origin: FloatArray
+    axes: FloatArray
+
+    def to_basic(self, coordinates: FloatArray) -> FloatArray:
+        """Basic coordinates of points, (n, 3); of a sphere r, the angle from the z axis, and that about it from x."""
+        return self.origin + rectangular(self.form, coordinates) @ self.axes
+
+    def directions_at(self, positions: FloatArray) -> FloatArray:
+        """Unit vectors of the first, second and third direction at points of basic coordinates, (n, 3) to (n, 3, 3).
+
+        On the z axis, where radial directions have no meaning, those of angle 0 are taken, as Nastran does.
+        """
+        positions = np.atleast_2d(positions)
+        if self.form == "R":
+            return np.broadcast_to(self.axes, (len(positions), 3, 3)).copy()
+        local = (positions - self.origin) @ self.axes.T
+        about = np.arctan2(local[:, 1], local[:, 0])
+        zero, one = np.zeros(len(local)), np.ones(len(local))
+        out = np.stack([np.cos(about), np.sin(about), zero], axis=1)
+        around = np.stack([-np.sin(about), np.cos(about), zero], axis=1)
+        up = np.stack([zero, zero, one], axis=1)
+        if self.form == "C":
+            return np.stack([out, around, up], axis=1) @ self.axes
+        down = np.arctan2(np.linalg.norm(local[:, :2], axis=1), local[:, 2])[:, None]
+        radial, polar = np.sin(down) * out + np.cos(down) * up, np.cos(down) * out - np.sin(down) * up
+        return np.stack([radial, polar, around], axis=1) @ self.axes
+
+
+def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> FloatArray | None:
+    """Axes as rows, from the origin, a point on the z axis and one in the half plane of x and z; None where they lie on a line."""
+    z = on_z - origin
+    y = np.cross(z, in_xz - origin)
+    axes = np.stack([np.cross(y, z), y, z])
+    sizes = np.linalg.norm(axes, axis=1)
+    return axes / sizes[:, None] if (sizes > 0).all() else None
+
+
+def rectangular(form: str, coordinates: FloatArray) -> FloatArray:
+    """Rectangular coordinates in the same axes, (n, 3)."""
+    if form == "R":
+        return coordinates
+    first, second = coordinates[:, 0], np.radians(coordinates[:, 1])
+    if form == "C":
+        return np.stack([first * np.cos(second), first * np.sin(second), coordinates[:, 2]], axis=1)
+    around = np.radians(coordinates[:, 2])
+    across = first * np.sin(second)
+    return np.stack([across * np.cos(around), across * np.sin(around), first * np.cos(second)], axis=1)

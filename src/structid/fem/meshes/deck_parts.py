@@ -1,0 +1,445 @@
+"""Parts of a deck beside its cells: masses, springs, dashpots, rigid elements; as element sets and ties where they are taken."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import FloatArray
+from structid.core.display import figures
+from structid.core.dof import DIRECTIONS, Dof
+from structid.core.errors import InputError
+from structid.fem.elements import Dashpot, ElementSet, MatrixGroup, PointMass, RotaryInertia, Spring
+from structid.fem.supports import Constraint, MiddleNode, RigidLink
+
+#: Part of the largest entry of a matrix, and of the length of a direction, that is rounding.
+_ROUNDING = 1e-12
+DeckTie = RigidLink | Constraint | MiddleNode
+#: Takes every part that structid has elements for.
+ALL_PARTS = "all"
+
+
+@dataclass(frozen=True)
+class DeckUnits:
+    """Units of a deck, time in s.
+
+    Attributes
+    ----------
+    length, force : float
+        m and N.
+    mass_factor : float
+        What masses of the file are multiplied by besides (PARAM,WTMASS).
+    """
+
+    length: float = 1.0
+    force: float = 1.0
+    mass_factor: float = 1.0
+
+    @property
+    def mass(self) -> float:
+        """kg."""
+        return self.mass_factor * self.force / self.length
+
+    @property
+    def inertia(self) -> float:
+        """kg m^2."""
+        return self.mass_factor * self.force * self.length
+
+    def stiffness(self, is_rotation: bool) -> float:
+        """N/m or N m/rad; of dashpots with s."""
+        return self.force * self.length if is_rotation else self.force / self.length
+
+
+@dataclass(frozen=True, eq=False)
+class NodalMass:
+    """A mass matrix of one node.
+
+    Attributes
+    ----------
+    node : int
+    matrix : (6, 6) float array
+        Of translations and rotations along global axes, SI units.
+    set_name : str
+        Element set or property that it belongs to; "" for none.
+    """
+
+    node: int
+    matrix: FloatArray
+    set_name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class DeckSpring:
+    """A spring and dashpot that work on a weighted sum of displacements.
+
+    Attributes
+    ----------
+    weights : mapping of (node, direction) to float
+        Of displacements along global axes; -1 at one end and 1 at the other.
+    stiffness, damping : float
+        SI units.
+    loss_factor : float
+    set_name : str
+        Property that it belongs to; "" for none.
+    """
+
+    weights: Mapping[tuple[int, str], float]
+    stiffness: float = 0.0
+    damping: float = 0.0
+    loss_factor: float = 0.0
+    set_name: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class DeckPart:
+    """The cards of one kind that a deck has beside its cells, as read.
+
+    Attributes
+    ----------
+    kind : str
+        Card or keyword, such as ``CONM2`` or ``EQUATION``.
+    count : int
+        Elements, or cards where it has none.
+    mass : float
+        kg, in the units that the reader was given.
+    masses : tuple of NodalMass
+    springs : tuple of DeckSpring
+    ties : tuple of RigidLink, Constraint or MiddleNode
+    obstacle : str
+        Why no element of structid stands for it; "" where it can be taken.
+    is_needed : bool
+        Whether the mesh is wrong without it, so that it is always taken.
+    """
+
+    kind: str
+    count: int
+    mass: float = 0.0
+    masses: tuple[NodalMass, ...] = ()
+    springs: tuple[DeckSpring, ...] = ()
+    ties: tuple[DeckTie, ...] = ()
+    obstacle: str = ""
+    is_needed: bool = False
+
+    @property
+    def words(self) -> str:
+        """How many, of what, how heavy."""
+        heavy = f" ({figures(self.mass)} kg)" if self.mass else ""
+        return f"{self.count} {self.kind}{heavy}"
+
+    @property
+    def nodes(self) -> frozenset[int]:
+        """Labels of the nodes that it works on."""
+        nodes = {mass.node for mass in self.masses}
+        nodes |= {node for spring in self.springs for node, _ in spring.weights}
+        for tie in self.ties:
+            if isinstance(tie, RigidLink):
+                nodes |= {tie.main, *tie.dependents}
+            elif isinstance(tie, MiddleNode):
+                nodes |= {tie.label, *tie.ends}
+            else:
+                nodes |= {tie.dependent.node, *(dof.node for dof, _ in tie.depends_on)}
+        return frozenset(nodes)
+
+    @property
+    def joined_pairs(self) -> frozenset[tuple[int, int]]:
+        """Pairs of labels, the lower first, that a spring or a tie of it joins."""
+        groups = [{node for node, _ in spring.weights} for spring in self.springs]
+        for tie in self.ties:
+            if isinstance(tie, RigidLink):
+                groups += [{tie.main, node} for node in tie.dependents]
+            elif isinstance(tie, Constraint):
+                groups += [{tie.dependent.node, dof.node} for dof, _ in tie.depends_on]
+        return frozenset((min(group), max(group)) for group in groups if len(group) == 2)
+
+    def elements(self) -> list[ElementSet]:
+        """Element sets of its masses, springs and dashpots, named by kind and property in small letters."""
+        sets: list[ElementSet] = []
+        for name in dict.fromkeys(mass.set_name for mass in self.masses):
+            sets += _mass_sets(self._named(name), [mass for mass in self.masses if mass.set_name == name])
+        for name in dict.fromkeys(spring.set_name for spring in self.springs):
+            sets += _spring_sets(self._named(name), [spring for spring in self.springs if spring.set_name == name])
+        return sets
+
+    def renumbered(self, stands_for: Mapping[int, int]) -> DeckPart:
+        """The part with other node labels, where nodes at one place became one; ties of a node with itself are left out."""
+        masses = tuple(replace(mass, node=stands_for.get(mass.node, mass.node)) for mass in self.masses)
+        springs = []
+        for spring in self.springs:
+            weights: dict[tuple[int, str], float] = {}
+            for (node, direction), weight in spring.weights.items():
+                key = (stands_for.get(node, node), direction)
+                weights[key] = weights.get(key, 0.0) + weight
+            if any(weights.values()):
+                springs.append(replace(spring, weights=weights))
+        ties = [tie for tie in (_renumbered_tie(tie, stands_for) for tie in self.ties) if tie is not None]
+        return replace(self, masses=masses, springs=tuple(springs), ties=tuple(ties))
+
+    def _named(self, set_name: str) -> str:
+        return f"{self.kind.lower()} {set_name}".strip()
+
+
+def choose_parts(parts: Sequence[DeckPart], take: str | Sequence[str], source: str) -> tuple[DeckPart, ...]:
+    """The parts that `take` names, and those that the mesh needs.
+
+    Parameters
+    ----------
+    parts : sequence of DeckPart
+    take : "all" or kinds
+        In any case, Abaqus keywords with or without their star.
+    source : str
+        The deck, for messages.
+
+    Raises
+    ------
+    InputError
+        If the deck has no part of a kind, or structid no element for it.
+    """
+    wanted = [take] if isinstance(take, str) else list(take)
+    keys = [word.strip().lstrip("*").upper() for word in wanted]
+    possible = [part for part in parts if not part.obstacle]
+    if [key.lower() for key in keys] == [ALL_PARTS]:
+        return tuple(possible)
+    for word, key in zip(wanted, keys, strict=True):
+        same = [part for part in parts if part.kind == key]
+        if not same:
+            near = difflib.get_close_matches(key, [part.kind for part in possible], 1, 0.0)
+            remedy = f"the nearest is {near[0]!r}" if near else "it has none that could be taken; take the key out"
+            raise InputError(f"{source} has no {word!r} beside its cells; {remedy}")
+        if all(part.obstacle for part in same):
+            raise InputError(f"{same[0].words} of {source} cannot be taken: {same[0].obstacle}")
+    return tuple(part for part in possible if part.kind in keys or part.is_needed)
+
+
+def describe_left_aside(parts: Iterable[DeckPart], taken: Sequence[DeckPart], source: str) -> str:
+    """What of a deck no element stands for, in a sentence with the remedy; "" where nothing is."""
+    left = [part for part in parts if not any(part is other for other in taken)]
+    if not left:
+        return ""
+    words = ", ".join(part.words + (f" [{part.obstacle}]" if part.obstacle else "") for part in left)
+    heavy = [part.mass for part in left if part.mass]
+    total = f" ({figures(sum(heavy))} kg together)" if len(heavy) > 1 else ""
+    kinds = ", ".join(f'"{kind}"' for kind in dict.fromkeys(part.kind for part in left if not part.obstacle))
+    by_hand = any(part.obstacle for part in left)
+    remedies = [f"take them by `take = [{kinds}]` in [structure.mesh]"] if kinds else []
+    remedies += ["model by hand what matters" + (" of the others" if kinds else "")] if by_hand else []
+    return f"the model leaves aside what {source} has beside its cells: {words}{total}; {', '.join(remedies)}"
+
+
+def split_by_obstacle(kind: str, items: Sequence[tuple[str, DeckPart]]) -> list[DeckPart]:
+    """One part of all `items` without an obstacle, and one for each obstacle."""
+    by_obstacle: dict[str, list[DeckPart]] = {}
+    for obstacle, part in items:
+        by_obstacle.setdefault(obstacle, []).append(part)
+    parts = []
+    for obstacle, same in by_obstacle.items():
+        count, mass = sum(part.count for part in same), float(sum(part.mass for part in same))
+        if obstacle:
+            parts.append(DeckPart(kind, count, mass, obstacle=obstacle))
+            continue
+        masses = tuple(mass for part in same for mass in part.masses)
+        springs = tuple(spring for part in same for spring in part.springs)
+        parts.append(DeckPart(kind, count, mass, masses, springs, tuple(tie for part in same for tie in part.ties)))
+    return parts
+
+
+def mass_matrix(mass: float, arm: FloatArray, inertia: FloatArray) -> FloatArray:
+    """Mass matrix of a rigid body at a node, (6, 6): its centre `arm` (3,) from the node, `inertia` (3, 3) about the centre."""
+    x, y, z = arm
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = mass * np.eye(3)
+    matrix[:3, 3:] = -mass * cross
+    matrix[3:, :3] = mass * cross
+    matrix[3:, 3:] = inertia - mass * cross @ cross
+    return matrix
+
+
+def turned_matrix(matrix: FloatArray, axes: FloatArray) -> FloatArray:
+    """A matrix (6, 6) of translations and rotations along `axes` (rows) in global directions."""
+    turn = np.kron(np.eye(2), axes)
+    turned: FloatArray = turn.T @ matrix @ turn
+    return turned
+
+
+def weights_along(
+    node: int, vector: FloatArray, rotation: bool = False, factor: float = 1.0
+) -> dict[tuple[int, str], float]:
+    """Weights of a node's displacement (or rotation) along a unit vector; what is rounding is left out."""
+    directions = DIRECTIONS[3:] if rotation else DIRECTIONS[:3]
+    return {
+        (node, direction): factor * float(part)
+        for direction, part in zip(directions, vector, strict=True)
+        if abs(part) > _ROUNDING
+    }
+
+
+def _mass_sets(name: str, masses: Sequence[NodalMass]) -> list[ElementSet]:
+    """Point masses and rotary inertias; one matrix of all that have eccentricity, products of inertia or a direction."""
+    simple = [mass for mass in masses if _is_simple(mass.matrix)]
+    sets: list[ElementSet] = []
+    heavy = [mass for mass in simple if mass.matrix[0, 0]]
+    if heavy:
+        nodes, values = [mass.node for mass in heavy], [mass.matrix[0, 0] for mass in heavy]
+        sets.append(PointMass(name, np.array(nodes)[:, None], np.array(values)))
+    for place, direction in enumerate(DIRECTIONS[3:], 3):
+        turning = [mass for mass in simple if mass.matrix[place, place]]
+        if turning:
+            nodes, values = [mass.node for mass in turning], [mass.matrix[place, place] for mass in turning]
+            sets.append(RotaryInertia(f"{name} {direction}", np.array(nodes)[:, None], np.array(values), direction))
+    others = [mass for mass in masses if not _is_simple(mass.matrix)]
+    if others:
+        triples = [
+            (mass.node, DIRECTIONS[i], mass.node, DIRECTIONS[j], mass.matrix[i, j])
+            for mass in others
+            for i in range(6)
+            for j in range(6)
+            if mass.matrix[i, j]
+        ]
+        dofs, matrix = _matrix_of(triples)
+        sets.append(MatrixGroup(f"{name} bodies", dofs, mass=matrix))
+    return sets
+
+
+def _is_simple(matrix: FloatArray) -> bool:
+    """Whether a mass matrix is the same mass in all translations and inertias about the global axes."""
+    size = _ROUNDING * abs(matrix).max()
+    diagonal = np.diag(matrix)
+    return bool((abs(matrix - np.diag(diagonal)) <= size).all() and np.ptp(diagonal[:3]) <= size)
+
+
+def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
+    """Springs and dashpots between degrees of freedom or to the ground; one matrix of all in other directions."""
+    sets: list[ElementSet] = []
+    ends = [_ends(spring.weights) for spring in springs]
+    for grounded in (False, True):
+        rows = [
+            (spring, pair)
+            for spring, pair in zip(springs, ends, strict=True)
+            if pair is not None and (pair[1] is None) == grounded
+        ]
+        where = (
+            f"{name} to ground"
+            if grounded and len({pair[1] is None for pair in ends if pair is not None}) == 2
+            else name
+        )
+        stiff = [(spring, pair) for spring, pair in rows if spring.stiffness]
+        if stiff:
+            sets.append(
+                Spring(
+                    where,
+                    [pair[0] for _, pair in stiff],
+                    None if grounded else [pair[1] for _, pair in stiff if pair[1] is not None],
+                    stiffness=np.array([spring.stiffness for spring, _ in stiff]),
+                    loss_factor=np.array([spring.loss_factor for spring, _ in stiff]),
+                )
+            )
+        damped = [(spring, pair) for spring, pair in rows if spring.damping]
+        if damped:
+            sets.append(
+                Dashpot(
+                    f"{where} damping" if stiff else where,
+                    [pair[0] for _, pair in damped],
+                    None if grounded else [pair[1] for _, pair in damped if pair[1] is not None],
+                    viscous_damping=np.array([spring.damping for spring, _ in damped]),
+                )
+            )
+    skew = [spring for spring, pair in zip(springs, ends, strict=True) if pair is None]
+    for loss_factor in sorted({spring.loss_factor for spring in skew}):
+        same = [spring for spring in skew if spring.loss_factor == loss_factor]
+        matrices = {}
+        codes = sorted({key for spring in same for key in spring.weights})
+        for key in ("stiffness", "damping"):
+            triples = [
+                (*row, *column, getattr(spring, key) * weight * other)
+                for spring in same
+                for row, weight in spring.weights.items()
+                for column, other in spring.weights.items()
+            ]
+            if any(value for *_, value in triples):
+                dofs, matrices[key] = _matrix_of(triples, codes)
+        if matrices:
+            suffix = "oblique" if loss_factor == 0 else f"oblique, loss factor {loss_factor:g}"
+            sets.append(MatrixGroup(f"{name} {suffix}", dofs, loss_factor=loss_factor, **matrices))
+    return sets
+
+
+def _ends(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | None] | None:
+    """The two degrees of freedom of a spring along global axes, or one to the ground; None where it is oblique."""
+    pairs = [(Dof(node, direction), weight) for (node, direction), weight in weights.items() if weight]
+    if any(abs(abs(weight) - 1) > _ROUNDING for _, weight in pairs) or len(pairs) not in (1, 2):
+        return None
+    if len(pairs) == 1:
+        return pairs[0][0], None
+    (first, one), (second, other) = pairs
+    if first.is_rotation != second.is_rotation:
+        return None
+    return first, second if one * other < 0 else Dof(second.node, second.direction, -1)
+
+
+def _matrix_of(
+    triples: Sequence[tuple[int, str, int, str, float]], codes: Sequence[tuple[int, str]] | None = None
+) -> tuple[list[Dof], sparse.csc_array]:
+    """Degrees of freedom and the symmetric matrix of entries (node, direction, node, direction, value), summed."""
+    if codes is None:
+        codes = sorted({(node, direction) for node, direction, *_ in triples})
+    place = {code: row for row, code in enumerate(codes)}
+    rows = [place[node, direction] for node, direction, *_ in triples]
+    columns = [place[node, direction] for _, _, node, direction, _ in triples]
+    values = [value for *_, value in triples]
+    size = (len(codes), len(codes))
+    return [Dof(*code) for code in codes], sparse.csc_array(sparse.coo_array((values, (rows, columns)), size))
+
+
+def _renumbered_tie(tie: DeckTie, stands_for: Mapping[int, int]) -> DeckTie | None:
+    if isinstance(tie, MiddleNode):
+        label = stands_for.get(tie.label, tie.label)
+        start, end = (stands_for.get(node, node) for node in tie.ends)
+        return None if label in (start, end) else replace(tie, label=label, ends=(start, end))
+    if isinstance(tie, RigidLink):
+        main = stands_for.get(tie.main, tie.main)
+        dependents = [stands_for.get(node, node) for node in tie.dependents]
+        kept = [node for node in dict.fromkeys(dependents) if node != main]
+        return RigidLink(tie.name, main, kept, tie.directions) if kept else None
+    dependent = _renumbered_dof(tie.dependent, stands_for)
+    pairs = [(_renumbered_dof(dof, stands_for), factor) for dof, factor in tie.depends_on]
+    if pairs == [(dependent, 1.0)]:
+        return None
+    return Constraint(tie.name, dependent, pairs)
+
+
+def _renumbered_dof(dof: Dof, stands_for: Mapping[int, int]) -> Dof:
+    return Dof(stands_for.get(dof.node, dof.node), dof.direction, dof.sign)
+
+
+def rigid_constraints(
+    name: str, main: int, dependent: int, arm: FloatArray, axes: FloatArray, components: Iterable[int]
+) -> list[Constraint] | None:
+    """Constraints of a node that follows a main node rigidly along some of its own `axes`; None where they are oblique.
+
+    Parameters
+    ----------
+    name : str
+    main, dependent : int
+    arm : (3,) float array
+        From the main node to the dependent one, m.
+    axes : (3, 3) float array
+        Own directions of the dependent node as rows; those that are used must be along global ones.
+    components : iterable of int
+        0 to 5, translations and rotations along `axes`.
+    """
+    motion = np.eye(6)
+    motion[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
+    constraints = []
+    for component in components:
+        vector = axes[component % 3]
+        along = int(np.argmax(abs(vector)))
+        if abs(vector[along]) < 1 - _ROUNDING:
+            return None
+        row = motion[along + 3 * (component // 3)]
+        pairs = [(Dof(main, d), float(part)) for d, part in zip(DIRECTIONS, row, strict=True) if abs(part) > 0]
+        constraints.append(Constraint(name, Dof(dependent, DIRECTIONS[along + 3 * (component // 3)]), pairs))
+    return constraints

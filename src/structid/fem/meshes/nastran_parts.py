@@ -1,0 +1,568 @@
+"""Masses, springs, dashpots and rigid elements of Nastran bulk data as parts of a deck."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import DIRECTIONS, Dof
+from structid.fem.importers.fixed_fields import as_real
+from structid.fem.meshes.bulk_cards import BulkText, Cards
+from structid.fem.meshes.deck_parts import (
+    DeckPart,
+    DeckSpring,
+    DeckUnits,
+    NodalMass,
+    mass_matrix,
+    rigid_constraints,
+    split_by_obstacle,
+    turned_matrix,
+    weights_along,
+)
+from structid.fem.meshes.nastran_systems import BulkSystems
+from structid.fem.supports import Constraint, RigidLink
+
+_PROPERTIES = ("PELAS", "PDAMP", "PMASS", "PBUSH", "PVISC", "PBUSH1D")
+#: Cards that are listed, and why nothing stands for them.
+_UNREAD = {
+    "CELAS3": "scalar points",
+    "CELAS4": "scalar points",
+    "CDAMP3": "scalar points",
+    "CDAMP4": "scalar points",
+    "CDAMP5": "heat",
+    "CMASS3": "scalar points",
+    "CMASS4": "scalar points",
+    "CBUSH2D": "rotor bearings",
+    "CBEND": "curved beams",
+    "CBEAM3": "beams of three nodes",
+    "CGAP": "contact",
+    "CFAST": "fasteners",
+    "CWELD": "welds",
+    "CSEAM": "seam welds",
+    "CHACAB": "acoustic absorbers",
+    "CHACBR": "acoustic barriers",
+    "CRAC2D": "cracks",
+    "CRAC3D": "cracks",
+    "CCONEAX": "axisymmetric shells",
+    "CPLSTN3": "plane strain",
+    "CPLSTN4": "plane strain",
+    "CPLSTN6": "plane strain",
+    "CPLSTN8": "plane strain",
+    "CPLSTS3": "plane stress",
+    "CPLSTS4": "plane stress",
+    "CPLSTS6": "plane stress",
+    "CPLSTS8": "plane stress",
+    "CQUAD": "hyperelastic quadrilaterals",
+    "CSUPER": "superelements",
+    "CSUPEXT": "superelements",
+    "GENEL": "general elements",
+    "RBE1": "rigid elements with several independent nodes",
+    "RROD": "rigid rods",
+    "RTRPLT": "rigid triangles",
+    "RTRPLT1": "rigid triangles",
+    "RBAR1": "rigid bars with springs",
+    "RJOINT": "rigid joints",
+    "RSPLINE": "interpolation elements",
+    "RSSCON": "shells joined to solids",
+    "MPCADD": "",
+    "NSM": "non-structural mass",
+    "NSM1": "non-structural mass",
+    "NSML": "non-structural mass",
+    "NSML1": "non-structural mass",
+    "BCONTACT": "contact",
+    "BCTSET": "contact",
+    "BGSET": "glue",
+    "ACMODL": "fluid",
+    "CFLUID2": "fluid",
+    "CFLUID3": "fluid",
+    "CFLUID4": "fluid",
+    "ROTORG": "rotors",
+    "DMIG": "matrices",
+    "TF": "transfer functions",
+}
+_READ = ("CONM1", "CONM2", "CMASS1", "CMASS2", "CELAS1", "CELAS2", "CDAMP1", "CDAMP2", "CVISC", "CBUSH", "CBUSH1D")
+_READ += ("RBE2", "RBE3", "RBAR", "MPC")
+_SCALAR = "it is at a scalar point, or a grid point that is not there"
+_NO_PROPERTY = "its property is not in the deck"
+_OBLIQUE = "a dependent node's own displacement system is turned against the global axes"
+#: Cards that a mesh reader must ask for to make parts of a deck.
+PART_CARDS = (*_READ, *_PROPERTIES, "PARAM", *(name for name, why in _UNREAD.items() if why))
+
+
+@dataclass(frozen=True, eq=False)
+class _Deck:
+    """A deck with what its parts refer to.
+
+    Attributes
+    ----------
+    positions : mapping of label to position in m
+    axes : mapping of label to (3, 3) float array
+        Of grid points with a displacement system of their own.
+    """
+
+    cards: Mapping[str, Cards]
+    systems: BulkSystems
+    positions: Mapping[int, FloatArray]
+    axes: Mapping[int, FloatArray]
+    units: DeckUnits
+
+    def axes_at(self, node: int) -> FloatArray:
+        """Own directions of a grid point as rows."""
+        return self.axes.get(node, np.eye(3))
+
+    def axes_of(self, system: int, node: int) -> FloatArray:
+        """Directions of a coordinate system at a grid point, as rows."""
+        position = self.positions[node] / self.units.length
+        return self.systems.system(system).directions_at(position)[0]
+
+    def rows(self, name: str) -> list[list[str]]:
+        """The fields of each card of a name, in words."""
+        return _rows(self.cards, name)
+
+
+def read_parts(
+    text: BulkText,
+    cards: Mapping[str, Cards],
+    systems: BulkSystems,
+    positions: Mapping[int, FloatArray],
+    axes: Mapping[int, FloatArray],
+    units: DeckUnits,
+) -> list[DeckPart]:
+    """The parts of a deck beside its cells: those that structid has elements for, and the others with the reason.
+
+    Parameters
+    ----------
+    text : BulkText
+    cards : mapping of name to Cards
+    systems : BulkSystems
+    positions : mapping of label to position in m
+    axes : mapping of label to (3, 3) float array
+        Of grid points with a displacement system of their own.
+    units : DeckUnits
+        Without PARAM,WTMASS.
+    """
+    for words in _rows(cards, "PARAM"):
+        if words[0] == "WTMASS":
+            units = DeckUnits(units.length, units.force, _real(words[1]))
+    deck = _Deck(cards, systems, positions, axes, units)
+    parts = [
+        part
+        for name, make in _readers(deck).items()
+        if name in cards
+        for part in _parts_of(name, deck.rows(name), make)
+    ]
+    parts += _constraints(deck, text.case_control)
+    counts = Counter({name: len(cards[name]) for name in _UNREAD if name in cards})
+    parts += [DeckPart(name, count, obstacle=_UNREAD[name]) for name, count in counts.items()]
+    return parts
+
+
+#: Why a part cannot be taken, "" where it can, and the part.
+Item = tuple[str, DeckPart]
+#: Stiffness and damping (6,) of a property, its loss factor, and why it cannot be taken, by its number.
+Values = dict[int, tuple[FloatArray, FloatArray, float, str]]
+Reader = Callable[[Sequence[str]], Item]
+
+
+def _readers(deck: _Deck) -> dict[str, Reader]:
+    """What reads one card of each name."""
+    tables = {name: _numbered(deck, name, width) for name, width in (("PELAS", 4), ("PDAMP", 2), ("PMASS", 2))}
+    bushes = {"CBUSH": _bush_properties(deck), "CBUSH1D": _axial_properties(deck), "CVISC": _viscous_properties(deck)}
+    return {
+        "CONM1": partial(_body, deck, "CONM1"),
+        "CONM2": partial(_body, deck, "CONM2"),
+        "CMASS1": partial(_scalar_mass, deck, tables["PMASS"]),
+        "CMASS2": partial(_scalar_mass, deck, None),
+        "CELAS1": partial(_scalar_spring, deck, "CELAS1", tables["PELAS"]),
+        "CELAS2": partial(_scalar_spring, deck, "CELAS2", None),
+        "CDAMP1": partial(_scalar_spring, deck, "CDAMP1", tables["PDAMP"]),
+        "CDAMP2": partial(_scalar_spring, deck, "CDAMP2", None),
+        **{name: partial(_bush, deck, name, values) for name, values in bushes.items()},
+        "RBE2": partial(_rigid, deck, "RBE2", _rbe2),
+        "RBAR": partial(_rigid, deck, "RBAR", _rbar),
+        "RBE3": partial(_rigid, deck, "RBE3", _rbe3),
+    }
+
+
+def _parts_of(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> list[DeckPart]:
+    """The parts of all cards of a name; a card that cannot be read is one with that obstacle."""
+    items: list[Item] = []
+    for words in rows:
+        try:
+            items.append(reader(words))
+        except (ValueError, IndexError, KeyError) as error:
+            items.append((f"{name} {words[0]} cannot be read: {error}", DeckPart(name, 1)))
+    return split_by_obstacle(name, items)
+
+
+def _rows(cards: Mapping[str, Cards], name: str) -> list[list[str]]:
+    return [cards[name].row_words(row) for row in range(len(cards[name]))] if name in cards else []
+
+
+def _real(word: str) -> float:
+    return as_real(word.encode("latin-1")) if word else 0.0
+
+
+def _whole(word: str) -> int:
+    return int(word) if word else 0
+
+
+def _padded(words: Sequence[str], count: int) -> list[str]:
+    return [*words, *[""] * (count - len(words))]
+
+
+def _components(word: str) -> list[int]:
+    """Components such as 123 as 0, 1, 2."""
+    components = [int(digit) - 1 for digit in word]
+    if not set(components) <= set(range(6)):
+        raise ValueError(f"components must be among 1 to 6, got {word!r}")
+    return components
+
+
+def _body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
+    """A CONM1 or CONM2: a mass matrix of a grid point."""
+    words = _padded(row, 24)
+    node = _whole(words[1])
+    if node not in deck.positions:
+        return _SCALAR, DeckPart(name, 1, deck.units.mass * _real(words[3]))
+    matrix = _eccentric_mass(deck, node, words) if name == "CONM2" else _full_mass(deck, node, words)
+    return "", DeckPart(name, 1, float(np.trace(matrix[:3, :3])) / 3, (NodalMass(node, matrix),))
+
+
+def _scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
+    """A CMASS1 (with the values of properties) or CMASS2: a mass of one component of a grid point."""
+    words = _padded(row, 8)
+    kind = "CMASS2" if table is None else "CMASS1"
+    node, component = _whole(words[2]), words[3]
+    if table is not None and _whole(words[1]) not in table:
+        return _NO_PROPERTY, DeckPart(kind, 1)
+    value = _real(words[1] if table is None else table[int(words[1])][0])
+    if node not in deck.positions or component in ("", "0"):
+        return _SCALAR, DeckPart(kind, 1, deck.units.mass * value)
+    if _whole(words[4]):
+        return "it joins two nodes", DeckPart(kind, 1, deck.units.mass * value)
+    axis = _components(component)[0]
+    matrix = np.zeros((6, 6))
+    matrix[axis, axis] = value * (deck.units.inertia if axis > 2 else deck.units.mass)
+    mass = NodalMass(node, turned_matrix(matrix, deck.axes_at(node)))
+    return "", DeckPart(kind, 1, 0.0 if axis > 2 else deck.units.mass * value, (mass,))
+
+
+def _eccentric_mass(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
+    """The mass matrix of a CONM2 in global directions."""
+    system, mass = _whole(words[2]), deck.units.mass * _real(words[3])
+    arm = deck.units.length * np.array([_real(word) for word in words[4:7]])
+    xx, yx, yy, zx, zy, zz = (deck.units.inertia * _real(word) for word in words[8:14])
+    inertia = np.array([[xx, -yx, -zx], [-yx, yy, -zy], [-zx, -zy, zz]])
+    if system == -1:  # the centre of gravity itself, in basic coordinates
+        return mass_matrix(mass, arm - deck.positions[node], inertia)
+    return turned_matrix(mass_matrix(mass, arm, inertia), deck.axes_of(system, node))
+
+
+def _full_mass(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
+    """The mass matrix of a CONM1 in global directions."""
+    matrix = np.zeros((6, 6))
+    matrix[np.tril_indices(6)] = [_real(word) for word in words[3:24]]
+    matrix += np.tril(matrix, -1).T
+    scale = np.repeat([1.0, deck.units.length], 3)
+    return turned_matrix(deck.units.mass * scale[:, None] * matrix * scale, deck.axes_of(_whole(words[2]), node))
+
+
+def _numbered(deck: _Deck, name: str, width: int) -> dict[int, list[str]]:
+    """Fields of property cards that have several properties a card, each of `width` fields with its number first."""
+    table: dict[int, list[str]] = {}
+    for row in deck.rows(name):
+        words = _padded(row, 8)
+        table |= {int(words[k]): words[k + 1 : k + width] for k in range(0, 8, width) if words[k]}
+    return table
+
+
+def _scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
+    """A CELAS1 or CDAMP1 (with the values of properties), CELAS2 or CDAMP2: from one component to another or the ground."""
+    words = _padded(row, 8)
+    if table is not None and _whole(words[1]) not in table:
+        return _NO_PROPERTY, DeckPart(name, 1)
+    own = [words[1], words[6]] if table is None else table[int(words[1])]
+    weights: dict[tuple[int, str], float] = {}
+    is_rotation = False
+    for sign, node, component in ((-1.0, _whole(words[2]), words[3]), (1.0, _whole(words[4]), words[5])):
+        if node == 0:
+            continue
+        if node not in deck.positions or component in ("", "0"):
+            return _SCALAR, DeckPart(name, 1)
+        axis = _components(component)[0]
+        is_rotation = axis > 2
+        for key, weight in weights_along(node, deck.axes_at(node)[axis % 3], is_rotation, sign).items():
+            weights[key] = weights.get(key, 0.0) + weight
+    if not any(weights.values()):
+        return "it joins a component with itself", DeckPart(name, 1)
+    value = _real(own[0]) * deck.units.stiffness(is_rotation)
+    is_spring = name.startswith("CELAS")
+    loss = _real(own[1]) if is_spring else 0.0
+    named = "" if table is None else words[1]
+    spring = DeckSpring(weights, value * is_spring, value * (not is_spring), loss, named)
+    return "", DeckPart(name, 1, springs=(spring,))
+
+
+def _bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> Item:
+    """A CBUSH, CBUSH1D or CVISC: springs and dashpots along axes of an element."""
+    words = _padded(row, 16)
+    first, second = _whole(words[2]), _whole(words[3])
+    number = _whole(words[1]) or _whole(words[0])
+    if first not in deck.positions or (second and second not in deck.positions):
+        return _SCALAR, DeckPart(name, 1)
+    if number not in values:
+        return _NO_PROPERTY, DeckPart(name, 1)
+    stiffness, damping, loss, problem = values[number]
+    axes, obstacle = _bush_axes(deck, name, first, second, words)
+    if name == "CBUSH" and (words[9] not in ("", "-1") or any(words[10:13])):
+        problem = problem or "its spring stands off the line of its nodes"
+    works = (stiffness != 0) | (damping != 0)
+    if problem or axes is None or (works & ~np.tile(axes.any(axis=1), 2)).any():
+        return problem or obstacle or "it has no orientation", DeckPart(name, 1)
+    share = _real(words[8]) if words[8] and name == "CBUSH" else 0.5
+    springs = []
+    for component in np.flatnonzero(works).tolist():
+        weights = _bush_weights(deck, first, second, axes[component % 3], component > 2, share)
+        factor = deck.units.stiffness(component > 2)
+        springs.append(DeckSpring(weights, factor * stiffness[component], factor * damping[component], loss, words[1]))
+    return "", DeckPart(name, 1, springs=tuple(springs))
+
+
+def _bush_weights(
+    deck: _Deck, first: int, second: int, axis: FloatArray, is_rotation: bool, share: float
+) -> dict[tuple[int, str], float]:
+    """Displacement of the second end less that of the first where the spring is, `share` of the way from the first."""
+    weights = weights_along(first, axis, is_rotation, -1.0)
+    ends = [(first, -1.0, share), (second, 1.0, share - 1.0)] if second else [(first, -1.0, 0.0)]
+    if second:
+        weights |= weights_along(second, axis, is_rotation)
+    if is_rotation or not second:
+        return weights
+    along = deck.positions[second] - deck.positions[first]
+    for node, sign, part in ends:  # the spring's place moves with the node as a rigid body: u + rotation x arm
+        lever = np.cross(part * along, axis)
+        if np.abs(lever).max() > 1e-12 * max(np.linalg.norm(along), 1e-300):
+            for direction, weight in zip(DIRECTIONS[3:], sign * lever, strict=True):
+                if weight:
+                    weights[node, direction] = weights.get((node, direction), 0.0) + float(weight)
+    return weights
+
+
+def _bush_axes(deck: _Deck, name: str, first: int, second: int, words: Sequence[str]) -> tuple[FloatArray | None, str]:
+    """Axes of the element as rows, and what hinders; None where it has no orientation and no length."""
+    system = words[7] if name == "CBUSH" else words[4] if name == "CBUSH1D" else ""
+    if system:
+        return deck.axes_of(int(system), first), ""
+    along = deck.positions[second] - deck.positions[first] if second else np.zeros(3)
+    length = float(np.linalg.norm(along))
+    if length == 0:
+        return (None, "") if name == "CBUSH" else (None, "its nodes are at one place")
+    x = along / length
+    if name != "CBUSH" or not any(words[4:7]):
+        return np.stack([x, np.zeros(3), np.zeros(3)]), ""
+    if words[4] and not any(words[5:7]) and "." not in words[4]:
+        other = int(words[4])
+        if other not in deck.positions:
+            return None, f"its orientation node {other} is not there"
+        vector = deck.positions[other] - deck.positions[first]
+    else:
+        vector = np.array([_real(word) for word in words[4:7]]) @ deck.axes_at(first)
+    z = np.cross(x, vector)
+    if np.linalg.norm(z) < 1e-9 * np.linalg.norm(vector):
+        return None, "its orientation is along its axis"
+    z /= np.linalg.norm(z)
+    return np.stack([x, np.cross(z, x), z]), ""
+
+
+def _bush_properties(deck: _Deck) -> Values:
+    """Stiffness, damping (6,) and loss factor of each PBUSH."""
+    values: Values = {}
+    for words in deck.rows("PBUSH"):
+        numbers = {"K": np.zeros(6), "B": np.zeros(6), "GE": np.zeros(6)}
+        problem, flag, place = "", "", 0
+        for word in words[1:]:
+            if word in ("K", "B", "GE", "M", "RCV", "KMAG", "T", "ALPHA", "TREF"):
+                flag, place = word, 0
+                problem = "its stiffness is rigid or has a mass" if word in ("KMAG", "M") else problem
+            elif flag in numbers and place < 6:
+                if word == "RIGID":
+                    problem = "its stiffness is rigid"
+                else:
+                    numbers[flag][place] = _real(word)
+                place += 1
+        values[int(words[0])] = (numbers["K"], numbers["B"], float(numbers["GE"][0]), problem)
+    return values
+
+
+def _axial_properties(deck: _Deck) -> Values:
+    """Axial stiffness and damping of each PBUSH1D."""
+    values: Values = {}
+    for row in deck.rows("PBUSH1D"):
+        words = _padded(row, 16)
+        problem = "it has a mass or is nonlinear" if _real(words[3]) or any(words[8:]) else ""
+        values[int(words[0])] = (_axial(words[1]), _axial(words[2]), 0.0, problem)
+    return values
+
+
+def _viscous_properties(deck: _Deck) -> Values:
+    """Axial and torsional damping of each PVISC."""
+    values: Values = {}
+    for row in deck.rows("PVISC"):
+        words = _padded(row, 8)
+        for start in (0, 4):
+            if words[start]:
+                damping = _axial(words[start + 1])
+                damping[3] = _real(words[start + 2])
+                values[int(words[start])] = (np.zeros(6), damping, 0.0, "")
+    return values
+
+
+def _axial(word: str) -> FloatArray:
+    values = np.zeros(6)
+    values[0] = _real(word)
+    return values
+
+
+#: Why a rigid element cannot be taken, "" where it can, and its ties.
+Ties = tuple[str, list[RigidLink | Constraint]]
+
+
+def _rigid(deck: _Deck, name: str, make: Callable[[_Deck, Sequence[str]], Ties], row: Sequence[str]) -> Item:
+    """An RBE2, RBAR or RBE3 as rigid links and constraints."""
+    obstacle, ties = make(deck, row)
+    return obstacle, DeckPart(name, 1, ties=tuple(ties))
+
+
+def _rbe2(deck: _Deck, words: Sequence[str]) -> Ties:
+    main = int(words[1])
+    dependents = [int(word) for word in words[3:] if word.isdigit()]
+    if main not in deck.positions or not set(dependents) <= set(deck.positions):
+        return _SCALAR, []
+    return _followers(deck, f"rbe2 {words[0]}", main, dependents, words[2])
+
+
+def _followers(deck: _Deck, name: str, main: int, dependents: Sequence[int], components: str) -> Ties:
+    """Nodes that follow a main node in some of their components."""
+    if set(_components(components)) == set(range(6)):
+        return "", [RigidLink(name, main, dependents)]
+    ties: list[RigidLink | Constraint] = []
+    for node in dependents:
+        arm = deck.positions[node] - deck.positions[main]
+        rows = rigid_constraints(name, main, node, arm, deck.axes_at(node), _components(components))
+        if rows is None:
+            return _OBLIQUE, []
+        ties += rows
+    return "", ties
+
+
+def _rbar(deck: _Deck, words: Sequence[str]) -> Ties:
+    padded = _padded(words, 8)
+    first, second = int(padded[1]), int(padded[2])
+    independent_first, independent_second, dependent_first, dependent_second = padded[3:7]
+    if first not in deck.positions or second not in deck.positions:
+        return _SCALAR, []
+    name = f"rbar {padded[0]}"
+    if sorted(independent_first) == list("123456") and not independent_second:
+        return _followers(deck, name, first, [second], dependent_second or "123456")
+    if sorted(independent_second) == list("123456") and not independent_first:
+        return _followers(deck, name, second, [first], dependent_first or "123456")
+    return "its independent components are at both nodes", []
+
+
+def _rbe3(deck: _Deck, words: Sequence[str]) -> Ties:
+    """A reference node as the weighted mean of others: least squares of their rigid motion."""
+    reference, components = int(words[2]), words[3]
+    groups: list[tuple[float, str, list[int]]] = []
+    rest = list(words[4:])
+    while rest and rest[0] not in ("UM", "ALPHA", ""):
+        weight, which = _real(rest[0]), rest[1]
+        stop = next((k for k in range(2, len(rest)) if not rest[k].isdigit()), len(rest))
+        nodes = [int(word) for word in rest[2:stop]]
+        groups.append((weight, which, nodes))
+        rest = rest[stop:]
+        while rest and rest[0] == "" and any(rest):
+            rest = rest[1:]
+    if "UM" in words:
+        return "it names what is dependent (UM)", []
+    every = [reference, *(node for _, _, nodes in groups for node in nodes)]
+    if not set(every) <= set(deck.positions):
+        return _SCALAR, []
+    if any(not set(which) <= set("123") for _, which, _ in groups):
+        return "it averages rotations", []
+    rows, weights, dofs = [], [], []
+    for weight, which, nodes in groups:
+        for node in nodes:
+            arm = deck.positions[node] - deck.positions[reference]
+            motion = np.eye(3, 6)
+            motion[:, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
+            for component in _components(which):
+                axis = deck.axes_at(node)[component]
+                rows.append(axis @ motion)
+                weights.append(weight)
+                dofs.append((node, axis))
+    size = float(max(np.linalg.norm(deck.positions[node] - deck.positions[reference]) for node in every)) or 1.0
+    scale = np.array([1, 1, 1, 1 / size, 1 / size, 1 / size])
+    table = np.array(rows) * scale
+    normal = table.T @ (np.array(weights)[:, None] * table)
+    if np.linalg.cond(normal) > 1e12:
+        return "its nodes do not determine the motion of the reference node", []
+    mean = scale[:, None] * np.linalg.solve(normal, table.T * np.array(weights))
+    ties: list[RigidLink | Constraint] = []
+    for component in _components(components):
+        turn = np.kron(np.eye(2), deck.axes_at(reference))[component]
+        along = int(np.argmax(abs(turn)))
+        if abs(turn[along]) < 1 - 1e-12:
+            return _OBLIQUE, []
+        sums: dict[tuple[int, str], float] = {}
+        for factor, (node, axis) in zip(mean[along], dofs, strict=True):
+            for key, part in weights_along(node, axis).items():
+                sums[key] = sums.get(key, 0.0) + float(factor) * part
+        pairs = [(Dof(*key), value) for key, value in sums.items() if value]
+        ties.append(Constraint(f"rbe3 {words[0]}", Dof(reference, DIRECTIONS[along]), pairs))
+    return "", ties
+
+
+def _constraints(deck: _Deck, case_control: bytes) -> list[DeckPart]:
+    """MPC cards of the set that case control asks for, or of the only one."""
+    if "MPC" not in deck.cards:
+        return []
+    sets: dict[int, list[list[str]]] = {}
+    for words in deck.rows("MPC"):
+        sets.setdefault(int(words[0]), []).append(words)
+    asked = re.findall(rb"^\s*MPC\s*=\s*(\d+)", case_control, re.MULTILINE | re.IGNORECASE)
+    chosen = {int(number) for number in asked} or (set(sets) if len(sets) == 1 else set())
+    count = sum(len(rows) for rows in sets.values())
+    if len(chosen) != 1 or not chosen <= set(sets):
+        return [DeckPart("MPC", count, obstacle="it is not clear which set of MPC is meant")]
+    [number] = chosen
+    return _parts_of("MPC", sets[number], partial(_rigid, deck, "MPC", _constraint))
+
+
+def _constraint(deck: _Deck, words: Sequence[str]) -> Ties:
+    """One MPC: the sum of factors times components is 0; the first is the dependent one."""
+    terms: list[tuple[int, str, float]] = []
+    for start in range(0, len(words), 8):
+        for place in (start + 1, start + 4):
+            triple = _padded(words, start + 8)[place : place + 3]
+            if triple[0]:
+                terms.append((int(triple[0]), triple[1], _real(triple[2])))
+    if any(node not in deck.positions or component in ("", "0") for node, component, _ in terms):
+        return _SCALAR, []
+    sums: list[tuple[Dof, float]] = []
+    for node, component, factor in terms:
+        axis = _components(component)[0]
+        for (label, direction), part in weights_along(node, deck.axes_at(node)[axis % 3], axis > 2).items():
+            sums.append((Dof(label, direction), factor * part * (deck.units.length if axis > 2 else 1.0)))
+    first, *others = sums
+    first_axis = deck.axes_at(terms[0][0])[_components(terms[0][1])[0] % 3]
+    if np.abs(first_axis).max() < 1 - 1e-12:
+        return _OBLIQUE, []
+    factors = {dof: -value / first[1] for dof, value in others}
+    return "", [Constraint(f"mpc {first[0].unsigned}", first[0], factors.items())]

@@ -1,0 +1,83 @@
+"""Meshes of universal files: nodes (2411, 781, 15), elements (2412) and groups (2467 and its kin), as I-DEAS, Simcenter, Salome and
+Code_Aster write them.
+
+References
+----------
+Structural Dynamics Research Laboratory, University of Cincinnati: Universal file formats, datasets 2411, 2412 and 2467.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.errors import FileError
+from structid.fem.meshes.deck_parts import DeckPart, DeckUnits
+from structid.fem.meshes.mesh import CellBlock, Mesh
+from structid.files.uff import read_blocks, read_nodes, read_unit_factors
+from structid.files.uff.elements import read_elements, row_of_integers
+
+SUFFIXES: tuple[str, ...] = (".unv", ".uff", ".uf")
+
+_GROUPS = (2435, 2452, 2467, 2477)
+_NODE, _ELEMENT = 7, 8
+
+
+def read(path: Path, units: DeckUnits) -> Mesh:
+    """The mesh of a universal file in m, by the units of its dataset 164 where it has one.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged, has no nodes or elements, or these are axisymmetric or lack nodes.
+    """
+    blocks = read_blocks(path)
+    nodes = read_nodes(path, blocks)
+    factors = read_unit_factors(path, blocks)
+    if factors is not None and units.length != 1 and abs(units.length * factors.length - 1) > 1e-4:
+        raise FileError(
+            f"{path}: its dataset 164 states a unit of length of {1 / factors.length:g} m, `length_unit` one of"
+            f" {units.length:g} m; leave `length_unit` out, or correct the export"
+        )
+    scale = units.length if factors is None else 1.0
+    if not nodes.points:
+        raise FileError(f"{path}: holds no nodes (dataset 2411, 781 or 15); export the mesh too")
+    elements = read_elements(path, blocks)
+    if not elements.nodes:
+        raise FileError(f"{path}: holds no elements (dataset 2412); export the mesh too")
+    cells = tuple(CellBlock(kind, np.array(rows, dtype=np.int64)) for kind, rows in elements.nodes.items())
+    labels = [np.array(elements.labels[kind], dtype=np.int64) for kind in elements.nodes]
+    groups, node_groups = {}, {}
+    for block in blocks:
+        if block.number in _GROUPS:
+            for name, chosen, members in _read_groups(f"{path}: dataset {block.place} ({block.number})", block.lines):
+                if chosen:
+                    groups[name] = tuple(np.flatnonzero(np.isin(own, chosen)) for own in labels)
+                if members:
+                    node_groups[name] = np.unique(np.array(members, dtype=np.int64))
+    positions = np.array([nodes.points[label] for label in nodes.points]).reshape(-1, 3) * scale
+    parts = tuple(DeckPart(kind, count, obstacle="it is not read") for kind, count in elements.beside.items())
+    return Mesh(
+        np.fromiter(nodes.points, dtype=np.int64), positions, cells, groups, node_groups, path.name, parts,
+        displacement_axes=dict(nodes.turned), cells_are_elements=True,
+    )  # fmt: skip
+
+
+def _read_groups(where: str, lines: list[str]) -> list[tuple[str, list[int], list[int]]]:
+    """Name, elements and nodes of each group: four numbers an entity, two entities a line."""
+    groups, at = [], 0
+    while at < len(lines):
+        count = row_of_integers(where, lines, at, 8)[7]
+        if at + 1 >= len(lines) or at + 2 + -(-count // 2) > len(lines):
+            raise FileError(f"{where} ends within a group; export the mesh again")
+        name = lines[at + 1].strip()
+        numbers = [
+            n for place in range(at + 2, at + 2 + -(-count // 2)) for n in row_of_integers(where, lines, place, 8)
+        ]
+        entities = list(zip(numbers[0::4], numbers[1::4], strict=False))[:count]
+        groups.append(
+            (name, [n for kind, n in entities if kind == _ELEMENT], [n for kind, n in entities if kind == _NODE])
+        )
+        at += 2 + -(-count // 2)
+    return groups

@@ -1,0 +1,15 @@
+"""Universal files: their datasets as text, units (164), and nodes with their coordinate systems (15, 18, 781, 2411, 2420)."""
+
+from structid.files.uff.blocks import Block, dataset_lines, read_blocks
+from structid.files.uff.nodes import UniversalNodes, read_nodes
+from structid.files.uff.units import UnitFactors, read_unit_factors
+
+__all__ = [
+    "Block",
+    "UnitFactors",
+    "UniversalNodes",
+    "dataset_lines",
+    "read_blocks",
+    "read_nodes",
+    "read_unit_factors",
+]

@@ -1,0 +1,165 @@
+"""Datasets of a universal file: told apart, and checked to be whole."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from structid.core.errors import FileError
+from structid.files import require_readable
+
+_TAG = re.compile(rb"[ ]{4}-1[ \t]*(\r\n|\n|\r|\Z)")
+_BLANK = b" \t\r\n\x1a\0"
+#: Lines of dataset 58 before its values, with its number and without the tag.
+HEADER_LINES = 12
+#: Bytes of a number, and numbers a value, by the ordinate data type of dataset 58.
+ORDINATES = {2: (4, 1), 4: (8, 1), 5: (4, 2), 6: (8, 2)}
+
+
+@dataclass(frozen=True)
+class Block:
+    """One dataset.
+
+    Attributes
+    ----------
+    place : int
+        Its number in the file, from 1.
+    number : int
+        Its kind, such as 58.
+    head : str
+        The line that holds the number.
+    content : bytes
+        All between that line and the closing tag.
+    values_at : int
+        Of a binary dataset 58: where its values begin in `content`; 0 of a text.
+    """
+
+    place: int
+    number: int
+    head: str
+    content: bytes
+    values_at: int = 0
+
+    @property
+    def lines(self) -> list[str]:
+        """The lines of a text; of a binary dataset those before its values."""
+        content = self.content[: self.values_at] if self.values_at else self.content
+        try:
+            text = content.decode("utf-8")
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")  # as a label such as µm is written
+        return text.rstrip("\r\n \t").splitlines()
+
+
+def read_blocks(path: Path) -> list[Block]:
+    """Every dataset of the universal file at `path`.
+
+    Raises
+    ------
+    FileError
+        If the file is not a universal file, or is truncated or damaged.
+    """
+    path = require_readable(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
+    blocks: list[Block] = []
+    at = _skip_blank(data, 0)
+    while at < len(data):
+        tag = _TAG.match(data, max(at - 4, 0))
+        if tag is None:
+            what = "is not a universal file" if not blocks else f"goes on with junk after dataset {len(blocks)}"
+            raise FileError(f"{path}: {what} (byte {at}); copy or export it again")
+        block, at = _read_block(path, data, tag.end(), len(blocks) + 1)
+        blocks.append(block)
+        at = _skip_blank(data, at)
+    if not blocks:
+        raise FileError(f"{path}: is not a universal file, it has no datasets; check the export")
+    return blocks
+
+
+def dataset_lines(path: Path, wanted: int) -> list[tuple[int, list[str]]]:
+    """Place in the file (from 1) and lines of every ASCII dataset of the number `wanted`, without tags and number.
+
+    Raises
+    ------
+    FileError
+        If the file is not a universal file, or is truncated or damaged.
+    """
+    return [(block.place, block.lines) for block in read_blocks(path) if block.number == wanted]
+
+
+def _skip_blank(data: bytes, at: int) -> int:
+    while at < len(data) and data[at] in _BLANK:
+        at += 1
+    return at
+
+
+def _truncated(path: Path, place: int) -> FileError:
+    return FileError(f"{path}: ends within dataset {place}; the file is truncated, copy or export it again")
+
+
+def _read_block(path: Path, data: bytes, at: int, place: int) -> tuple[Block, int]:
+    """The dataset whose number stands at `at`, and the position behind its closing tag."""
+    if not data[at : at + 6].strip().isdigit():
+        raise FileError(f"{path}: dataset {place} has no number (byte {at}); the file is damaged")
+    number, end_of_head = int(data[at : at + 6]), data.find(b"\n", at)
+    if end_of_head < 0:
+        end_of_head = len(data) - 1
+    head, begin = data[at:end_of_head].decode("ascii", errors="replace").rstrip(), end_of_head + 1
+    if number == 58 and head[6:7].lower() == "b":
+        values_at, size = _binary_size(path, data, at, head, place)
+        end = values_at + size
+        while end < len(data) and data[end] in b"\r\n":
+            end += 1
+        tag = _TAG.match(data, end)
+        assert tag is not None
+        return Block(place, number, head, data[begin : values_at + size], values_at - begin), tag.end()
+    at = begin - 1  # the tag may follow the number
+    while True:
+        end = data.find(b"    -1", at)
+        if end < 0:
+            raise _truncated(path, place)
+        tag = _TAG.match(data, end)
+        if tag is not None and data[end - 1 : end] in (b"\n", b"\r"):
+            return Block(place, number, head, data[begin:end]), tag.end()
+        at = end + 1
+
+
+def _binary_size(path: Path, data: bytes, at: int, head: str, place: int) -> tuple[int, int]:
+    """Where the values of the binary dataset 58 whose first line starts at `at` begin, and their bytes.
+
+    An uneven abscissa is of four or eight bytes in double precision: the closing tag, else the size that the head says, tells.
+    """
+    lines, body = [], at
+    for _ in range(HEADER_LINES):
+        end = data.find(b"\n", body)
+        if end < 0:
+            raise _truncated(path, place)
+        lines.append(data[body:end])
+        body = end + 1
+    try:
+        ordinate, points, even = (int(lines[7][10 * i : 10 * i + 10]) for i in range(3))
+        item, per_value = ORDINATES[ordinate]
+    except (ValueError, KeyError) as error:
+        raise FileError(f"{path}: dataset {place} has a damaged header (record 7); export it again") from error
+    if points < 1:
+        raise FileError(f"{path}: dataset {place} has {points} points; export it again")
+    abscissas = {0} if even else {item, 4}
+    sizes = [points * (abscissa + per_value * item) for abscissa in sorted(abscissas, reverse=True)]
+    closed = [size for size in sizes if _is_closed(data, body + size)]
+    if len(closed) == 1:
+        return body, closed[0]
+    if closed and head[31:43].strip().isdigit() and int(head[31:43]) in closed:
+        return body, int(head[31:43])
+    if min(sizes) > len(data) - body:
+        raise _truncated(path, place)
+    raise FileError(f"{path}: dataset {place} does not end after its {points} points; the file is truncated or damaged")
+
+
+def _is_closed(data: bytes, end: int) -> bool:
+    while end < len(data) and data[end] in b"\r\n":
+        end += 1
+    return end < len(data) and _TAG.match(data, end) is not None

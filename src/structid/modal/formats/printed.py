@@ -1,0 +1,323 @@
+"""Modes as a solver prints them: one run of a listing or punch file, and how its vectors become a record in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray, NumberArray
+from structid.core.dof import DIRECTIONS, Dof
+from structid.core.errors import FileError, InputError
+from structid.core.units import FORCES, LENGTHS
+from structid.fem.importers.fixed_fields import FieldError, real_numbers
+from structid.modal.modal_record import ModalRecord, Scaling, unit_largest
+
+RUN_AGAIN = "let the solver print frequencies and displacements of all modes"
+#: Size of a negative eigenvalue beside the largest one, above which the structure has buckled rather than floats.
+_UNSTABLE = 1e-6
+_SAME_EIGENVALUE = 2e-5
+
+
+@dataclass(frozen=True)
+class ModeFileOptions:
+    """What a file of modes may not say about itself.
+
+    Parameters
+    ----------
+    subcase : int, optional
+        Subcase of a Nastran file whose modes are meant, where several have modes.
+    eigenvalues : str
+        `real` or `complex`: which modes of a Nastran file are meant, where it has both.
+    deck : str
+        Nastran bulk data whose GRID cards say in which systems a listing or punch file gives motions; without it they count
+        as global.
+    length_unit : str
+        Unit of length of the model or file, such as `mm`, where the file does not say it.
+    force_unit : str
+        Unit of force of the model or file, such as `N`, where the file does not say it.
+    """
+
+    subcase: int | None = None
+    eigenvalues: str = ""
+    deck: str = ""
+    length_unit: str = ""
+    force_unit: str = ""
+
+    def __post_init__(self) -> None:
+        if self.eigenvalues not in ("", "real", "complex"):
+            raise InputError(f"`eigenvalues` must be real or complex, got {self.eigenvalues!r}", "eigenvalues")
+        for name, unit, units in (("length_unit", self.length_unit, LENGTHS), ("force_unit", self.force_unit, FORCES)):
+            if unit and unit not in units:
+                raise InputError(f"`{name}` must be one of {' '.join(units)}, got {unit!r}", name)
+
+    @property
+    def length(self) -> float | None:
+        """Metres of the unit of length."""
+        return LENGTHS[self.length_unit] if self.length_unit else None
+
+    @property
+    def force(self) -> float | None:
+        """Newtons of the unit of force."""
+        return FORCES[self.force_unit] if self.force_unit else None
+
+
+@dataclass(frozen=True, eq=False)
+class PrintedMode:
+    """One vector as it is printed.
+
+    Attributes
+    ----------
+    eigenvalue : complex
+        s in rad/s; of undamped modes on the positive imaginary axis.
+    nodes : (n_points,) int array
+    values : (n_points, 6) array, real or complex
+        In the units of the model; NaN where a column is blank.
+    systems : (n_points,) int array
+        Coordinate system of the motion of each point; -1 where it is not printed.
+    generalized_mass : float
+        In the units of the model; NaN where it is not printed.
+    n_scalar : int
+        Points beside these that have no place: scalar, extra and fluid points.
+    """
+
+    eigenvalue: complex
+    nodes: IntArray
+    values: NumberArray
+    systems: IntArray
+    generalized_mass: float = np.nan
+    n_scalar: int = 0
+
+    @property
+    def frequency(self) -> float:
+        """Undamped natural frequency, Hz."""
+        return float(abs(self.eigenvalue) / (2 * np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class PrintedModes:
+    """The modes of one run, in the order of print, and what was left out of them in words."""
+
+    modes: Sequence[PrintedMode]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class VectorKey:
+    """The vector that a page belongs to: its run, its mode and the texts of its eigenvalue."""
+
+    subcase: int | None
+    superelement: int | None
+    mode: int
+    eigenvalue: tuple[str, ...]
+    is_complex: bool = False
+
+    @property
+    def run(self) -> str:
+        """Subcase and superelement in words."""
+        parts = ("subcase", self.subcase), ("superelement", self.superelement)
+        return ", ".join(f"{name} {number}" for name, number in parts if number is not None) or "no subcase"
+
+
+def chosen_run(path: Path, keys: Sequence[VectorKey], options: ModeFileOptions) -> list[VectorKey]:
+    """The vectors of one run: of the subcase and kind of eigenvalue that `options` name, or of the only ones that there are.
+
+    Raises
+    ------
+    FileError
+        If several runs have vectors, the subcase has none, or one mode has two eigenvalues.
+    """
+    subcase, runs = options.subcase, {key.run: key for key in keys}
+    chosen = [key for key in keys if subcase is None or key.subcase == subcase]
+    if {key.is_complex for key in chosen} == {True, False}:
+        if not options.eigenvalues:
+            raise FileError(
+                f"{path}: holds real modes and complex ones, as of a damped or an aeroelastic analysis; choose with"
+                " `eigenvalues`, which is real or complex"
+            )
+        chosen = [key for key in chosen if key.is_complex == (options.eigenvalues == "complex")]
+    if not chosen:
+        raise FileError(f"{path}: has no modes of subcase {subcase}, only of {'; '.join(runs)}; name one of these")
+    own = dict.fromkeys(key.run for key in chosen)
+    if len(own) > 1:
+        remedy = "choose with `subcase`" if len({key.subcase for key in chosen}) > 1 else "print one of them"
+        raise FileError(f"{path}: holds modes of {len(own)} runs ({'; '.join(own)}); {remedy}")
+    modes: dict[int, VectorKey] = {}
+    for key in chosen:
+        other = modes.setdefault(key.mode, key)
+        if other != key:
+            raise FileError(
+                f"{path}: mode {key.mode} is printed with the eigenvalues {', '.join(other.eigenvalue)} and"
+                f" {', '.join(key.eigenvalue)}, as of several runs or cycles of design; keep the vectors of one of them"
+            )
+    return chosen
+
+
+def oscillating(
+    path: Path, keys: Sequence[VectorKey], s: Sequence[complex]
+) -> tuple[list[tuple[VectorKey, complex]], tuple[str, ...]]:
+    """The vectors of complex eigenvalues of positive frequency, each of which stands for a conjugate pair, and what was left out.
+
+    Raises
+    ------
+    FileError
+        If no eigenvalue has a frequency.
+    """
+    kept = [(key, value) for key, value in zip(keys, s, strict=True) if value.imag > 0]
+    if not kept:
+        raise FileError(f"{path}: no complex eigenvalue has a frequency, all are real; there is no vibration in them")
+    n_real = sum(value.imag == 0 for value in s)
+    return kept, (f"{n_real} real eigenvalues left out",) if n_real else ()
+
+
+def undamped(path: Path, squares: Sequence[float]) -> list[complex]:
+    """Eigenvalues s = i omega of undamped modes from omega^2; those that are negative by rounding become 0.
+
+    Raises
+    ------
+    FileError
+        If one is negative beyond rounding, so that the structure is unstable.
+    """
+    largest = max((abs(square) for square in squares), default=0.0)
+    for number, square in enumerate(squares, 1):
+        if square < -max(_UNSTABLE * largest, 1e-3):
+            raise FileError(
+                f"{path}: mode {number} has the negative eigenvalue {square:.6g}; the model is unstable, or the analysis is"
+                " none of vibration: correct the deck"
+            )
+    return [1j * np.sqrt(max(square, 0.0)) for square in squares]
+
+
+def same_eigenvalue(first: float, other: float) -> bool:
+    """Whether two printed eigenvalues are one but for the rounding of print."""
+    return abs(first - other) <= _SAME_EIGENVALUE * max(abs(first), abs(other)) + 1e-12
+
+
+def complex_values(first: FloatArray, second: FloatArray, is_polar: bool) -> NumberArray:
+    """Complex numbers from real and imaginary parts, or from magnitudes and phases in deg."""
+    return np.asarray(first * np.exp(1j * np.deg2rad(second)) if is_polar else first + 1j * second)
+
+
+def numbers(path: Path, fields: Sequence[str]) -> FloatArray:
+    """Numbers of text fields, Fortran's exponents among them.
+
+    Raises
+    ------
+    FileError
+        If one is none.
+    """
+    table = np.array([field.encode("latin-1", "replace") for field in fields], dtype="S24")
+    width = table.dtype.itemsize
+    letters = np.frombuffer(table.tobytes(), dtype=np.uint8).reshape(-1, width)
+    try:
+        return real_numbers(np.where(letters == 0, np.uint8(ord(" ")), letters))
+    except FieldError as error:
+        raise FileError(f"{path}: {error.text[:30]!r} is no number; the file is damaged, {RUN_AGAIN}") from error
+
+
+def require_same_points(path: Path, modes: Sequence[PrintedMode]) -> None:
+    """Raise a `FileError` unless all modes have the points of the first, each of them once."""
+    nodes = modes[0].nodes
+    if len(np.unique(nodes)) != len(nodes):
+        raise FileError(f"{path}: a point is printed twice in one mode; leave one of them")
+    for number, mode in enumerate(modes, 1):
+        if not np.array_equal(mode.nodes, nodes):
+            raise FileError(
+                f"{path}: mode {number} has other points than the first; the file is cut short, {RUN_AGAIN}"
+            )
+
+
+def printed_record(
+    path: Path,
+    printed: PrintedModes,
+    options: ModeFileOptions,
+    axes: Mapping[int, FloatArray] | None = None,
+    words: Sequence[str] = (),
+) -> ModalRecord:
+    """The record of printed modes at the directions that move, in SI units.
+
+    Rotations are kept where the unit of length is stated, as their size beside translations goes with it; a modal mass of 1
+    where the unit of force is stated too and generalized masses are printed.
+
+    Parameters
+    ----------
+    axes : mapping of int to (3, 3) array, optional
+        Axes, as rows in global ones, along which each point moves; without it the vectors are taken as global.
+    words : sequence of str
+        How the file was taken, for the `source` of the record.
+
+    Raises
+    ------
+    FileError
+        If points differ from mode to mode, a value is missing, or a mode does not move.
+    """
+    require_same_points(path, printed.modes)
+    modes = sorted(printed.modes, key=lambda mode: mode.frequency)
+    notes = [*words, *printed.notes]
+    shapes = np.stack([mode.values for mode in modes], axis=2)  # point, component, mode
+    n_scalar = max(mode.n_scalar for mode in modes)
+    if n_scalar:
+        notes.append(f"{n_scalar} scalar points left out")
+    has_rotations = not np.isnan(shapes[:, 3:]).any()
+    if np.isnan(shapes[:, :3]).any() or (not has_rotations and not np.isnan(shapes[:, 3:]).all()):
+        point = int(modes[0].nodes[np.argmax(np.isnan(shapes).any(axis=(1, 2)))])
+        raise FileError(f"{path}: point {point} lacks some of its motions; {RUN_AGAIN}")
+    shapes = _in_global_axes(path, modes, shapes, axes, notes)
+    n_components = 6 if has_rotations and options.length is not None else 3
+    if has_rotations and n_components == 3 and np.any(shapes[:, 3:] != 0):
+        notes.append("rotations left out (give `length_unit` to keep them)")
+    shapes = shapes[:, :n_components]
+    if options.length is not None:
+        shapes[:, :3] *= options.length
+    rows = shapes.reshape(-1, len(modes))
+    if (np.abs(rows).max(axis=0, initial=0.0) == 0).any():
+        raise FileError(f"{path}: a mode has no translation anywhere; leave it out, or {RUN_AGAIN}")
+    scaling: Scaling = "unit_largest"
+    masses = np.array([mode.generalized_mass for mode in modes])
+    if options.length is not None and options.force is not None:
+        if not (masses > 0).all():
+            raise FileError(f"{path}: prints no generalized masses, so that `force_unit` has no use; leave it out")
+        rows, scaling = rows / np.sqrt(masses * options.force * options.length), "mass"
+    moving = np.flatnonzero(np.abs(rows).max(axis=1) > 0)
+    nodes = modes[0].nodes
+    channels = [Dof(int(nodes[row // n_components]), DIRECTIONS[row % n_components]) for row in moving.tolist()]
+    s = np.array([mode.eigenvalue for mode in modes])
+    omega = np.abs(s)
+    is_damped = np.any(s.real != 0)
+    ratio = np.where(omega > 0, -s.real / np.where(omega > 0, omega, 1.0), np.nan)
+    return ModalRecord(
+        omega / (2 * np.pi), ratio if is_damped else np.full(len(s), np.nan),
+        rows[moving] if scaling == "mass" else unit_largest(rows[moving]), channels, scaling=scaling,
+        source="; ".join([path.name, *notes]),
+    )  # fmt: skip
+
+
+def _in_global_axes(
+    path: Path,
+    modes: Sequence[PrintedMode],
+    shapes: NumberArray,
+    axes: Mapping[int, FloatArray] | None,
+    notes: list[str],
+) -> NumberArray:
+    """Motions (point, component, mode) along the global axes."""
+    systems, nodes = modes[0].systems, modes[0].nodes
+    if axes is None:
+        turned = np.flatnonzero(systems > 0)
+        if turned.size:
+            raise FileError(
+                f"{path}: the motion of point {nodes[turned[0]]} is printed in coordinate system {systems[turned[0]]}; name the"
+                " deck that defines it with `deck`"
+            )
+        if (systems < 0).any():
+            notes.append(
+                "displacement systems of the points taken as global (name the deck with `deck` to follow them)"
+            )
+        return shapes.copy()
+    result = shapes.copy()
+    for i, node in enumerate(nodes.tolist()):
+        if node in axes:
+            for part in (slice(0, 3), slice(3, 6)):
+                result[i, part] = axes[node].T @ shapes[i, part]
+    return result

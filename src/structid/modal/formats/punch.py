@@ -1,0 +1,154 @@
+"""Modes in the punch files of Nastran (``.pch``, ``.pun``): eigenvectors with their eigenvalues, real or complex."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import NumberArray
+from structid.core.errors import FileError
+from structid.files.uff.fields import real_number
+from structid.modal.formats.printed import (
+    RUN_AGAIN,
+    ModeFileOptions,
+    PrintedMode,
+    PrintedModes,
+    VectorKey,
+    chosen_run,
+    complex_values,
+    numbers,
+    oscillating,
+    undamped,
+)
+
+_REAL = r"[-+]?\d*\.\d*(?:[EDed]?[-+]\d+)?"
+_EIGENVALUE = re.compile(rf"^\$EIGENVALUE\s*=\s*({_REAL})\s+MODE\s*=\s*(\d+)")
+_COMPLEX_EIGENVALUE = re.compile(rf"^\$EIGENVALUE\s*=\s*\(\s*({_REAL})\s*,\s*({_REAL})\s*\)\s+MODE\s*=\s*(\d+)")
+_SUBCASE = re.compile(r"^\$SUBCASE ID\s*=\s*(\d+)")
+_SUPERELEMENT = re.compile(r"^\$SUPERELEMENT(?: ID)?\s*=\s*(\d+)|^\$SEID\s*=\s*(\d+)")
+#: What else may stand above a vector.
+_HEADINGS = ("TITLE", "SUBTITLE", "LABEL", "RANDOM", "ENTIRE", "COORDINATE")
+#: Columns of a punched line: a label, or ``-CONT-``, the kind of point, three numbers, and the number of the line.
+_LABEL, _KIND, _FIRST, _WIDTH, _END = slice(0, 10), slice(10, 18), 18, 18, 72
+_CONTINUED = "-CONT-"
+#: Numbers of a point by the form that they are punched in.
+_FORMS = {"REAL": 6, "REAL-IMAGINARY": 12, "MAGNITUDE-PHASE": 12}
+
+
+@dataclass
+class _Vector:
+    form: str
+    line: int
+    rows: dict[int, list[str]] = field(default_factory=dict)
+    scalars: set[int] = field(default_factory=set)
+
+
+def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:
+    """The modes of a punch file; none where it has no vectors.
+
+    Raises
+    ------
+    FileError
+        If several runs have modes, or a line is damaged or cut short.
+    """
+    lines = text.splitlines()
+    vectors: dict[VectorKey, _Vector] = {}
+    subcase: int | None = None
+    superelement: int | None = None
+    vector: _Vector | None = None
+    values: list[str] | None = None
+    is_vector, form = False, ""
+    for number, line in enumerate(lines, 1):
+        if line.startswith("$"):
+            words = line[:_END].split()
+            name = words[0].removeprefix("$").partition("=")[0]
+            if line[:_END].rstrip() == "$EIGENVECTOR":
+                is_vector, form, subcase, superelement, vector = True, "", None, None, None
+            elif words[-1] == "OUTPUT" and is_vector:
+                form = line[1:_END].rsplit("OUTPUT", 1)[0].strip()
+                if form not in _FORMS:
+                    raise FileError(f"{path}, line {number}: holds a vector in the form {form!r}; {RUN_AGAIN}")
+            elif match := _SUBCASE.match(line):
+                subcase = int(match[1])
+            elif match := _SUPERELEMENT.match(line):
+                superelement = int(match[1] or match[2])
+            elif is_vector and name.startswith("EIGENVALUE"):
+                key = _key(path, number, line, subcase, superelement)
+                vector = vectors.setdefault(key, _Vector(form, number))
+            elif name not in _HEADINGS:
+                is_vector, vector = False, None
+            continue
+        if vector is None:
+            continue
+        fields = [line[_FIRST + k * _WIDTH : _FIRST + (k + 1) * _WIDTH].strip() for k in range(3)]
+        if not all(fields):
+            raise FileError(
+                f"{path}, line {number}: must hold three numbers, got {line[:_END].strip()!r}; the file is cut short,"
+                f" {RUN_AGAIN}"
+            )
+        label, kind = line[_LABEL].strip(), line[_KIND].strip()
+        if label == _CONTINUED:
+            if values is None:
+                raise FileError(f"{path}, line {number}: goes on with a point that has not begun; the file is damaged")
+            values.extend(fields)
+            continue
+        if not label.isdigit():
+            raise FileError(
+                f"{path}, line {number}: {label[:20]!r} is no label of a point; the file is damaged, {RUN_AGAIN}"
+            )
+        values = list(fields)
+        if kind == "G":
+            _add(path, number, vector, int(label), values)
+        else:
+            vector.scalars.add(int(label))
+    if vector is not None and not text.endswith(("\n", "\r")) and len(lines[-1]) <= _END:
+        raise FileError(f"{path}, line {len(lines)}: ends within a line; the file is cut short, {RUN_AGAIN}")
+    if not vectors:
+        return PrintedModes([])
+    keys = chosen_run(path, list(vectors), options)
+    if keys[0].is_complex:
+        kept, notes = oscillating(path, keys, [complex(*map(real_number, key.eigenvalue)) for key in keys])
+    else:
+        s = undamped(path, [real_number(key.eigenvalue[0]) for key in keys])
+        kept = list(zip(keys, s, strict=True))
+        notes = ("eigenvalues taken as squares of circular frequencies (a punch file of buckling looks alike)",)
+    return PrintedModes([_printed(path, key, vectors[key], value) for key, value in kept], notes)
+
+
+def _key(path: Path, number: int, line: str, subcase: int | None, superelement: int | None) -> VectorKey:
+    if match := _EIGENVALUE.match(line):
+        return VectorKey(subcase, superelement, int(match[2]), (match[1],))
+    if match := _COMPLEX_EIGENVALUE.match(line):
+        return VectorKey(subcase, superelement, int(match[3]), (match[1], match[2]), True)
+    raise FileError(
+        f"{path}, line {number}: must hold the eigenvalue and number of a mode, got {line[:_END].strip()!r}; {RUN_AGAIN}"
+    )
+
+
+def _add(path: Path, number: int, vector: _Vector, node: int, values: list[str]) -> None:
+    if node in vector.rows:
+        raise FileError(f"{path}, line {number}: point {node} is punched twice in one mode; leave one of them")
+    vector.rows[node] = values
+
+
+def _printed(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex) -> PrintedMode:
+    width = _FORMS[vector.form]
+    for node, values in vector.rows.items():
+        if len(values) != width:
+            raise FileError(
+                f"{path}: point {node} of mode {key.mode} has {len(values)} of its {width} numbers; the file is cut short"
+            )
+    texts: Sequence[str] = [text for values in vector.rows.values() for text in values]
+    table = numbers(path, texts).reshape(-1, width)
+    nodes = np.array(list(vector.rows), dtype=np.int64)
+    if not np.isfinite(table).all():
+        point = nodes[np.argmin(np.isfinite(table).all(axis=1))]
+        raise FileError(f"{path}: the shape of mode {key.mode} is NaN or infinite at point {point}; {RUN_AGAIN}")
+    shape: NumberArray = table
+    if width == 12:
+        shape = complex_values(table[:, :6], table[:, 6:], vector.form.startswith("MAGNITUDE"))
+    return PrintedMode(eigenvalue, nodes, shape, np.full(len(nodes), -1), n_scalar=len(vector.scalars))

@@ -1,0 +1,111 @@
+"""Sample times as files have them: even, even but for rounding, or brought to an even raster where that is asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import FileError
+from structid.records.formats.options import option_words
+
+#: Unevenness of sample times allowed, as a part of the step.
+_EVEN = 1e-6
+#: Distance of a rounded time from the even one, as a part of its last digit.
+_ROUNDED = 0.75
+#: Steps, as parts of the usual one, between which an uneven clock is resampled: outside of them samples are missing.
+_STEPS = (0.5, 1.5)
+#: Frequencies, as parts of the sampling rate, at which the cost of resampling is told.
+_TOLD = (1 / 16, 1 / 4)
+
+
+class Rate(NamedTuple):
+    """Samples per second of an even clock; where times were rounded its relative error and the rounding in s, else 0, 0."""
+
+    rate: float
+    error: float
+    digit: float
+
+
+def even_rate(time: FloatArray, digits: FloatArray) -> Rate | None:
+    """The sampling rate of times, s, that are even but for the rounding to their last digits; None where they are uneven.
+
+    Parameters
+    ----------
+    time : (n_times,) float array
+        s, increasing from first to last, two or more.
+    digits : (n_times,) float array
+        Size of the last digit of each time as it was written, s: a step that differs by the rounding is even too, where it is
+        longer than two such digits.
+    """
+    step = float(time[-1] - time[0]) / (time.size - 1)
+    rounding = 4 * np.finfo(float).eps * float(np.abs(time).max())
+    if np.abs(np.diff(time) - step).max() <= _EVEN * step + rounding:
+        return Rate(float(1 / step), 0.0, 0.0)
+    coarsest = float(digits.max())
+    if time.size < 3 or not step > 2 * coarsest > 0:
+        return None
+    order, weight = np.arange(time.size), (coarsest / np.maximum(digits, 1e-6 * coarsest)) ** 2
+    middle, mean = np.average(order, weights=weight), np.average(time, weights=weight)
+    slope = float(weight @ ((order - middle) * time) / (weight @ (order - middle) ** 2))
+    if (np.abs(time - mean - slope * (order - middle)) > _ROUNDED * digits + rounding).any():
+        return None
+    rate, error = 1 / slope, coarsest / float(time[-1] - time[0])
+    near = round(rate) if abs(rate - round(rate)) <= rate * error < 0.1 else rate
+    return Rate(float(near), error, coarsest)
+
+
+class Resampled(NamedTuple):
+    """Values on an even raster, (n_times, n_channels), their rate in Hz, the time of the first in s, and what it cost, in words."""
+
+    values: FloatArray
+    rate: float
+    start: float
+    words: str
+
+
+def resample(path: Path, time: FloatArray, values: FloatArray) -> Resampled:
+    """`values` (n_times, n_channels) at the uneven times `time` (s), by cubic splines at even times between the same ends.
+
+    The cost is measured on this clock: two sines, sampled at `time` and resampled, against the true ones.
+
+    Raises
+    ------
+    FileError
+        If times do not increase, samples are missing between them, or a value is.
+    """
+    from scipy.interpolate import CubicSpline
+
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    if time.size < 4 or usual <= 0 or steps.min() < _STEPS[0] * usual or steps.max() > _STEPS[1] * usual:
+        i = int(np.argmax(np.abs(steps - usual)))
+        raise FileError(
+            f"{path}: cannot be resampled: sample {i + 2} follows after {steps[i]:.6g} s where the usual step is {usual:.6g} s;"
+            " cut the record there, or repair it"
+        )
+    if not np.isfinite(values).all():
+        raise FileError(
+            f"{path}: cannot be resampled, for samples are missing; repair the record, or leave these channels out"
+        )
+    even = np.linspace(time[0], time[-1], time.size)
+    rate = float((time.size - 1) / (time[-1] - time[0]))
+    found = CubicSpline(time, values, axis=0)(even)
+    inside = slice(2, -2)  # splines are worse at their ends
+    costs = []
+    for part in _TOLD:
+        omega = 2 * np.pi * part * rate
+        wave = np.stack([np.sin(omega * time), np.cos(omega * time)], axis=1)
+        true = np.stack([np.sin(omega * even), np.cos(omega * even)], axis=1)
+        off = np.abs(CubicSpline(time, wave, axis=0)(even) - true)[inside].max()
+        costs.append(f"{100 * off:.1g} % of a sine at {part * rate:.4g} Hz")
+    off = np.abs(time - even).max() * rate
+    words = f"resampled: samples were up to {100 * off:.2g} % of a step off an even raster; errs by up to {' and '.join(costs)}"
+    return Resampled(found, rate, float(time[0]), words)
+
+
+def resampling_remedy() -> str:
+    """The option that resamples, in words."""
+    return f"bring the samples to an even raster with {option_words(resample=True)}, which says what it costs"

@@ -1,0 +1,87 @@
+"""The abscissa of functions: of frequencies in Hz, or of times in s, by what their headers say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from structid.core.errors import FileError, InputError
+from structid.core.units import parse_frequency_unit, parse_time_unit
+from structid.records.formats.options import ReadOptions, option_words
+from structid.records.formats.uff.functions import Function
+
+AxisKind = Literal["frequencies", "times"]
+
+
+class _Axis(NamedTuple):
+    """How an axis is read: its unit's reader, what a type stands for without a label, and other types that a label can explain."""
+
+    parse: Callable[[str], float]
+    units: dict[int, str]
+    unsaid: tuple[int, ...]
+
+
+_AXES: dict[AxisKind, _Axis] = {
+    "frequencies": _Axis(parse_frequency_unit, {18: "Hz", 19: "rpm"}, (0, 1)),
+    "times": _Axis(parse_time_unit, {17: "s"}, (0, 1)),
+}
+_TYPES = {17: "time", 18: "frequency", 19: "rpm", 20: "order"}
+
+
+def axis_unit(path: Path, function: Function, kind: AxisKind, options: ReadOptions) -> tuple[float, str]:
+    """What an abscissa is multiplied by to be in Hz or s, and words on it where it is in another unit; "" else.
+
+    The unit is that of the label, or of the option `axis_unit`; frequencies (type 18) and times (17) without one are in Hz and
+    s, as the format has them.
+
+    Raises
+    ------
+    FileError
+        If the type is of something else, or nothing says the unit.
+    InputError
+        If the option contradicts the file.
+    """
+    axis, head = _AXES[kind], function.abscissa
+    where = f"{path}: function {function.place}"
+    if head.number not in (*axis.units, *axis.unsaid):
+        found = _TYPES.get(head.number, f"type {head.number}")
+        hint = " (orders are multiples of a speed of rotation)" if head.number == 20 else ""
+        raise FileError(f"{where} has an abscissa of {found}{hint}, not of {kind}; export it over {kind}")
+    try:
+        told = axis.parse(head.label) if head.label else None
+    except InputError as error:
+        raise FileError(f"{where} has an abscissa of {kind} whose unit label cannot be used: {error}; or export it in one of"
+                        " these") from error  # fmt: skip
+    if head.number == 19 and told not in (None, parse_frequency_unit("rpm")):
+        raise FileError(
+            f"{where} has an abscissa of rpm by its type and {head.label!r} by its label; correct one of them"
+        )
+    if options.axis_unit:
+        given = axis.parse(options.axis_unit)
+        if told is not None and not np.isclose(told, given, rtol=1e-9):
+            raise InputError(
+                f"{where} says that its {kind} are in {head.label}, but `axis_unit` {options.axis_unit} was given; leave it out",
+                "axis_unit",
+            )
+        return given, f"{kind} in {options.axis_unit} as given"
+    if told is not None:
+        return told, "" if told == 1 else f"{kind} in {head.label}"
+    if head.number in axis.units:
+        unit = axis.units[head.number]
+        return axis.parse(unit), f"{kind} in {unit}, as the format has them"
+    example = "Hz" if kind == "frequencies" else "s"
+    raise FileError(f"{where} does not say the unit of its {kind}; give {option_words(axis_unit=example)}")
+
+
+def one_axis_unit(path: Path, functions: list[Function], kind: AxisKind, options: ReadOptions) -> tuple[float, str]:
+    """`axis_unit` of functions that must have it in common."""
+    units = [axis_unit(path, function, kind, options) for function in functions]
+    for function, unit in zip(functions, units, strict=True):
+        if unit[0] != units[0][0]:
+            raise FileError(
+                f"{path}: functions {functions[0].place} and {function.place} have {kind} in different units; export all alike"
+            )
+    return units[0]

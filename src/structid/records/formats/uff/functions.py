@@ -1,0 +1,232 @@
+"""Functions of a universal file: datasets 58 and 58b, with all that their headers say.
+
+References
+----------
+Structural Dynamics Research Laboratory, University of Cincinnati: Universal file formats, datasets 58 and 58b.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.errors import FileError
+from structid.files.uff.blocks import HEADER_LINES, ORDINATES, Block
+from structid.files.uff.fields import integers, read_reals, real_number
+
+_TITLES = 5
+_DOF_COLUMNS = (5, 10, 5, 10, 11, 10, 4, 11, 10, 4)
+_FORM_COLUMNS = (10, 10, 10, 13, 13, 13)
+_CHARACTER_COLUMNS = (10, 5, 5, 5, 21, 21)
+_LONGEST_LINE = 6
+_NO_TEXT = ("", "NONE", "NULL", "UNKNOWN")
+_LITTLE, _BIG = 1, 2
+_IEEE = 2
+_FLOATING = {1: "DEC VMS (VAX)", 3: "IBM 5/370"}
+
+
+@dataclass(frozen=True)
+class Characteristics:
+    """What a header says of the abscissa, or of one side of the ordinate.
+
+    Attributes
+    ----------
+    number : int
+        Specific data type.
+    exponents : (int, int)
+        Of length and force; they count where the type is general (1).
+    label : str
+        Unit, "" where none is said.
+    """
+
+    number: int
+    exponents: tuple[int, int]
+    label: str
+
+
+@dataclass(frozen=True, eq=False)
+class Function:
+    """One dataset 58.
+
+    Attributes
+    ----------
+    place : int
+        Its number among the functions of the file, from 1.
+    kind : int
+        Function type.
+    titles : str
+        Its five lines of text.
+    response, reference : (int, int)
+        Node and direction.
+    is_even : bool
+        Whether the abscissa is a start and a step.
+    abscissa, ordinate, denominator : Characteristics
+    axis : (n_points,) float array
+        Abscissa, as the file has it.
+    digits : (n_points,) float array
+        Size of the last digit of each abscissa as it was written.
+    values : (n_points,) float or complex array
+        Ordinate, as the file has it.
+    """
+
+    place: int
+    kind: int
+    titles: str
+    response: tuple[int, int]
+    reference: tuple[int, int]
+    is_even: bool
+    abscissa: Characteristics
+    ordinate: Characteristics
+    denominator: Characteristics
+    axis: FloatArray
+    digits: FloatArray
+    values: FloatArray | ComplexArray
+
+
+def read_function(path: Path, block: Block, place: int) -> Function:
+    """The function of a dataset 58, the function `place` of its file.
+
+    Raises
+    ------
+    FileError
+        If the header is damaged or says what cannot be read (numbers of a VAX or an IBM mainframe), points are missing, or values
+        are not finite but in time responses, whose gaps are judged later.
+    """
+    where = f"{path}: dataset {block.place} (58)"
+    lines = block.lines
+    if len(lines) < HEADER_LINES - 1 + (not block.values_at):
+        raise FileError(f"{where} ends within its header; the file is truncated, export it again")
+    try:
+        dof = _dof(lines[_TITLES])
+        form = lines[_TITLES + 1]
+        ordinate, points, even = (
+            integers(form, _FORM_COLUMNS[:3]) if len(form.split()) < 6 else map(int, form.split()[:3])
+        )
+        start, step = (real_number(text) if text else 0.0 for text in _form_reals(form))
+        item, per_value = ORDINATES[ordinate]
+        heads = [_characteristics(line) for line in lines[_TITLES + 2 : _TITLES + 5]]
+    except (ValueError, KeyError, IndexError) as error:
+        raise FileError(f"{where} has a damaged header ({error}); export it again") from error
+    if points < 1 or even not in (0, 1):
+        raise FileError(f"{where} has {points} points and spacing {even} (0 or 1) in record 7; export it again")
+    columns = per_value + (0 if even else 1)
+    if block.values_at:
+        abscissa, table = _binary_values(where, block, points, per_value, item)
+    else:
+        table = _text_values(where, block, points, columns)
+        abscissa, table = (None, table) if even else (table[:, 0], table[:, 1:])
+    values = table[:, 0] + 1j * table[:, 1] if per_value == 2 else table[:, 0]
+    axis = start + step * np.arange(points) if abscissa is None else abscissa
+    if not np.isfinite(axis).all() or not (dof.kind == 1 or np.isfinite(values).all()):
+        raise FileError(f"{where} holds NaN or infinite values; repair or export it again")
+    return Function(
+        place=place,
+        kind=dof.kind,
+        titles=" ".join(line.strip() for line in lines[:_TITLES]),
+        response=dof.response,
+        reference=dof.reference,
+        is_even=even == 1,
+        abscissa=heads[0],
+        ordinate=heads[1],
+        denominator=heads[2],
+        axis=axis,
+        digits=_last_digits(axis, _axis_bytes(block, points, per_value * item)),
+        values=values,
+    )
+
+
+@dataclass(frozen=True)
+class _Dof:
+    kind: int
+    response: tuple[int, int]
+    reference: tuple[int, int]
+
+
+def _dof(line: str) -> _Dof:
+    """Record 6: function type, and node and direction of response and reference."""
+    words = line.split()
+    if len(words) != len(_DOF_COLUMNS):  # a name is blank, or has blanks in it
+        words, at = [], 0
+        for width in _DOF_COLUMNS:
+            words.append(line[at : at + width].strip())
+            at += width
+            if line[at - 1 : at].strip() and line[at : at + 1].strip() and width not in (5, 10):
+                raise ValueError(f"record 6 is out of its columns: {line.rstrip()!r}")
+    numbers = [int(words[i]) if words[i] else 0 for i in (0, 5, 6, 8, 9)]
+    return _Dof(numbers[0], (numbers[1], numbers[2]), (numbers[3], numbers[4]))
+
+
+def _form_reals(line: str) -> list[str]:
+    """Start and step of record 7."""
+    words = line.split()
+    return words[3:5] if len(words) == len(_FORM_COLUMNS) else [line[30:43].strip(), line[43:56].strip()]
+
+
+def _characteristics(line: str) -> Characteristics:
+    """One of records 8 to 10."""
+    numbers = [int(line[at : at + width] or 0) for at, width in ((0, 10), (10, 5), (15, 5))]
+    label = line[47:67].strip()
+    if line[25:26].strip() or line[46:47].strip():  # a long axis label pushed the unit out of its columns
+        parts = [part.strip() for part in line[25:].split("  ") if part.strip()]
+        label = parts[1] if len(parts) == 2 else line[25:].strip()
+    return Characteristics(numbers[0], (numbers[1], numbers[2]), "" if label.upper() in _NO_TEXT else label)
+
+
+def _text_values(where: str, block: Block, points: int, columns: int) -> FloatArray:
+    """The numbers of a text, (n_points, n_columns); a last line that was filled with zeros is cut."""
+    body = block.content.split(b"\n", HEADER_LINES - 1)[HEADER_LINES - 1]
+    try:
+        numbers = read_reals(body)
+    except ValueError as error:
+        raise FileError(
+            f"{where} has something other than numbers among its values ({error}); export it again"
+        ) from error
+    wanted = points * columns
+    filling = numbers[wanted:]
+    if numbers.size < wanted or len(filling) >= _LONGEST_LINE or np.any(filling != 0):
+        raise FileError(
+            f"{where} has {numbers.size // columns} of its {points} points; the file is truncated or damaged"
+        )
+    return numbers[:wanted].reshape(points, columns)
+
+
+def _binary_values(
+    where: str, block: Block, points: int, per_value: int, item: int
+) -> tuple[FloatArray | None, FloatArray]:
+    """Abscissa, where it is uneven, and the numbers of every value, (n_points, one or two), of a dataset 58b."""
+    words = block.head.split()
+    try:
+        order, floating, n_lines = (int(word) for word in words[1:4])
+    except ValueError as error:
+        raise FileError(f"{where} does not say how its bytes are to be read ({error}); export it again") from error
+    if floating != _IEEE:
+        kind = _FLOATING.get(floating, f"code {floating}")
+        raise FileError(
+            f"{where} has binary numbers of {kind}, which are not read; export it as ASCII, or as IEEE 754 (code 2)"
+        )
+    if order not in (_LITTLE, _BIG) or n_lines != HEADER_LINES - 1:
+        raise FileError(
+            f"{where} has byte order {order} (1 or 2) and {n_lines} header lines (11) in its first line; export it again"
+        )
+    sign, body = "<" if order == _LITTLE else ">", block.content[block.values_at :]
+    width = _axis_bytes(block, points, per_value * item)
+    fields = [("value", f"{sign}f{item}", (per_value,))]
+    table = np.frombuffer(body, np.dtype([("axis", f"{sign}f{width}"), *fields] if width else fields))
+    return (table["axis"].astype(float) if width else None), table["value"].astype(float)
+
+
+def _axis_bytes(block: Block, points: int, value_bytes: int) -> int:
+    """Bytes of each number of a binary axis; 0 of a text, and of an axis that is a start and a step."""
+    return (len(block.content) - block.values_at) // points - value_bytes if block.values_at else 0
+
+
+def _last_digits(axis: FloatArray, item: int) -> FloatArray:
+    """Size of the last digit of each number of a binary axis of `item` bytes, or of one of six digits where that is 0."""
+    if item:
+        return np.spacing(np.abs(axis).astype(f"f{item}")).astype(float)
+    size = np.abs(axis)
+    power = np.floor(np.log10(np.where(size > 0, size, 1.0)))
+    return np.where(size > 0, 10.0 ** (power - 5), 0.0)

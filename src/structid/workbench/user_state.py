@@ -1,0 +1,33 @@
+"""What the workbench keeps for a user outside all folders: recent folders, confirmed commands, places in the queue of runs."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+
+def state_folder() -> Path:
+    """The user's folder of structid, readable by the user alone, made where it does not exist.
+
+    It lies in the state directory (XDG Base Directory Specification 0.8; on Windows in the local application data).
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+    """
+    base = os.environ.get("XDG_STATE_HOME") or (os.environ.get("LOCALAPPDATA") if os.name == "nt" else None)
+    folder = (Path(base) if base else Path.home() / ".local" / "state") / "structid"
+    folder.mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o700)
+    return folder
+
+
+def write_private(path: Path, text: str) -> None:
+    """Write a text that nobody but the user may read, whole or not at all."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.unlink(missing_ok=True)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+        stream.write(text)
+    temporary.replace(path)

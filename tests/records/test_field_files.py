@@ -1,0 +1,125 @@
+"""Small files after those of people who do this job, each of a kind that was read wrongly once: read right, or refused truly."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from structid.cli.app import app
+from structid.core.errors import FileError, InputError
+from structid.records import ReadOptions, read_record
+
+FILES = Path(__file__).parent / "field_files"
+FIRST = -1.08604e-3 + 2.17753e-6j  # of the FRFs, at 1 Hz
+GRAVITY, POUND = 9.80665, 0.45359237 * 9.80665
+
+
+def read(name, **options):
+    return read_record(FILES / name, ReadOptions(**options))
+
+
+@pytest.mark.parametrize(
+    "name, factor, words",
+    [
+        ("lab_G_LB.unv", GRAVITY / POUND, "in G per LB"),
+        ("lab_in.unv", 0.0254 / POUND, "in in/sec^2 per lbs"),
+        ("u12_khz.unv", 1, "frequencies in kHz"),
+        ("u12_rads.unv", 1, "frequencies in rad/s"),
+        ("u12_rpm.unv", 1, "frequencies in rpm"),
+        ("u1_padded.unv", 1, ""),
+        ("u15_dexp.unv", 1, ""),
+        ("u15_fortran3.unv", 1e-150, ""),
+    ],
+)
+def test_frfs_in_si(name, factor, words):
+    record = read(name)
+    np.testing.assert_allclose(record.frequency, np.arange(1, 51.1, 0.5), rtol=2e-6)
+    np.testing.assert_allclose(record.values[0, 0, 0], FIRST * factor, rtol=1e-5)
+    assert record.kind == "accelerance"
+    assert record.source == "; ".join(filter(None, (str(FILES / name), words)))
+
+
+@pytest.mark.parametrize(
+    "name, words",
+    [
+        ("lab_tEU.unv", r"unit label of 1Z\+ .*'EU' .*engineering units.*--units "),
+        ("lab_volts.unv", r"unit label of 1Z\+ .*'V' .*V at 100 mV/g.*--unit "),
+        ("mag_only.unv", r"function 1, the FRF of 1Z\+/1Z\+, .*a magnitude without its phase"),
+        ("u4_mixed.unv", "response of function 3, at node 9, has direction 0.*`channels`.*`columns`"),
+    ],
+)
+def test_what_a_file_does_not_say_is_asked_for(name, words):
+    with pytest.raises(FileError, match=words):
+        read(name)
+
+
+def test_voltages_with_their_sensors_become_si():
+    record = read("lab_volts.unv", unit="(V at 100 mV/g)/(V at 10 mV/N)")
+    np.testing.assert_allclose(record.values[0, 0, 0], FIRST * GRAVITY / 0.1 * 0.01, rtol=1e-5)
+
+
+def test_times_in_ms():
+    record = read("u12_ms.unv")
+    assert record.sampling_rate == pytest.approx(1000, rel=1e-9)
+    assert record.source.endswith("; times in ms")
+
+
+def test_sensors_of_a_turned_node_are_along_global_axes():
+    record = read("cs_frf.unv")
+    assert [str(dof) for dof in (*record.outputs, *record.inputs)] == ["1Y+", "2Y+", "1Y+"]
+    assert "1X+ is 1Y+ in global axes" in record.source
+    np.testing.assert_allclose(record.values[0, 0, 0], FIRST, rtol=1e-5)
+    named = read("cs_frf.unv", axes="named")
+    assert [str(dof) for dof in (*named.outputs, *named.inputs)] == ["1X+", "2X+", "1X+"]
+
+
+def test_what_is_wanted_is_chosen_before_units_are_asked():
+    by_name, by_number = read("u4_mixed.unv", channels="1Z,2Z"), read("u4_mixed.unv", columns="1,2")
+    np.testing.assert_array_equal(by_name.values, by_number.values)
+    assert [str(dof) for dof in by_name.channels] == ["1Z+", "2Z+"]
+    called = read("u4_mixed.unv", columns="2,1", channels="5X,6X")
+    assert [str(dof) for dof in called.channels] == ["5X+", "6X+"]
+    np.testing.assert_array_equal(called.values, by_name.values[:, ::-1])
+    scalar = read("u4_mixed.unv", columns=[3], channels="9Z", units="g")  # a direction that the file does not say
+    np.testing.assert_allclose(scalar.values[1, 0], 1.24958e-1 * GRAVITY, rtol=1e-5)
+
+
+def test_an_object_beside_arrays_is_passed_over():
+    record = read("opaque_and_plain.mat", sampling_rate=100, channels="1X,2X", units="g")
+    assert record.values.shape == (2000, 2)
+
+
+@pytest.mark.parametrize("head", ["Time ms", "time_ms", "millis", "Time [ms]", "t_ms"])
+def test_times_of_a_table_in_ms(tmp_path, head):
+    text = (FILES / "time_ms_short.csv").read_text()
+    path = tmp_path / "a.csv"
+    path.write_text(text.replace("Time ms", head, 1))
+    options = ReadOptions(channels="1X,1Y", time_column=head)
+    assert read_record(path, options).sampling_rate == pytest.approx(200, rel=1e-9)
+    path.write_text(text.replace("Time ms", "Time", 1))
+    with pytest.raises(InputError, match="does not say the unit of its times; give `axis_unit = s`"):
+        read_record(path, ReadOptions(channels="1X,1Y"))
+    assert read_record(path, ReadOptions(channels="1X,1Y", axis_unit="ms")).sampling_rate == pytest.approx(200)
+
+
+def run(*words):
+    ran = CliRunner().invoke(app, list(map(str, words)))
+    return ran.exit_code, " ".join(ran.output.split())
+
+
+def test_a_mode_at_the_end_of_the_band_is_refused_in_words():
+    bare = "--array h --frequency-array f --outputs 1Z,2Z --inputs 1Z --kind accelerance --no-report --band 1 20"
+    code, output = run("modes", FILES / "good.npz", *bare.split())
+    assert code == 1
+    assert "leaves this band when it is refined; put the ends of the band between resonances" in output
+
+
+def test_a_study_weighs_the_mass_whose_frfs_are_in_g_and_pounds(tmp_path):
+    """1.047 kg, and not the 2.309 kg of numbers that are taken as SI."""
+    for name in ("sdof.toml", "lab_G_LB.unv"):
+        shutil.copy(FILES / name, tmp_path)
+    code, output = run("identify", tmp_path / "sdof.toml", "--no-report", "--no-explain", "--out", tmp_path / "out")
+    assert code in (0, 3)
+    assert "total mass: 1.0472 kg" in output

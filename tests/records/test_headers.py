@@ -1,0 +1,24 @@
+"""Every variation of a header is read as it says, or refused: files of a writer that shares nothing with structid."""
+
+from collections import Counter
+
+import pytest
+from header_cases import WRITERS, judge
+
+from structid.core.errors import InputError
+from structid.records import ReadOptions, read_record
+
+
+def read(path, options):
+    return read_record(path, ReadOptions(**options))
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_headers_are_read_right_or_refused(tmp_path, kind):
+    outcomes = Counter()
+    for seed in range(300):
+        case = WRITERS[kind](f"fixed {seed}")
+        outcome, words = judge(case, tmp_path / f"a{case.suffix}", read, InputError)
+        outcomes[outcome] += 1
+        assert outcome in ("read", "refused"), f"{kind} {seed} {outcome}: {words}\n" + "\n".join(map(str, case.notes))
+    assert min(outcomes["read"], outcomes["refused"]) > 60
