@@ -162,7 +162,12 @@ def systems_of(rng: random.Random, deck: BulkWriter) -> list[System]:
                 break
         x /= np.linalg.norm(x)
         system = System(10 + index, form, a, np.array([x, np.cross(z, x), z]))
-        deck.card(f"CORD2{form}", system.number, reference.number or rng.choice([None, 0]), *(x for point in points for x in point))
+        deck.card(
+            f"CORD2{form}",
+            system.number,
+            reference.number or rng.choice([None, 0]),
+            *(x for point in points for x in point),
+        )
         made.append(system)
     return made
 

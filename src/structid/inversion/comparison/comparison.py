@@ -354,7 +354,8 @@ def _by_held_values(
 ) -> tuple[FloatArray, FloatArray]:
     """Changes of the parameters in both states for one tolerance of each held value of either, (n, n_changes) each.
 
-    The prior of carried parameters moves with the baseline, and with them the later state; what that says of them moves the baseline.
+    The prior of carried parameters moves with the baseline, and with them the later state; what that says of them moves the
+    baseline.
     """
     names = tuple(dict.fromkeys(name for one in (baseline, later) if one.fixed for name in one.fixed.change_names))
     before, after = _aligned(baseline, names), _aligned(later, names)
