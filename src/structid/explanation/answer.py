@@ -187,7 +187,7 @@ def _told(
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
-    misfit, expected = found.estimate.least_per_dof, found.estimate.expected_per_dof
+    misfit, expected = found.estimate.chi_square_per_dof, found.estimate.expected_per_dof
     is_accepted = is_search and are_causes(made, misfit, expected, bool(found.missed))
     accepted, lowering = (made, made[:0]) if is_accepted else (made[:0], made)
     is_asked = not is_search and not doubted(held)

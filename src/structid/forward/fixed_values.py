@@ -17,7 +17,7 @@ from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import N, NamedUnknowns, joined
 from structid.unknowns.priors import no_priors
 from structid.unknowns.tolerances import FixedProperty, Tolerances, fixed_properties, shared_factors
-from structid.unknowns.transforms import Transforms
+from structid.unknowns.transforms import Transform, Transforms
 
 
 def with_fixed_values(
@@ -73,12 +73,13 @@ def _with_gain(problem: ResponseProblem, tolerance: float, record: str) -> Chann
 def _factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[float]) -> NamedUnknowns:
     """Factors that are 1 within their tolerances, their logarithms free."""
     n = len(names)
+    kept_positive: tuple[Transform, ...] = ("log",) * n
     return NamedUnknowns(
         names=tuple(FIXED + name for name in names),
         kinds=tuple(kinds),
         units=("1",) * n,
         start=locked(np.ones(n)),
-        transforms=Transforms(("log",) * n, locked(np.zeros(n)), locked(np.full(n, np.inf))),
+        transforms=Transforms(kept_positive, locked(np.zeros(n)), locked(np.full(n, np.inf))),
         priors=no_priors(n),
         scale=locked(np.zeros(n)),
         held=(np.zeros(n), np.array(tolerances, dtype=np.float64)),
