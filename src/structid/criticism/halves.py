@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypedDict
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 from scipy import special
@@ -88,10 +88,11 @@ def disagreements(
     by_sensors = all(isinstance(p, FrfProblem) and len(p.record.outputs) > 3 and p.channels is None for p in problems)
     pairs = list(_pairs(problems, by_sensors))
     parts = [part for pair in pairs for _, part in pair]
-    loose = [part for pair in _pairs(freed, by_sensors) for _, part in pair] or [None] * len(parts)
+    loose = [part for pair in _pairs(freed, by_sensors) for _, part in pair]
+    known = tolerances_of(freed)
+    held = tuple(FixedValues(part, known) if known else None for part in loose) or (None,) * len(parts)
     starts = [theta[[place[name] for name in part.names]] for part in parts]
-    shared = tuple(zip(parts, [known and FixedValues(known, tolerances_of(freed)) for known in loose], strict=True))
-    fits = iter(work.map("parts of the data", _fitted, shared, list(enumerate(starts))))
+    fits = iter(work.map("parts of the data", _fitted, _Parts(tuple(parts), held), list(enumerate(starts))))
     found = []
     for first, second in pairs:
         one, other = next(fits), next(fits)
@@ -118,12 +119,19 @@ def disagreements(
     return tuple(found)
 
 
-def _fitted(parts: tuple[tuple[Problem, FixedValues | None], ...], item: tuple[int, FloatArray], tools: Tools) -> _Fit:
+class _Parts(NamedTuple):
+    """Parts of the data, each with the values that its model holds."""
+
+    problems: tuple[Problem, ...]
+    held: tuple[FixedValues | None, ...]
+
+
+def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
     """The fit of one of the parts from a start."""
     number, start = item
-    part, held = parts[number]
+    search = Search(restarts=0, start=start)
     try:
-        found = estimate(part, _METHOD, search=Search(restarts=0, start=start), fixed=held)
+        found = estimate(parts.problems[number], _METHOD, search=search, fixed=parts.held[number])
     except (StructidError, np.linalg.LinAlgError):
         return {}
     changes = np.zeros((len(start), 1)) if found.fixed is None else found.fixed.changes
@@ -157,7 +165,7 @@ def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tupl
         yield (words[0], together(parts[0])), (words[1], together(parts[1]))
 
 
-def _sensors(problem: FrfProblem, outputs: Sequence[Dof]) -> FrfProblem:
+def _sensors(problem: FrfProblem, outputs: tuple[Dof, ...]) -> FrfProblem:
     """The problem of some of its sensors."""
     record = problem.record.channels(outputs)
     return replace(

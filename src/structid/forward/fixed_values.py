@@ -73,7 +73,7 @@ def _with_gain(problem: ResponseProblem, tolerance: float, record: str) -> Chann
 def _factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[float]) -> NamedUnknowns:
     """Factors that are 1 within their tolerances, their logarithms free."""
     n = len(names)
-    kept_positive: tuple[Transform, ...] = ("log",) * n
+    kept_positive: tuple[Transform, ...] = tuple("log" for _ in names)
     return NamedUnknowns(
         names=tuple(FIXED + name for name in names),
         kinds=tuple(kinds),
