@@ -58,6 +58,7 @@ fuzz: $(STAMP)
 	$(BIN)/python -m fuzz.keys --count $(COUNT) --seed $(SEED)
 	$(BIN)/python -m fuzz.headers --count $(COUNT) --seed $(SEED)
 	$(BIN)/python -m fuzz.true_modes
+	$(BIN)/python -m fuzz.true_decks
 
 golden: $(STAMP)
 	$(BIN)/python -m golden $(BASE) --reproduction

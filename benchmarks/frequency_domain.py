@@ -71,6 +71,13 @@ def rows(quick: bool) -> list[dict[str, object]]:
     return [row.table for made in BENCHMARKS.values() for row in made(1 if quick else 5, quick)]
 
 
+def use_tiny_models() -> None:
+    """Put models of some hundred degrees of freedom in the place of all others."""
+    global BLOCK
+    BLOCK = (16, 4, 4)
+    PLATES.update(dict.fromkeys(PLATES, (30, 10)))
+
+
 def main() -> None:
     """Measure, print and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -78,7 +85,12 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--quick", action="store_true", help="leave the largest plate out")
     parser.add_argument("--only", default="")
+    parser.add_argument(
+        "--tiny", action="store_true", help="models of some hundred degrees of freedom, to see that all of it runs"
+    )
     given = parser.parse_args()
+    if given.tiny:
+        use_tiny_models()
     print(f"factorizers: {', '.join(factorizer(name).words for name in installed_factorizers())}")
     print(f"medians of {given.repeats}, one thread, processor time\n")
     print(f"{'what':64s} {'ratio':>8s} {'bar':>9s}        note")

@@ -75,6 +75,8 @@ def make_seeds(folder: Path) -> list[Seed]:
 LISTING = """                R E A L   E I G E N V A L U E S
         1         1        6.168503E+03        7.853982E+01        1.250000E+01        1.000000E+00        6.168503E+03
           CYCLES =  1.250000E+01         R E A L   E I G E N V E C T O R   N O .          1
+
+      POINT ID.   TYPE          T1             T2             T3             R1             R2             R3
              1      G      1.000000E+00   5.000000E-01   0.0            0.0            0.0            0.0
              2      G     -2.500000E-01   5.000000E-01   0.0            0.0            0.0            0.0
 """
@@ -83,6 +85,85 @@ $REAL OUTPUT
 $EIGENVALUE =  6.1685028E+03  MODE =     1
          1       G      1.000000E+00      5.000000E-01      0.000000E+00
 -CONT-                  0.000000E+00      0.000000E+00      0.000000E+00
+"""
+
+COMPLEX_LISTING = """      COMPLEX EIGENVALUE = -1.000000E+00,  7.853982E+01
+                                       C O M P L E X   E I G E N V E C T O R   NO.          1
+                                                          (MAGNITUDE/PHASE)
+      POINT ID.   TYPE          T1             T2             T3             R1             R2             R3
+0            1      G      1.000000E+00   5.000000E-01   0.0            0.0            0.0            0.0
+                         270.0000       180.0000         0.0            0.0            0.0            0.0
+1    FRAME                                                                    MSC.NASTRAN  6/17/05   PAGE    12
+"""
+RESULTS = """    1PGM                1.000000E+00
+  100CL  101 12.50000000           2                     2    1MODAL      1
+ -4  DISP        4    1
+ -1         1 1.00000E+00-2.50000E-01 0.00000E+00
+ -1         2 5.00000E-01 7.50000E-01 0.00000E+00
+ -3
+ 9999
+"""
+#: A dataset 2414 of a normal mode, with nodes in a cylindrical system, elements and units of mm.
+ANALYSIS = """    -1
+   164
+        10mm                           2
+   1.0000000000000000E+03   1.0000000000000000E+00   1.0000000000000000E+00
+   2.7314999999999998E+02
+    -1
+    -1
+  2420
+         1
+part
+         5         1         0
+CYL
+   1.0000000000000000E+00   0.0000000000000000E+00   0.0000000000000000E+00
+   0.0000000000000000E+00   1.0000000000000000E+00   0.0000000000000000E+00
+   0.0000000000000000E+00   0.0000000000000000E+00   1.0000000000000000E+00
+   0.0000000000000000E+00   0.0000000000000000E+00   0.0000000000000000E+00
+    -1
+    -1
+  2411
+         1         1         1        11
+   1.0000000000000000D+03   0.0000000000000000D+00   0.0000000000000000D+00
+         2         5         5        11
+   1.0000000000000000D+03   9.0000000000000000D+01   0.0000000000000000D+00
+         3         1         1        11
+   0.0000000000000000D+00   0.0000000000000000D+00   0.0000000000000000D+00
+    -1
+    -1
+  2412
+         1        91         1         1         7         3
+         1         2         3
+         2        21         1         1         7         2
+         0         1         1
+         1         2
+    -1
+    -1
+  2467
+         1         0         0         0         0         0         0         2
+plate
+         8         1         0         0         7         3         0         0
+    -1
+    -1
+  2414
+         1
+shape
+         1
+NONE
+NONE
+NONE
+NONE
+NONE
+         1         2         2        12         2         3
+         0         0         0         0         0         1         0         0
+         0         0
+  0.00000E+00  1.25000E+01  6.16850E+03  4.00000E+00  1.00000E-02  0.00000E+00
+  0.00000E+00  0.00000E+00  0.00000E+00  0.00000E+00  0.00000E+00  0.00000E+00
+         1
+  1.00000E+00  5.00000E-01  0.00000E+00
+         2
+ -2.50000E-01  5.00000E-01  1.00000E+00
+    -1
 """
 
 _Made = Iterator[tuple[str, str, Path, tuple[Mutation, ...]]]
@@ -403,7 +484,7 @@ ABAQUS = """*Heading
 
 
 def _meshes(folder: Path) -> _Made:
-    for name, text in (("a.bdf", BULK), ("a.inp", ABAQUS)):
+    for name, text in (("a.bdf", BULK), ("a.inp", ABAQUS), ("a.unv", ANALYSIS)):
         path = _place(folder, f"meshes/{name}", name)
         path.write_text(text)
         yield f"meshes/{name}", "mesh", path, TEXT
@@ -455,10 +536,12 @@ def _modes(folder: Path) -> _Made:
         path = _place(folder, f"modes/modes{suffix}", f"a{suffix}")
         _write_modes(path)
         yield f"modes/modes{suffix}", "modes", path, TEXT
-    for suffix, text in ((".f06", LISTING), (".pch", PUNCHED)):
-        path = _place(folder, f"modes/modes{suffix}", f"a{suffix}")
+    texts = {"modes.f06": LISTING, "modes.pch": PUNCHED, "modes.frd": RESULTS, "analysis data.unv": ANALYSIS}
+    texts |= {"complex.f06": COMPLEX_LISTING}
+    for name, text in texts.items():
+        path = _place(folder, f"modes/{name}", f"a{Path(name).suffix}")
         path.write_text(text)
-        yield f"modes/modes{suffix}", "modes", path, TEXT
+        yield f"modes/{name}", "modes", path, TEXT
 
 
 def _studies(folder: Path) -> _Made:

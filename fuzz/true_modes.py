@@ -688,7 +688,7 @@ def judged(rng: random.Random, folder: Path, kind: str) -> tuple[str, str, str]:
     path.write_bytes(case.text.encode("ascii"))
     if case.deck:
         (folder / "deck.bdf").write_text(case.deck)
-        with_options(case, deck=str(folder / "deck.bdf"))
+        with_options(case, deck=folder / "deck.bdf")
     try:
         record = read_modes(path, case.options)
     except InputError as error:

@@ -12,8 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
-from fuzz.hostile import SETTINGS, recording_environment, write_modules  # noqa: E402
-from fuzz.seeds import write_chain  # noqa: E402
+from fuzz.hostile import SETTINGS, recording_environment, write_good_study, write_modules  # noqa: E402
 
 from structid.core.isolation import child_environment, import_paths, isolated, paths_as_called  # noqa: E402
 
@@ -27,7 +26,7 @@ def hostile(tmp_path):
     folder, beside = tmp_path / "hostile", tmp_path / "beside"
     folder.mkdir()
     beside.mkdir()
-    write_chain(folder / "good.toml")
+    write_good_study(folder / "good.toml")
     write_modules(folder)
     return folder, *recording_environment(folder, beside)
 

@@ -131,12 +131,16 @@ def test_a_foot_lets_go_of_all_rotations_at_once(tmp_path):
     path = written_in_space(tmp_path, SPACE)
     right = begun(path).trial
     feet = _feet(pool(right.looked_at(right.seen, right.target.theta_start).records), 10.0)
-    assert [row.candidate.where for row in feet] == [("1RX", "1RY", "1RZ"), ("5RX", "5RY", "5RZ")]
-    pinned = bare(feet[0].candidate)
+    groups = [row.candidate.where for row in feet]
+    assert groups[:3] == [("1RX", "5RX"), ("1RY", "5RY"), ("1RZ", "5RZ")]
+    assert sorted(groups[3]) == ["1RX", "1RY", "1RZ", "5RX", "5RY", "5RZ"]
+    assert groups[4:] == [("1RX", "1RY", "1RZ"), ("5RX", "5RY", "5RZ")]
+    foot = feet[4]
+    pinned = bare(foot.candidate)
     written_in_space(tmp_path, SPACE.replace('fixed = ["1", "5"]', 'fixed = ["1 X Y Z", "5"]'))
     base = begun(path)
-    near = approached(base, (pinned, feet[0].strength, np.inf), PLAIN_TOOLS)
-    fitted = restored(base, pinned, refitted(base, (pinned, feet[0].strength, near["theta"]), PLAIN_TOOLS))
+    near = approached(base, (pinned, foot.strength, np.inf), PLAIN_TOOLS)
+    fitted = restored(base, pinned, refitted(base, (pinned, foot.strength, near["theta"]), PLAIN_TOOLS))
     assert fitted.cost < 1.2 * base.trial.target.n_data < 0.01 * base.cost
     assert cause_words(pinned, None) == "the supports 1RX, 1RY, 1RZ give way together"
     _, lines = suggestion_text(base.trial.study, fitted.trial.changes)

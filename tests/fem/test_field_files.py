@@ -290,3 +290,20 @@ def test_bars_of_a_deck_of_plates_that_no_set_takes_are_listed(folder):
     (words,) = load_study(folder / "masses.toml").structure.left_aside
     assert "1 cells (line), in group 2 of masses.bdf, belong to no element set" in words
     assert study_with(folder, "masses.toml", leave_out='["2"]').structure.left_aside == ()
+
+
+def test_lines_that_go_on_from_another_card_are_refused(tmp_path):
+    head = "CORD2R  7               0.      0.      0.      0.      0.      1.      "
+    lines = [
+        "BEGIN BULK",
+        head + "+AB1",
+        "+AB1    1.      0.      0.",
+        "GRID    1       7       1.      2.      3.",
+        "CROD,1,1,1,1",
+    ]
+    path = tmp_path / "a.bdf"
+    path.write_text("\n".join(lines))
+    assert read_mesh(path).nodes[1] == pytest.approx([1.0, 2.0, 3.0])
+    path.write_text("\n".join(lines).replace("+AB1    1.", "+AB2    1."))
+    with pytest.raises(FileError, match=r"a\.bdf, line 3: goes on with mark 'AB2' where the line before ends in 'AB1'"):
+        read_mesh(path)

@@ -291,3 +291,47 @@ def test_wrong_cells_of_such_tables_are_named(tmp_path, name, old, new, words):
     (tmp_path / "modes.csv").write_text(SAME[name].replace(old, new))
     with pytest.raises(FileError, match=words):
         read_modes(tmp_path / "modes.csv")
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "words"),
+    [
+        ("Frequency [kHz]", 1e3, ""),
+        ("Natural Frequency (rad/s)", 1 / (2 * np.pi), ""),
+        ("Freq. [rpm]", 1 / 60, ""),
+        ("frequency_hz", 1.0, ""),
+        ("Frequency", 1.0, "; frequencies taken as Hz"),
+    ],
+)
+def test_units_of_frequencies_in_headers_are_followed_or_said(tmp_path, header, factor, words):
+    (tmp_path / "modes.csv").write_text(f"{header},Damping [%],1X\n60,1.5,1\n90,2,1\n")
+    record = read_modes(tmp_path / "modes.csv")
+    assert record.frequency == pytest.approx([60 * factor, 90 * factor])
+    assert record.damping_ratio == pytest.approx([0.015, 0.02])
+    assert record.source == f"modes.csv{words}"
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("Frequency [orders],Damping [%]", r"modes\.csv: cannot read 'orders' as the unit of a frequency"),
+        (
+            "Frequency [Hz],Damping [dB]",
+            r"modes\.csv: column 'Damping \[dB\]' is in a unit that is not known; write \[%\]",
+        ),
+        (
+            "Frequency [Hz],Damping",
+            r"line 2, column `damping_ratio` must be a ratio below 1, got 1\.5; write `Damping \[%\]`",
+        ),
+    ],
+)
+def test_units_that_are_not_known_are_refused(tmp_path, header, words):
+    (tmp_path / "modes.csv").write_text(f"{header},1X\n60,1.5,1\n90,2,1\n")
+    with pytest.raises(FileError, match=words):
+        read_modes(tmp_path / "modes.csv")
+
+
+def test_damping_without_a_unit_is_said_to_be_taken_as_a_ratio(tmp_path):
+    (tmp_path / "modes.csv").write_text("Frequency [Hz],Damping,1X\n60,0.015,1\n")
+    record = read_modes(tmp_path / "modes.csv")
+    assert (record.damping_ratio.tolist(), record.source) == ([0.015], "modes.csv; damping taken as a ratio, not in %")

@@ -265,14 +265,22 @@ def _is_along_global(rows, axis):
     return rows is None or np.abs(rows[axis]).max() > 1 - 1e-9
 
 
+def _skewed(rows, directions):
+    return [d for d in directions if not _is_along_global(rows, abs(d) - 1)]
+
+
+def _spanned(rows, directions):
+    """Global axes that have a part of sensors along none of them."""
+    return {j for d in _skewed(rows, directions) for j in range(3) if abs(rows[abs(d) - 1][j]) > 1e-9}
+
+
 def _channels(case, rng, nodes, axes):
     """Sensors as (node, signed direction); one along no global axis needs the other two of its node."""
     channels = []
     for node in nodes:
         three = rng.random() < 0.5
         directions = (1, 2, 3) if three else rng.sample((1, 2, 3), rng.choice((1, 2)))
-        skewed = [d for d in directions if not _is_along_global(axes.get(node), d - 1)]
-        if 0 < len(skewed) < 3:  # on a cylinder the axial one does not turn with the others
+        if len(_spanned(axes.get(node), directions)) not in (0, len(_skewed(axes.get(node), directions))):
             case.refuse("a sensor along no global axis")
         channels += [(node, d * rng.choice((1, 1, -1))) for d in directions]
     if rng.random() < 0.04:
@@ -419,7 +427,8 @@ def _truth(case, signal, axes, outputs, loads):
             axis = abs(direction) - 1 if rows is None else int(np.argmax(np.abs(rows[abs(direction) - 1])))
             places[node, axis] = signal[node][:, axis]
         else:
-            places |= {(node, axis): signal[node][:, axis] for axis in range(3)}
+            own = [d for n, d in outputs if n == node]
+            places |= {(node, axis): signal[node][:, axis] for axis in _spanned(rows, own)}
     if not case.is_frf:
         return places
     ((node, direction),) = loads

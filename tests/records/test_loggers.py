@@ -1,11 +1,15 @@
 """Files that other libraries write are read as they are; what is damaged, missing or does not fit is refused in words."""
 
+import sys
+import warnings
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from logger_cases import FILE_NAMES, NAMES, RATE, SAYS_UNITS, STARTS, UNITS, VALUES, WRITERS, is_there, write
 
 from structid.core.errors import FileError, InputError
-from structid.files.loggers import PACKAGES
+from structid.files.loggers import PACKAGES, logger
 from structid.records import ReadOptions, read_record, write_record
 from structid.records.formats import LOGGERS
 
@@ -197,3 +201,46 @@ def test_uneven_times_and_times_without_a_rate(tmp_path):
     assert read_record(written(**{"timestamp": stamps, "1X [N]": np.arange(50.0)})).sampling_rate == pytest.approx(500)
     with pytest.raises(FileError, match="no channel besides its times"):
         read_record(written(time=time))
+
+
+def test_what_the_library_of_miniseed_warns_of_is_told_and_the_file_is_read(monkeypatch):
+    """Records are checked one by one there, so that a warning is no damage."""
+    stats = SimpleNamespace(npts=4, sampling_rate=10.0, starttime=0.0)
+    trace = SimpleNamespace(id="XX.A..HNZ", stats=stats, data=np.arange(4.0))
+
+    class Stream(list):
+        def merge(self, method):
+            warnings.warn("record 7 has an odd encoding", UserWarning, stacklevel=2)
+
+    monkeypatch.setitem(sys.modules, "obspy", SimpleNamespace(read=lambda path, format: Stream([trace])))
+    channel = logger("a.mseed", "miniseed")[0]
+    np.testing.assert_array_equal(channel.values, np.arange(4.0))
+    assert channel.note == "record 7 has an odd encoding"
+
+
+def test_a_waveform_of_labview_in_ms(tmp_path):
+    from nptdms import ChannelObject, TdmsWriter
+
+    clock = {"wf_increment": 5.0, "wf_start_offset": 100.0, "wf_xunit_string": "ms", "unit_string": "g"}
+    for unit, rate in (("ms", 200), ("s", 0.2)):
+        path = tmp_path / f"{unit}.tdms"
+        with TdmsWriter(str(path)) as writer:
+            writer.write_segment([ChannelObject("a", "b", np.arange(9.0), clock | {"wf_xunit_string": unit})])
+        assert read_record(path, ReadOptions(channels="1X")).sampling_rate == pytest.approx(rate)
+    path = tmp_path / "spectrum.tdms"
+    with TdmsWriter(str(path)) as writer:
+        writer.write_segment([ChannelObject("a", "b", np.arange(9.0), clock | {"wf_xunit_string": "Hz"})])
+    with pytest.raises(FileError, match="'Hz' as the unit of a time"):
+        read_record(path, ReadOptions(channels="1X"))
+
+
+@pytest.mark.parametrize("old, new, words", [
+    ("X_Dimension\tTime", "X_Dimension\tFrequency", "over Frequency, not over time"),
+    ("X_Columns\tNo", "X_Columns\tMulti", "times of its own"), ("LabVIEW", "Lab", "does not begin with LabVIEW"),
+    ("***End_of_Header***\nChannels", "***End_of_Header***\n***End_of_Header***\nChannels", "one segment, got 2"),
+])  # fmt: skip
+def test_text_of_labview_that_says_something_else_is_refused(tmp_path, old, new, words):
+    path = whole("lvm", tmp_path)
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(FileError, match=words):
+        read_record(path, options("lvm"))

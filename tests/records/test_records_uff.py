@@ -267,3 +267,25 @@ def test_complex_histories_are_refused(tmp_path, values):
     dataset = function((1, 3), (0, 0), values[:, 0, 0], func_type=1, abscissa_spec_data_type=17)
     with pytest.raises(FileError, match=r"1Z\+ has complex samples"):
         read_record(write(tmp_path / "a.uff", [header(), units(), dataset]))
+
+
+def test_elements_draw_the_geometry_where_no_trace_lines_are(tmp_path):
+    def columns(*numbers):
+        return "".join(f"{n:10d}" for n in numbers)
+
+    points = {1: (0, 0), 2: (1, 0), 3: (1, 1), 4: (0, 1)}
+    nodes = [line for n, (x, y) in points.items() for line in (columns(n, 1, 1, 11), f"{x:25.16E}{y:25.16E}{0:25.16E}")]
+    elements = [
+        columns(1, 91, 1, 1, 7, 3),
+        columns(1, 2, 3),
+        columns(2, 21, 1, 1, 7, 2),
+        columns(0, 1, 1),
+        columns(3, 4),
+    ]
+    text = "".join(
+        "\n".join(["    -1", f"{k:6d}", *lines, "    -1", ""]) for k, lines in ((2411, nodes), (2412, elements))
+    )
+    (tmp_path / "a.unv").write_text(text)
+    geometry = read_geometry(tmp_path / "a.unv")
+    assert sorted(geometry.lines) == [(1, 2), (1, 3), (2, 3), (3, 4)]
+    assert geometry.nodes[3] == (1.0, 1.0, 0.0)

@@ -101,9 +101,11 @@ def test_an_uneven_clock_is_resampled_on_request_and_says_what_it_costs(tmp_path
     time = np.concatenate([[0.0], np.cumsum(steps)])
     path = tmp_path / "a.csv"
     path.write_text("time_s,1X [g]\n" + "".join(f"{t:.9f},{np.sin(6 * np.pi * t):.9f}\n" for t in time))
-    with pytest.raises(FileError, match=r"time must be even.*`resample = true`.*--resample on the command line"):
+    with pytest.raises(
+        FileError, match=r"time must be even.*`resample = spline`.*--resample spline on the command line"
+    ):
         read_record(path)
-    record = read_record(path, ReadOptions(resample=True))
+    record = read_record(path, ReadOptions(resample="spline"))
     truth = np.sin(6 * np.pi * np.linspace(0, time[-1], 401))
     np.testing.assert_allclose(record.values[:, 0] / 9.80665, truth, atol=2e-6)
     assert record.sampling_rate == pytest.approx(400 / time[-1], rel=1e-9)
@@ -112,7 +114,7 @@ def test_an_uneven_clock_is_resampled_on_request_and_says_what_it_costs(tmp_path
     lost = np.delete(time, 50)
     path.write_text("time_s,1X [g]\n" + "".join(f"{t:.9f},0.5\n" for t in lost))
     with pytest.raises(FileError, match=r"cannot be resampled: sample 51 follows after 0\.02"):
-        read_record(path, ReadOptions(resample=True))
+        read_record(path, ReadOptions(resample="spline"))
 
 
 def test_an_uneven_clock_of_a_universal_file(tmp_path, rng):
@@ -121,5 +123,5 @@ def test_an_uneven_clock_of_a_universal_file(tmp_path, rng):
     path.write_bytes(function((1, 1), (0, 0), np.sin(0.3 * time), time, even=False, is_frf=False))
     with pytest.raises(FileError, match=r"sample times are not even.*--resample "):
         read_record(path)
-    record = read_record(path, ReadOptions(resample=True))
+    record = read_record(path, ReadOptions(resample="spline"))
     np.testing.assert_allclose(record.values[:, 0], np.sin(0.3 * record.time), atol=1e-4)

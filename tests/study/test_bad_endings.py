@@ -95,7 +95,11 @@ WAYS = {
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="limits of file size are of POSIX")
 @pytest.mark.parametrize(
-    "way", [pytest.param(way, marks=[] if way in ("identify", "convert.h5") else pytest.mark.long) for way in WAYS]
+    "way",
+    [
+        pytest.param(way, marks=[pytest.mark.long] if way in ("identify with its report", "compare") else [])
+        for way in WAYS
+    ],
 )
 def test_a_disk_that_fills_leaves_nothing(tmp_path, way):
     write_chain(tmp_path)

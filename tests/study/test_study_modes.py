@@ -467,3 +467,68 @@ def test_deviations_of_a_study_are_in_parts_of_the_largest_known_entry(tmp_path)
     record = ModeDeviations(shape_std=(0.1,)).added_to(read_modes(tmp_path / "modes.csv"))
     np.testing.assert_allclose(record.mode_shapes, [[0.5, np.nan], [1, np.nan], [np.nan, np.nan]])
     np.testing.assert_allclose(record.shape_std, [[0.1, np.nan], [0.1, np.nan], [np.nan, np.nan]])
+
+
+LISTING = """1    STOREYS                                                                   MSC.NASTRAN  6/17/05   PAGE    {page}
+
+0{subcase:>115s}
+      EIGENVALUE = {square:13.6E}
+          CYCLES = {cycles:13.6E}         R E A L   E I G E N V E C T O R   N O .          1
+
+      POINT ID.   TYPE          T1             T2             T3             R1             R2             R3
+"""
+
+
+def as_listing(folder, keys):
+    """The example's study with one mode in a listing of two subcases, its points turned by 90 deg about Z by their deck."""
+    path = storeys(folder)
+    record = read_modes(folder / "modes.json")
+    text = ""
+    for number, factor in ((1, 1.0), (2, 3.0)):
+        cycles = factor * record.frequency[0]
+        text += LISTING.format(
+            page=number, subcase=f"SUBCASE {number}", square=(2 * np.pi * cycles) ** 2, cycles=cycles
+        )
+        for dof, value in zip(record.channels, np.real(record.mode_shapes[:, 0]), strict=True):
+            motion = np.zeros(3)
+            motion[dof.axis] = dof.sign * value
+            along = np.array([motion[1], -motion[0], motion[2]])  # of the system turned by 90 deg
+            text += f"{dof.node:14d}      G   " + "".join(f"{x:15.6E}" for x in (*along, 0, 0, 0)) + "\n"
+    (folder / "modes.f06").write_text(text)
+    grids = [f"GRID,{node},,{node}.,0.,0.,4" for node in sorted({dof.node for dof in record.channels})]
+    deck = ["CEND", "BEGIN BULK", "CORD2R,4,,0.,0.,0.,0.,0.,1.,", ",0.,1.,0.", *grids, "ENDDATA", ""]
+    (folder / "frame.bdf").write_text("\n".join(deck))
+    head, mark, tail = path.read_text(encoding="utf-8").replace("modes.json", "modes.f06").partition("[record.modes]")
+    path.write_text(
+        f"{head}{mark}\nfrequency_std = 0.1\nshape_std = 0.1\n{keys}{tail.partition(chr(10))[2]}", encoding="utf-8"
+    )
+    return path, record
+
+
+def test_subcase_and_deck_of_a_listing_are_said_in_the_study(tmp_path):
+    path, truth = as_listing(tmp_path, 'subcase = 2\ndeck = "frame.bdf"\n')
+    record = load_study(path).setups[0].record.modes.load()
+    assert record.frequency == pytest.approx([3 * truth.frequency[0]], rel=1e-6)
+    assert record.source == "modes.f06; motions turned to global axes by frame.bdf"
+    expected = {
+        dof.unsigned: dof.sign * value for dof, value in zip(truth.channels, truth.mode_shapes[:, 0].real, strict=True)
+    }
+    own = {dof: row[0] for dof, row in zip(record.channels, record.mode_shapes, strict=True)}
+    assert own.keys() == expected.keys()
+    size = max(expected.values(), key=abs)
+    assert [own[dof] for dof in expected] == pytest.approx([value / size for value in expected.values()], abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("", r"path: .*modes\.f06: holds modes of 2 runs \(subcase 1; subcase 2\); choose with `subcase`"),
+        ("subcase = 7\n", r"has no modes of subcase 7, only of subcase 1; subcase 2"),
+        ('subcase = 1\ndeck = "none.bdf"\n', r"deck: .*none\.bdf: there is no such file"),
+        ('subcase = 1\nlength_unit = "feet"\n', r"length_unit.* must be one of m km"),
+    ],
+)
+def test_what_a_study_says_wrongly_of_a_listing_is_named(tmp_path, keys, words):
+    path, _ = as_listing(tmp_path, keys)
+    with pytest.raises(InputError, match=words):
+        load_study(path).setups[0].record.modes.load()

@@ -737,6 +737,7 @@ def test_the_measured_frame_runs_is_killed_and_resumed(page, screens, tmp_path):
 COMMAND = "python {study}/solve.py <b>{deck}</b>"
 
 
+@pytest.mark.long
 def test_ten_pages_are_live_and_a_command_is_shown_before_it_runs(browser, page, screens, tmp_path):
     (tmp_path / "first.toml").write_text(
         f"""[structure.solver]

@@ -32,6 +32,7 @@ from fuzz.seeds import write_chain  # noqa: E402
 from structid.core.errors import FileError  # noqa: E402
 from structid.files import claimed  # noqa: E402
 from structid.files.npy import npz_arrays  # noqa: E402
+from structid.files.writing import _exchanged  # noqa: E402
 from structid.modal.formats.csv import is_modes_table  # noqa: E402
 from structid.study.results.folder import staged_folder  # noqa: E402
 from structid.study.schema.toml_lines import parse_toml  # noqa: E402
@@ -134,12 +135,14 @@ def test_the_good_study_of_a_hostile_folder_is_checked_and_run_and_no_module_of_
         assert all(run["state"] in ("killed", "done") for run in listing["runs"])
         for name in ("check", "scene", "channels", "line"):
             assert bench.get(name, study="good.toml")[0] == 200, name
+        for name in ("fifo.csv", "device.csv", "sparse.json"):
+            assert bench.post("facts", {"record": name, "options": {}})[0] in (403, 422), name
         for one in (*listing["studies"], {"path": "../../etc/passwd"}, {"path": "device.toml"}, {"path": "fifo.toml"}):
             assert bench.get("study", study=one["path"])[0] in (200, 403, 422)
         status, run = bench.post("runs", {"study": "good.toml", "results": "out"})
         assert status == 200
         wait_until(lambda: bench.get(f"runs/{run['id']}")[1]["state"] not in ("running", "queued"))
-        assert bench.get("results", results="out")[1]["results"]["parameters"], bench.get(f"runs/{run['id']}")[1]["log"]
+        assert bench.get(f"runs/{run['id']}")[1]["state"] == "done", bench.get(f"runs/{run['id']}")[1]["log"]
     finally:
         process.terminate()
         process.wait(20)
@@ -257,6 +260,7 @@ def test_results_that_are_there_are_replaced_only_where_that_is_asked_for(tmp_pa
     assert not (tmp_path / ".structid").exists()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="names are exchanged on Linux")
 def test_no_edit_that_was_told_as_saved_is_lost(tmp_path):
     """Two servers and an editor add lines to one study; each says which of its lines stand there."""
     study = tmp_path / "study.toml"
@@ -277,24 +281,29 @@ def test_no_edit_that_was_told_as_saved_is_lost(tmp_path):
     ]
     told: list[str] = []
 
-    def edit() -> None:  # as an editor saves: a file of another name that takes the place of the old one
+    overwritten: set[str] = set()
+
+    def edit() -> None:
+        """As an editor saves: a file of another name takes the place of the old one, which it does not look at any more."""
         for k in range(60):
-            before = study.read_text(encoding="utf-8")
-            (tmp_path / "editor.tmp").write_text(f"{before}# editor {k}\n", encoding="utf-8")
-            (tmp_path / "editor.tmp").replace(study)
+            before, temporary = study.read_text(encoding="utf-8"), tmp_path / "editor.tmp"
+            temporary.write_text(f"{before}# editor {k}\n", encoding="utf-8")
+            assert _exchanged(temporary, study)
+            overwritten.update(set(temporary.read_text(encoding="utf-8").splitlines()) - set(before.splitlines()))
             told.append(f"# editor {k}")
             time.sleep(0.02)
 
     editor = threading.Thread(target=edit)
     editor.start()
     for server in servers:
-        told += server.communicate(timeout=100)[0].splitlines()
+        told += server.communicate(timeout=300)[0].splitlines()
         assert server.returncode == 0
     editor.join()
     assert len(told) == 200
-    # the editor looks at nothing before it saves: what servers wrote between its reading and its saving it takes away itself
     kept = set(study.read_text(encoding="utf-8").splitlines())
-    assert {line for line in told if line.startswith("# editor")} <= kept
+    assert not set(told) - overwritten - kept
+    assert not {line for line in told if "editor" in line} - kept
+    assert len(overwritten) < 20  # which the editor did itself, between its reading and its saving
     assert not list(tmp_path.glob(".study.*"))
 
 

@@ -17,8 +17,10 @@ import typer
 from structid.cli.base import reported, say
 
 T = TypeVar("T")
-_AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None)
+_AS_THEY_ARE = (bool, int, float, str, int | None, float | None, str | None, Path | None)
 _PAIR = tuple[float, float] | None
+#: Flags of options whose text is the path of a file.
+_FILES = ("deck", "dofs", "write_dofs")
 #: Flags by another name than that of their field.
 _NAMES = {
     "quantities": ("--quantity", "--quantities"),
@@ -45,6 +47,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             for name, flags in groups.items():
                 values = {flag.name: given.pop(flag.name) for flag in flags}
                 told = {flag.name: values[flag.name] for flag in flags if values[flag.name] != flag.default}
+                told |= {flag: str(absolute_paths(Path(str(told[flag])))) for flag in _FILES if told.get(flag)}
                 given[name] = _made(options[name], told)
             function(**given)
 

@@ -12,7 +12,7 @@ import re
 import sys
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,7 @@ def paths_as_called(text: str) -> str:
         return text
 
     def shortened(match: re.Match[str]) -> str:
-        if any(text.startswith(given, match.start()) for given in _given_absolute):
+        if any(text.startswith(absolute, match.start()) for absolute in _given_absolute):
             return match[0]
         return "" if match[1] else "."
 
@@ -58,8 +58,7 @@ def paths_as_called(text: str) -> str:
 def import_paths(entries: list[str], folder: Path) -> list[str]:
     """Absolute places of modules among `entries`, without `folder` unless structid itself lies there."""
     absolute = [os.path.abspath(folder / entry) for entry in entries]  # noqa: PTH100 - zip archives are no folders
-    own = [str(_PACKAGE_ROOT)] if str(_PACKAGE_ROOT) in absolute else []
-    refused = {str(folder), str(folder.resolve())} - set(own)
+    refused = {str(folder), str(folder.resolve())} - {str(_PACKAGE_ROOT)}
     return [entry for entry in dict.fromkeys(absolute) if entry not in refused]
 
 
@@ -99,7 +98,8 @@ def isolated() -> Iterator[None]:
     finally:
         sys.path[:] = modules
         _replace_environment(environment)
-        os.chdir(folder)
+        with suppress(OSError):  # it was removed meanwhile
+            os.chdir(folder)
 
 
 def _replace_environment(wanted: Mapping[str, str]) -> None:

@@ -130,7 +130,13 @@ class FrfUnit(NamedTuple):
     input_rotation: bool
 
 
+#: Letters of a unit at most: where a force and a length part is tried letter by letter.
+_LONGEST = 100
+
+
 def _normalized(text: str) -> str:
+    if len(text) > 10 * _LONGEST:  # no unit, whatever is made of it
+        return text
     for old, new in (("**", "^"), ("²", "^2"), ("\u207b", "^-"), ("\u00b9", "1"), ("^-^2", "^-2"), ("µ", "u"), ("μ", "u"),
                      ("·", "*"), ("⋅", "*"), ("\u2019", "'")):  # fmt: skip
         text = text.replace(old, new)
@@ -148,7 +154,7 @@ def _name(text: str, among: Mapping[str, float]) -> str | None:
 
 def _without_brackets(text: str) -> str:
     """`text` without the brackets around the whole of it."""
-    while text.startswith("(") and text.endswith(")"):
+    while text.startswith("(") and text.endswith(")") and len(text) <= 2 * _LONGEST:
         depths = np.cumsum([(letter == "(") - (letter == ")") for letter in text])
         if (depths[:-1] == 0).any():
             break
@@ -157,6 +163,8 @@ def _without_brackets(text: str) -> str:
 
 
 def _unit(text: str) -> Unit | None:
+    if len(text) > _LONGEST:
+        return None
     text = _without_brackets(text)
     force, acceleration = _name(text, FORCES), _name(text, ACCELERATIONS)
     if force is not None:
@@ -209,6 +217,7 @@ def _sensed(text: str) -> Unit | None:
 
 def _refusal(text: str, kind: str, accepted: str) -> InputError:
     """Why a text cannot be read as a unit, and what to write."""
+    text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
     parts = [part for part in re.split(r"[/()]", _normalized(text)) if part]
     reasons = [_NO_UNITS[part.lower()] for part in parts if part.lower() in _NO_UNITS]
     if not reasons and any(_name(part, _VOLTAGES) for part in parts):

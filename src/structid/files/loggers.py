@@ -184,7 +184,8 @@ def _lvm(path: str) -> Iterator[Channel]:
     count = int(segment["Channels"][0])
     dimensions = {text.strip() for text in segment.get("X_Dimension", [])[:count]} - {""}
     if dimensions - {"Time"}:
-        raise ValueError(f"its channels are over {', '.join(sorted(dimensions))}, not over time; write time histories")
+        other = ", ".join(sorted(dimensions - {"Time"}))
+        raise ValueError(f"its channels are over {other}, not over time; write time histories")
     rows = [line.split(separator)[: count + 1] for line in lines[ends[1] + 2 :] if line.strip()]
     names = [name.strip() for name in lines[ends[1] + 1].split(separator)][1 : count + 1]
     values = np.array([[_decimal(text, comma) for text in row[1:]] for row in rows])

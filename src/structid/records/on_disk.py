@@ -31,7 +31,7 @@ _LINE = 8  # doubles of a cache line: fewer samples at a time would touch each l
 _SHORTEST, _PARTS = 24, 64  # samples of a chunk at least, and chunks of a record about
 _UNUSED = (
     "frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array", "averages", "start", "stop",
-    "longest_gap",
+    "longest_gap", "axis_unit", "axes", "resample",
 )  # fmt: skip
 _REPAIR = "repair the record first (`structid convert` with a longest gap fills short gaps), or leave these samples out"
 

@@ -19,9 +19,10 @@ from typing import Any
 from structid.core.errors import FileError, InputError
 from structid.fem import importers, meshes
 from structid.files import claimed, read_start, replace_unchanged
-from structid.modal.formats.csv import is_modes_table
-from structid.modal.formats.files import CSV_SUFFIXES, JSON_SUFFIXES, UFF_SUFFIXES
+from structid.modal.formats.calculix import FRD_SUFFIXES
+from structid.modal.formats.files import JSON_SUFFIXES
 from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES
+from structid.modal.formats.recognition import holds_modes
 from structid.records.formats import FORMATS, LOGGERS, LoggerFormat
 from structid.study.schema.toml_lines import parse_toml
 
@@ -29,7 +30,7 @@ from structid.study.schema.toml_lines import parse_toml
 OWN = ".structid"
 #: By their suffix; JSON, TOML and text files are looked into.
 _RECORDS: tuple[ModuleType | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
-RECORD_SUFFIXES = (*(suffix for one in _RECORDS for suffix in one.SUFFIXES), *F06_SUFFIXES)
+RECORD_SUFFIXES = (*(suffix for one in _RECORDS for suffix in one.SUFFIXES), *F06_SUFFIXES, *FRD_SUFFIXES)
 _MODELS: tuple[ModuleType, ...] = (*meshes.FORMATS, *importers.FORMATS)
 MODEL_SUFFIXES = tuple(suffix for one in _MODELS for suffix in one.SUFFIXES if suffix not in RECORD_SUFFIXES)
 _LISTED = {".toml", *RECORD_SUFFIXES, *MODEL_SUFFIXES, *PUNCH_SUFFIXES, *JSON_SUFFIXES}
@@ -40,15 +41,8 @@ _RESULT, _MODES = "estimate.json", "modes.json"
 _STUDY_BYTES, _PARSED_BYTES = 200_000, 500_000
 #: Bytes of a study at most that the page shows, and of a file of JSON at most that the server reads.
 _MOST_TEXT, _MOST_JSON = 50_000_000, 100_000_000
-#: Texts and numbers at most before the frequencies.
-_MODES_BEGIN = re.compile(
-    rb'\s*\{\s*(?:"(?:title|method|n_modes)":\s*(?:"(?:[^"\\]|\\.)*"|\d+|null),\s*)*"frequency_hz"'
-)
 #: A number in a line of nothing but numbers; commas and semicolons are blanks there.
 _NUMBER, _APART = re.compile(rb"[-+]?\d[\d.eE+-]*"), bytes.maketrans(b";,\0", b"   ")
-#: Datasets of modes or of functions in a universal file, by the line of their number behind a -1; and bytes that are looked at.
-_UFF_SETS, _OF_UFF = re.compile(rb"\n    5[58][ \r]*\n"), 1_000_000
-_MOST_SETS = 1000
 _SECTIONS = {"structure", "unknown", "record", "plan", "method"}
 #: The same in the text of a study that is too long to be parsed for a list, and its title.
 _HEADER = re.compile(rf"^[ \t]*\[\[?[ \t]*(?:{'|'.join(sorted(_SECTIONS))})\b", re.M)
@@ -379,24 +373,6 @@ def _study(name: str, path: Path, size: int, is_parsed: bool) -> list[dict[str, 
         return []
     title = table.get("title")
     return [{"path": name, "title": title[:500] if isinstance(title, str) else path.stem, "broken": ""}]
-
-
-def holds_modes(path: Path) -> bool:
-    """Whether a file holds modes, and no responses: JSON by its first keys, tables by what heads their columns."""
-    suffix = path.suffix.lower()
-    if suffix in CSV_SUFFIXES:
-        return is_modes_table(path)
-    if suffix in PUNCH_SUFFIXES:
-        return b"$EIGENVALUE" in _begin(path)
-    if suffix in UFF_SUFFIXES:
-        begin = b"\n" + _begin(path, _OF_UFF)
-        sets = {
-            match[0].strip()
-            for match in islice(_UFF_SETS.finditer(begin), _MOST_SETS)
-            if begin[max(0, match.start() - 80) : match.start()].rstrip(b" \r").endswith(b" -1")
-        }
-        return b"55" in sets and b"58" not in sets
-    return suffix in F06_SUFFIXES or (suffix in JSON_SUFFIXES and _MODES_BEGIN.match(_begin(path)) is not None)
 
 
 def holds_numbers(path: Path) -> bool:

@@ -282,10 +282,10 @@ async def _upload(bench: Workbench, request: Request) -> Response:
 
 async def _solver(bench: Workbench, study: str) -> dict[str, Any]:
     """The command that a study runs, as `structid.study.schema.model.solver.solver_command` knows it; empty for none."""
-    told = json.loads(await bench.workers("solver", {"study": study}))
-    if "error" in told:
-        raise InputError(told["error"])
-    return dict(told)
+    command: dict[str, Any] = json.loads(await bench.workers("solver", {"study": study}))
+    if "error" in command:
+        raise InputError(command["error"])
+    return command
 
 
 async def _start_run(bench: Workbench, request: Request) -> Response:
@@ -385,8 +385,8 @@ async def _events(bench: Workbench, request: Request) -> Response:
 async def _results(bench: Workbench, request: Request) -> Response:
     name = request.query_params["results"]
     folder = bench.opened.inside(name)
-    found = await asyncio.to_thread(read_json, bench.opened.inside(f"{name}/estimate.json"))
-    if not isinstance(found, dict):
+    estimate = await asyncio.to_thread(read_json, bench.opened.inside(f"{name}/estimate.json"))
+    if not isinstance(estimate, dict):
         raise FileError(f"{name}: holds no results; run the study first")
     kept = await asyncio.to_thread(bench.opened.files_in, folder, _MOST_RESULTS)
     seen = [path for path in kept if path.suffix in _SEEN]
@@ -408,7 +408,7 @@ async def _results(bench: Workbench, request: Request) -> Response:
         "warnings",
         "chi_square_per_dof",
     )
-    return Json({"results": {key: found.get(key) for key in keys}, "files": listed, "report": shown})
+    return Json({"results": {key: estimate.get(key) for key in keys}, "files": listed, "report": shown})
 
 
 async def _view(bench: Workbench, request: Request) -> Response:

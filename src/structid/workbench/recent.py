@@ -15,7 +15,7 @@ _COMMANDS, _MOST_COMMANDS = "confirmed_commands.json", 500
 
 def recent_folders() -> list[str]:
     """Folders that were open, the last one first; those that are gone are left out."""
-    return [one for one in _kept(_FOLDERS) if Path(one).is_absolute() and Path(one).is_dir()][:_MOST_FOLDERS]
+    return [path for path in _kept(_FOLDERS) if Path(path).is_absolute() and Path(path).is_dir()][:_MOST_FOLDERS]
 
 
 def remember(folder: Path) -> None:
@@ -36,7 +36,7 @@ def remember_confirmed(confirmation: str) -> None:
 def _kept(name: str) -> list[str]:
     with suppress(OSError):
         listed = read_json(state_folder() / name)
-        return list(dict.fromkeys(one for one in listed if isinstance(one, str))) if isinstance(listed, list) else []
+        return list(dict.fromkeys(text for text in listed if isinstance(text, str))) if isinstance(listed, list) else []
     return []
 
 

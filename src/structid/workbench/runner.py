@@ -91,11 +91,11 @@ def _locked(path: Path) -> tuple[int, Path] | None:
     return descriptor, path
 
 
-def _position(queue: Path, own: Path) -> int:
+def _position(queue: Path, ticket: Path) -> int:
     """How many runs that still live were started before this one."""
     count = 0
     for path in sorted(queue.iterdir()):
-        if path.name >= own.name:
+        if path.name >= ticket.name:
             break
         with suppress(OSError):
             descriptor = os.open(path, os.O_RDWR)

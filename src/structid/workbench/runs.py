@@ -66,8 +66,8 @@ class Run:
         return {**texts, **numbers}
 
     def _json(self, name: str) -> dict[str, Any]:
-        found = read_json(self.folder / name, follow=False)
-        return found if isinstance(found, dict) else {}
+        content = read_json(self.folder / name, follow=False)
+        return content if isinstance(content, dict) else {}
 
     def _process(self) -> psutil.Process | None:
         """The process that runs it, if that is still the one that was started."""
@@ -183,7 +183,9 @@ class Runs:
         if holder.is_symlink() or folder.is_symlink():
             return []
         with suppress(OSError), os.scandir(folder) as scan:
-            names = [one.name for one in scan if _NAME.fullmatch(one.name) and one.is_dir(follow_symlinks=False)]
+            names = [
+                entry.name for entry in scan if _NAME.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)
+            ]
             return [
                 path
                 for name in sorted(names, reverse=True)

@@ -14,7 +14,7 @@ import webbrowser
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
-from threading import Event, Lock
+from threading import Event, Lock, Timer
 from typing import TextIO
 
 import uvicorn
@@ -35,6 +35,8 @@ from structid.workbench.work.workers import Workers
 
 #: Connections at most, and seconds after which the page that leads a browser to an ended server is removed.
 _MOST_CONNECTIONS, _REDIRECT_SECONDS = 256, 24 * 3600.0
+#: Seconds in which a browser opens that page.
+_OPENING_SECONDS = 60.0
 
 
 class Workbenches:
@@ -160,6 +162,10 @@ def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
     page = _redirect_page(address)
     try:
         shown = page.as_uri() if _is_read_by_others(sys.stdout) else address
+        if shown == address:
+            forget = Timer(_OPENING_SECONDS, lambda: page.unlink(missing_ok=True))
+            forget.daemon = True
+            forget.start()
         print(f"structid workbench: {shown}\n(this machine only; Ctrl-C ends it, runs go on)", flush=True)  # noqa: T201
         if browser:
             with suppress(webbrowser.Error):
@@ -179,13 +185,16 @@ def _redirect_page(address: str) -> Path:
     )
     name = f"open-{secrets.token_hex(8)}.html"
     try:
-        folder = state_folder()
-        for left in folder.glob("open-*.html"):  # of servers that were killed
+        # browsers that are snaps read no hidden folder of the home folder
+        folder = Path.home() if (Path.home() / "snap").is_dir() else state_folder()
+        name = f"structid-{name}" if folder == Path.home() else name
+        for left in state_folder().glob("open-*.html"):  # of servers that were killed
             if time.time() - left.stat().st_mtime > _REDIRECT_SECONDS:
                 left.unlink(missing_ok=True)
-    except OSError:
+        write_private(folder / name, text)
+    except (OSError, RuntimeError):  # no home folder, or one that cannot be written
         folder = Path(tempfile.mkdtemp(prefix="structid-"))
-    write_private(folder / name, text)
+        write_private(folder / name, text)
     return folder / name
 
 

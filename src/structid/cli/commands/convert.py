@@ -28,11 +28,10 @@ from structid.fem.importers import (
 from structid.fem.importers.abaqus import Form
 from structid.files import atomic_write, claimed, require_readable
 from structid.modal import ModalRecord
-from structid.modal.formats.calculix import FRD_SUFFIXES
-from structid.modal.formats.csv import is_modes_table
-from structid.modal.formats.files import CSV_SUFFIXES, JSON_SUFFIXES, UFF_SUFFIXES, read_modes, write_modes
-from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES
+from structid.modal.formats.files import JSON_SUFFIXES, UFF_SUFFIXES, read_modes, write_modes
+from structid.modal.formats.nastran import PUNCH_SUFFIXES
 from structid.modal.formats.printed import ModeFileOptions
+from structid.modal.formats.recognition import holds_modes
 from structid.records import FrfRecord, ReadOptions, Record, read_record, write_record
 from structid.records.formats import how_read
 
@@ -43,7 +42,6 @@ _MATRICES_ONLY = _MATRIX_SUFFIXES - {".npz", ".npy", ".mat", *PUNCH_SUFFIXES}
 _ARRAYS = (".npz", ".npy", ".mat")
 #: Suffixes of DMIG, which holds node and component of each row.
 _NUMBERED = next(module.SUFFIXES for module in MATRIX_FORMATS if ".pch" in module.SUFFIXES)
-_HEAD = 65536
 
 
 @dataclass(frozen=True)
@@ -56,9 +54,9 @@ class MatrixOptions:
         Name of the matrix that is meant, of a file with several; all by default.
     name : str
         Name that the matrix gets, as where the format of OUT has room for eight characters.
-    dofs : str
+    dofs : Path, optional
         File with the node and component of each row, where the file of the matrix does not hold them.
-    write_dofs : str
+    write_dofs : Path, optional
         File to write the node and component of each row to, where the format of OUT does not hold them.
     mtx : str
         Form of OUT where that is .mtx: `matrixmarket`, or `labels` or `coordinate` of Abaqus.
@@ -66,8 +64,8 @@ class MatrixOptions:
 
     matrix: str = ""
     name: str = ""
-    dofs: str = ""
-    write_dofs: str = ""
+    dofs: Path | None = None
+    write_dofs: Path | None = None
     mtx: str = "matrixmarket"
 
     def __post_init__(self) -> None:
@@ -127,9 +125,10 @@ def convert(
                 f"{source}: holds {_words(kind)}; leave out the options of {_words(name)}, or set --contents"
             )
     with claimed(target):
-        lines = {"record": _record, "modes": _modes, "matrices": _matrices}[kind](
-            source, target, {"record": read, "modes": modes, "matrices": matrices}[kind]
-        )
+        if kind == "record":
+            lines = _record(source, target, read)
+        else:
+            lines = _modes(source, target, modes) if kind == "modes" else _matrices(source, target, matrices)
     for line in lines:
         say(line)
 
@@ -141,32 +140,16 @@ def _words(kind: str) -> str:
 def _contents_of(source: Path, target: Path) -> str:
     """What `source` holds, by its suffix and first lines, and by what `target` may hold where both leave it open."""
     suffix = source.suffix.lower()
-    if suffix in (*F06_SUFFIXES, *FRD_SUFFIXES, *JSON_SUFFIXES, ".op2"):
+    if suffix in (*JSON_SUFFIXES, ".op2") or holds_modes(source):
         return "modes"
-    if suffix in _MATRICES_ONLY:
+    if suffix in (*_MATRICES_ONLY, *PUNCH_SUFFIXES):
         return "matrices"
-    if suffix in PUNCH_SUFFIXES:
-        return "modes" if "$EIGENVECTOR" in _head(source) else "matrices"
-    if suffix in UFF_SUFFIXES:
-        numbers = {line.strip() for line in _head(source).splitlines()}
-        return (
-            "modes"
-            if numbers & {"55", "2414"} and not numbers & {"58"} and "    58b" not in _head(source)
-            else "record"
-        )
-    if suffix in CSV_SUFFIXES:
-        return "modes" if is_modes_table(source) else "record"
     if suffix in _ARRAYS and target.suffix.lower() in _MATRICES_ONLY | set(PUNCH_SUFFIXES):
         return "matrices"
     if suffix == ".npz" and is_zipfile(source):
         with ZipFile(source) as archive:
             return "matrices" if {"format.npy", "shape.npy", "data.npy"} <= set(archive.namelist()) else "record"
     return "record"
-
-
-def _head(path: Path) -> str:
-    with path.open("rb") as stream:
-        return stream.read(_HEAD).decode("latin-1")
 
 
 def _record(source: Path, target: Path, options: ReadOptions) -> list[str]:
@@ -188,7 +171,8 @@ def _record_size(record: Record) -> str:
 def _modes(source: Path, target: Path, options: ModeFileOptions) -> list[str]:
     record = read_modes(source, options)
     write_modes(target, record)
-    read = [f"read: {record.source}"] if source.suffix.lower() not in (*JSON_SUFFIXES, *CSV_SUFFIXES) else []
+    is_told = source.suffix.lower() not in JSON_SUFFIXES and "; " in record.source
+    read = [f"read: {record.source}"] if is_told else []
     lost = _lost_of_modes(record, target)
     size = f"{counted(record.n_modes, 'mode')} at {counted(len(record.channels), 'channel')}, scaling {record.scaling}"
     return [*read, f"{target}: {size}", *([f"not kept by {target.suffix}: {', '.join(lost)}"] if lost else [])]
@@ -217,13 +201,13 @@ def _matrices(source: Path, target: Path, options: MatrixOptions) -> list[str]:
             raise InputError(f"{source}: `name` is for one matrix, not {names}; choose one with `matrix`", "name")
         items = [replace(items[0], name=options.name)]
     if options.dofs:
-        table = dof_table(read_numbering(require_readable(Path(options.dofs))))
+        table = dof_table(read_numbering(require_readable(options.dofs)))
         items = [_numbered(item, table, options.dofs) for item in items]
     suffix = target.suffix.lower()
     numbered = [item for item in items if item.dofs is not None]
     lines = [f"{target}: {item.name}, {_matrix_size(item)}" for item in items]
     if options.write_dofs:
-        lines.append(_write_numbering(Path(options.write_dofs), numbered))
+        lines.append(_write_numbering(options.write_dofs, numbered))
     elif numbered and suffix not in _NUMBERED and options.mtx != "labels":
         lines.append(f"not kept by {suffix}: node and component of the rows (write them with --write-dofs FILE)")
     if suffix != ".mtx" or options.mtx == "matrixmarket":
@@ -242,12 +226,12 @@ def _matrix_size(item: ImportedMatrix) -> str:
     return f"{n_rows} x {n_columns}, {kind}, {item.matrix.nnz} entries"
 
 
-def _numbered(item: ImportedMatrix, table: np.ndarray, name: str) -> ImportedMatrix:
+def _numbered(item: ImportedMatrix, table: np.ndarray, path: Path) -> ImportedMatrix:
     """The matrix with the numbering of a file."""
     if item.dofs is not None:
         raise InputError(f"{item.name!r} has node and component of its rows in its own file; leave `dofs` out", "dofs")
     if len(table) != item.matrix.shape[0]:
-        raise InputError(f"{name}: names {len(table)} rows, {item.name!r} has {item.matrix.shape[0]}", "dofs")
+        raise InputError(f"{path}: names {len(table)} rows, {item.name!r} has {item.matrix.shape[0]}", "dofs")
     return replace(item, dofs=table)
 
 

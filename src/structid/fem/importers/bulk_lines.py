@@ -236,4 +236,23 @@ def _selected(
     wanted = np.isin(name, [word.encode() for word in names]) & is_start
     keep = np.flatnonzero((card >= 0) & wanted[np.maximum(card, 0)] & ~blank_line)
     place = np.searchsorted(keep, card[keep])
-    return BulkLines(path, buffer, start[keep], end[keep], number[keep], width[keep], place, origins)
+    lines = BulkLines(path, buffer, start[keep], end[keep], number[keep], width[keep], place, origins)
+    _require_order(lines)
+    return lines
+
+
+def _require_order(lines: BulkLines) -> None:
+    """Refuse a line in fixed fields whose mark is another than that behind the line before it: cards out of order."""
+    every = np.arange(len(lines.start))
+    follows = every[(lines.card != every) & (lines.width != _WIDE)]
+    follows = follows[lines.width[follows - 1] != _WIDE]
+    for part in chunks(len(follows)):
+        rows = follows[part]
+        marks, before = lines.words(rows, 1, 7), lines.words(rows - 1, 73, 7)  # the first character is free
+        wrong = (marks != b"") & (before != b"") & (marks != before)
+        if wrong.any():
+            row, mark, other = (own[np.argmax(wrong)] for own in (rows, marks, before))
+            raise FileError(
+                f"{lines.location(int(row))}: goes on with mark {mark.decode('latin-1')!r} where the line before ends in"
+                f" {other.decode('latin-1')!r}; put each line behind the one that it continues"
+            )

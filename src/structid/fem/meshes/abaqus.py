@@ -169,10 +169,10 @@ def _mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
                 key = (kind, len(nodes), is_part(name))
                 tables.setdefault(key, {})[label + assembly.shift(scope)] = nodes
     blocks, rows_of = [], []
-    for (kind, width, beside), table in tables.items():
-        nodes = np.array(list(table.values()), dtype=np.int64).reshape(len(table), width)
-        blocks.append(CellBlock(kind, nodes[:, list(_ORDERS.get(kind, range(width)))], beside))
-        rows_of.append({label: row for row, label in enumerate(table)})
+    for (kind, width, beside), nodes_by_label in tables.items():
+        rows = np.array(list(nodes_by_label.values()), dtype=np.int64).reshape(len(nodes_by_label), width)
+        blocks.append(CellBlock(kind, rows[:, list(_ORDERS.get(kind, range(width)))], beside))
+        rows_of.append({label: row for row, label in enumerate(nodes_by_label)})
     labels, positions = _nodes(assembly, blocks, units.length)
     nodes_of = dict(zip(labels.tolist(), positions, strict=True))
     points = _points(assembly, units.length)

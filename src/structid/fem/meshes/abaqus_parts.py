@@ -159,7 +159,7 @@ def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> F
         made = None if axes is None else CoordinateSystem("C", a, axes).directions_at(position)[0]
     else:
         radial, pole = position - a, b - a
-        up = pole - radial * (pole @ radial) / max(radial @ radial, 1e-300)
+        up = pole - radial * (float(pole @ radial) / max(float(radial @ radial), 1e-300))
         made = axes_of_points(np.zeros(3), up, radial)
     if made is None:
         raise ValueError("the points of the system lie on a line")
@@ -221,10 +221,10 @@ def _rotary_inertias(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
     xx, yy, zz, xy, xz, yz = [*values, *[0.0] * 6][:6]
     matrix = np.zeros((6, 6))
     matrix[3:, 3:] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-    matrix = turned_matrix(matrix, scope.turn.T)
+    turned = turned_matrix(matrix, scope.turn.T)
     obstacle = "its axes have an orientation" if block.options.get("ORIENTATION") else ""
     nodes = [nodes[0] for _, nodes in deck.elements_of(scope, name, ["ROTARYI"])]
-    return [(obstacle, DeckPart("ROTARY INERTIA", 1, masses=(NodalMass(node, matrix, name),))) for node in nodes]
+    return [(obstacle, DeckPart("ROTARY INERTIA", 1, masses=(NodalMass(node, turned, name),))) for node in nodes]
 
 
 def _springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
@@ -305,8 +305,8 @@ def _equation(deck: _Deck, scope: Scope, terms: Sequence[Sequence[str]]) -> Item
             pairs.append((Dof(label, DIRECTIONS[axis]), float(factor) * (deck.units.length if axis > 2 else 1.0)))
         (dependent, first), *others = pairs
         sums: dict[Dof, float] = {}
-        for dof, factor in others:
-            sums[dof] = sums.get(dof, 0.0) - factor / first
+        for dof, weight in others:
+            sums[dof] = sums.get(dof, 0.0) - weight / first
         tie = Constraint(f"equation {dependent.unsigned}", dependent, sums.items())
         items.append(("", DeckPart("EQUATION", 1, ties=(tie,))))
     return items

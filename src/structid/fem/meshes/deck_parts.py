@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from scipy import sparse
@@ -285,7 +286,8 @@ def _mass_sets(name: str, masses: Sequence[NodalMass]) -> list[ElementSet]:
     if heavy:
         nodes, values = [mass.node for mass in heavy], [mass.matrix[0, 0] for mass in heavy]
         sets.append(PointMass(name, np.array(nodes)[:, None], np.array(values)))
-    for place, direction in enumerate(DIRECTIONS[3:], 3):
+    rotations: tuple[Literal["RX", "RY", "RZ"], ...] = ("RX", "RY", "RZ")
+    for place, direction in enumerate(rotations, 3):
         turning = [mass for mass in simple if mass.matrix[place, place]]
         if turning:
             nodes, values = [mass.node for mass in turning], [mass.matrix[place, place] for mass in turning]

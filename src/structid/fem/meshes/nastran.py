@@ -92,9 +92,13 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     axes = systems.displacement_axes(labels, basic)
     labels, positions = middles.with_positions(labels, units.length * basic)
     parts = read_parts(text, cards, systems, dict(zip(labels.tolist(), positions, strict=True)), axes, units)
-    if not blocks and all(part.obstacle for part in parts):
-        raise FileError(f"{path}: holds no elements ({', '.join(_CELLS)}); export bulk data with the mesh")
     counts = text.count_cards()
+    if not blocks and all(part.obstacle for part in parts):
+        others = ", ".join(part.words for part in (*parts, *_unknown_elements(counts)))
+        raise FileError(
+            f"{path}: holds no elements ({', '.join(_CELLS)}){f', only {others}' if others else ''}; export bulk data with"
+            " the mesh"
+        )
     return Mesh(
         labels,
         positions,
@@ -111,7 +115,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 
 def _groups(text: BulkText, numbers: list[IntArray]) -> dict[str, tuple[IntArray, ...]]:
     """Rows of each property by its number, and by its name in comments."""
-    groups = {
+    groups: dict[str, tuple[IntArray, ...]] = {
         str(number): tuple(np.flatnonzero(own == number) for own in numbers)
         for number in np.unique(np.concatenate([np.zeros(0, np.int64), *numbers])).tolist()
     }

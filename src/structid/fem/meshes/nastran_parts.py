@@ -86,8 +86,10 @@ _UNREAD = {
     "DMIG": "matrices",
     "TF": "transfer functions",
 }
-_READ = ("CONM1", "CONM2", "CMASS1", "CMASS2", "CELAS1", "CELAS2", "CDAMP1", "CDAMP2", "CVISC", "CBUSH", "CBUSH1D")
-_READ += ("RBE2", "RBE3", "RBAR", "MPC")
+_READ: tuple[str, ...] = (
+    *("CONM1", "CONM2", "CMASS1", "CMASS2", "CELAS1", "CELAS2", "CDAMP1", "CDAMP2", "CVISC", "CBUSH", "CBUSH1D"),
+    *("RBE2", "RBE3", "RBAR", "MPC"),
+)
 _SCALAR = "it is at a scalar point, or a grid point that is not there"
 _NO_PROPERTY = "its property is not in the deck"
 _OBLIQUE = "a dependent node's own displacement system is turned against the global axes"
@@ -348,7 +350,7 @@ def _bush_weights(
     along = deck.positions[second] - deck.positions[first]
     for node, sign, part in ends:  # the spring's place moves with the node as a rigid body: u + rotation x arm
         lever = np.cross(part * along, axis)
-        if np.abs(lever).max() > 1e-12 * max(np.linalg.norm(along), 1e-300):
+        if np.abs(lever).max() > 1e-12 * float(np.linalg.norm(along)):
             for direction, weight in zip(DIRECTIONS[3:], sign * lever, strict=True):
                 if weight:
                     weights[node, direction] = weights.get((node, direction), 0.0) + float(weight)

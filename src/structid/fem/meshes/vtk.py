@@ -60,7 +60,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     labels = _labels(given)
     blocks = []
     for block in given.cells:
-        rows = np.asarray(block.data, dtype=np.int64)
+        rows: IntArray = np.asarray(block.data, dtype=np.int64)
         if rows.size and (rows.min() < 0 or rows.max() >= len(labels)):
             raise FileError(f"{path}: cells of type {block.type} name nodes that are not there; {_REMEDY}")
         rows = _upright(block.type, rows, points)

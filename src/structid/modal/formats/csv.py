@@ -13,6 +13,8 @@ import numpy as np
 from structid.core.arrays import FloatArray, NumberArray
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import FileError, InputError
+from structid.core.units import parse_frequency_unit
+from structid.files import read_start
 from structid.modal.modal_record import ModalRecord, Scaling, independent_errors, largest_entries, unit_largest
 from structid.modal.poles.poles import modal_phase_collinearity
 from structid.records.formats.csv.recognition import is_number
@@ -28,8 +30,10 @@ _STD = r"(std|std dev|standard deviation|deviation)"
 #: Headers of frequencies and damping ratios in tables of other programs, blanks for points and underscores.
 _OTHER_WORDS = re.compile(
     rf"(?P<before>{_STD}( of)? )?(natural |undamped |eigen)?(?P<quantity>frequency|freq|damping ratio|damping)(?P<after> {_STD})?"
-    r"( ?(?P<unit>\[hz\]|\(hz\)|hz|\[%\]|\(%\)|%|\[-\]|\[1\]))?"
+    r"(?: ?(?:\[(?P<square>[^\]]*)\]|\((?P<round>[^)]*)\)|(?P<bare>hz|khz|rad/s|rpm|%)))?"
 )
+#: Units of damping: of ratios, and of critical damping in parts of a hundred.
+_DAMPING_UNITS = {"-": 1.0, "1": 1.0, "%": 0.01}
 
 
 def modes_csv(modes: ModalRecord) -> str:
@@ -62,7 +66,7 @@ class _Table(NamedTuple):
     """Cells of a table of modes, one of `lines` a mode, under a header in the words of `modes_csv`.
 
     Numbers of columns in `factors` are multiplied by these. Whether the file `is_turned`, with one column a mode; `numbers` are
-    the lines of the file, or columns, of the modes.
+    the lines of the file, or columns, of the modes, and `notes` say what its header leaves open.
     """
 
     path: Path
@@ -71,6 +75,7 @@ class _Table(NamedTuple):
     factors: dict[str, float]
     is_turned: bool
     numbers: list[int]
+    notes: list[str]
 
     def place(self, k: int, name: str) -> str:
         """Where the value called `name` of mode `k` is."""
@@ -94,38 +99,70 @@ def _table(path: Path) -> _Table:
     for number, row in zip(numbers, rows[1:], strict=True):
         if len(row) != len(rows[0]):
             raise FileError(f"{path}: line {number} has {len(row)} cells, the header {len(rows[0])}; mend the line")
-    turned = any(_own_word(row[0])[0] == "frequency_hz" and is_number(row[1]) for row in rows if len(row) > 1)
+    turned = any(_word_or_cell(row[0]) == "frequency_hz" and is_number(row[1]) for row in rows if len(row) > 1)
     if turned:
         numbers = list(range(2, len(rows[0]) + 1))
         rows = [list(column) for column in zip(*rows, strict=True)]
-    words = [_own_word(cell) for cell in rows[0]]
-    header = [word for word, _ in words]
+    try:
+        words = [_own_word(cell) for cell in rows[0]]
+    except InputError as error:
+        raise FileError(f"{path}: {error}") from error
+    header = [word.name for word in words]
     if "frequency_hz" not in header or len(rows) < 2:
         raise FileError(f"{path}: must have a column `frequency_hz` and one row a mode, got {', '.join(header[:8])}")
     doubled = [name for name in header if name and header.count(name) > 1]
     if doubled:
         raise FileError(f"{path}: has two columns `{doubled[0]}`; leave one out")
     lines = rows[1:] if separator == "," else [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
-    return _Table(path, header, lines, {word: factor for word, factor in words if factor != 1}, turned, numbers)
+    factors = {word.name: word.factor for word in words if word.factor != 1}
+    return _Table(path, header, lines, factors, turned, numbers, [word.assumed for word in words if word.assumed])
 
 
-def _own_word(cell: str) -> tuple[str, float]:
-    """What this module calls a column that other programs head so, and the factor to its unit."""
+class _Word(NamedTuple):
+    """What this module calls a column, the factor to its unit, and what is taken for granted of the unit, in words."""
+
+    name: str
+    factor: float = 1.0
+    assumed: str = ""
+
+
+def _own_word(cell: str) -> _Word:
+    """What this module calls a column that other programs head so.
+
+    Raises
+    ------
+    InputError
+        If it holds frequencies or damping in a unit that is not known.
+    """
     text = re.sub(r"[\s_.]+", " ", cell.strip().lower()).strip()
     match = _OTHER_WORDS.fullmatch(text)
     if match is None:
-        return ("mode" if text in _COUNTERS else "" if text.startswith("complexity") else cell.strip()), 1.0
+        return _Word("mode" if text in _COUNTERS else "" if text.startswith("complexity") else cell.strip())
     quantity, std = match["quantity"], bool(match["before"] or match["after"])
+    unit = next((match[name].strip() for name in ("square", "round", "bare") if match[name] is not None), None)
     if quantity.startswith("damp"):
-        return ("damping_std" if std else "damping_ratio"), 0.01 if match["unit"] in ("[%]", "(%)", "%") else 1.0
-    return ("frequency_std_hz" if std else "frequency_hz"), 1.0
+        if unit is not None and unit not in _DAMPING_UNITS:
+            raise InputError(f"column {cell.strip()!r} is in a unit that is not known; write [%] or [-]")
+        assumed = "damping taken as a ratio, not in %" if unit is None and quantity == "damping" and not std else ""
+        return _Word("damping_std" if std else "damping_ratio", _DAMPING_UNITS[unit or "-"], assumed)
+    name = "frequency_std_hz" if std else "frequency_hz"
+    if unit is None:
+        return _Word(name, 1.0, "" if std else "frequencies taken as Hz")
+    return _Word(name, parse_frequency_unit(unit))
+
+
+def _word_or_cell(cell: str) -> str:
+    """What this module calls a column; the cell itself where its unit is not known."""
+    try:
+        return _own_word(cell).name
+    except InputError:
+        return cell.strip()
 
 
 def is_modes_table(path: Path) -> bool:
     """Whether the head of a table names frequencies beside damping ratios or channels, in its first line or its first column."""
     try:
-        with path.open("rb") as stream:
-            head = stream.read(_HEAD).decode("utf-8-sig", "replace").splitlines()
+        head = read_start(path, _HEAD).decode("utf-8-sig", "replace").splitlines()
     except OSError:
         return False
     if not any("freq" in line.lower() for line in head):
@@ -166,6 +203,13 @@ def read_modes_csv(path: Path) -> ModalRecord:
     if np.isnan(frequency).any():
         blank = table.mode(int(np.argmax(np.isnan(frequency))))
         raise FileError(f"{path}: the mode of {blank} has no `frequency_hz`; give it, or leave the mode out")
+    ratio = _column(table, "damping_ratio")
+    if (ratio >= 1).any():
+        k = int(np.argmax(ratio >= 1))
+        raise FileError(
+            f"{path}: {table.place(k, 'damping_ratio')} must be a ratio below 1, got {ratio[k]:g}; write `Damping [%]` in the"
+            " header where it is in %"
+        )
     order = np.argsort(frequency, kind="stable")
     found = {name: _column(table, name)[order] for name in _NUMBERS}
     scaling = _scaling(path, header, lines)
@@ -182,7 +226,8 @@ def read_modes_csv(path: Path) -> ModalRecord:
         shapes = unit_largest(shapes)
     stds = np.concatenate([found["frequency_std_hz"], found["damping_std"]])
     return ModalRecord(
-        found["frequency_hz"], found["damping_ratio"], shapes[:, order], dofs, scaling=scaling, source=path.name,
+        found["frequency_hz"], found["damping_ratio"], shapes[:, order], dofs, scaling=scaling,
+        source="; ".join([path.name, *table.notes]),
         covariance=None if np.isnan(stds).all() else independent_errors(stds),
         shape_std=None if shape_std is None else (shape_std / size)[:, order],
     )  # fmt: skip

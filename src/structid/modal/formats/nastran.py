@@ -46,9 +46,9 @@ def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> Mo
     """
     options = options or ModeFileOptions()
     printed = nastran_modes(path, options)
-    if not options.deck:
+    if options.deck is None:
         return printed_record(path, printed, options)
-    deck = require_readable(Path(options.deck))
+    deck = require_readable(options.deck)
     axes = _displacement_axes(path, deck, printed)
     words = f"motions turned to global axes by {deck.name}" if axes else f"global axes by {deck.name}"
     return printed_record(path, printed, options, axes, [words])

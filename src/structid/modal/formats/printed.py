@@ -31,7 +31,7 @@ class ModeFileOptions:
         Subcase of a Nastran file whose modes are meant, where several have modes.
     eigenvalues : str
         `real` or `complex`: which modes of a Nastran file are meant, where it has both.
-    deck : str
+    deck : Path, optional
         Nastran bulk data whose GRID cards say in which systems a listing or punch file gives motions; without it they count
         as global.
     length_unit : str
@@ -42,7 +42,7 @@ class ModeFileOptions:
 
     subcase: int | None = None
     eigenvalues: str = ""
-    deck: str = ""
+    deck: Path | None = None
     length_unit: str = ""
     force_unit: str = ""
 

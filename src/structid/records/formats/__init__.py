@@ -109,6 +109,12 @@ def _require_fitting(path: Path, module: ModuleType | LoggerFormat, options: Rea
             raise InputError(
                 f"{path}: has no named columns, which `{name}` is about; choose with `channels` or `array`", name
             )
+    if "axes" in given and module is not _uff:
+        raise InputError(f"{path}: has no coordinate systems, which `axes` is about; leave it out", "axes")
+    if "resample" in given and module not in (_csv, _uff):
+        raise InputError(
+            f"{path}: has no times of its samples, of which `resample` makes even ones; leave it out", "resample"
+        )
 
 
 def write_record(path: str | Path, record: FrfRecord | TimeRecord) -> None:

@@ -154,6 +154,8 @@ def time_from_array(path: Path, values: np.ndarray, options: ReadOptions) -> Tim
     if frf_options or values.dtype.kind == "c":
         reason = f"`{frf_options[0]}` was given" if frf_options else "the array is complex"
         _refuse_frf(path, reason)
+    if options.axis_unit:
+        raise InputError(f"{path}: an array of samples has no axis; give `sampling_rate` (Hz) alone", "axis_unit")
     _require_numbers(path, values, "fiu", "samples")
     require_option(path, options, "sampling_rate", "how fast it was sampled")
     try:

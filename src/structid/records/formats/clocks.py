@@ -108,4 +108,4 @@ def resample(path: Path, time: FloatArray, values: FloatArray) -> Resampled:
 
 def resampling_remedy() -> str:
     """The option that resamples, in words."""
-    return f"bring the samples to an even raster with {option_words(resample=True)}, which says what it costs"
+    return f"bring the samples to an even raster with {option_words(resample='spline')}, which says what it costs"

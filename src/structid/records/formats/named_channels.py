@@ -218,7 +218,7 @@ def record_of(found: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRec
         start=kept.start,
         source=sourced(found.path, "; ".join(filter(None, (words, kept.note)))),
     )
-    rest = replace(chosen_here, columns=(), units=(), quantities=(), sampling_rate=None)
+    rest = replace(chosen_here, columns=(), units=(), quantities=(), sampling_rate=None, axis_unit="")
     return selected(found.path, record, replace(rest, quantities=options.quantities if part.tells_all else ()))
 
 

@@ -12,6 +12,7 @@ from structid.core.errors import InputError
 from structid.records.formats.csv.layout import CsvLayout
 
 Axes = Literal["", "named"]
+Resample = Literal["", "spline"]
 _TEXTS = ("array", "frequency_array", "kind", "unit", "axis_unit", "coherence_array")
 _LISTS = ("channels", "quantities", "units", "outputs", "inputs", "columns")
 
@@ -68,9 +69,9 @@ class ReadOptions:
     longest_gap : int, optional
         Samples of the longest gap (NaN, infinite, an empty cell) in time histories that is filled by cubic
         interpolation; the record's `source` then says how many samples were invented. Gaps are refused without it.
-    resample : bool
-        Whether time histories at uneven times are brought to an even raster by cubic splines; the record's `source` then says
-        what that cost. They are refused without it.
+    resample : str
+        ``spline`` where time histories at uneven times are brought to an even raster by cubic splines; the record's `source`
+        then says what that cost. They are refused without it.
     columns : tuple of str
         Columns of a table, channels of a logger's file (TDMS, MDF, miniSEED, WAV, Parquet) or functions of a universal file
         that are read, by name or by number from 1, as in ``Acc 1,Acc 3`` or ``2,4``; all by default. `channels` says what
@@ -103,7 +104,7 @@ class ReadOptions:
     start: float | None = None
     stop: float | None = None
     longest_gap: Count | None = None
-    resample: bool = False
+    resample: Resample = ""
     columns: tuple[str | int, ...] = ()
     time_column: str | int = ""
     csv: CsvLayout | None = None
@@ -120,8 +121,9 @@ class ReadOptions:
         if self.sampling_rate is not None and not _is_positive(self.sampling_rate):
             raise InputError(f"`sampling_rate` must be a positive number of Hz, got {self.sampling_rate!r}")
 
-        if self.axes not in get_args(Axes):
-            raise InputError(f"`axes` must be named, or left out, got {self.axes!r}", "axes")
+        for name, known in (("axes", get_args(Axes)), ("resample", get_args(Resample))):
+            if getattr(self, name) not in known:
+                raise InputError(f"`{name}` must be {known[1]}, or left out, got {getattr(self, name)!r}", name)
         for name in ("start", "stop"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, (int, float)) and math.isfinite(value)):
@@ -131,17 +133,13 @@ class ReadOptions:
 
     def given(self) -> tuple[str, ...]:
         """Names of the options that were set."""
-        return tuple(f.name for f in fields(self) if getattr(self, f.name) not in (None, "", (), False))
+        return tuple(f.name for f in fields(self) if getattr(self, f.name) not in (None, "", ()))
 
 
 def option_words(**values: object) -> str:
     """Options, with their values where these are known, as a study, Python and the command line take them."""
-    said = {name: "true" if value is True else value for name, value in values.items()}
-    keys = " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in said.items())
-    flags = [
-        f"--{name.replace('_', '-')}" + ("" if value is None or value is True else f" {value}")
-        for name, value in values.items()
-    ]
+    keys = " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in values.items())
+    flags = [f"--{name.replace('_', '-')}" + ("" if value is None else f" {value}") for name, value in values.items()]
     return f"{keys} in the study, beside `path`, or in ReadOptions ({' '.join(flags)} on the command line)"
 
 

@@ -14,7 +14,8 @@ from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
 
 _OF_HISTORIES = (
-    "sampling_rate", "channels", "quantities", "units", "start", "stop", "longest_gap", "columns", "time_column",
+    "sampling_rate", "channels", "quantities", "units", "start", "stop", "longest_gap", "resample", "columns",
+    "time_column",
 )  # fmt: skip
 
 
@@ -26,6 +27,8 @@ def selected(path: Path, record: FrfRecord | TimeRecord, options: ReadOptions) -
     InputError
         If a chosen channel is not there, or an option contradicts what the file says.
     """
+    if options.axis_unit:
+        raise InputError(f"{path}: says the unit of its axis; leave out `axis_unit`", "axis_unit")
     return (
         _selected_frf(path, record, options) if isinstance(record, FrfRecord) else _selected_time(path, record, options)
     )

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict, TypeVar, get_args, get_origin, overload
 
 from structid.core.constraints import Limits, alternatives
@@ -243,6 +244,7 @@ _PLAIN: dict[object, Kind] = {
     int: INTEGER,
     bool: BOOLEAN,
     str: TEXT,
+    Path: TEXT,
     Dof: DOF,
     Values: PROPERTY,
     OptionalValues: PROPERTY,

@@ -147,7 +147,7 @@ def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
                 " repair or remove the line"
             )
     time = time * scale
-    even = sampling_rate(table.path, time, texts, scale, table.first_line, axis + 1, options.resample)
+    even = sampling_rate(table.path, time, texts, scale, table.first_line, axis + 1, options.resample != "")
     if even is None:
         return _Clock(0.0, 0.0, "", time)
     rate, error, step = even
@@ -425,7 +425,12 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         noise_source="declared" if "std" in parts else "unknown",
         source=sourced(table.path, ", ".join(f"{name} is {dof}" for name, dof in {**of_outputs, **of_inputs}.items())),
     )
-    rest = replace(options, outputs=() if of_outputs else options.outputs, inputs=() if of_inputs else options.inputs)
+    rest = replace(
+        options,
+        outputs=() if of_outputs else options.outputs,
+        inputs=() if of_inputs else options.inputs,
+        axis_unit="",
+    )
     return selected(table.path, made, rest)
 
 

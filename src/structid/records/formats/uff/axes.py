@@ -16,6 +16,7 @@ from structid.records.formats.options import option_words
 
 #: Part of a direction along another axis that rounding of a file explains.
 _ROUNDED = 1e-5
+_COUNTS = {2: "two", 3: "three"}
 
 
 class GlobalAxes(NamedTuple):
@@ -44,8 +45,9 @@ def in_global_axes(
 ) -> GlobalAxes:
     """Channels named by the axes of their nodes, along global axes.
 
-    A channel along a global axis gets its name and sense. The three of one node are turned together. Others are refused, with
-    the direction along which they read.
+    A channel along a global axis gets its name and sense. The others of one node are turned together where they span as many
+    global axes: all three, or the radial and the tangential one of a cylinder. What is left is refused, with the direction along
+    which it reads.
 
     Parameters
     ----------
@@ -61,7 +63,7 @@ def in_global_axes(
     Raises
     ------
     FileError
-        If a channel reads along no global axis and the others of its node are not there.
+        If a channel reads along no global axis and the others of its node that turn it are not there.
     """
     named = option_words(axes="named")
     kinds: Sequence[Hashable] = [""] * len(dofs) if groups is None else groups
@@ -83,13 +85,16 @@ def in_global_axes(
         node = local[0].node
         axes = nodes.axes(node)
         assert axes is not None
-        if sorted(dof.axis % 3 for dof in local) != [0, 1, 2]:
+        parts = axes[[dof.axis % 3 for dof in local]]
+        along = np.flatnonzero((np.abs(parts) > _ROUNDED).any(axis=0)).tolist()
+        if len(along) != len(columns) or len({dof.axis for dof in local}) < len(local):
             raise FileError(f"{path}: {_skewed_words(local[0], axes, is_load)}; {named}")
-        for row, j in enumerate(columns):
-            matrix[j, columns] = [dof.sign * axes[dof.axis % 3, row] for dof in local]
-            renamed[j] = _global(local[0], row, 1)
+        signs = np.array([dof.sign for dof in local])
+        for j, axis in zip(columns, along, strict=True):
+            matrix[j, columns] = signs * parts[:, axis]
+            renamed[j] = _global(local[0], axis, 1)
         is_turned = True
-        words.append(f"the three of node {node} are turned into global axes")
+        words.append(f"the {_COUNTS[len(columns)]} of node {node} are turned into global axes")
     return GlobalAxes(tuple(renamed), matrix if is_turned else None, ", ".join(words))
 
 

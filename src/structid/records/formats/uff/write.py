@@ -1,8 +1,4 @@
-"""Records and geometry as datasets of a universal file, and the check that they came through.
-
-Dataset 58b is written here and not by pyuff, which leaves files open, states too few bytes for complex values and
-reads the whole file again after each dataset. pyuff reads the result back before the file takes its place.
-"""
+"""Records and geometry as datasets of a universal file, and the check that they came through."""
 
 from __future__ import annotations
 

@@ -156,15 +156,15 @@ def solver_command(root: Section, files: InputFiles) -> SolverCommand | None:
     InputError
         If ``[structure.solver]`` cannot be used, or a deck or file is missing.
     """
-    own = root.inner("structure").section("solver")
-    if own is None:
+    section = root.inner("structure").section("solver")
+    if section is None:
         return None
-    given = SOLVER.defaults | own.values(SOLVER)
-    names = [*as_list(given["deck"]), *as_list(given.get("files", []))]
+    values = section.values(SOLVER)
+    command, names = values["command"], [*as_list(values["deck"]), *as_list(values.get("files", []))]
     inputs = [files.path(name) for name in names]
-    with own.located("command"):
-        words = command_words(given["command"], inputs[0].name, files.folder)
-        return SolverCommand(given["command"], words, names, confirmation_of(given["command"], files.folder, inputs))
+    with section.located("command"):
+        words = command_words(command, inputs[0].name, files.folder)
+        return SolverCommand(command, words, names, confirmation_of(command, files.folder, inputs))
 
 
 def _parameters(own: Section, texts: Mapping[str, str]) -> tuple[list[DeckParameter], dict[str, str]]:

@@ -166,9 +166,10 @@ def read_modes_source(section: Section, table: Table, files: InputFiles, aimed: 
     names = [item.name for item in fields(ModeDeviations)]
     deviations = ModeDeviations(**{name: tuple(as_list(own.pop(name))) for name in names if name in own})
     named = {item.name: own.pop(item.name) for item in fields(ModeFileOptions) if item.name in own}
+    if "deck" in named:
+        with (inner or section).located("deck"):
+            named["deck"] = files.path(named["deck"])
     with (inner or section).located():
-        if named.get("deck"):
-            named["deck"] = str(files.path(named["deck"]))
         file_options = ModeFileOptions(**named)
     chosen, relabel = own.pop("use", ()), given.get("relabel", {})
     return ModesSource(section, path, chosen, used, relabel, ModalSettings(**own), aimed, deviations, file_options)

@@ -1,0 +1,117 @@
+"""Every benchmark at a size of seconds, so that none rots: that it runs is checked, its figures are not.
+
+    python benchmarks/small.py [NAME ...]
+
+Each script of this folder and of `accuracy` has a line in `SMALL`, or in `NOT_RUN` with the reason. A script fails where
+it ends in an error; an exit code of 1 is a missed bar, which small sizes and busy machines do not tell. The exit code is
+the number of scripts that failed.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+FOLDER = Path(__file__).resolve().parent
+DATA = FOLDER.parent.parent / "shared" / "data"
+TIMEOUT = 300.0
+#: The arguments of each script at its small size; {folder} is a folder of its own, {data} that of measured records.
+SMALL: dict[str, str] = {
+    "arrow_system.py": "",
+    "cluster.py": "--quick --size 3 --lines 4 --repeats 4 --medians 1 --gigabytes 0.002",
+    "component.py": "--cells 8 --up-to 100 --rounds 1",
+    "frequency_domain.py": "--tiny --quick --repeats 1",
+    "frequency_domain_end_to_end.py": "solid --shape 10 4 6 --lines 6 --iterations 2 --folder {folder}/solid",
+    "gauss_newton_step.py": "",
+    "matrix_files.py": "--entries 20000",
+    "modal_scale.py": "--quick",
+    "plate_damage.py": "--out {folder}/plate --shape 8 4 --lines 6 --sensors 6",
+    "scaling.py": "--out {folder}/scaling --quick --only frf",
+    "time_domain.py": "--quick --repeats 1 --only dense",
+    "time_domain_beside.py": "{src} --repeats 1",
+    "time_domain_chain.py": "--elements 50 --gigabytes 0.002",
+    "correlation.py": "",
+    "accuracy/base_motion.py": "--repeats 3",
+    "accuracy/broad_band.py": "run --case cantilever --rms 20 --lines 400 --repeats 1 --out {folder}/broad",
+    "accuracy/chapter_4_basins.py": "--repeats 1 --row 0 --uniqueness-starts 2",
+    "accuracy/damage.py": "--repeats 1 --undamaged 1 --out {folder}/damage.jsonl",
+    "accuracy/damped_decays.py": "--repeats 2",
+    "accuracy/errors_in_common.py": "--repeats 1 --right 2",
+    "accuracy/expanded_shapes.py": "",
+    "accuracy/frame_models.py": "--gains",
+    "accuracy/frame_shape_noise.py": "--seeds 1 --pieces 6",
+    "accuracy/frame_twin.py": "--repeats 2 --stride 20 --workers 1",
+    "accuracy/free_beam_time.py": "--repeats 1 --samples 200",
+    "accuracy/frf_modes.py": "--repeats 2 --beyond 1",
+    "accuracy/garteur.py": "",
+    "accuracy/held_values.py": "--repeats 2",
+    "accuracy/iasc_asce.py": "{data}/iasc_asce_phase_1 --cases 1 --patterns 0 --samples 2001",
+    "accuracy/iasc_asce_frame.py": "--only c1_p0",
+    "accuracy/interval_coverage.py": "--repeats 2 --only component ground",
+    "accuracy/merged_setups.py": "--repeats 1 --duration 120",
+    "accuracy/modal_noise.py": "--repeats 1 --decays 4 --ambient 2",
+    "accuracy/planned_test.py": "--repeats 1 --candidates 6 --parts a",
+    "accuracy/roller_place.py": "--repeats 3",
+    "accuracy/shells.py": "--finest 4",
+    "accuracy/short_records.py": "--repeats 1",
+    "accuracy/sierra_blocks.py": "--corners 1",
+    "accuracy/six_masses.py": "--arrangements 4 --short",
+    "accuracy/six_masses_frf.py": "--arrangements 1",
+    "accuracy/six_masses_varying.py": "--arrangements 3",
+    "accuracy/spectral_modes.py": "--repeats 1",
+    "accuracy/translations_only.py": "--elements 9 --repeats 1",
+    "accuracy/varying_records.py": "--repeats 1 --setups 4",
+    "accuracy/wrong_models.py": "--set development --only twin-0",
+}
+#: Scripts that CI cannot run, with the reason.
+NOT_RUN: dict[str, str] = {
+    "all.py": "runs other scripts of this folder",
+    "small.py": "this script",
+    "against_pyoma2.py": "installs a peer in an environment of its own",
+    "cluster_end_to_end.py": "starts a cluster and identifies the measured frame twice, some minutes",
+    "scaling_cases.py": "is started by scaling.py",
+    "workbench.py": "needs a browser; the tours of the workbench in the tests do as well",
+    "accuracy/hex_blocks.py": "needs the files of a solver, which are not part of the project",
+    "accuracy/iasc_asce_studies.py": "identifies the studies of the benchmark building, some minutes each",
+}
+
+
+def main(names: list[str]) -> int:
+    """Run the scripts named, all by default, print a line for each, and return how many failed."""
+    failed = [name for name in names or SMALL if not run_script(name)]
+    print(
+        f"{len(names or SMALL) - len(failed)} of {len(names or SMALL)} benchmarks run"
+        + "".join(f"; {n} failed" for n in failed)
+    )
+    return len(failed)
+
+
+def run_script(name: str) -> bool:
+    """Run one script at its small size and return False where it ends in an error."""
+    with tempfile.TemporaryDirectory() as folder:
+        words = SMALL[name].format(folder=folder, data=DATA, src=FOLDER.parent / "src").split()
+        if any(str(DATA) in word for word in words) and not DATA.is_dir():
+            print(f"skipped  {name}: the measured records of {DATA} are not here")
+            return True
+        begun = time.perf_counter()
+        try:
+            done = subprocess.run(
+                [sys.executable, str(FOLDER / name), *words],
+                cwd=folder, env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "MPLBACKEND": "Agg"},
+                capture_output=True, text=True, timeout=TIMEOUT, check=False,
+            )  # fmt: skip
+            is_fine, last = done.returncode in (0, 1) and "Traceback" not in done.stderr, done.stderr.strip()
+        except subprocess.TimeoutExpired:
+            is_fine, last = False, f"took more than {TIMEOUT:g} s"
+    print(f"{'runs   ' if is_fine else 'FAILED '}  {name}  {time.perf_counter() - begun:.1f} s", flush=True)
+    if not is_fine:
+        print("         " + "\n         ".join(last.splitlines()[-4:]))
+    return is_fine
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
