@@ -117,7 +117,7 @@ def test_a_table_of_a_laboratory_is_read_by_its_columns(tmp_path):
     (tmp_path / "lab.csv").write_text("Test 12\nt;a;b\n" + rows, encoding="utf-8")
     given = {
         "path": "lab.csv", "columns": ["b"], "time_column": "t", "channels": ["1X"], "quantities": ["acceleration"],
-        "csv": {"skip_rows": 1, "separator": "semicolon", "decimal": "comma"},
+        "axis_unit": "s", "csv": {"skip_rows": 1, "separator": "semicolon", "decimal": "comma"},
     }  # fmt: skip
     found = facts(tmp_path / "lab.csv", signals.options_of(given))
     assert (found["rate"], found["samples"]) == (pytest.approx(50.0), 200)

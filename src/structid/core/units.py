@@ -90,6 +90,8 @@ _PER_TIME = re.compile(
 _VOLTAGE = re.compile(
     r"(?P<read>[mu]?V) ?(?:at|@) ?(?P<number>\d+\.?\d*(?:e[+-]?\d+)?) ?(?P<sensed>[mu]?V)/(?P<unit>.+)", re.IGNORECASE
 )
+#: Letters of the longest unit: what is longer is none, and is not looked at.
+_LONGEST = 80
 _ACCEPTED = (
     "lengths m mm um cm km in mil ft and angles rad deg, alone or per s or s^2 (as in mm/s^2 or deg/s), g or gal as an"
     " acceleration, forces N kN mN lbf kip kgf, moments such as N m, or a voltage with a sensitivity as in V at 100 mV/g"

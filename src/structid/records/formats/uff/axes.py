@@ -86,11 +86,11 @@ def in_global_axes(
         axes = nodes.axes(node)
         assert axes is not None
         parts = axes[[dof.axis % 3 for dof in local]]
-        along = np.flatnonzero((np.abs(parts) > _ROUNDED).any(axis=0)).tolist()
-        if len(along) != len(columns) or len({dof.axis for dof in local}) < len(local):
+        spanned = np.flatnonzero((np.abs(parts) > _ROUNDED).any(axis=0)).tolist()
+        if len(spanned) != len(columns) or len({dof.axis for dof in local}) < len(local):
             raise FileError(f"{path}: {_skewed_words(local[0], axes, is_load)}; {named}")
         signs = np.array([dof.sign for dof in local])
-        for j, axis in zip(columns, along, strict=True):
+        for j, axis in zip(columns, spanned, strict=True):
             matrix[j, columns] = signs * parts[:, axis]
             renamed[j] = _global(local[0], axis, 1)
         is_turned = True
