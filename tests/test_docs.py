@@ -77,8 +77,8 @@ def test_every_step_of_the_first_bridge_goes_as_the_page_says(tmp_path, monkeypa
     for one in found["parameters"]:
         low, high = one["interval_95"]
         assert low < truth[one["name"]] < high
-        assert one["std"] < 0.004 * one["value"]
-    values = dict(re.findall(r"^(\S+)  +\S.*?  +\S+ +(\S+)  +\S+ +\S+ to \S+$", page, re.MULTILINE))
+        assert one["std_noise"] < 0.004 * one["value"]
+    values = dict(re.findall(r"^(\S+)  +\S.*?  +\S+ +(\S+)  +\S+ +\S+ +\S+ to \S+$", page, re.MULTILINE))
     assert set(values) == set(truth)
     for one in found["parameters"]:
         assert float(values[one["name"]]) == pytest.approx(one["value"], rel=2e-4)

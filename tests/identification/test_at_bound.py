@@ -69,7 +69,7 @@ def test_a_bound_that_holds_nothing_changes_nothing(bounds):
     assert answer.estimate.at_bound == ()
     assert answer.estimate.identified.all()
     assert answer.estimate.values[1] == pytest.approx(799.948, abs=0.002)
-    assert answer.estimate.std[1] == pytest.approx(0.109, rel=0.02)
+    assert answer.estimate.std_noise[1] == pytest.approx(0.109, rel=0.02)
     assert judged(answer).verdict == "sound"
 
 

@@ -1,17 +1,15 @@
 """Noise that few averages tell: the law of what it leaves, and intervals that hold over repeats of the averages themselves."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy import stats
 
 import structid as sid
-from structid.criticism.verdict import expected_misfit
 from structid.identification.warning_words import estimate_warnings
 from structid.inversion import JointProblem, MatrixFree, bootstrap, estimate, profile, sample
 from structid.inversion.averaging import expected_square, normal_values, score_factor, square_variance
 from structid.inversion.covariance import row_law
+from structid.inversion.estimate import expected_per_row
 from structid.records import with_coherence_noise
 
 FREE = ("k1", "k2", "m1", "c1")
@@ -132,7 +130,7 @@ def test_records_of_few_averages_beside_others():
     joint = JointProblem((few, many))
     assert joint.averages.tolist() == [8.0] * few.n_data + [200.0] * many.n_data
     expected = (few.n_data * 8 / 6 + many.n_data * 200 / 198) / joint.n_data
-    assert expected_misfit(SimpleNamespace(problems=[few, many])) == pytest.approx(expected)
+    assert expected_per_row(joint) == pytest.approx(expected)
     scale, share = row_law(joint.averages)
     assert scale * share == pytest.approx(expected)
 
@@ -141,7 +139,7 @@ def test_of_too_few_averages_nothing_is_expected():
     problem = averaged(3, 0)
     assert row_law(problem.averages) == (1.0, 1.0)
     assert estimate(problem).covariance_basis == "model_error"
-    assert expected_misfit(SimpleNamespace(problems=[averaged(2, 0)])) == np.inf
+    assert expected_per_row(averaged(2, 0)) == np.inf
 
 
 def test_stated_errors_beside_the_noise_make_it_better_known():

@@ -37,8 +37,19 @@ def state(values, covariance, names=("a", "b"), status=Status.CONVERGED, units=N
     n = len(names)
     return SimpleNamespace(
         names=tuple(names), kinds=("test",) * n, units=units or ("1",) * n, values=np.array(values, float),
-        covariance=np.array(covariance, float), status=status,
+        covariance=np.array(covariance, float), covariance_of_data=np.array(covariance, float), status=status, fixed=None,
     )  # fmt: skip
+
+
+def test_what_both_states_owe_to_the_same_held_values_is_no_change():
+    first, second = (state([10, 20], 0.01 * np.eye(2)) for _ in range(2))
+    first.fixed = SimpleNamespace(change_names=("mass", "gain 1"), changes=np.array([[2.0, 0.1], [3.0, 0.2]]))
+    second.fixed = SimpleNamespace(change_names=("gain 2", "mass"), changes=np.array([[0.3, 2.1], [0.4, 2.8]]))
+    found = compare_states(first, second)
+    assert np.diag(found.covariance) == pytest.approx(
+        [0.02 + 0.1**2 + 0.1**2 + 0.3**2, 0.02 + 0.2**2 + 0.2**2 + 0.4**2]
+    )
+    assert np.diag(found.covariance_before) == pytest.approx([0.01 + 4.01, 0.01 + 9.04])
 
 
 def test_independent_states_add_their_covariances():

@@ -10,6 +10,7 @@ import structid as si
 from structid.forward.frf.response import response
 from structid.identification.identify import Identification, IdentifyOptions, identify
 from structid.records import FrfRecord
+from structid.unknowns.tolerances import EXACT
 
 
 def synthetic_record(
@@ -137,7 +138,7 @@ def springs_in_series() -> Identification:
 
     structure, true = built(1000.0)
     record = synthetic_record(structure, true, np.linspace(0.5, 20.0, 120), ["2X", "3X"], ["2X"], 0.01, "receptance")
-    return identify(*built(1200.0), record)
+    return identify(*built(1200.0), record, IdentifyOptions(tolerances=EXACT))
 
 
 def many(n_lines: int = 220, iterations: int = 100) -> Identification:
@@ -182,7 +183,7 @@ def plane_frame() -> Identification:
         ],
     )
     record = synthetic_record(structure, unknown, np.array([12.0]), ["1X+", "2RZ-"], ["2Y-", "1RZ+"], 0.02, "mobility")
-    return identify(structure, unknown, record, IdentifyOptions(pole_free_start=False))
+    return identify(structure, unknown, record, IdentifyOptions(pole_free_start=False, tolerances=EXACT))
 
 
 def matrix_groups() -> Identification:
@@ -197,7 +198,9 @@ def matrix_groups() -> Identification:
     structure = si.from_matrices(groups, ["1X", "2X", "3X"])
     unknown = si.parameters(structure, [si.Unknown(p, g) for g in groups for p in ("mass", "stiffness")])
     record = synthetic_record(structure, unknown, np.linspace(0.0, 20.0, 60)[1:], ["1X", "3X"], ["1X"], 0.01)
-    return identify(structure, unknown.started_at(np.full(4, 1.1)), record, IdentifyOptions(n_modes=3))
+    return identify(
+        structure, unknown.started_at(np.full(4, 1.1)), record, IdentifyOptions(n_modes=3, tolerances=EXACT)
+    )
 
 
 CASES = {

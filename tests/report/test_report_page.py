@@ -140,7 +140,8 @@ def test_both_standard_deviations_are_given_and_the_adopted_is_named(cantilever:
     text = _parsed(cantilever.before_scripts).text
     assert "Std (noise)" in text
     assert "Std (model error)" in text
-    assert "Identified ± std (noise, adopted)" in text
+    assert "Identified ± std (noise and tolerances, adopted)" in text
+    assert "± includes 1 % of " in text
 
 
 def test_every_channel_can_be_chosen(cantilever: Report) -> None:

@@ -206,7 +206,7 @@ def test_check_counts_smoothness_of_given_strength(plate, tmp_path):
         load_study(changed(tmp_path, ('search = "matrix_free"', 'search = "levenberg_marquardt"\nrestarts = 0')))
     )
     assert dense.covariance.has_matrix
-    off = free.std / dense.std - 1
+    off = free.of_data.std / dense.of_data.std - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(32)
     assert np.abs(off.mean()) < 0.1
     unheld = check_study(load_study(changed(tmp_path, ("strength = 150.0", 'strength = "discrepancy"'))))

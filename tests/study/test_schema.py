@@ -160,7 +160,7 @@ def row(name: str) -> str:
     table, said = element_table(kind, on_mesh=False), declarations(kind)
     required, optional = [], []
     for key, entry in table.keys.items():
-        if key not in ("name", "group"):
+        if key not in ("name", "group", "tolerance"):
             unit = " or ".join(u for u in (said[key].unit, said[key].about_axes) if u not in ("", "1"))
             text = f"`{key}` {unit}".strip().replace("^2", "²").replace("^3", "³").replace("^4", "⁴")
             (required if entry.required else optional).append(text)

@@ -108,7 +108,7 @@ def test_stated_noise_of_a_component_is_in_the_intervals(folder):
     [component] = study.structure.measured
     assert component.variance == pytest.approx((0.05 * np.abs(component.receptance)) ** 2)
     found = run_study(study).identification
-    assert (found.estimate.std > 1.5 * plain.estimate.std).all()
+    assert (found.estimate.std_noise > 1.5 * plain.estimate.std_noise).all()
     assert not any("not in the intervals" in words for words in found.warnings)
 
 

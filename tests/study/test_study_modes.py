@@ -51,7 +51,7 @@ def test_ambient_storeys_example_gives_the_true_stiffnesses_within_their_interva
     estimate = found.estimate
     assert estimate.status.value == "converged"
     np.testing.assert_array_less(np.abs(estimate.values - TRUTH), 4 * estimate.std)
-    assert (estimate.std < 0.005 * TRUTH).all()
+    assert (estimate.std_noise < 0.005 * TRUTH).all()
     np.testing.assert_allclose(estimate.values[0], 2.398e6, rtol=1e-3)  # pinned
     assert found.ratios is None
     assert not found.warnings
@@ -69,10 +69,10 @@ def test_modes_with_unknown_masses_give_ratios_with_intervals_and_exit_1(tmp_pat
     assert ratios["reference"] == "mass[floor]"
     fixed = run_study(load_study(storeys(tmp_path / "known"))).identification.estimate
     np.testing.assert_allclose([r["ratio"] for r in ratios["parameters"]], fixed.values, rtol=1e-6)
-    np.testing.assert_allclose([r["std"] for r in ratios["parameters"]], fixed.std, rtol=1e-4)
+    np.testing.assert_allclose([r["std"] for r in ratios["parameters"]], fixed.std_noise, rtol=1e-4)
     low, high = np.array([r["interval_95"] for r in ratios["parameters"]]).T
     np.testing.assert_allclose(np.sqrt(low * high), fixed.values, rtol=1e-6)  # symmetric in the logarithm
-    np.testing.assert_allclose(np.log(high / low) / 2, 1.96 * fixed.std / fixed.values, rtol=1e-3)
+    np.testing.assert_allclose(np.log(high / low) / 2, 1.96 * fixed.std_noise / fixed.values, rtol=1e-3)
     scale = result["parameters"][-1]["value"]
     assert 0.7 < scale < 1.4  # what is free stays near its start
 

@@ -61,11 +61,14 @@ def test_the_summary_has_every_field_with_its_value(result, folder):
     assert kinds["viscous_damping[damper]"] == "viscous_damping"
     for i, entry in enumerate(summary["parameters"]):
         assert entry["value"] == found.values[i]
-        assert entry["std"] == found.std[i] == entry["std_noise"]
-        assert entry["std_model_error"] == found.std_model_error[i] >= entry["std"] * (1 - 1e-9)
+        assert entry["std"] == found.std[i] == pytest.approx(np.hypot(entry["std_noise"], entry["std_tolerances"]))
+        assert entry["std_noise"] == found.std_noise[i]
+        assert entry["std_model_error"] == found.std_model_error[i] >= entry["std_noise"] * (1 - 1e-9)
         assert entry["identified"] is True
         assert entry["prior_mean"] is entry["prior_std"] is None
-    assert any(entry["std_model_error"] > 1.001 * entry["std"] for entry in summary["parameters"])
+    assert summary["assumption"] == "± includes 1 % of the calibration"
+    assert [(one["name"], one["tolerance"]) for one in summary["tolerances"]] == [("calibration[record 1]", 0.01)]
+    assert any(entry["std_model_error"] > 1.001 * entry["std_noise"] for entry in summary["parameters"])
     by_name = {entry["name"]: entry for entry in summary["parameters"]}
     assert by_name["stiffness[ground]"]["initial"] == 1200.0
     assert by_name["loss_factor[springs]"]["elements"] == ["ground", "upper"]

@@ -37,7 +37,7 @@ def test_a_study_finds_the_values_that_made_its_record(tmp_path):
     assert estimate.status is Status.CONVERGED
     assert set(estimate.names) == set(TRUE)
     for name, true in TRUE.items():
-        value, std = estimate[name]
+        value, std = estimate[name].value, float(estimate.std_noise[estimate.names.index(name)])
         assert abs(value - true) < 5 * std, name  # 8 Gaussian parameters: a false alarm in 2e5 seeds
         assert 0 < std < 0.01 * true, name  # 1 % noise on 230 lines
     assert result.identification.total_mass == pytest.approx(6.0, abs=5 * result.identification.total_mass_std)

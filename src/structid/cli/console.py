@@ -31,14 +31,15 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     estimate = found.estimate
     if not estimate.uncertainty.has_matrix:
         return _changes_summary(result)
-    table = new_table("parameter", "unit", "initial", "value", "std", "95 % interval", "")
+    table = new_table("parameter", "unit", "initial", "value", "std", "noise alone", "95 % interval", "")
     ends = found.intervals.ends
     notes = {one.index: f"at its {one.side} bound" for one in estimate.at_bound}
     notes |= dict.fromkeys(found.ran_away, "ran away")
     for i in found.listed:
         name = estimate.names[i]
         note = notes.get(i) or ("" if estimate.identified[i] else "not identified")
-        numbers = (figures(estimate.initial[i]), figures(estimate.values[i]), figures(estimate.std[i], 2))
+        spreads = (figures(estimate.std[i], 2), figures(estimate.std_noise[i], 2))
+        numbers = (figures(estimate.initial[i]), figures(estimate.values[i]), *spreads)
         span = " to ".join(figures(end, digits) for end, digits in zip(ends[i], span_digits(*ends[i]), strict=True))
         table.add_row(name, estimate.units[i], *numbers, span, note)
     modes = new_table("mode", "frequency Hz", "damping ratio")
@@ -52,7 +53,7 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
         f"rank {identifiability.rank} of {identifiability.n_free}{' free' if estimate.at_bound else ''} parameters, condition"
         f" {figures(identifiability.condition, 3)}"
-        f"; chi-square per degree of freedom {figures(estimate.chi_square_per_dof, 3)}"
+        f"; {estimate.misfit_words}"
         f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}"
         f"; intervals: {found.intervals.kind}",
         *_fit_facts(found.fits),
@@ -68,12 +69,12 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     shown = [*_pairs(found), *tables]
     together = groups(identifiability)
     head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
-    after = [mass] if found.total_mass > 0 else []
+    after = [found.assumption, *([mass] if found.total_mass > 0 else [])]
     after += [ON_FORCE] if found.rests_on_force else []
     after += [words] if (words := resting_words(() if result.criticism is None else result.criticism.held)) else []
     if result.solver is not None:
         after.append(f"{result.solver.check}; the updated deck is in {UPDATED}")
-    return [*head, *map(Text, facts), table, *together, *map(Text, after), *shown]
+    return [*head, *map(Text, facts), table, Text(after[0]), *together, *map(Text, after[1:]), *shown]
 
 
 def _verdict(result: StudyResult) -> list[RenderableType]:
@@ -106,7 +107,7 @@ def _changes_summary(result: StudyResult) -> list[RenderableType]:
     facts = [
         f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
         f"{len(estimate.names)} parameters, the data determine {figures(estimate.determined, 3)} combinations of them;"
-        f" chi-square per degree of freedom {figures(estimate.chi_square_per_dof, 3)}; standard deviations from"
+        f" {estimate.misfit_words}; standard deviations from"
         f" {estimate.covariance_basis.replace('_', ' ')}",
         *_fit_facts(found.fits),
     ]
@@ -117,7 +118,7 @@ def _changes_summary(result: StudyResult) -> list[RenderableType]:
     mass = f"total mass: {figures(found.total_mass)} kg, standard deviation {figures(found.total_mass_std, 2)} kg"
     rest = f"all of them in {PARAMETERS}"
     head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
-    return [*head, *map(Text, facts), table, Text(rest), Text(mass)]
+    return [*head, *map(Text, facts), table, Text(found.assumption), Text(rest), Text(mass)]
 
 
 def _fit_facts(fits: Sequence[RecordFit]) -> list[str]:

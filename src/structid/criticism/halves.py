@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypedDict
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
 from structid.core.errors import StructidError
 from structid.forward import FrfProblem, RecordProblem
+from structid.identification.fixed_values import tolerances_of
 from structid.identification.together import together
 from structid.inversion import LevenbergMarquardt, Problem, Search
 from structid.inversion.estimate import estimate
+from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import ALONE, Tools, Work
 
 _METHOD = LevenbergMarquardt(max_iterations=30, gain_tolerance=1e-6)
@@ -60,9 +63,15 @@ class _Fit(TypedDict, total=False):
 
     values: FloatArray
     std: FloatArray
+    changes: FloatArray
 
 
-def disagreements(problems: Sequence[RecordProblem], theta: FloatArray, work: Work = ALONE) -> tuple[Disagreement, ...]:
+def disagreements(
+    problems: Sequence[RecordProblem],
+    theta: FloatArray,
+    work: Work = ALONE,
+    freed: Sequence[RecordProblem] = (),
+) -> tuple[Disagreement, ...]:
     """Halves of the band and of the channels, and single records, that give other values; each pair once.
 
     Parameters
@@ -72,12 +81,18 @@ def disagreements(problems: Sequence[RecordProblem], theta: FloatArray, work: Wo
         Free variables of all parameters together, from which each part is fitted.
     work : Work
         Where the parts are fitted.
+    freed : sequence of RecordProblem
+        The problems with what their models hold among the unknowns: what all parts owe to it alike is no difference.
     """
     place = {name: i for i, name in enumerate(together(problems).names)}
-    pairs = list(_pairs(problems))
-    parts = tuple(part for pair in pairs for _, part in pair)
+    by_sensors = all(isinstance(p, FrfProblem) and len(p.record.outputs) > 3 and p.channels is None for p in problems)
+    pairs = list(_pairs(problems, by_sensors))
+    parts = [part for pair in pairs for _, part in pair]
+    loose = [part for pair in _pairs(freed, by_sensors) for _, part in pair]
+    known = tolerances_of(freed)
+    held = tuple(FixedValues(part, known) if known else None for part in loose) or (None,) * len(parts)
     starts = [theta[[place[name] for name in part.names]] for part in parts]
-    fits = iter(work.map("parts of the data", _fitted, parts, list(enumerate(starts))))
+    fits = iter(work.map("parts of the data", _fitted, _Parts(tuple(parts), held), list(enumerate(starts))))
     found = []
     for first, second in pairs:
         one, other = next(fits), next(fits)
@@ -89,6 +104,8 @@ def disagreements(problems: Sequence[RecordProblem], theta: FloatArray, work: Wo
         values = one["values"][mine], other["values"][theirs]
         difference = values[0] - values[1]
         std = np.hypot(one["std"][mine], other["std"][theirs])
+        changes = one["changes"][mine] - other["changes"][theirs]
+        std = np.sqrt(std**2 + (changes**2).sum(axis=1))
         distance = np.where(np.isfinite(std) & (std > 0), np.abs(difference) / np.where(std > 0, std, 1.0), 0.0)
         size = np.maximum(np.abs(values[0]), np.abs(values[1]))
         matters = np.abs(difference) > _MATTERS * size
@@ -102,14 +119,23 @@ def disagreements(problems: Sequence[RecordProblem], theta: FloatArray, work: Wo
     return tuple(found)
 
 
-def _fitted(parts: tuple[Problem, ...], item: tuple[int, FloatArray], tools: Tools) -> _Fit:
+class _Parts(NamedTuple):
+    """Parts of the data, each with the values that its model holds."""
+
+    problems: tuple[Problem, ...]
+    held: tuple[FixedValues | None, ...]
+
+
+def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
     """The fit of one of the parts from a start."""
     number, start = item
+    search = Search(restarts=0, start=start)
     try:
-        found = estimate(parts[number], _METHOD, search=Search(restarts=0, start=start))
+        found = estimate(parts.problems[number], _METHOD, search=search, fixed=parts.held[number])
     except (StructidError, np.linalg.LinAlgError):
         return {}
-    return {"values": found.values, "std": found.std}
+    changes = np.zeros((len(start), 1)) if found.fixed is None else found.fixed.changes
+    return {"values": found.values, "std": found.of_data.std, "changes": changes}
 
 
 def is_damping(name: str) -> bool:
@@ -121,7 +147,10 @@ def is_damping(name: str) -> bool:
 Part = tuple[str, Problem]
 
 
-def _pairs(problems: Sequence[RecordProblem]) -> Iterator[tuple[Part, Part]]:
+def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tuple[Part, Part]]:
+    """Pairs of parts of the data, each with its name."""
+    if not problems:
+        return
     frequency = np.sort(np.concatenate([problem.frequency for problem in problems]))
     if len(frequency) >= 2 * _FEWEST_LINES:
         middle = float(np.median(frequency))
@@ -130,10 +159,18 @@ def _pairs(problems: Sequence[RecordProblem]) -> Iterator[tuple[Part, Part]]:
         if all(part is not None for part in (*low, *high)):
             yield (f"below {middle:.4g} Hz", _whole(low)), (f"above {middle:.4g} Hz", _whole(high))
     frfs = [problem for problem in problems if isinstance(problem, FrfProblem)]
-    if len(frfs) == len(problems) and all(len(p.record.outputs) > 3 and p.channels is None for p in frfs):
-        parts = [[replace(p, record=p.record.channels(p.record.outputs[k::2])) for p in frfs] for k in (0, 1)]
+    if by_sensors:
+        parts = [[_sensors(p, p.record.outputs[k::2]) for p in frfs] for k in (0, 1)]
         words = [", ".join(str(dof).rstrip("+") for dof in one[0].record.outputs) for one in parts]
         yield (words[0], together(parts[0])), (words[1], together(parts[1]))
+
+
+def _sensors(problem: FrfProblem, outputs: tuple[Dof, ...]) -> FrfProblem:
+    """The problem of some of its sensors."""
+    record = problem.record.channels(outputs)
+    return replace(
+        problem, record=record, channels=None if problem.channels is None else problem.channels.seen_by(record)
+    )
 
 
 def _whole(parts: Sequence[RecordProblem | None]) -> Problem:

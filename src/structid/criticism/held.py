@@ -18,6 +18,8 @@ _RISK = 0.05
 _CLEAR_RISK = 1e-3
 #: How far a change of the model must move a value to matter, in its deviations and as a part of it.
 MATTERS, SHIFTS = 2.2, 0.01
+#: Tolerances beyond which a held value is doubted.
+_TOLERANCES = 3.0
 #: Standard deviations by which 1 % of a held value moves a parameter from where on it is told.
 _TELLING = 0.5
 #: Part of a column's length that is left off the parameters' columns, below which the data do not tell it from them.
@@ -41,6 +43,8 @@ class HeldValue:
     pull, pull_std : float
         By what part of itself the record would change it were it free as well, and the deviation of that; NaN where the
         record does not tell.
+    tolerance : float
+        Standard deviation that the answer allows it, in parts of its value.
     """
 
     name: str
@@ -49,6 +53,7 @@ class HeldValue:
     distance: FloatArray
     pull: float
     pull_std: float
+    tolerance: float = 0.0
 
     @property
     def most_moved(self) -> int:
@@ -81,7 +86,7 @@ class HeldValue:
 
     def is_doubted(self, among: int, risk: float = _RISK) -> bool:
         """Whether the record would have another value, beyond the chance that it does so with any of `among`, and it matters."""
-        if not self.pull_std > 0 or self.moved_by_pull is None:
+        if not self.pull_std > 0 or self.moved_by_pull is None or abs(self.pull) <= _TOLERANCES * self.tolerance:
             return False
         return abs(self.pull) > float(special.ndtri(1 - risk / (2 * among))) * self.pull_std
 
@@ -109,8 +114,8 @@ def resting_words(held: Sequence[HeldValue]) -> str:
     first = most[0]
     others = f" ({counted(len(most) - 1, 'other')} of this kind on the page)" if len(most) > 1 else ""
     return (
-        f"intervals take what the model holds as exact: {first.moved_words}{others}; of what is not known so well, make an unknown"
-        " with a prior"
+        f"what the model holds matters: {first.moved_words}{others}; state its `tolerance`, 0 where it is exact, or make it an"
+        " unknown with a prior"
     )
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.core.display import counted
+from structid.core.display import counted, listed
 from structid.criticism.data import DATA_KINDS, misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.criticism.held import MATTERS, SHIFTS, HeldValue, doubted
@@ -18,10 +18,9 @@ from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.identified import Identification
 from structid.identification.warning_words import ran_away_words
 from structid.inversion import Status
-from structid.inversion.averaging import expected_square
 from structid.inversion.search.work import ALONE, Work
 
-Verdict = Literal["sound", "approximate", "wrong_model", "undetermined"]
+Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untested"]
 
 #: Half-bandwidths by which a resonance of the model may be off.
 _OFF = 1.0
@@ -40,6 +39,8 @@ FAR_BEYOND = 9.0
 _LARGE = 0.02
 #: Degrees of freedom below which a residual hardly tests a model.
 _FEW = 15
+#: Part of a variance from which on it is owed to priors.
+_MOSTLY = 0.5
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
 #: Of causes of small misfits: part of what goes beyond the noise.
@@ -194,24 +195,21 @@ def noise_ratio(found: Identification) -> float | None:
     is_normal = tests is not None and tests.normality_probability >= _DOUBT
     if tests is None or tests.not_white or tests.one_sided:
         return None
-    expected = expected_misfit(found)
-    ratio = found.estimate.chi_square_per_dof
+    ratio = found.estimate.misfit
     is_of_size = tests.chi_square_probability >= _DOUBT and 1 - tests.chi_square_probability >= _DOUBT
-    if is_of_size or 1 / _TOLERANCE < ratio / expected < _TOLERANCE:
+    if is_of_size or 1 / _TOLERANCE < ratio < _TOLERANCE:
         return 1.0
-    return float(np.sqrt(ratio)) if found.fits and is_normal and found.estimate.n_data >= _MANY else None
-
-
-def expected_misfit(found: Identification) -> float:
-    """Chi-square per degree of freedom where all is right: 1, and n / (n - 2) where coherence of few averages n is the noise."""
-    own = [(problem.averages, problem.n_data) for problem in found.problems]
-    total = sum(n if averages is None else float(expected_square(averages).sum()) for averages, n in own)
-    return total / sum(n for _, n in own) if own else 1.0
+    return (
+        float(np.sqrt(found.estimate.least_per_dof))
+        if found.fits and is_normal and found.estimate.n_data >= _MANY
+        else None
+    )
 
 
 def fits_noise(found: Identification) -> bool:
     """Whether the residual is what the noise leaves: its size, as a whole and in its parts, and no order in it."""
-    if found.missed:
+    fixed = found.estimate.fixed
+    if found.missed or (fixed is not None and fixed.beyond):
         return False
     tests = found.estimate.residual_tests
     if tests is None:
@@ -250,7 +248,7 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
     misfit : float
         Chi-square per degree of freedom without it.
     expected : float
-        The same where all is right, see `expected_misfit`.
+        The same where all is right.
     is_hidden : bool
         Whether the answer misses a record that the whole misfit hardly shows: then nothing need move.
     """
@@ -350,6 +348,8 @@ def _judged(
     work: Work,
 ) -> Judgement:
     estimate = found.estimate
+    if found.target is not None and not estimate.degrees_of_freedom > 0 and not causes:
+        return _untested(found)
     if estimate.disagreement is not None and not causes and (is_sound(found) or _is_quiet(found)):
         said = estimate.disagreement.words
         words = (
@@ -366,6 +366,13 @@ def _judged(
     if is_sound(found) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"
         at_bound = "; ".join(one.words for one in estimate.at_bound)
+        by_priors = _by_priors(found)
+        if by_priors:
+            words = (
+                "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
+                f" {listed(by_priors, 4)}: the record cannot test what they say."
+            )
+            return Judgement("approximate", words, (words,))
         words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
         if estimate.degrees_of_freedom < _FEW:
             words += (
@@ -387,7 +394,7 @@ def _judged(
         return Judgement("approximate", words, (causes[0].words,))
     if causes and not is_noise:
         best = causes[0]
-        is_small = best.share < _MOST and best.chi_square_per_dof < _TOLERANCE * expected_misfit(found)
+        is_small = best.share < _MOST and best.chi_square_per_dof < _TOLERANCE * found.estimate.expected_per_dof
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
             f" {'what goes beyond the noise' if is_small else f'{100 * best.share:.0f} % of it'}: {best.words}"
@@ -397,12 +404,12 @@ def _judged(
                 else "."
             )
         )
-        if best.chi_square_per_dof > _LEAVES * expected_misfit(found):
+        if best.chi_square_per_dof > _LEAVES * found.estimate.expected_per_dof:
             words += f" It is not all: it leaves {np.sqrt(best.chi_square_per_dof):.2g} times the noise."
             words += _with_second(found, causes)
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(found) else _off(found)
-    is_far = estimate.chi_square_per_dof > FAR_BEYOND * expected_misfit(found)
+    is_far = estimate.misfit > FAR_BEYOND
     if away:
         if estimate.status is Status.CONVERGED or off or is_far:
             words = f"Wrong model: {misfit}, and {away[0]}: do not use the values. {_searched(n_tried)}"
@@ -410,6 +417,9 @@ def _judged(
         return Judgement(
             "undetermined", f"Undetermined: {away[0]}; {estimate.status_words}.", (*away, estimate.message)
         )
+    if estimate.status is Status.NOT_IDENTIFIABLE and not off and is_far:
+        words = f"Wrong model: {misfit}, and the data do not determine every parameter: do not use the values. {_searched(n_tried)}"
+        return Judgement("wrong_model", words.rstrip(), (misfit, estimate.message, *pushed))
     if estimate.status is Status.NOT_IDENTIFIABLE and not off:
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
     if fits_noise(found) and estimate.status is Status.CONVERGED:
@@ -431,7 +441,7 @@ def _judged(
     if any(one.is_far for one in found.missed):
         words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words.rstrip(), (*(one.words for one in found.missed), *pushed))
-    apart = disagreements(found.problems, estimate.theta, work) if found.target is not None else ()
+    apart = disagreements(found.problems, estimate.theta, work, found.freed) if found.target is not None else ()
     if any(one.share > (_CONTRADICTS_GROSSLY if one.is_gross else _CONTRADICTS) for one in apart):
         apart = tuple(sorted(apart, key=lambda one: (not one.is_gross, -one.share)))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
@@ -460,6 +470,25 @@ def _judged(
     return Judgement("approximate", words, (misfit, *pushed, *map(_apart, apart)))
 
 
+def _untested(found: Identification) -> Judgement:
+    """The verdict where as many values are sought as were measured: whatever the model, it fits."""
+    estimate = found.estimate
+    words = (
+        f"Untested: the data have no more values than the model has parameters ({len(estimate.names)}): a wrong one fits as well."
+        " Measure more, or tie or fix parameters."
+    )
+    return Judgement("untested", words, (estimate.message,))
+
+
+def _by_priors(found: Identification) -> list[str]:
+    """Parameters of which their own priors know more than the data."""
+    share = found.prior_share
+    if share is None:
+        return []
+    pairs = zip(found.estimate.names, share, np.isfinite(found.prior_std), strict=True)
+    return [name for name, part, has_prior in pairs if has_prior and part > _MOSTLY]
+
+
 def _is_large(found: Identification) -> bool:
     """Whether a misfit is large beside what was measured, not only beside a very small noise."""
     measured = [(fit.judged.record.values, fit.judged.final) for fit in found.fits]
@@ -485,7 +514,15 @@ def not_found(found: Identification, reached: float) -> Judgement:
 def _misfit_words(found: Identification) -> str:
     if found.missed and (found.missed[0].is_far or noise_ratio(found) == 1.0):
         return found.missed[0].words
-    size = float(np.sqrt(found.estimate.chi_square_per_dof))
+    size = float(np.sqrt(found.estimate.least_per_dof))
+    fixed = found.estimate.fixed
+    if fixed is not None and fixed.beyond and size < _SHOWS:
+        i = fixed.beyond[0]
+        change = 100 * np.expm1(fixed.asked[i] * fixed.tolerance[i])
+        return (
+            f"the record would have {fixed.names[i]}, which the model holds, {change:+.2g} % off, {abs(fixed.asked[i]):.2g} times"
+            " its tolerance"
+        )
     noises = {problem.facts.noise for problem in found.problems}
     noise = noises.pop() if len(noises) == 1 else "the noise of the records"
     if _is_below_noise(found):
@@ -499,7 +536,7 @@ def _misfit_words(found: Identification) -> str:
 
 def _is_below_noise(found: Identification) -> bool:
     """Whether what the model misses is less than the noise that is stated."""
-    return not found.missed and found.estimate.chi_square_per_dof <= 1 / _SHOWS**2
+    return not found.missed and found.estimate.least_per_dof <= 1 / _SHOWS**2
 
 
 def _searched(n_tried: int) -> str:
@@ -516,7 +553,7 @@ def _apart(one: Disagreement) -> str:
 
 def _with_second(found: Identification, causes: Sequence[Cause]) -> str:
     """The second cause, where noise explains what both leave."""
-    second = _completing(causes, expected_misfit(found))
+    second = _completing(causes, found.estimate.expected_per_dof)
     return "" if second is None else f" With a second change, noise explains the rest: {second.words}."
 
 

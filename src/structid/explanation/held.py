@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,7 +57,11 @@ def held_values(ready: Start, found: Identification) -> tuple[HeldValue, ...]:
     std = (estimate.std / target.sizes(target.physical(theta))[[place[name] for name in estimate.names]])[
         estimate.is_free
     ]
-    return influences((at.jacobian * relative_steps(target, theta))[:, columns], at.residual, free, names, std, scale)
+    fixed = estimate.fixed
+    tolerances = {} if fixed is None else dict(zip(fixed.names, fixed.tolerance.tolist(), strict=True))
+    rows = (at.jacobian * relative_steps(target, theta))[:, columns]
+    found_values = influences(rows, at.residual, free, names, std, scale)
+    return tuple(replace(one, tolerance=tolerances.get(one.name, 0.0)) for one in found_values)
 
 
 def _freed(ready: Start, found: Identification, held: Sequence[Candidate], known: dict[str, float]) -> Problem | None:

@@ -13,7 +13,7 @@ from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked
 from structid.fem import Structure
-from structid.forward.channel_errors import ChannelErrors
+from structid.forward.channel_errors import ChannelErrors, Measured
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import BaseProblem, OfUnknowns
 from structid.unknowns import Parameters
@@ -271,6 +271,11 @@ class MeasuredProblem(RecordProblem):
 
 class ResponseProblem(MeasuredProblem):
     """The problem of a record of responses, whose sensors and load cells may also be turned round."""
+
+    @property
+    @abstractmethod
+    def measured(self) -> Measured:
+        """Sensors, loads and lines of what was measured."""
 
     @property
     def polarities(self) -> FloatArray:

@@ -161,6 +161,8 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
         What reduction of components changes at the answer, as each record sees it.
     missed : tuple of Missed
         Records, or kinds of values of modes, that the answer misses beyond their errors, the worst first.
+    freed : tuple of RecordProblem
+        The problems with what their models hold among the unknowns, within its tolerances; () where that is taken as exact.
     """
 
     estimate: Estimate
@@ -171,6 +173,18 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     ran_away: tuple[int, ...] = ()
     truncations: tuple[Truncation, ...] = ()
     missed: tuple[Missed, ...] = ()
+    freed: tuple[RecordProblem, ...] = ()
+
+    @property
+    def assumption(self) -> str:
+        """What standard deviations and intervals allow what the model holds to be wrong by, in words."""
+        fixed = self.estimate.fixed
+        if fixed is not None:
+            return f"± includes {fixed.words}"
+        can_tell = self.target is not None and self.estimate.uncertainty.has_matrix
+        return "± takes what the model holds as exact" + (
+            "" if can_tell else ": this search does not tell what it changes"
+        )
 
     def overview(self) -> Overview:
         """What its estimate shows."""

@@ -14,6 +14,7 @@ from structid.forward.scatter import scatter_problems
 from structid.identification.fits.missed import missed_parts
 from structid.identification.fits.ratios import ratios, rests_on_force
 from structid.identification.fits.record_fit import Own
+from structid.identification.fixed_values import freed_problems
 from structid.identification.identified import Identification
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import regularization_warnings, shares
@@ -23,6 +24,7 @@ from structid.identification.setups.setup import AnySetup, prefixes, prepared_wa
 from structid.identification.together import alike, by_name, places
 from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_words, unused_damping
 from structid.inversion import Estimate
+from structid.inversion.fixed_values import FIXED
 from structid.inversion.intervals.intervals import intervals
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.records import FrfRecord
@@ -108,6 +110,7 @@ def identify_together(
         problems = (setups[0].begun(problems[0]),)
     answer = answered(setups, problems, chosen, progress, work)
     problems, target = answer.problems, answer.target
+    freed = () if answer.estimate.fixed is None else freed_problems(setups, problems, chosen.tolerances)
     found = replace(answer.estimate, initial=by_name(answer.estimate.names, initial, lambda part: part.start))
     if found.residual_tests is not None and target is not None:
         found = replace(found, residual_tests=found.residual_tests.named(_series_names(setups, problems)))
@@ -136,7 +139,7 @@ def identify_together(
     warnings += [] if scale_free is None else [scale_free.words]
     warnings += unused_damping(problems, found.names, found.kinds, found.identified)
     warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
-    mass, std = total_mass(problems[0], found, chosen.direction)
+    mass, std = total_mass(problems[0], found, chosen.direction, freed[0] if freed else None)
     return Identification(
         estimate=found,
         fits=tuple(fit for fit in fits if fit is not None),
@@ -156,7 +159,8 @@ def identify_together(
         rests_on_force=target is not None and rests_on_force(problems, found),
         ran_away=away,
         truncations=truncations,
-        missed=missed_parts(titles(setups) if len(setups) > 1 else [""], problems, found),
+        missed=missed_parts(titles(setups) if len(setups) > 1 else [""], problems, found, freed),
+        freed=freed,
     )
 
 
@@ -173,11 +177,29 @@ def _own(problem: RecordProblem, found: Estimate) -> Own:
     return Own(found.theta[place], found.values[place], found.initial[place])
 
 
-def total_mass(problem: RecordProblem, found: Estimate, direction: str | None) -> tuple[float, float]:
-    """Total mass of the problem's structure and its standard deviation, kg."""
+def total_mass(
+    problem: RecordProblem, found: Estimate, direction: str | None, freed: RecordProblem | None = None
+) -> tuple[float, float]:
+    """Total mass of the problem's structure and its standard deviation, kg.
+
+    Parameters
+    ----------
+    problem : RecordProblem
+    found : Estimate
+    direction : str or None
+    freed : RecordProblem, optional
+        The problem with what its model holds among the unknowns; masses that are held err within their tolerances then.
+    """
     unknown, row = problem.parameters, np.zeros((1, len(found.names)))
     index = places(found.names, unknown.names)
     values = unknown.values(found.values[index])
-    row[0, index] = problem.structure.mass_gradient(direction, values) @ unknown.design
+    gradient = problem.structure.mass_gradient(direction, values)
+    row[0, index] = gradient @ unknown.design
     mass = problem.structure.mass_of(values, direction)
-    return mass, float(np.sqrt(found.uncertainty.variance(row)[0]))
+    variance = float(found.uncertainty.variance(row)[0])
+    if freed is not None and found.fixed is not None:
+        names = freed.parameters.names
+        held = dict(zip(names, gradient @ freed.parameters.design, strict=True))
+        own = np.array([held.get(FIXED + name, 0.0) for name in found.fixed.names]) * found.fixed.tolerance
+        variance += float(own @ own + 2 * own @ (row @ np.nan_to_num(found.fixed.slope * found.fixed.tolerance))[0])
+    return mass, float(np.sqrt(max(variance, 0.0)))

@@ -11,6 +11,7 @@ from structid.forward.frf.continuation import START_ERROR
 from structid.inversion import LevenbergMarquardt, Method
 from structid.inversion.intervals.intervals import IntervalKind
 from structid.unknowns import Regularization
+from structid.unknowns.tolerances import Tolerances
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,8 +110,12 @@ class IdentifyOptions(SearchOptions, ResidualOptions, LineOptions):
         Translation of the total mass; the first that has mass by default.
     n_modes : int
         How many modes of the identified model are given.
+    tolerances : Tolerances
+        How well the values are known that the model holds, of element sets and records that state none of their own; `EXACT` for
+        simulated ones. Intervals and verdicts allow for them.
     """
 
     intervals: IntervalKind = "laplace"
     direction: Literal["X", "Y", "Z"] | None = None
     n_modes: Count = 12
+    tolerances: Tolerances = field(default_factory=Tolerances)

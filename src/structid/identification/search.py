@@ -8,8 +8,10 @@ from itertools import product
 
 import numpy as np
 
+from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.forward import RecordProblem
+from structid.identification.fixed_values import fixed_values, freed_problems
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held, regularized, takes_matrix_free
 from structid.identification.setups.setup import AnySetup
@@ -100,14 +102,27 @@ def answered(
     if method.is_matrix_free:
         search = Search(seed=options.seed, start=regular.theta)
 
-    def found(problem: Problem) -> Estimate:
+    def found(current: tuple[RecordProblem, ...]) -> Estimate:
+        problem = together(current)
         plans = problem.stage_plans()[:1] if method.is_matrix_free else problem.ways()
         staged = options.pole_free_start and regular.theta is None and not local
         return estimate(
-            problem, method, plans if staged else (), search, progress=progress, sample=problem.thinned(), work=work
+            problem,
+            method,
+            plans if staged else (),
+            search,
+            progress=progress,
+            sample=problem.thinned(),
+            work=work,
+            fixed=fixed_values(freed_problems(setups, current, options.tolerances)),
         )
 
-    best, problems = reweighted(*searched(regular.problems, found), method, options.seed, progress, work)
+    def found_near(current: tuple[RecordProblem, ...], theta: FloatArray) -> Estimate:
+        near = Search(seed=options.seed, start=theta)
+        fixed = fixed_values(freed_problems(setups, current, options.tolerances))
+        return estimate(together(current), method, (), near, progress=progress, work=work, fixed=fixed)
+
+    best, problems = reweighted(*searched(regular.problems, found), found_near)
     differing = varied(problems, best, regular.scatters)
     best = widened_estimate(best, tuple(regular.scatters.values()))
     return Answer(best, problems, together(problems), regular.held, differing)
@@ -144,7 +159,7 @@ def matrix_free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOpt
 
 
 def searched(
-    problems: tuple[RecordProblem, ...], search: Callable[[Problem], Estimate]
+    problems: tuple[RecordProblem, ...], search: Callable[[tuple[RecordProblem, ...]], Estimate]
 ) -> tuple[Estimate, tuple[RecordProblem, ...]]:
     """The best fit, and the problems with the polarities that it has.
 
@@ -155,33 +170,30 @@ def searched(
     ----------
     problems : tuple of RecordProblem
     search : callable
-        The estimate of one problem.
+        The estimate of such problems as one.
     """
     current = tuple(problem.decided(problem.theta_start) for problem in problems)
-    found = search(together(current))
+    found = search(current)
     tried = {_polarities(current): (found, current)}
     while True:
         current = tuple(p.decided(found.theta[places(found.names, p.names)]) for p in current)
         if _polarities(current) in tried:
             break
-        found = search(together(current))
+        found = search(current)
         tried[_polarities(current)] = (found, current)
     count = len(_polarities(current))
     if 0 < count <= _MOST_TRIED and min(f.covariance_basis == "model_error" for f, _ in tried.values()):
         for signs in product((1.0, -1.0), repeat=count):
             if signs not in tried:
                 current = _with_polarities(current, signs)
-                tried[signs] = (search(together(current)), current)
+                tried[signs] = (search(current), current)
     return min(tried.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].chi_square))
 
 
 def reweighted(
     best: Estimate,
     problems: tuple[RecordProblem, ...],
-    method: Method,
-    seed: int,
-    progress: StageProgress | None,
-    work: Work,
+    search: Callable[[tuple[RecordProblem, ...], FloatArray], Estimate],
 ) -> tuple[Estimate, tuple[RecordProblem, ...]]:
     """The fit again, with errors that are a part of each value's size taken of the fitted model; see `RecordProblem.reweighted`.
 
@@ -189,14 +201,12 @@ def reweighted(
     regularizations stay as they were chosen.
     """
     for _ in range(_REWEIGHTED):
-        if not best.chi_square_per_dof < _REWEIGHTED_BELOW:
+        if not best.misfit < _REWEIGHTED_BELOW:
             break
         current = tuple(p.reweighted(best.theta[places(best.names, p.names)]) for p in problems)
         if all(one is other for one, other in zip(current, problems, strict=True)):
             break
-        again = estimate(
-            together(current), method, (), Search(seed=seed, start=best.theta), progress=progress, work=work
-        )
+        again = search(current, best.theta)
         moved = np.abs(again.theta - best.theta)
         best, problems = _as_searched(again, best), current
         if (moved <= _SETTLED * best.std_free).all():

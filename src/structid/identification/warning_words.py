@@ -103,8 +103,8 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
         warnings.append(f"{found.disagreement.words}: {carried}, each mode left out in turn")
     if found.covariance_basis == "model_error" and (too_large or found.disagreement is None):
         warnings.append(
-            f"the model does not fit to within the noise (chi-square per degree of freedom"
-            f" {found.chi_square_per_dof:.3g}, residual correlated over {found.residual_correlation:.0f} lines): {carried}"
+            f"the model does not fit to within the noise ({found.misfit_words}, residual correlated over"
+            f" {found.residual_correlation:.0f} lines): {carried}"
         )
     return tuple(warnings)
 

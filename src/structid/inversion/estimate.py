@@ -13,6 +13,7 @@ from scipy import special
 from structid.core.arrays import FloatArray, locked
 from structid.core.display import Overview, Shown, counted, data_frame, figures, listed
 from structid.core.errors import InputError
+from structid.inversion.averaging import expected_square
 from structid.inversion.covariance import correlation_length
 from structid.inversion.diagnostics.residual_tests import ResidualTests, residual_tests
 from structid.inversion.problem import Problem, Way
@@ -20,11 +21,16 @@ from structid.inversion.search.least_squares import Method
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import Minimum
 from structid.inversion.search.multistart import Answer, Search, distinct_answers, named, searched_minima
+from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.inversion.uncertainty import Spread
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+#: Probability of a larger chi-square below which the residual is looked at with held values free within their tolerances.
+_DOUBTFUL = 0.3
 
 
 class Status(Enum):
@@ -103,7 +109,13 @@ class Goodness:
     residual_correlation : float
         Correlation length of the residual in lines; about 1 for noise.
     residual_tests : ResidualTests or None
-        Whether the residual looks like noise; None where there is no residual to test.
+        Whether the residual looks like noise; None where there is no residual to test. That of the fit with held values free within
+        their tolerances, where noise alone does not explain the other.
+    expected_per_dof : float
+        Chi-square per degree of freedom where all is right: 1, and more where few averages tell the noise.
+    least_chi_square : float
+        The smallest chi-square that held values within their tolerances leave, their squares included; NaN where noise explains
+        `chi_square`.
     """
 
     chi_square: float
@@ -111,6 +123,26 @@ class Goodness:
     degrees_of_freedom: float
     residual_correlation: float
     residual_tests: ResidualTests | None = None
+    expected_per_dof: float = 1.0
+    least_chi_square: float = float("nan")
+
+    @property
+    def misfit(self) -> float:
+        """Chi-square over what is expected of it where all is right, held values within their tolerances; NaN without freedom."""
+        return self.least_per_dof / self.expected_per_dof
+
+    @property
+    def least_per_dof(self) -> float:
+        """The smallest chi-square per degree of freedom that held values within their tolerances leave; NaN without freedom."""
+        least = self.least_chi_square if np.isfinite(self.least_chi_square) else self.chi_square
+        return least / self.degrees_of_freedom if self.degrees_of_freedom > 0 else float("nan")
+
+    @property
+    def misfit_words(self) -> str:
+        """The misfit in the one scale of all that shows it: root mean square over what is expected of noise and tolerances."""
+        if not self.degrees_of_freedom > 0:
+            return "no degree of freedom is left to test the model"
+        return f"misfit {figures(float(np.sqrt(self.misfit)), 3)} times what is expected"
 
     @property
     def chi_square_per_dof(self) -> float:
@@ -275,7 +307,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         """Status and fit, and one row a parameter."""
         words = (
             f"{self.status.value}, {counted(len(self.names), 'parameter')} from {self.n_data} data,"
-            f" chi-square per degree of freedom {figures(self.chi_square_per_dof, 3)};"
+            f" {self.misfit_words};"
             f" standard deviations from {self.covariance_basis.replace('_', ' ')}"
         )
         rows = [
@@ -299,6 +331,12 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         )  # fmt: skip
 
 
+def expected_per_row(problem: Problem) -> float:
+    """Mean square of the whitened data rows where all is right: 1, and n / (n - 2) where n averages tell the noise."""
+    averages = problem.averages
+    return 1.0 if averages is None else float(expected_square(averages).mean())
+
+
 def require_level(level: float) -> None:
     """Raise `InputError` unless `level` is the probability of an interval."""
     if not 0 < level < 1:
@@ -314,6 +352,7 @@ def estimate(
     progress: StageProgress | None = None,
     sample: Problem | None = None,
     work: Work = ALONE,
+    fixed: FixedValues | None = None,
     **moved: object,
 ) -> Estimate:
     """Parameters that minimize the problem's sum of squares, with their uncertainty.
@@ -339,6 +378,8 @@ def estimate(
         best minimum, then take all of the data.
     work : Work
         Where the searches run, and whether they are kept; in this process by default.
+    fixed : FixedValues, optional
+        The values that the model holds, where they may be wrong by their tolerances.
     """
     if moved:
         name = next(iter(moved))
@@ -347,8 +388,13 @@ def estimate(
         )
     searched, chosen, search = sample or problem, method or LevenbergMarquardt(), search or Search()
 
+    fixed = None if chosen.is_matrix_free else fixed
+    held = fixed.thinned() if fixed is not None and sample is not None else fixed
+
     def fits(minimum: Minimum) -> bool:
-        return not chosen.misfits(searched, minimum, misfit_probability)
+        if not chosen.misfits(searched, minimum, misfit_probability):
+            return True
+        return held is not None and not held.fit(searched.names, minimum.theta).misfits(misfit_probability)
 
     minima = searched_minima(searched, chosen, plans, search, fits, progress, work)
     answers = distinct_answers(searched, [minimum for minimum, _ in minima], fits, misfit_probability)
@@ -356,7 +402,11 @@ def estimate(
     if sample is not None:
         best = work.minimize(problem, chosen.for_polishing(), best.theta, named(progress, "all data"))
         n_iterations += len(best.costs) - 1
-    found = chosen.uncertainty(problem, best, misfit_probability, search.seed)
+    columns = None
+    if fixed is not None:
+        columns = fixed.at(problem.names, best.theta, chosen.misfits(problem, best, _DOUBTFUL))
+    found = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
+    within = None if columns is None else columns.within
     is_known = bool((found.identified | ~found.is_free).all())
     if not best.converged and found.carried.all() and (found.misfit or is_known):
         status = Status.NOT_CONVERGED  # one that fits the noise, and leaves a parameter open, need not go on
@@ -389,7 +439,12 @@ def estimate(
         n_data=problem.n_data,
         degrees_of_freedom=found.freedom,
         residual_correlation=correlation_length(data, problem.lines, problem.series),
-        residual_tests=residual_tests(problem, residual, found.freedom),
+        residual_tests=residual_tests(problem, residual, found.freedom)
+        if within is None
+        else residual_tests(within.problem, within.at.residual, found.freedom),
+        expected_per_dof=expected_per_row(problem),
+        least_chi_square=np.nan if within is None else within.chi_square,
+        fixed=found.fixed,
         n_iterations=n_iterations,
         n_starts=len(minima),
         n_agreeing=answers[0].n_searches if answers else 0,

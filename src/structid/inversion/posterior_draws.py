@@ -14,8 +14,9 @@ from structid.inversion.covariance import LEAST_FREEDOM, error_blocks, row_law
 from structid.inversion.diagnostics.identifiability import Identifiability
 from structid.inversion.linearization import OperatorLinearization
 from structid.inversion.problem import Problem
+from structid.inversion.residual_law import misses_noise
 from structid.inversion.search.conjugate_gradients import Solver, conjugate_gradients, preconditioner
-from structid.inversion.uncertainty import DrawnCovariance, Uncertainty, basis, misses_noise
+from structid.inversion.uncertainty import DrawnCovariance, Uncertainty, basis
 
 _SOLVED, _MOST_INNER = 1e-5, 2000
 _MISFIT = "the fit misses the noise: standard deviations come from the residual, not from the noise"

@@ -6,18 +6,19 @@ from dataclasses import dataclass, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
-from scipy import sparse, special
+from scipy import sparse
 
 from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError
-from structid.inversion.covariance import chi_square_law, model_error_covariance, noise_covariance, row_law
+from structid.inversion.covariance import chi_square_law, model_error_covariance, noise_covariance
 from structid.inversion.diagnostics.agreement import Agreement, agreement
 from structid.inversion.diagnostics.bounds import AtBound, at_bounds, is_free
 from structid.inversion.diagnostics.identifiability import Identifiability, identifiability
 from structid.inversion.diagnostics.refusal import Bound, bound_at, carried, refusal_words
-from structid.inversion.diagnostics.residual_tests import has_order
+from structid.inversion.fixed_values import FixedColumns, FixedValueInfluence
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
+from structid.inversion.residual_law import misses_noise
 
 #: Combinations of parameters, one a row.
 Rows: TypeAlias = "FloatArray | sparse.csr_array"
@@ -162,6 +163,9 @@ class Spread:
         with them held there.
     disagreement : Agreement or None
         The test by which quantities that several records repeat ask for different parameters, where they do.
+    fixed : FixedValueInfluence or None
+        What the answer owes to the values that its model holds, whose tolerances `uncertainty` and `std` carry; None where these
+        are taken as exact.
     """
 
     noise: Covariance
@@ -173,6 +177,7 @@ class Spread:
     bound_initial: FloatArray | None = None
     at_bound: tuple[AtBound, ...] = ()
     disagreement: Agreement | None = None
+    fixed: FixedValueInfluence | None = None
 
     @property
     def is_free(self) -> np.ndarray:
@@ -180,14 +185,27 @@ class Spread:
         return is_free(self.at_bound, len(self.identified))
 
     @property
-    def uncertainty(self) -> Covariance:
+    def of_data(self) -> Covariance:
         """The one that `covariance_basis` names."""
         return self.noise if self.covariance_basis == "noise" else self.model_error
+
+    @property
+    def uncertainty(self) -> Covariance:
+        """`of_data`, with what the tolerances of held values add."""
+        data = self.of_data
+        if self.fixed is None or not data.has_matrix:
+            return data
+        return DenseCovariance(data.matrix + self.fixed.covariance)
 
     @property
     def covariance(self) -> FloatArray:
         """Matrix of `uncertainty`; a matrix-free search gives none."""
         return self.uncertainty.matrix
+
+    @property
+    def covariance_of_data(self) -> FloatArray:
+        """Matrix of `of_data`."""
+        return self.of_data.matrix
 
     @property
     def covariance_noise(self) -> FloatArray:
@@ -243,7 +261,12 @@ class Uncertainty(Spread):
 
 
 def dense_uncertainty(
-    problem: Problem, theta: FloatArray, at: Linearization, converged: bool, misfit_probability: float
+    problem: Problem,
+    theta: FloatArray,
+    at: Linearization,
+    converged: bool,
+    misfit_probability: float,
+    fixed: FixedColumns | None = None,
 ) -> Uncertainty:
     """By the information matrix at `theta`.
 
@@ -256,16 +279,21 @@ def dense_uncertainty(
         Whether the search did.
     misfit_probability : float
         Below this probability of its chi-square, or of the disagreement of what several records repeat, the fit holds model error.
+    fixed : FixedColumns, optional
+        The values that the model holds; exact where none are given.
     """
     values, slope = problem.physical(theta), problem.slope(theta)
     data, sizes = at.residual[: problem.n_data], problem.sizes(values)
     freedom = max(len(at.residual) - at.n_params - at.n_eliminated, 0)
-    misfit = misfits(problem, theta, at, misfit_probability)
-    noise_scale = float(np.sqrt(float(data @ data) / freedom)) if misfit else 1.0
+    misfit, square, within = misfits(problem, theta, at, misfit_probability), float(data @ data), None
+    if misfit and fixed is not None and fixed.within is not None:
+        within, square = fixed.within, fixed.within.chi_square
+        misfit = within.misfits(misfit_probability)
+    noise_scale = float(np.sqrt(square / freedom)) if misfit else 1.0
     held = at_bounds(problem, theta, at, noise_scale)
     free = is_free(held, len(values))
     at = replace(at, jacobian=np.where(free, at.jacobian, 0.0)) if held else at
-    tested = agreement(problem, at)
+    tested = agreement(problem, at) if within is None else agreement(within.problem, within.at)
     disagreement = None if tested is None or tested.probability >= misfit_probability else tested
     is_doubted = misfit or disagreement is not None
     noise = DenseCovariance(noise_covariance(problem, theta, at) * np.outer(slope, slope))
@@ -292,6 +320,7 @@ def dense_uncertainty(
         words=(refusal,),
         at_bound=held,
         disagreement=disagreement,
+        fixed=None if fixed is None else fixed.influence(theta, at, slope),
     )
 
 
@@ -303,23 +332,6 @@ def basis(misfit: bool) -> str:
 def misfits(problem: Problem, theta: FloatArray, at: Linearization, probability: float) -> bool:
     """Whether chi-square is larger than noise alone would make it with this probability."""
     return misses_noise(problem, at.residual, *chi_square_law(problem, theta, at), probability)
-
-
-def misses_noise(problem: Problem, residual: FloatArray, scale: float, freedom: float, probability: float) -> bool:
-    """Whether a larger chi-square than that of `residual` has less than this probability by its law.
-
-    What few averages leave more than known noise would is no misfit, but where it has an order that noise has not.
-    """
-    data, (_, share) = residual[: problem.n_data], row_law(problem.averages)
-    chi_square, of_known = float(data @ data), freedom / share
-    if freedom <= 0 or is_misfit(chi_square / scale, freedom, probability):
-        return freedom > 0
-    return share < 1 and is_misfit(chi_square, of_known, probability) and has_order(problem, residual, of_known)
-
-
-def is_misfit(chi_square: float, freedom: float, probability: float) -> bool:
-    """Whether a larger chi-square has less than this probability."""
-    return bool(special.gammaincc(freedom / 2, chi_square / 2) < probability)
 
 
 def relative_jacobian(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:

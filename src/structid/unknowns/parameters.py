@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TypeVar
@@ -130,7 +130,25 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         design=design,
         scatters=tuple(_scatter(one) for one in families if one.unknown.varies is not False),
     )
+    _require_tolerances_of_held(structure, design)
     return made.started_at(made.start)
+
+
+def _require_tolerances_of_held(structure: Structure, design: sparse.csc_array) -> None:
+    """Raise `InputError` where an element set states how well a property is known that is sought."""
+    is_sought = np.diff(design.tocsr().indptr) > 0
+    for element in structure.elements:
+        stated = element.tolerance
+        own = [item for item in structure.properties if item.element == element.name and item.term.values.any()]
+        sought = [item.term.property for item in own if is_sought[item.values].all()]
+        wrong = [name for name in sought if isinstance(stated, Mapping) and name in stated]
+        if stated is not None and not isinstance(stated, Mapping) and own and len(sought) == len(own):
+            wrong = sought
+        if wrong:
+            raise InputError(
+                f"`tolerance` of {element.name!r} is of {wrong[0]}, which is an unknown; state what is known of it as the `prior`"
+                " of the unknown, or leave the tolerance out"
+            )
 
 
 def _scatter(one: Family) -> Scatter:

@@ -75,7 +75,8 @@ def _summary(result: CheckResult) -> list[RenderableType]:
     table = new_table("parameter", "unit", "initial", "predicted std", "relative")
     for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
         table.add_row(name, unit, figures(start), figures(std, 2), figures(std / abs(start) if start else math.nan, 2))
-    return [*head, Text(rank), table, *groups(found), *more]
+    held = [Text(result.assumption)] if result.assumption else []
+    return [*head, Text(rank), table, *held, *groups(found), *more]
 
 
 def _modes(result: CheckResult) -> RenderableType:

@@ -144,7 +144,7 @@ def identify(
         raise typer.Exit(WRONG_MODEL)
     if estimate.status is not Status.CONVERGED:
         fail(f"{estimate.status_words} ({estimate.message})", NOT_DETERMINED)
-    if verdict == "undetermined":
+    if verdict in ("undetermined", "untested"):
         raise typer.Exit(NOT_DETERMINED)
 
 

@@ -14,12 +14,16 @@ from structid.compare.states.state import State, carried, state_of, stored_state
 from structid.core.display import listed
 from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Plain, plain_table
+from structid.forward import RecordProblem
+from structid.identification.fixed_values import tolerances_of
 from structid.identification.together import together
 from structid.inversion import Estimate, Problem, Status
 from structid.inversion.comparison.comparison import Comparison, compare_jointly, compare_states
 from structid.inversion.comparison.multiple_tests import Correction, require_levels
-from structid.inversion.comparison.states import states_problem
+from structid.inversion.comparison.states import LATER, states_problem
 from structid.inversion.estimate import estimate
+from structid.inversion.fixed_values import FIXED
+from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import StageProgress
 from structid.study.run.run import SearchFailedError, is_matrix_free, run_started
 from structid.study.run.solver.rounds import about_answer
@@ -137,13 +141,33 @@ def compare(
         return ComparisonResult(found, first, second, "carried", _warnings(found, first, second))
     second = _run(_from_baseline(study, first, ()), progress)
     joint = states_problem(_problem(first), _problem(second, first), names)
-    found = compare_jointly(_joint_estimate(joint), names, **settings)
+    held = _held_in_both(_freed(first), _freed(second), names)
+    found = compare_jointly(_joint_estimate(joint, held), names, **settings)
     return ComparisonResult(found, first, second, "joint", _warnings(found, first, second))
 
 
-def _joint_estimate(problem: Problem) -> Estimate:
+def _freed(state: State) -> tuple[RecordProblem, ...]:
+    """The problems of a state that was run with what its model holds among the unknowns."""
+    return () if state.result is None else state.result.identification.freed
+
+
+def _held_in_both(
+    baseline: Sequence[RecordProblem], later: Sequence[RecordProblem], shared: Sequence[str]
+) -> FixedValues | None:
+    """The held values of both states, those of one name the same in both; None where nothing that is held may be wrong."""
+    if not baseline or not later:
+        return None
+    first, second = together(baseline), together(later)
+    names = [*shared, *(name for name in second.names if name.startswith(FIXED) and name in first.names)]
+    known = {**tolerances_of(baseline), **tolerances_of(later)}
+    known |= {name + LATER: std for name, std in tolerances_of(later).items() if name not in names}
+    whole = states_problem(first, second, names)
+    return FixedValues(whole, {name: known[name] for name in whole.names if name.startswith(FIXED)})
+
+
+def _joint_estimate(problem: Problem, held: FixedValues | None) -> Estimate:
     try:
-        return estimate(problem)
+        return estimate(problem, fixed=held)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         raise SearchFailedError(
             f"the search of both states at once failed: {error}; compare them without unchanged parameters"

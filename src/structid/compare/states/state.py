@@ -28,6 +28,14 @@ from structid.unknowns import Parameters, joint_prior
 
 
 @dataclass(frozen=True, eq=False)
+class StoredChanges:
+    """What a results folder tells of the values that the model holds; the attributes are those of `FixedValueInfluence`."""
+
+    change_names: tuple[str, ...]
+    changes: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class StoredEstimate:
     """What a results folder tells of an estimate; the attributes are those of `Estimate`."""
 
@@ -37,6 +45,8 @@ class StoredEstimate:
     values: FloatArray
     covariance: FloatArray
     status: Status
+    covariance_of_data: FloatArray
+    fixed: StoredChanges | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +160,9 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     record = "frf/" if "frf/outputs" in hdf5_datasets(path) else "modal_record_1/"
     places = ("outputs", "inputs") if record == "frf/" else ("channels",)
     wanted = [record + name for name in places] + [f"parameters/{name}" for name in (*names, "values", matrix)]
-    found = hdf5_fields(path, wanted)
+    held = [f"parameters/{name}" for name in ("fixed_names", "fixed_changes")]
+    has_held = held[0] in hdf5_datasets(path)
+    found = hdf5_fields(path, wanted + (held if has_held else []))
     texts = {name: texts_of(found[f"parameters/{name}"]) for name in names}
     values = np.asarray(found["parameters/values"], dtype=float)
     covariance = np.asarray(found[f"parameters/{matrix}"], dtype=float)
@@ -160,8 +172,14 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     n = len(values)
     if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
         raise ValueError("parameters of different numbers")
+    fixed, of_data = None, locked(covariance)
+    if has_held:
+        changes = np.asarray(found[held[1]], dtype=float)
+        if changes.shape[:1] != (n,):
+            raise ValueError("changes by held values of other numbers")
+        fixed, covariance = StoredChanges(texts_of(found[held[0]]), locked(changes)), covariance + changes @ changes.T
     estimate = StoredEstimate(
-        texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status
+        texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status, of_data, fixed
     )
     return estimate, channels
 
@@ -234,7 +252,7 @@ def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -
             later.names,
             tuple(unchanged),
             baseline.values[rows],
-            baseline.covariance[np.ix_(rows, rows)],
+            baseline.covariance_of_data[np.ix_(rows, rows)],
             logarithmic=bool((baseline.values[rows] > 0).all()),
         )
     )

@@ -59,6 +59,9 @@ Nodes: TypeAlias = Annotated[Given[ArrayLike, IntArray], "(n_elements, n_nodes) 
 #: A direction in space.
 Vector: TypeAlias = Annotated[Given[ArrayLike | None, FloatArray | None], "(3,) array, optional"]
 
+#: How well held properties are known: a number for all of them, or one for each by name.
+Tolerance: TypeAlias = Annotated[float | Mapping[str, float] | None, "float or mapping of str to float, optional"]
+
 #: Checks a given value and makes what is stored of it; the first argument is the name of the set, for messages.
 Store = Callable[[str, Any], Any]
 
@@ -101,6 +104,18 @@ class Declared:
     stored: Store | None = None
     unlimited: bool = False
     optional: bool = False
+
+
+def checked_tolerance(name: str, tolerance: float | Mapping[str, float]) -> float | Mapping[str, float]:
+    """`tolerance` of a set, whose numbers are parts from 0 to 1."""
+    parts = tolerance if isinstance(tolerance, Mapping) else {"": tolerance}
+    for key, part in parts.items():
+        if not 0 <= part <= 1:
+            of = f" of {key}" if key else ""
+            raise InputError(
+                f"`tolerance` of {name!r}{of} must be at least 0 and at most 1, got {part:g}; 0.01 is 1 %, 0 is exact"
+            )
+    return dict(tolerance) if isinstance(tolerance, Mapping) else float(tolerance)
 
 
 #: What many types say of their damping.
@@ -272,6 +287,13 @@ class ElementSet:
 
     name: str = declared("Name of the set")
     nodes: Nodes = declared("Node labels, one row an element; -1 stands for the ground")
+    tolerance: Tolerance = declared(
+        "Standard deviation of what is held of its properties, in parts of each value: a number, or one for each property by"
+        " name; by default that of the structure",
+        stored=checked_tolerance,
+        default=None,
+        kw_only=True,
+    )
 
     def __post_init__(self) -> None:
         types = declared_types(type(self))
@@ -287,6 +309,17 @@ class ElementSet:
             if what.stored is not None and value is not None:
                 value = what.stored(self.name, value)
             object.__setattr__(self, name, value)
+        self._require_properties_of_tolerance()
+
+    def _require_properties_of_tolerance(self) -> None:
+        """Raise `InputError` where `tolerance` names what is no property of the type."""
+        properties = [name for name, what in declarations(self).items() if what.kind is not None]
+        named = self.tolerance if isinstance(self.tolerance, Mapping) else {}
+        for name in named:
+            if name not in properties and properties:
+                raise InputError(
+                    f"`tolerance` of {self.name!r} must name its properties, got {name!r}; they are {', '.join(properties)}"
+                )
 
     @property
     def loosened(self) -> tuple[str, Dof] | None:

@@ -121,6 +121,10 @@ class FrfProblem(ResponseProblem):
         return self.record.values, self.predicted(theta)
 
     @property
+    def measured(self) -> FrfRecord:
+        return self.record
+
+    @property
     def frequency(self) -> FloatArray:
         return self.record.frequency
 

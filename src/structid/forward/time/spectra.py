@@ -117,6 +117,10 @@ class SpectraProblem(ResponseProblem):
         return self.spectra.motion[:, :, None] * self.spectra.force.conj()[:, None, :], self.predicted(theta)
 
     @property
+    def measured(self) -> FiniteSpectra:
+        return self.spectra
+
+    @property
     def frequency(self) -> FloatArray:
         return self.spectra.frequency
 

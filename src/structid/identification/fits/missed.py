@@ -15,6 +15,7 @@ from structid.forward.modal.problem import row_kinds
 from structid.identification.together import places
 from structid.inversion import Estimate
 from structid.inversion.averaging import expected_square
+from structid.inversion.fixed_values import FIXED
 
 #: Probability, of all parts together, below which noise is not why a part is missed.
 _RISK = 1e-3
@@ -58,7 +59,9 @@ class Missed:
         )
 
 
-def missed_parts(names: Sequence[str], problems: Sequence[RecordProblem], found: Estimate) -> tuple[Missed, ...]:
+def missed_parts(
+    names: Sequence[str], problems: Sequence[RecordProblem], found: Estimate, freed: Sequence[RecordProblem] = ()
+) -> tuple[Missed, ...]:
     """What of several records, or of the kinds of values of modes, is missed beyond its errors, the worst first.
 
     Every sum of squares is held against chi-square of as many degrees of freedom as it has values: that a fit takes some of
@@ -71,13 +74,20 @@ def missed_parts(names: Sequence[str], problems: Sequence[RecordProblem], found:
     problems : sequence of RecordProblem
     found : Estimate
         Of all parameters.
+    freed : sequence of RecordProblem
+        The problems with what their models hold among the unknowns; they are judged where that is within its tolerances.
     """
     is_whole = len(problems) == 1 and not isinstance(problems[0], ModalProblem)
-    if is_whole or not found.chi_square_per_dof < _HIDES:
+    if is_whole or not found.misfit < _HIDES:
         return ()
     parts = []
+    all_names, theta = found.names, found.theta
+    if freed and found.fixed is not None:
+        problems, asked = freed, found.fixed.asked * found.fixed.tolerance
+        all_names = (*all_names, *(FIXED + name for name in found.fixed.names))
+        theta = np.concatenate([found.fixed.theta, asked])
     for name, problem in zip(names, problems, strict=True):
-        residual = problem.residual(found.theta[places(found.names, problem.names)])[: problem.n_data]
+        residual = problem.residual(theta[places(all_names, problem.names)])[: problem.n_data]
         parts += [(what, rows, least) for what, rows, least in _parts(name, problem, residual) if len(rows)]
     if len(parts) < 2:
         return ()

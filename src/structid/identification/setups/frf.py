@@ -49,6 +49,8 @@ class Setup(RecordSetup[FrfProblem]):
         What its problems have in common, and those of other records of the same structure.
     faults : tuple of Finding
         What the histories behind the record show by themselves of single channels.
+    calibration : float, optional
+        Standard deviation of the common gain of sensors over loads, a part; by default that of the options' tolerances.
     """
 
     structure: Structure
@@ -59,6 +61,7 @@ class Setup(RecordSetup[FrfProblem]):
     time: InitVar[object] = None
     models: Models = field(default_factory=Models, repr=False)
     faults: tuple[Finding, ...] = ()
+    calibration: float | None = None
 
     def __post_init__(self, time: object) -> None:
         if time is not None:
@@ -95,7 +98,15 @@ class Setup(RecordSetup[FrfProblem]):
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
     ) -> Setup:
-        return Setup(structure, parameters, self.record, channel_unknowns, self.name, faults=self.faults)
+        return Setup(
+            structure,
+            parameters,
+            self.record,
+            channel_unknowns,
+            self.name,
+            faults=self.faults,
+            calibration=self.calibration,
+        )
 
     @property
     def channels(self) -> tuple[tuple[str, tuple[Dof, ...]], ...]:

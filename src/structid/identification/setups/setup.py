@@ -96,6 +96,8 @@ class RecordSetup(ShownBeside[P]):
         What reports call it.
     faults : tuple of Finding
         What its histories show by themselves of single channels.
+    calibration : float or None
+        Standard deviation of the common gain of its channels, a part; that of the options' tolerances where None.
     """
 
     structure: Structure
@@ -103,6 +105,7 @@ class RecordSetup(ShownBeside[P]):
     record: FrfRecord | TimeRecord | ModalRecord
     name: str
     faults: tuple[Finding, ...] = ()
+    calibration: float | None = None
 
     @abstractmethod
     def prepared(self, options: IdentifyOptions) -> Prepared[P]:

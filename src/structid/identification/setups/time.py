@@ -127,6 +127,8 @@ class TimeSetup(RecordSetup[RecordProblem]):
         What its problems have in common, and those of other records of the same structure.
     faults : tuple of Finding
         What the record shows by itself of single channels.
+    calibration : float, optional
+        Standard deviation of the common gain of sensors over loads, a part; by default that of the options' tolerances.
     """
 
     structure: Structure
@@ -138,6 +140,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     shown: FrfRecord | None = None
     models: Models = field(default_factory=Models, repr=False)
     faults: tuple[Finding, ...] = ()
+    calibration: float | None = None
 
     def prepared(self, options: IdentifyOptions) -> Prepared[RecordProblem]:
         """Finite spectra of the lines that `options` choose, or all samples for output error.

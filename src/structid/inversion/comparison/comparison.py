@@ -36,7 +36,29 @@ class Identified(Protocol):
     def covariance(self) -> FloatArray: ...
 
     @property
+    def covariance_of_data(self) -> FloatArray:
+        """What of `covariance` held values have no part in."""
+        ...
+
+    @property
     def status(self) -> Status: ...
+
+    @property
+    def fixed(self) -> FixedChanges | None:
+        """What the estimate owes to the values that its model holds; None where these are taken as exact."""
+        ...
+
+
+class FixedChanges(Protocol):
+    """Changes of parameters for one tolerance of each held value."""
+
+    @property
+    def change_names(self) -> tuple[str, ...]: ...
+
+    @property
+    def changes(self) -> FloatArray:
+        """Physical units, (n_params, n_changes)."""
+        ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -205,8 +227,9 @@ def compare_states(
 
     Notes
     -----
-    Independent states: C = P + Q, the sum of the covariances. With carried parameters m and covariance P of the
-    baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
+    Independent states: C = P + Q, the sum of the covariances from the data, and (A - B) (A - B)' with the changes A and B of the
+    parameters for one tolerance of each held value: what both states owe to the same held values is no change. With carried
+    parameters m and covariance P of the baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
 
         k_before = k + G (m_later - m),   C = Q_kk + P_kk - G P_mk + G Q_mm G' - G Q_mk - Q_km G',
 
@@ -226,18 +249,19 @@ def compare_states(
     first, second = _places(baseline, names), _places(later, names)
     _require_units(names, [baseline.units[i] for i in first], [later.units[j] for j in second])
     before, p, q, cross = _carried(baseline, later, first, second, carried)
+    of_held = _by_held_values(baseline, later, first, second, carried)
     return Comparison(
         names=names,
         kinds=tuple(baseline.kinds[i] for i in first),
         units=tuple(baseline.units[i] for i in first),
         before=locked(before),
         after=locked(later.values[second]),
-        covariance_before=locked(p),
-        covariance_after=locked(q),
+        covariance_before=locked(p + of_held[0] @ of_held[0].T),
+        covariance_after=locked(q + of_held[1] @ of_held[1].T),
         carried=carried,
         only_before=tuple(n for n in baseline.names if n not in later.names and OF_RECORD not in n),
         only_after=tuple(n for n in later.names if n not in baseline.names and OF_RECORD not in n),
-        covariance=locked(p + q - cross - cross.T),
+        covariance=locked(p + q - cross - cross.T + (of_held[0] - of_held[1]) @ (of_held[0] - of_held[1]).T),
         level=level,
         power=power,
         correction=correction,
@@ -325,6 +349,36 @@ def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
     return np.array([estimate.names.index(name) for name in names], dtype=int)
 
 
+def _by_held_values(
+    baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Changes of the parameters in both states for one tolerance of each held value of either, (n, n_changes) each.
+
+    The prior of carried parameters moves with the baseline, and with them the later state; what that says of them moves the
+    baseline.
+    """
+    names = tuple(dict.fromkeys(name for one in (baseline, later) if one.fixed for name in one.fixed.change_names))
+    before, after = _aligned(baseline, names), _aligned(later, names)
+    if not carried or not names:
+        return before[first], after[second]
+    at, to = _places(baseline, carried), _places(later, carried)
+    p, q = baseline.covariance_of_data, later.covariance_of_data
+    known = p[np.ix_(at, at)]
+    if not (np.isfinite(known).all() and np.isfinite(q[:, to]).all()):
+        return before[first], after[second]
+    after = after + q[:, to] @ np.linalg.solve(known, before[at])
+    moved = np.linalg.solve(known, after[to] - before[at])
+    return before[first] + p[np.ix_(first, at)] @ moved, after[second]
+
+
+def _aligned(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
+    """The changes of all parameters by `names`, 0 by those that the estimate does not owe anything to."""
+    changes = np.zeros((len(estimate.names), len(names)))
+    if estimate.fixed is not None:
+        changes[:, [names.index(name) for name in estimate.fixed.change_names]] = estimate.fixed.changes
+    return changes
+
+
 def _carried(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -332,7 +386,7 @@ def _carried(
 
     The tie is linear in the logarithms of what is positive in both states, in the values of the rest.
     """
-    p, q = baseline.covariance, later.covariance
+    p, q = baseline.covariance_of_data, later.covariance_of_data
     values, other = baseline.values[first], q[np.ix_(second, second)]
     if not carried:
         own = p[np.ix_(first, first)]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
+from scipy import special
 
 from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError
@@ -83,8 +84,29 @@ def intervals(
     """
     if kind not in INTERVAL_KINDS:
         raise InputError(f"`kind` must be one of {', '.join(INTERVAL_KINDS)}, got {kind!r}; 'laplace' costs nothing")
-    ends, notes = _WAYS[kind](problem, estimate, level, seed, work)
-    return Intervals(kind, level, locked(ends), notes)
+    if kind == "laplace" or estimate.fixed is None:
+        ends, notes = _WAYS[kind](problem, estimate, level, seed, work)
+        return Intervals(kind, level, locked(ends), notes)
+    ends, notes = _WAYS[kind](problem, replace(estimate, fixed=None), level, seed, work)
+    return Intervals(kind, level, locked(_with_tolerances(ends, estimate, level)), notes)
+
+
+def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> FloatArray:
+    """Intervals from the data with what the tolerances of held values add, in the logarithm of what is positive.
+
+    Half-widths add in squares; an end that the data do not give stays open.
+    """
+    assert estimate.fixed is not None
+    values, wide = estimate.values, np.array(ends)
+    added = float(special.ndtri(0.5 + level / 2)) * np.sqrt(np.diag(estimate.fixed.covariance))
+    for side, sign in ((0, -1.0), (1, 1.0)):
+        end = ends[:, side]
+        is_log = (values > 0) & (end > 0) & np.isfinite(end)
+        is_linear = ~is_log & np.isfinite(end) & (end != 0)
+        ratio, part = np.log(end[is_log] / values[is_log]), added[is_log] / values[is_log]
+        wide[is_log, side] = values[is_log] * np.exp(sign * np.hypot(ratio, part))
+        wide[is_linear, side] = values[is_linear] + sign * np.hypot((end - values)[is_linear], added[is_linear])
+    return wide
 
 
 _Ends = tuple[FloatArray, tuple[str, ...]]

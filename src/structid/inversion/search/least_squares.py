@@ -10,6 +10,7 @@ from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.inversion.fixed_values import FixedColumns
 from structid.inversion.linearization import Linearization, OperatorLinearization
 from structid.inversion.problem import Problem
 from structid.inversion.search.minimum import Keeper, Minimum, Progress, State
@@ -158,8 +159,15 @@ class Method(Protocol[P]):
         """Whether the end of a search misses the noise: a larger chi-square has less than this probability."""
         ...
 
-    def uncertainty(self, problem: Problem, minimum: Minimum, misfit_probability: float, seed: int) -> Uncertainty:
-        """What is known of the parameters at the end of a search."""
+    def uncertainty(
+        self,
+        problem: Problem,
+        minimum: Minimum,
+        misfit_probability: float,
+        seed: int,
+        fixed: FixedColumns | None = None,
+    ) -> Uncertainty:
+        """What is known of the parameters at the end of a search, with the values that the model holds, if they may be wrong."""
         ...
 
 

@@ -11,6 +11,7 @@ from scipy import linalg
 
 from structid.core.arrays import FloatArray
 from structid.core.constraints import Count, NotNegative, Positive
+from structid.inversion.fixed_values import FixedColumns
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
 from structid.inversion.search.least_squares import LEFT, Damping, End, Point, Trial, damped_end, shortened, sizes_at
@@ -49,10 +50,17 @@ class WithJacobian:
         """By the law of chi-square that the errors of the data rows give it."""
         return misfits(problem, minimum.theta, cast(Linearization, minimum.linearization), probability)
 
-    def uncertainty(self, problem: Problem, minimum: Minimum, misfit_probability: float, seed: int) -> Uncertainty:
+    def uncertainty(
+        self,
+        problem: Problem,
+        minimum: Minimum,
+        misfit_probability: float,
+        seed: int,
+        fixed: FixedColumns | None = None,
+    ) -> Uncertainty:
         """By the information matrix; see `dense_uncertainty`."""
         at = cast(Linearization, minimum.linearization)
-        return dense_uncertainty(problem, minimum.theta, at, minimum.converged, misfit_probability)
+        return dense_uncertainty(problem, minimum.theta, at, minimum.converged, misfit_probability, fixed)
 
 
 @dataclass(frozen=True, eq=False)

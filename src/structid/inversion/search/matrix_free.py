@@ -10,13 +10,15 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.inversion.covariance import row_law
+from structid.inversion.fixed_values import FixedColumns
 from structid.inversion.linearization import OperatorLinearization
 from structid.inversion.posterior_draws import drawn_uncertainty
 from structid.inversion.problem import Problem
+from structid.inversion.residual_law import misses_noise
 from structid.inversion.search.conjugate_gradients import conjugate_gradients, preconditioner
 from structid.inversion.search.least_squares import Damping, Point, Trial, damped_end, shortened, sizes_at
 from structid.inversion.search.minimum import Minimum, residual_at, squared
-from structid.inversion.uncertainty import Uncertainty, misses_noise
+from structid.inversion.uncertainty import Uncertainty
 
 #: A dense search takes some arrays of the Jacobian's size, and three of n_params squared.
 DENSE_BYTES = 2_000_000_000
@@ -116,7 +118,14 @@ class MatrixFree:
         freedom, (scale, share) = len(at.residual) - at.n_params, row_law(problem.averages)
         return misses_noise(problem, at.residual, scale, share * freedom, probability)
 
-    def uncertainty(self, problem: Problem, minimum: Minimum, misfit_probability: float, seed: int) -> Uncertainty:
+    def uncertainty(
+        self,
+        problem: Problem,
+        minimum: Minimum,
+        misfit_probability: float,
+        seed: int,
+        fixed: FixedColumns | None = None,
+    ) -> Uncertainty:
         """By draws from the posterior; see `drawn_uncertainty`."""
         at = cast(OperatorLinearization, minimum.linearization)
         return drawn_uncertainty(problem, minimum.theta, at, self.draws, self.solved, misfit_probability, seed)

@@ -79,7 +79,7 @@ def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
             f"{lower} lower, {higher} higher",
             f"more than {number(limit, 3)} standard deviations: 5 % risk of any by chance",
         ),
-        ("Chi-square per degree of freedom", number(estimate.chi_square_per_dof, 3), f"{estimate.n_data} data"),
+        ("Misfit over what is expected", number(float(np.sqrt(estimate.misfit)), 3), f"{estimate.n_data} data"),
         ("Median relative FRF error", error, f"initial model {before}"),
         ("Total mass", mass, f"standard deviations {basis}"),
         ("Search", counted(estimate.n_iterations, "iteration"), search_reason(estimate)),

@@ -28,7 +28,7 @@ from structid.report.text import NOTHING, number, percent, with_unit
 #: Endings that introduce a warning which repeats what the table of parameters says for each parameter.
 _REPEATED = re.compile(r"is not identified: (at the initial values )?its standard deviation is larger than its value$")
 _MOST_REPEATED, _MOST_GROUPS = 4, 8
-_MARKS = {"sound": "good", "approximate": "doubt", "wrong_model": "bad", "undetermined": "bad"}
+_MARKS = {"sound": "good", "approximate": "doubt", "wrong_model": "bad", "undetermined": "bad", "untested": "bad"}
 _HELD = (
     "Held in the model",
     "1 % more of it moves most",
@@ -125,7 +125,7 @@ def report_page(
             (one.words, one.outlying_words, tables.varied_table(identification, one)) for one in identification.varied
         ],
         "intervals": tables.interval_words(identification),
-        "interval_notes": identification.intervals.notes,
+        "interval_notes": (identification.assumption, *identification.intervals.notes),
         "residual_tests": tables.residual_table(found),
         "residual_words": () if found.residual_tests is None else found.residual_tests.words,
         "modes": tables.mode_table(rows, band) if len(rows.frequency) else None,

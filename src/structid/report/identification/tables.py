@@ -68,6 +68,7 @@ def parameter_table(identification: Identification) -> Table:
     """Every parameter in physical units, with both standard deviations."""
     found = identification.estimate
     adopted = "model error" if found.covariance_basis == "model_error" else "noise"
+    adopted += "" if found.fixed is None else " and tolerances"
     header = (
         "Parameter", "Unit", "Initial", "Prior", f"Identified ± std ({adopted}, adopted)", "Relative std",
         "95\u00a0% interval", "Change", "Std (noise)", "Std (model error)", "State",
@@ -279,7 +280,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
         ("Total mass", *weighed),
         ("Status", found.status.value.replace("_", " "), steps),
         ("Rank", f"{rank} of {of}", f"condition {number(found.identifiability.condition, 2)}"),
-        ("Chi-square per degree of freedom", number(found.chi_square_per_dof, 3), chance),
+        ("Misfit over what is expected", number(float(np.sqrt(found.misfit)), 3), chance),
         *(_frf_cards(identification) if identification.fits else ()),
     )
 

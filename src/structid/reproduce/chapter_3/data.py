@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from structid.core.arrays import FloatArray
@@ -63,7 +65,7 @@ STIFFNESS_SHAPE = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [
 # fmt: on
 
 
-def beam(values: FloatArray, damping: dict[str, FloatArray] | None = None) -> Structure:
+def beam(values: FloatArray, damping: dict[str, Any] | None = None) -> Structure:
     """The free-free beam with masses and stiffnesses `values` (30,); nodes 1 to 16, 1 m apart."""
     nodes = {i + 1: float(i) for i in range(N_ELEMENTS + 1)}
     pairs = [[i, i + 1] for i in range(1, N_ELEMENTS + 1)]

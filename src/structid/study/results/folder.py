@@ -19,6 +19,7 @@ from structid.files import claimed, require_no_file
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.regularizing import Held
+from structid.inversion import Estimate
 from structid.inversion.diagnostics.bounds import AtBound
 from structid.study.results.changes import PARAMETERS, changes_summary, changes_table, search_summary
 from structid.study.results.hdf5 import hdf5_bytes
@@ -113,6 +114,9 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         "n_parameters": len(estimate.names),
         "n_free_parameters": int(estimate.is_free.sum()),
         "condition": identifiability.condition,
+        "misfit": np.sqrt(estimate.misfit),
+        "misfit_text": estimate.misfit_words,
+        "assumption": found.assumption,
         "chi_square_per_dof": estimate.chi_square_per_dof,
         "chi_square_probability": estimate.chi_square_probability,
         "degrees_of_freedom": estimate.degrees_of_freedom,
@@ -127,6 +131,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
         "rests_on_force": found.rests_on_force,
         **_held(() if result.criticism is None else result.criticism.held),
+        **_tolerances(estimate),
         **({"parameters": _parameters(found)} if has_matrix else changes_summary(estimate)),
         "regularization": [
             {"name": item.name, "rule": item.rule, **_strengths(item, has_matrix), "text": item.words,
@@ -170,6 +175,19 @@ def _held(held: Sequence[HeldValue]) -> dict[str, Entry]:
                 "relative_change_std": one.pull_std,
             }
             for one in held
+        ]
+    }
+
+
+def _tolerances(estimate: Estimate) -> dict[str, Entry]:
+    """What the intervals allow held values to be wrong by, and how many tolerances off the data would have each."""
+    fixed = estimate.fixed
+    if fixed is None:
+        return {}
+    return {
+        "tolerances": [
+            {"name": name, "kind": kind, "tolerance": tolerance, "asked_in_tolerances": asked}
+            for name, kind, tolerance, asked in zip(fixed.names, fixed.kinds, fixed.tolerance, fixed.asked, strict=True)
         ]
     }
 
@@ -278,6 +296,8 @@ def _parameters(identification: Identification) -> list[dict[str, Entry]]:
     parts = [problem.parameters for problem in identification.problems]
     share = np.full(len(found.names), np.nan) if identification.prior_share is None else identification.prior_share
     bounds = {one.index: one for one in found.at_bound}
+    n = len(found.names)
+    tolerances = np.zeros(n) if found.fixed is None else np.sqrt(np.diag(found.fixed.covariance))
     elements = {name: own for part in parts for name, own in zip(part.names, part.elements, strict=True)}
     return [
         {
@@ -290,6 +310,7 @@ def _parameters(identification: Identification) -> list[dict[str, Entry]]:
             "std": found.std[i],
             "std_noise": found.std_noise[i],
             "std_model_error": found.std_model_error[i],
+            "std_tolerances": tolerances[i],
             "interval_95": identification.intervals.ends[i],
             "initial": found.initial[i],
             "identified": bool(found.identified[i]),

@@ -84,6 +84,9 @@ def _parameters(group: h5py.Group, found: Estimate) -> None:
         _put(group, "covariance_noise", found.covariance_noise, "products of units")
         _put(group, "covariance_model_error", found.covariance_model_error, "products of units")
         _put(group, "correlation", found.correlation, "1")
+        if found.fixed is not None:
+            _texts(group, "fixed_names", found.fixed.change_names)
+            _put(group, "fixed_changes", found.fixed.changes, "as in units, by one tolerance of each held value")
     else:
         _put(group, "std_relative_error", found.uncertainty.std_error, "1")
         _put(group, "draws", found.uncertainty.draws, note)

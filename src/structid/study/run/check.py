@@ -15,6 +15,7 @@ from structid.identification.before.mesh import MeshErrors
 from structid.identification.before.places import PlacedFinding, coarse_elements, structure_findings
 from structid.identification.fits.model_modes import rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words
+from structid.identification.fixed_values import fixed_values, freed_problems
 from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups.setup import AnySetup, prefixes
 from structid.identification.together import by_name, places, together
@@ -95,6 +96,10 @@ class Predicted:
         Rank, condition and undetermined directions there, from the data alone; of very many parameters the rank only.
     warnings : tuple of str
         The gravest first.
+    of_data : Covariance
+        `covariance` without the tolerances of what the model holds.
+    assumption : str
+        What `covariance` allows that to be wrong by, in words; "" where it is taken as exact.
     """
 
     problem: Problem
@@ -102,6 +107,8 @@ class Predicted:
     covariance: Covariance
     identifiability: Identifiability
     warnings: tuple[str, ...]
+    of_data: Covariance
+    assumption: str
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -125,7 +132,7 @@ class Predicted:
     @property
     def determined(self) -> bool:
         """Whether data and priors determine every parameter to better than its own size."""
-        return bool((self.std <= self.sizes).all())
+        return bool((self.of_data.std <= self.sizes).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +212,8 @@ def check_study(study: Study) -> CheckResult:
         identifiability=predicted.identifiability,
         total_mass=study.structure.mass_of(values, options.direction),
         total_mass_std=float(np.sqrt(predicted.covariance.variance(row)[0])),
+        of_data=predicted.of_data,
+        assumption=predicted.assumption,
         warnings=(
             *ready.channel_warnings,
             *(one.words for one in findings),
@@ -235,17 +244,22 @@ def _by_jacobian(ready: Start) -> Predicted:
     problem = _with_strengths(ready, terms, [term.given or 0.0 for term in terms])
     theta = np.asarray(problem.theta_start)
     at = problem.linearize(theta)
-    covariance = DenseCovariance(cramer_rao_bound(problem, at))
+    fixed = fixed_values(freed_problems(ready.setups, ready.problems, ready.study.options.tolerances))
+    of_data = DenseCovariance(cramer_rao_bound(problem, at))
+    covariance, assumption = of_data, ""
+    if fixed is not None:
+        held = fixed.at(problem.names, theta, False).influence(theta, at, problem.slope(theta))
+        covariance, assumption = DenseCovariance(of_data.matrix + held.covariance), f"± includes {held.words}"
     relative = relative_jacobian(problem, theta, at)
     found = identifiability(relative, problem.physical(theta), problem.names)
-    identified = covariance.std <= problem.sizes(problem.physical(theta))
+    identified = of_data.std <= problem.sizes(problem.physical(theta))
     warnings = unused_damping(ready.problems, problem.names, problem.kinds, identified)
     if not all(part.facts.measures_force for part in ready.problems):
         warnings += _ratio_warnings(problem, relative, identified)
     left = [term_name(term) for term in ready.study.options.regularization if term not in terms]
     warnings += _direction_warnings(found)
     warnings += [f"predicted without the {' and '.join(left)} that `identify` will use"] if left else []
-    return Predicted(problem, _start(problem, ready), covariance, found, tuple(warnings))
+    return Predicted(problem, _start(problem, ready), covariance, found, tuple(warnings), of_data, assumption)
 
 
 def _by_draws(ready: Start) -> Predicted:
@@ -263,7 +277,7 @@ def _by_draws(ready: Start) -> Predicted:
     ]
     covariance = drawn_covariance(problem, theta, at, draws)
     rank = Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ())
-    return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words))
+    return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words), covariance, "")
 
 
 def _start(problem: Problem, ready: Start) -> FloatArray:

@@ -137,10 +137,21 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], mod
     common = (source.structure, source.parameters)
     if time is None:
         frfs = load_record(record, read)
-        return Setup(*common, frfs, source.channel_unknowns, source.name, models=models, faults=told)
+        return Setup(
+            *common,
+            frfs,
+            source.channel_unknowns,
+            source.name,
+            models=models,
+            faults=told,
+            calibration=record.calibration,
+        )
     shown = None if record.frf is None else load_record(record, read)
     histories = load_histories(record, time, read)
-    return TimeSetup(*common, histories, time.settings, source.channel_unknowns, source.name, shown, models, told)
+    settings, unknowns = time.settings, source.channel_unknowns
+    return TimeSetup(
+        *common, histories, settings, unknowns, source.name, shown, models, told, calibration=record.calibration
+    )
 
 
 def _require_places(structure: Structure, dofs: Iterable[Dof], inputs: bool) -> None:

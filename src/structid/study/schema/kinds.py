@@ -13,7 +13,7 @@ from structid.core.constraints import Limits, alternatives
 from structid.core.dof import Dof
 from structid.core.json_types import Plain
 from structid.fem.elements.connector import Ends, OtherEnds
-from structid.fem.elements.element import Nodes, OptionalValues, Values, Vector
+from structid.fem.elements.element import Nodes, OptionalValues, Tolerance, Values, Vector
 from structid.fem.elements.friction import End, OtherEnd
 from structid.fem.elements.inertia import Translations
 from structid.fem.elements.joint import At
@@ -231,6 +231,14 @@ CHANNEL_NAMES = Kind(
     lambda table: bool(table) and all(map(TEXT.accepts, table.values())),
 )
 
+_PART: Schema = {"type": "number", "minimum": 0, "maximum": 1}
+PART = Kind("a number of at least 0 and at most 1, as in 0.01 for 1 %", _PART)
+TOLERANCE = Kind(
+    "a part from 0 to 1, as in 0.02 for 2 %, or a table of them, as in { mass = 0.02 }",
+    {"anyOf": [_PART, {"type": "object", "minProperties": 1, "additionalProperties": _PART}]},
+    lambda value: not isinstance(value, Mapping) or (bool(value) and all(map(PART.accepts, value.values()))),
+)
+
 _PLAIN: dict[object, Kind] = {
     float: NUMBER,
     int: INTEGER,
@@ -241,6 +249,7 @@ _PLAIN: dict[object, Kind] = {
     Values: PROPERTY,
     OptionalValues: PROPERTY,
     Nodes: NODES,
+    Tolerance: TOLERANCE,
     Vector: VECTOR,
     At: DOF,
     End: DOF,

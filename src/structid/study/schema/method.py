@@ -17,7 +17,7 @@ from structid.study.schema.tables import Given, Key, Table, table_of
 #: Fields that the file knows by another name.
 _NAMES = {"direction": "total_mass_direction"}
 #: Fields that other tables give.
-_ELSEWHERE = ("regularization", "matrix_free")
+_ELSEWHERE = ("regularization", "matrix_free", "tolerances")
 #: Groups of which `search` says which; of a search without a Jacobian it is the first, and a field says so.
 _SEARCHES = {"method": (LevenbergMarquardt, GaussNewton)}
 _MATRIX_FREE = "matrix_free"
@@ -67,6 +67,8 @@ def _made(options: type[T], given: Given, search: str | None) -> T:
 def _groups(options: type, name: str) -> tuple[type, ...]:
     """Classes whose fields are keys in place of a field."""
     kind = declared_types(options)[name]
+    if name in _ELSEWHERE:
+        return ()
     return _SEARCHES.get(name, (kind,) if isinstance(kind, type) and is_dataclass(kind) else ())
 
 

@@ -12,6 +12,7 @@ from structid.fem import MeasuredComponent, Structure
 from structid.identification.options import IdentifyOptions
 from structid.inversion.search.work import ALONE, Work
 from structid.study.schema.method import read_method
+from structid.study.schema.model.structure import read_tolerances
 from structid.study.schema.records.record import RecordSource
 from structid.study.schema.records.setups import SetupSource, read_setups
 from structid.study.schema.root import InputFiles, read_root, root_of, title_of
@@ -123,6 +124,6 @@ def _read(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) 
     setups = read_setups(root, files, before)
     options = read_method(root.section("method"))
     terms = read_regularization(root, setups[0].structure, setups[0].parameters)
-    options = replace(options, regularization=terms)
+    options = replace(options, regularization=terms, tolerances=read_tolerances(root.inner("structure")))
     solved = files.solved[0] if files.solved else None
     return Study(title_of(root), setups, options, root, files.digests, solved, files.measured)

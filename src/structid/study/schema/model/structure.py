@@ -5,9 +5,9 @@ from __future__ import annotations
 import difflib
 import inspect
 import re
-from collections.abc import Collection, Sequence
-from dataclasses import replace
-from typing import Annotated
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Annotated, cast
 
 from structid.core.constraints import Limits, Positive
 from structid.core.dof import DIRECTIONS, Dof, parse_dof
@@ -36,6 +36,7 @@ from structid.study.schema.kinds import (
     RANGE,
     TEXT,
     TEXTS,
+    TOLERANCE,
     WEIGHTED,
     WHOLE,
     as_list,
@@ -59,6 +60,7 @@ from structid.study.schema.records.sensors import read_sensors
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Given, Key, Table, held_by, own_table, table_of
+from structid.unknowns.tolerances import EXACT, Tolerances
 
 Positions = dict[int, list[float]]
 Elements = list[tuple[Section, ElementSet]]
@@ -114,6 +116,11 @@ def structure_table() -> Table:
             held_by(DampingRatio),
             "Viscous damping of all modes, the property `damping_ratio` of `all modes`; 0.01 is 1 %",
         ),
+        "tolerance": Key(
+            TOLERANCE,
+            "How well held values are known, a standard deviation in parts of each: a number for masses and stiffnesses, 0 where"
+            " all is exact, or a table of `mass`, `stiffness` and `damping`; 0.01, 0.01 and 0.3 by default",
+        ),
         "base": Key(
             _BASE, "Held supports that drive the structure with one motion, as a shaking table does", listed=True
         ),
@@ -152,6 +159,29 @@ def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
     nodes = table.keys["nodes"]
     words = "In place of `nodes`: a group of cells of the mesh (of nodes, for masses); without both, all cells"
     return table | {"nodes": replace(nodes, required=not on_mesh), "group": Key(TEXT, words)}
+
+
+def read_tolerances(section: Section) -> Tolerances:
+    """How well held values are known by ``[structure]``; the calibration of records is as it is by default.
+
+    Raises
+    ------
+    StudyError
+        If it names another kind than masses, stiffnesses and dampings.
+    """
+    given = section.table.get("tolerance")
+    if given is None:
+        return Tolerances()
+    if not isinstance(given, Mapping):
+        part = float(cast(float, given))
+        return replace(EXACT, calibration=Tolerances().calibration) if part == 0 else Tolerances(part, part)
+    kinds = [item.name for item in fields(Tolerances) if item.name != "calibration"]
+    for name in given:
+        if name not in kinds:
+            raise section.error(
+                f"`tolerance` takes {', '.join(kinds)}, got {name!r}; state it in the element set", "tolerance"
+            )
+    return Tolerances(**cast(dict[str, float], given))
 
 
 def read_structure(

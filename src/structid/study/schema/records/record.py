@@ -18,7 +18,7 @@ from structid.records.formats import CsvLayout, ReadOptions, how_read, read_reco
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
 from structid.records.quality.signal_checks import channel_checks
 from structid.records.record import LOADS, Quantity, as_recorded
-from structid.study.schema.kinds import CHANNEL_NAMES, TEXT, TEXTS, as_list, choice
+from structid.study.schema.kinds import CHANNEL_NAMES, PART, TEXT, TEXTS, as_list, choice
 from structid.study.schema.records.frf import FRF, FrfSettings, read_frf, spectral_frf
 from structid.study.schema.records.modes import MODES, ModesSource, read_modes_source
 from structid.study.schema.records.sensors import SENSORS, used_names
@@ -27,6 +27,7 @@ from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, table_of
 from structid.study.schema.unknowns import CHANNEL_ERROR
+from structid.unknowns.tolerances import Tolerances
 
 #: Largest difference of line spacings that rounding explains, as a part of their mean.
 _EVEN = 0.02
@@ -101,6 +102,8 @@ class RecordSource:
         How time histories are fitted themselves; their FRFs then only show the fit.
     modes : ModesSource, optional
         Measured modes in place of responses; what is told of responses then does not count.
+    calibration : float, optional
+        Standard deviation of the common gain of all channels, a part.
     """
 
     section: Section
@@ -113,6 +116,7 @@ class RecordSource:
     leakage: str | None = None
     time: TimeSource | None = None
     modes: ModesSource | None = None
+    calibration: float | None = None
 
 
 _ALWAYS = {
@@ -136,6 +140,11 @@ def record_table(changes: Table) -> Table:
             choice("hann"),
             "Window of the segments of random motion that were averaged, each as long as one over the line spacing: lines"
             " then read what leaks from their neighbours",
+        ),
+        "calibration": Key(
+            PART,
+            "Standard deviation of the common gain of all channels, sensors over loads, a part; 0 where it is exact",
+            default=Tolerances().calibration,
         ),
         "noise": Key(table_of(NoiseSource), "Noise that the file does not state"),
         "frf": Key(FRF, "How time histories become frequency response functions"),
@@ -200,7 +209,9 @@ def read_source(
         raise section.error("is of averaged segments; [record.time] fits histories as they are", "leakage")
     if leakage is not None and frf is not None and frf.others.get("window", leakage) != leakage:
         raise section.error(f"is {leakage!r}, and the window in [record.frf] is another", "leakage")
-    return RecordSource(section, paths, options, channels, noise, frf, decay, leakage, time)
+    return RecordSource(
+        section, paths, options, channels, noise, frf, decay, leakage, time, calibration=given.get("calibration")
+    )
 
 
 def _noise(section: Section, repeats: bool) -> NoiseSource:

@@ -1,0 +1,92 @@
+"""The values that a model holds as unknowns of their own, so that residuals tell how they change with each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import locked
+from structid.forward.channel_errors import ChannelErrors
+from structid.forward.channel_unknowns import ChannelUnknown, channel_errors
+from structid.forward.record_problem import RecordProblem, ResponseProblem
+from structid.inversion.fixed_values import FIXED
+from structid.unknowns import Parameters
+from structid.unknowns.named_unknowns import N, NamedUnknowns, joined
+from structid.unknowns.priors import no_priors
+from structid.unknowns.tolerances import FixedProperty, Tolerances, fixed_properties, shared_factors
+from structid.unknowns.transforms import Transform, Transforms
+
+
+def with_fixed_values(
+    problem: RecordProblem, tolerances: Tolerances, calibration: float | None = None, record: str = "record"
+) -> RecordProblem:
+    """The problem with a factor on every held value among its unknowns, each 1 within its tolerance.
+
+    They are called ``fixed mass[deck]``, and ``fixed calibration[record 1]`` of the common gain of a record. The logarithm of each
+    has its tolerance as the standard deviation of a Gaussian prior. Where responses do not come from matrices, only the gain is
+    held.
+
+    Parameters
+    ----------
+    problem : RecordProblem
+    tolerances : Tolerances
+    calibration : float, optional
+        Standard deviation of the common gain of this record; that of `tolerances` by default.
+    record : str
+        What the record is called.
+    """
+    if problem.structure.has_matrices:
+        held = fixed_properties(problem.structure, problem.parameters, tolerances)
+        problem = problem.with_parameters(_with_factors(problem.parameters, held))
+    gain = tolerances.calibration if calibration is None else calibration
+    if gain == 0 or not isinstance(problem, ResponseProblem):
+        return problem
+    return problem.with_errors(_with_gain(problem, gain, record))
+
+
+def _with_factors(parameters: Parameters, held: tuple[FixedProperty, ...]) -> Parameters:
+    """The parameters followed by a factor on each held property."""
+    columns = shared_factors(parameters.offset, held)
+    factors = _factors(*([getattr(item, name) for item in held] for name in ("label", "kind", "tolerance")))
+    return replace(
+        _followed(parameters, factors),
+        elements=(*parameters.elements, *((item.element,) for item in held)),
+        offset=locked(np.where(columns.any(axis=1), 0.0, parameters.offset)),
+        design=sparse.csc_array(sparse.hstack([parameters.design, sparse.csc_array(columns)])),
+    )
+
+
+def _with_gain(problem: ResponseProblem, tolerance: float, record: str) -> ChannelErrors:
+    """The channel errors of a problem followed by a gain of all its sensors."""
+    common = channel_errors(problem.measured, [ChannelUnknown("gain", "all", name="all")])
+    own = channel_errors(problem.measured, []) if problem.channels is None else problem.channels
+    return replace(
+        _followed(own, _factors([f"calibration[{record}]"], ["gain"], [tolerance])),
+        of_outputs=locked(np.concatenate([own.of_outputs, common.of_outputs]), bool),
+        of_inputs=locked(np.concatenate([own.of_inputs, common.of_inputs]), bool),
+    )
+
+
+def _factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[float]) -> NamedUnknowns:
+    """Factors that are 1 within their tolerances, their logarithms free."""
+    n = len(names)
+    kept_positive: tuple[Transform, ...] = tuple("log" for _ in names)
+    return NamedUnknowns(
+        names=tuple(FIXED + name for name in names),
+        kinds=tuple(kinds),
+        units=("1",) * n,
+        start=locked(np.ones(n)),
+        transforms=Transforms(kept_positive, locked(np.zeros(n)), locked(np.full(n, np.inf))),
+        priors=no_priors(n),
+        scale=locked(np.zeros(n)),
+        held=(np.zeros(n), np.array(tolerances, dtype=np.float64)),
+    )
+
+
+def _followed(first: N, second: NamedUnknowns) -> N:
+    """The unknowns `first` with those of `second` behind them, their other fields as they are."""
+    both = joined(first, second)
+    return replace(first, **{item.name: getattr(both, item.name) for item in fields(NamedUnknowns)})

@@ -1,0 +1,186 @@
+"""What an answer owes to the values that its model holds: intervals and tests of residuals that allow for their tolerances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray
+from structid.inversion.covariance import chi_square_law, inverse_information
+from structid.inversion.linearization import Linearization
+from structid.inversion.problem import Problem
+from structid.inversion.residual_law import misses_noise
+
+#: What the names of held values begin with where they are unknowns beside those that are sought.
+FIXED = "fixed "
+#: What held values are called, by their kinds.
+_CALLED = {
+    "masses": ("mass", "rotary_inertia"),
+    "stiffnesses": ("stiffness", "thickness"),
+    "dampings": ("viscous_damping", "loss_factor", "damping_ratio", "friction"),
+    "places": ("position", "parameter"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class FixedValueInfluence:
+    """How an answer changes with the values that its model holds, to first order.
+
+    Attributes
+    ----------
+    names, kinds : tuple of str
+        Such as ``mass[deck]`` and ``mass``; ``gain`` of the calibration of a record.
+    tolerance : (n_fixed,) float array
+        Standard deviation of each, in parts of its value.
+    slope : (n_params, n_fixed) float array
+        Change of each parameter, physical units, per relative change of each held value: K = -(J'J + P)^-1 J'J_h.
+    asked : (n_fixed,) float array
+        Where each would be, in tolerances, with all of them free within their tolerances; zeros where noise explains the residual.
+    theta : (n_params,) float array
+        Free variables of the parameters there; those of the answer where noise explains the residual.
+    second_order : (n_params,) float array
+        What `slope` leaves of the way between the two fits, physical units: large where held values move resonances by as much as
+        these are wide.
+
+    References
+    ----------
+    Schmidt (1966), Adv. Control Systems 3, 293-340 (consider parameters); Tapley, Schutz and Born (2004), Statistical Orbit
+    Determination, chapter 6.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    tolerance: FloatArray
+    slope: FloatArray
+    asked: FloatArray
+    theta: FloatArray
+    second_order: FloatArray
+
+    @property
+    def changes(self) -> FloatArray:
+        """Change of each parameter for one tolerance of each held value, then `second_order`: physical, (n_params, n_fixed + 1)."""
+        return np.column_stack([self.slope * self.tolerance, self.second_order])
+
+    @property
+    def change_names(self) -> tuple[str, ...]:
+        """What each column of `changes` is owed to."""
+        return (*self.names, "second order")
+
+    @property
+    def covariance(self) -> FloatArray:
+        """K S K' of the parameters, physical units, (n_params, n_params)."""
+        return self.changes @ self.changes.T
+
+    @property
+    def beyond(self) -> tuple[int, ...]:
+        """Positions of the held values that the data would have farther off than tolerances leave by chance, the farthest first."""
+        limit = limit_of(len(self.asked))
+        order = np.argsort(-np.abs(self.asked))
+        return tuple(int(i) for i in order if abs(self.asked[i]) > limit)
+
+    @property
+    def words(self) -> str:
+        """What may be wrong by how much, such as ``1 % of held masses and stiffnesses, 30 % of held dampings``."""
+        held: dict[str, list[str]] = {}
+        for what, kinds in _CALLED.items():
+            own = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind in kinds})
+            if own:
+                held.setdefault(_size(own), []).append(what)
+        said = [f"{size} of held {' and '.join(what)}" for size, what in held.items()]
+        gains = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind == "gain"})
+        return ", ".join([*said, *([f"{_size(gains)} of the calibration"] if gains else [])])
+
+
+def limit_of(count: int, probability: float = 1e-3) -> float:
+    """Tolerances beyond which any of `count` held values is off with no more than this probability (Bonferroni)."""
+    return float(special.ndtri(1 - probability / (2 * max(count, 1))))
+
+
+def _size(parts: list[float]) -> str:
+    """The smallest and the largest of rising `parts` in per cent, once where they are the same."""
+    return " to ".join(dict.fromkeys(f"{100 * part:.3g}" for part in (parts[0], parts[-1]))) + " %"
+
+
+@dataclass(frozen=True, eq=False)
+class FitWithinTolerances:
+    """A fit with every held value free within its tolerance.
+
+    Attributes
+    ----------
+    problem : Problem
+        With the held values among its unknowns.
+    theta : (n_params + n_fixed,) float array
+    at : Linearization
+    asked : (n_fixed,) float array
+        Logarithm of each held value over what the model has, in tolerances.
+    parameters : (n_params,) float array
+        Free variables of the parameters alone.
+    """
+
+    problem: Problem
+    theta: FloatArray
+    at: Linearization
+    asked: FloatArray
+    parameters: FloatArray
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of squares of the data, and of the held values in tolerances."""
+        data = self.at.residual[: self.problem.n_data]
+        return float(data @ data + self.asked @ self.asked)
+
+    def misfits(self, probability: float) -> bool:
+        """Whether noise and tolerances leave a misfit as large, or a held value as far off, with less than this probability."""
+        if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
+            return True
+        scale, freedom = chi_square_law(self.problem, self.theta, self.at)
+        more = float(self.asked @ self.asked)
+        return misses_noise(self.problem, self.at.residual, scale, freedom, probability, more)
+
+
+@dataclass(frozen=True, eq=False)
+class FixedColumns:
+    """The values that the model of a problem holds, at one point.
+
+    Attributes
+    ----------
+    names, kinds : tuple of str
+    tolerance : (n_fixed,) float array
+        Standard deviation of the logarithm of each.
+    columns : (n_data, n_fixed) float array
+        Derivative of the whitened data rows with respect to the logarithm of each.
+    within : FitWithinTolerances or None
+        The fit with all of them free, where noise alone does not explain the residual.
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    tolerance: FloatArray
+    columns: FloatArray
+    within: FitWithinTolerances | None
+
+    def influence(self, theta: FloatArray, at: Linearization, slope: FloatArray) -> FixedValueInfluence:
+        """What they do to the parameters; NaN of those that the data do not tell.
+
+        Parameters
+        ----------
+        theta : (n_params,) float array
+        at : Linearization
+            Of the problem without them.
+        slope : (n_params,) float array
+            Derivative of each physical parameter with respect to its free variable.
+        """
+        bread = inverse_information(at.jacobian)
+        seen = np.isfinite(np.diag(bread))
+        changes = np.full((len(slope), len(self.names)), np.nan)
+        score = at.jacobian[: len(self.columns), seen].T @ self.columns
+        changes[seen] = -bread[np.ix_(seen, seen)] @ score
+        within = self.within
+        asked = np.zeros(len(self.names)) if within is None else within.asked
+        free = theta if within is None else within.parameters
+        second_order = (theta - free + changes @ (asked * self.tolerance)) * slope
+        return FixedValueInfluence(
+            self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, second_order
+        )

@@ -1,0 +1,30 @@
+"""Whether a residual is larger than its noise would make it."""
+
+from __future__ import annotations
+
+from scipy import special
+
+from structid.core.arrays import FloatArray
+from structid.inversion.covariance import row_law
+from structid.inversion.diagnostics.residual_tests import has_order
+from structid.inversion.problem import Problem
+
+
+def misses_noise(
+    problem: Problem, residual: FloatArray, scale: float, freedom: float, probability: float, more: float = 0.0
+) -> bool:
+    """Whether a larger chi-square than that of `residual` has less than this probability by its law.
+
+    `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where it has an
+    order that noise has not.
+    """
+    data, (_, share) = residual[: problem.n_data], row_law(problem.averages)
+    chi_square, of_known = float(data @ data) + more, freedom / share
+    if freedom <= 0 or is_misfit(chi_square / scale, freedom, probability):
+        return freedom > 0
+    return share < 1 and is_misfit(chi_square, of_known, probability) and has_order(problem, residual, of_known)
+
+
+def is_misfit(chi_square: float, freedom: float, probability: float) -> bool:
+    """Whether a larger chi-square has less than this probability."""
+    return bool(special.gammaincc(freedom / 2, chi_square / 2) < probability)

@@ -1,0 +1,75 @@
+"""Fits with the values that a model holds free within their tolerances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.inversion.fixed_values import FIXED, FitWithinTolerances, FixedColumns
+from structid.inversion.linearization import Linearization
+from structid.inversion.problem import Problem
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
+
+#: Held values are near: a few steps settle them.
+_REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
+
+
+@dataclass(frozen=True, eq=False)
+class FixedValues:
+    """The values that the model of a problem holds, and how well each is known.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem with a factor on each of them among its unknowns, in names that begin with `FIXED`; their logarithms are the
+        free variables and have Gaussian priors of mean 0.
+    tolerances : mapping of str to float
+        Standard deviation of each of these priors.
+    """
+
+    problem: Problem
+    tolerances: Mapping[str, float]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the held values, in the order of the unknowns."""
+        return tuple(name for name in self.problem.names if name.startswith(FIXED))
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of the logarithm of each, (n_fixed,)."""
+        return np.array([self.tolerances[name] for name in self.names])
+
+    def thinned(self) -> FixedValues:
+        """The same of the part of the data that a search is made on."""
+        return FixedValues(self.problem.thinned() or self.problem, self.tolerances)
+
+    def fit(self, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
+        """The fit with all of them free, from free variables of the parameters `names`."""
+        found = minimize(self.problem, _REFIT, self._whole(names, theta))
+        asked = found.theta[self._index(self.names)] / self.std
+        at, own = cast(Linearization, found.linearization), found.theta[self._index(names)]
+        return FitWithinTolerances(self.problem, found.theta, at, asked, own)
+
+    def at(self, names: tuple[str, ...], theta: FloatArray, is_doubtful: bool) -> FixedColumns:
+        """What they do at free variables of the parameters `names`; fitted with them free where the residual `is_doubtful`."""
+        at = self.problem.linearize(self._whole(names, theta))
+        columns = at.jacobian[: self.problem.n_data, self._index(self.names)]
+        within = self.fit(names, theta) if is_doubtful else None
+        kinds = tuple(self.problem.kinds[i] for i in self._index(self.names))
+        return FixedColumns(tuple(name.removeprefix(FIXED) for name in self.names), kinds, self.std, columns, within)
+
+    def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
+        """Free variables of all unknowns, every held value as the model has it."""
+        whole = np.array(self.problem.theta_start, dtype=np.float64)
+        whole[self._index(names)], whole[self._index(self.names)] = theta, 0.0
+        return whole
+
+    def _index(self, names: tuple[str, ...]) -> IntArray:
+        index = {name: i for i, name in enumerate(self.problem.names)}
+        return np.array([index[name] for name in names], dtype=int)

@@ -1,0 +1,121 @@
+"""How well the values are known that a model holds: what intervals and verdicts allow them to be wrong by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.constraints import Limits, require_declared
+from structid.fem import Structure
+from structid.unknowns.named_unknowns import DAMPING
+from structid.unknowns.parameters import Parameters
+
+#: A standard deviation as a part of the value itself.
+Part = Annotated[float, Limits(least=0, most=1)]
+#: Kinds of properties that masses, and stiffnesses, are known by.
+_MASSES, _STIFFNESSES = ("mass", "rotary_inertia"), ("stiffness", "thickness")
+_DAMPINGS = (*DAMPING, "friction")
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How well the values are known that a model holds, as standard deviations in parts of each value.
+
+    They are those of all element sets and records that state no `tolerance` or `calibration` of their own. All elements of a set
+    err together in a property, as those of one drawing do; properties and sets err independently.
+
+    Parameters
+    ----------
+    mass : float
+        Of held masses and rotary inertias.
+    stiffness : float
+        Of held stiffnesses and thicknesses.
+    damping : float
+        Of held dampings and friction forces.
+    calibration : float
+        Of the common gain of all channels of a record: sensors over load cells, or over the motion of a support.
+    """
+
+    mass: Part = 0.01
+    stiffness: Part = 0.01
+    damping: Part = 0.3
+    calibration: Part = 0.01
+
+    def __post_init__(self) -> None:
+        require_declared(self)
+
+    def of_kind(self, kind: str) -> float:
+        """The tolerance of a property of this kind; 0 of what has none, such as the place of a node."""
+        if kind in _MASSES:
+            return self.mass
+        if kind in _STIFFNESSES:
+            return self.stiffness
+        return self.damping if kind in _DAMPINGS else 0.0
+
+
+#: Of a model and a record that are exact, as simulated ones are.
+EXACT = Tolerances(0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class FixedProperty:
+    """A property of an element set that no parameter changes, or its values that none does.
+
+    Attributes
+    ----------
+    label : str
+        Such as ``mass[deck]``.
+    kind : str
+    element : str
+        Its element set.
+    tolerance : float
+        Standard deviation in parts of the value, greater than 0.
+    indices : (n,) int array
+        Where its values stand among all values of the structure.
+    """
+
+    label: str
+    kind: str
+    element: str
+    tolerance: float
+    indices: IntArray
+
+
+def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tolerances) -> tuple[FixedProperty, ...]:
+    """Every property with values that a model holds and that are not known exactly.
+
+    Parameters
+    ----------
+    structure : Structure
+    unknown : Parameters
+        Parameters of that structure, which do not count as held.
+    tolerances : Tolerances
+        Of element sets that state none.
+    """
+    stated = {element.name: element.tolerance for element in structure.elements}
+    is_held = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)
+    found = []
+    for item in structure.properties:
+        indices = item.values.start + np.flatnonzero(is_held[item.values])
+        tolerance = _stated(stated.get(item.element), item.term.property)
+        tolerance = tolerances.of_kind(item.term.kind) if tolerance is None else tolerance
+        if len(indices) and tolerance > 0:
+            found.append(FixedProperty(item.label, item.term.kind, item.element, tolerance, locked(indices, int)))
+    return tuple(found)
+
+
+def _stated(tolerance: float | Mapping[str, float] | None, name: str) -> float | None:
+    """What an element set states of one of its properties."""
+    return tolerance.get(name) if isinstance(tolerance, Mapping) else tolerance
+
+
+def shared_factors(values: FloatArray, properties: tuple[FixedProperty, ...]) -> FloatArray:
+    """Changes of the values of a structure where each of `properties` is larger by its own size, (n_values, n_properties)."""
+    columns = np.zeros((len(values), len(properties)))
+    for number, item in enumerate(properties):
+        columns[item.indices, number] = values[item.indices]
+    return columns

@@ -1,0 +1,287 @@
+"""Held values that are wrong by their tolerance: derivatives, intervals, verdicts and changes between two states.
+
+Records are simulated by the matrices of this file, a chain of four masses on springs and dashpots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+import structid as sid
+from structid.criticism.verdict import judged
+from structid.forward.fixed_values import with_fixed_values
+from structid.inversion.fixed_values import FIXED
+from structid.modal import ModalRecord
+from structid.modal.modal_record import independent_errors
+from structid.unknowns.tolerances import EXACT, Tolerances, fixed_properties
+
+MASS, SPRING, DASHPOT = (2.0, 2.2, 2.4, 1.8), (4e4, 3.6e4, 3.2e4, 2.8e4), (9.0, 8.0, 7.0, 6.0)
+N = len(MASS)
+SENSORS, LOAD = ("1X", "3X", "4X"), "4X"
+TOLERANCES = Tolerances(mass=0.01, stiffness=0.01, damping=0.1, calibration=0.01)
+SOUGHT = [sid.Unknown("stiffness", "k1"), sid.Unknown("stiffness", "k3"), sid.Unknown("viscous_damping", "c1")]
+
+
+def chain(mass=MASS, spring=SPRING, dashpot=DASHPOT) -> sid.Structure:
+    parts: list = [sid.PointMass(f"m{i + 1}", [i + 1], mass=mass[i]) for i in range(N)]
+    for i in range(N):
+        below = f"{i}X" if i else None
+        parts.append(sid.Spring(f"k{i + 1}", f"{i + 1}X", second=below, stiffness=spring[i]))
+        parts.append(sid.Dashpot(f"c{i + 1}", f"{i + 1}X", second=below, viscous_damping=dashpot[i]))
+    return sid.Structure({i + 1: float(i + 1) for i in range(N)}, parts, active=["X"])
+
+
+def tridiagonal(values) -> np.ndarray:
+    values = np.asarray(values)
+    return np.diag(values + np.append(values[1:], 0.0)) - np.diag(values[1:], 1) - np.diag(values[1:], -1)
+
+
+def accelerance(mass, spring, dashpot, frequency) -> np.ndarray:
+    s = 2j * np.pi * frequency[:, None, None]
+    z = s**2 * np.diag(mass) + s * tridiagonal(dashpot) + tridiagonal(spring)
+    return (s**2 * np.linalg.inv(z))[:, [0, 2, 3]][:, :, [3]]
+
+
+def measured(values, gain: float, rng, noise=0.01, n_lines=120) -> sid.FrfRecord:
+    frequency = np.linspace(3.0, 42.0, n_lines)
+    clean = gain * accelerance(*values, frequency)
+    sigma = noise * (np.abs(clean) + np.sqrt((np.abs(clean) ** 2).mean()))
+    error = sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape)) / np.sqrt(2)
+    return sid.FrfRecord(frequency, clean + error, SENSORS, [LOAD], "accelerance", variance=sigma**2)
+
+
+def modes(spring=SPRING, noise=1e-3) -> ModalRecord:
+    squares, shapes = eigh(tridiagonal(spring), np.diag(MASS))
+    frequency, shapes = np.sqrt(squares) / (2 * np.pi), shapes[[0, 2, 3]] / np.abs(shapes[[0, 2, 3]]).max(axis=0)
+    none = np.full(N, np.nan)
+    errors = independent_errors(np.concatenate([noise * frequency, none]))
+    dofs = sid.FrfRecord(np.ones(1), np.ones((1, 3, 1)), SENSORS, [LOAD], "accelerance").outputs
+    return ModalRecord(frequency, none, shapes, dofs, errors, np.full(shapes.shape, 10 * noise))
+
+
+def histories(n_steps=160, rate=160.0) -> sid.TimeRecord:
+    """Noise with the channels of a test: derivatives do not ask where the record comes from."""
+    rng = np.random.default_rng(5)
+    kinds = ("force", *["acceleration"] * 3)
+    return sid.TimeRecord(rate, rng.standard_normal((n_steps, 4)), (LOAD, *SENSORS), kinds, variance=np.full(4, 1e-2))
+
+
+def setups(rng):
+    structure, record = chain(), measured((MASS, SPRING, DASHPOT), 1.0, rng)
+    unknown = sid.parameters(structure, SOUGHT)
+    return {
+        "output": sid.Setup(structure, unknown, record),
+        "log": sid.Setup(structure, unknown, record, [sid.ChannelUnknown("gain", "1X")]),
+        "spectra": sid.TimeSetup(structure, unknown, histories()),
+        "modes": sid.ModalSetup(structure, sid.parameters(structure, SOUGHT[:2]), modes()),
+    }
+
+
+@pytest.mark.parametrize("kind", ["output", "log", "spectra", "modes"])
+def test_columns_of_held_values_are_those_of_differences(kind):
+    setup = setups(np.random.default_rng(0))[kind]
+    options = sid.IdentifyOptions(residual="log") if kind == "log" else sid.IdentifyOptions()
+    problem = with_fixed_values(setup.prepared(options).problem, TOLERANCES, record="test")
+    held = [i for i, name in enumerate(problem.names) if name.startswith(FIXED)]
+    assert len(held) == {"output": 10, "log": 10, "spectra": 10, "modes": 10}[kind]
+    theta = problem.theta_start + 0.01 * np.random.default_rng(1).standard_normal(len(problem.names))
+    jacobian, step = problem.linearize(theta).jacobian[: problem.n_data], 1e-6
+    plain = 1.0
+    if kind == "spectra":  # whose Jacobian gives the exact gradient, not each entry: variable projection after Kaufman
+        residual = problem.residual(theta)[: problem.n_data]
+        jacobian, plain = (residual @ jacobian)[None], residual
+    for i in held:
+        ends = [problem.residual(theta + sign * step * np.eye(len(theta))[i])[: problem.n_data] for sign in (1, -1)]
+        change = (ends[0] - ends[1]) / (2 * step)
+        change = np.atleast_1d(plain @ change) if kind == "spectra" else change
+        assert np.linalg.norm(jacobian[:, i] - change) <= 1e-5 * np.linalg.norm(change) + 1e-7
+
+
+def test_the_answer_follows_a_held_value_as_it_is_told():
+    record = measured((MASS, SPRING, DASHPOT), 1.0, np.random.default_rng(2), noise=1e-4)
+    options = sid.IdentifyOptions(tolerances=TOLERANCES)
+    found, heavier = (
+        sid.identify(structure, sid.parameters(structure, SOUGHT), record, options).estimate
+        for structure in (chain(), chain(mass=(MASS[0], MASS[1] * 1.00003, *MASS[2:])))
+    )
+    column = found.fixed.names.index("mass[m2]")
+    assert heavier.values - found.values == pytest.approx(3e-5 * found.fixed.slope[:, column], rel=0.02)
+    changes = found.fixed.changes
+    assert changes[:, :-1].tolist() == (found.fixed.slope * found.fixed.tolerance).tolist()
+    assert found.covariance == pytest.approx(found.of_data.matrix + changes @ changes.T)
+    assert found.covariance_noise == pytest.approx(found.of_data.matrix)
+    low, high = found.interval().T
+    assert np.log(high / low) == pytest.approx(
+        2 * 1.95996 * np.sqrt(np.diag(found.covariance)) / found.values, rel=1e-4
+    )
+
+
+def test_what_is_exact_widens_nothing():
+    structure, record = chain(), measured((MASS, SPRING, DASHPOT), 1.0, np.random.default_rng(3))
+    found = sid.identify(structure, sid.parameters(structure, SOUGHT), record, sid.IdentifyOptions(tolerances=EXACT))
+    assert found.estimate.fixed is None
+    assert found.freed == ()
+    assert found.estimate.std.tolist() == found.estimate.std_noise.tolist()
+    assert found.assumption == "± takes what the model holds as exact"
+
+
+def drawn(rng, size: float):
+    """Truth about what the model holds, with the unknowns 10 % off, and the gain of the record."""
+    mass = np.array(MASS) * (1 + size * rng.standard_normal(N))
+    spring = np.array(SPRING) * (1 + size * rng.standard_normal(N))
+    dashpot = np.array(DASHPOT) * np.exp(0.1 * rng.standard_normal(N))
+    spring[[0, 2]] = SPRING[0] * rng.uniform(0.9, 1.1), SPRING[2] * rng.uniform(0.9, 1.1)
+    dashpot[0] = DASHPOT[0] * rng.uniform(0.9, 1.1)
+    return (mass, spring, dashpot), 1 + size * rng.standard_normal()
+
+
+def test_right_models_are_right_and_intervals_hold_where_held_values_are_wrong_by_their_tolerance():
+    """12 repeats of two states, seeds 0 on: the second state has its third spring 5 % lower."""
+    structure, options = chain(), sid.IdentifyOptions(tolerances=TOLERANCES)
+    unknown = sid.parameters(structure, SOUGHT)
+    held, of_noise, wrong, inside, declared, beyond = [], [], 0, [], 0, []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        values, gain = drawn(rng, 0.01)
+        later = values[0], values[1] * np.array([1.0, 1.0, 0.95, 1.0]), values[2]
+        states = [
+            sid.identify(structure, unknown, measured(own, gain, rng, n_lines=80), options) for own in (values, later)
+        ]
+        truths = [np.array([own[1][0], own[1][2], own[2][0]]) for own in (values, later)]
+        for found, truth in zip(states, truths, strict=True):
+            low, high = found.estimate.interval().T
+            held.append((low <= truth) & (truth <= high))
+            of_noise.append(np.abs(found.estimate.values - truth) < 1.96 * found.estimate.std_noise)
+            wrong += judged(found).verdict not in ("sound",)
+            beyond.append(found.estimate.chi_square_per_dof)
+        compared = sid.compare_states(states[0].estimate, states[1].estimate)
+        error = np.abs(compared.change - (truths[1] - truths[0]))
+        inside.append(error <= 1.96 * compared.std)
+        declared += int(compared.changed[[0, 2]].any())
+        assert compared.changed[1]
+    assert np.median(beyond) > 2.0  # noise alone explains none of them
+    assert wrong == 0
+    assert 0.88 <= np.mean(held) <= 1.0
+    assert np.mean(of_noise) < 0.6
+    assert np.mean(inside) >= 0.85
+    assert declared <= 2
+
+
+def test_a_held_value_far_beyond_its_tolerance_is_a_misfit():
+    structure = chain()
+    record = measured(((2.0, 2.2 * 1.15, 2.4, 1.8), SPRING, DASHPOT), 1.0, np.random.default_rng(4))
+    found = sid.identify(
+        structure, sid.parameters(structure, SOUGHT), record, sid.IdentifyOptions(tolerances=TOLERANCES)
+    )
+    fixed = found.estimate.fixed
+    assert fixed.asked[fixed.names.index("mass[m2]")] > 6
+    assert found.estimate.covariance_basis == "model_error"
+    judgement = judged(found)
+    assert judgement.verdict != "sound"
+    loose = replace(TOLERANCES, mass=0.15)
+    found = sid.identify(structure, sid.parameters(structure, SOUGHT), record, sid.IdentifyOptions(tolerances=loose))
+    assert judged(found).verdict == "sound"
+
+
+def test_records_share_what_is_held_and_have_a_calibration_each():
+    structure = chain()
+    unknown = sid.parameters(structure, SOUGHT)
+    records = [measured((MASS, SPRING, DASHPOT), 1.0, np.random.default_rng(seed)) for seed in (5, 6)]
+    pair = [sid.Setup(structure, unknown, record, calibration=0.02 * k) for k, record in enumerate(records)]
+    found = sid.identify_together(
+        [*pair, sid.ModalSetup(structure, unknown, modes())], sid.IdentifyOptions(tolerances=TOLERANCES)
+    )
+    fixed = found.estimate.fixed
+    assert [name for name in fixed.names if name.startswith("cal")] == ["calibration[record 2]"]
+    assert fixed.names.count("mass[m1]") == 1
+    assert fixed.tolerance[fixed.names.index("calibration[record 2]")] == 0.02
+    assert (
+        found.assumption
+        == "± includes 1 % of held masses and stiffnesses, 10 % of held dampings, 2 % of the calibration"
+    )
+
+
+def test_a_set_and_a_property_state_tolerances_of_their_own():
+    stated = [replace(one, tolerance={"mass": 0.05}) if one.name == "m1" else one for one in chain().elements]
+    stated = [replace(one, tolerance=0.0) if one.name == "k2" else one for one in stated]
+    structure = replace(chain(), elements=tuple(stated))
+    held = fixed_properties(structure, sid.parameters(structure, SOUGHT), Tolerances())
+    known = {one.label: one.tolerance for one in held}
+    assert known == {
+        "mass[m1]": 0.05, "mass[m2]": 0.01, "mass[m3]": 0.01, "mass[m4]": 0.01, "stiffness[k4]": 0.01,
+        "viscous_damping[c2]": 0.3, "viscous_damping[c3]": 0.3, "viscous_damping[c4]": 0.3,
+    }  # fmt: skip
+
+
+def test_elements_of_a_set_that_are_not_sought_are_held_together():
+    masses = sid.PointMass("m", [1, 2, 3], mass=[1.0, 2.0, 3.0])
+    ground = sid.Spring("k", ["1X", "2X", "3X"], stiffness=5.0)
+    structure = sid.Structure({1: 0.0, 2: 1.0, 3: 2.0}, [masses, ground], active=["X"])
+    [held] = fixed_properties(
+        structure, sid.parameters(structure, [sid.Unknown("mass", "m:2"), sid.Unknown("stiffness", "k")]), Tolerances()
+    )
+    assert (held.label, held.indices.tolist()) == ("mass[m]", [0, 2])
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "words"),
+    [
+        (-0.01, r"`tolerance` of 'm1' must be at least 0 and at most 1, got -0.01; 0.01 is 1 %"),
+        ({"mass": 1.5}, "`tolerance` of 'm1' of mass must be at least 0 and at most 1, got 1.5"),
+        ({"stiffness": 0.1}, "`tolerance` of 'm1' must name its properties, got 'stiffness'; they are mass"),
+    ],
+)
+def test_bad_tolerances_are_named(tolerance, words):
+    with pytest.raises(sid.InputError, match=words):
+        sid.PointMass("m1", [1], mass=1.0, tolerance=tolerance)
+
+
+def test_a_tolerance_of_an_unknown_is_refused():
+    parts = [replace(one, tolerance=0.02) if one.name == "k1" else one for one in chain().elements]
+    structure = replace(chain(), elements=tuple(parts))
+    with pytest.raises(
+        sid.InputError, match=r"`tolerance` of 'k1' is of stiffness, which is an unknown; .* the `prior`"
+    ):
+        sid.parameters(structure, SOUGHT)
+
+
+def test_as_many_values_as_parameters_test_nothing():
+    structure = chain()
+    alone = replace(modes(), mode_shapes=np.full((3, N), np.nan), shape_std=None)
+    unknown = sid.parameters(structure, [sid.Unknown("stiffness", f"k{i}") for i in (1, 2, 3, 4)])
+    found = sid.identify_together([sid.ModalSetup(structure, unknown, alone)])
+    judgement = judged(found)
+    assert judgement.verdict == "untested"
+    assert judgement.words.startswith("Untested: the data have no more values than the model has parameters (4)")
+    assert found.estimate.misfit_words == "no degree of freedom is left to test the model"
+
+
+def test_what_priors_know_is_told_from_what_the_data_say():
+    structure = chain()
+    known = sid.Unknown("stiffness", "k4", prior=sid.Prior(SPRING[3], 0.002 * SPRING[3]))
+    rng, exact = np.random.default_rng(7), modes()
+    one = replace(
+        exact,
+        frequency=exact.frequency * (1 + 1e-3 * rng.standard_normal(N)),
+        mode_shapes=exact.mode_shapes + 1e-2 * rng.standard_normal((3, N)),
+    )
+    found = sid.identify_together([sid.ModalSetup(structure, sid.parameters(structure, [*SOUGHT[:2], known]), one)])
+    judgement = judged(found)
+    assert found.prior_share[2] > 0.5 > found.prior_share[:2].max()
+    assert judgement.verdict == "approximate"
+    assert "priors, not the data, determine stiffness[k4]:" in judgement.words
+
+
+def test_profiles_have_the_tolerances_added():
+    structure, record = chain(), measured((MASS, SPRING, DASHPOT), 1.0, np.random.default_rng(3), n_lines=40)
+    unknown = sid.parameters(structure, SOUGHT[:2])
+    profiled, exact, laplace = (
+        sid.identify(structure, unknown, record, sid.IdentifyOptions(intervals=kind, tolerances=tolerances))
+        for kind, tolerances in (("profile", TOLERANCES), ("profile", EXACT), ("laplace", TOLERANCES))
+    )
+    assert profiled.intervals.ends == pytest.approx(laplace.intervals.ends, rel=1e-3)
+    assert np.ptp(profiled.intervals.ends, axis=1).min() > 5 * np.ptp(exact.intervals.ends, axis=1).max()
