@@ -4,6 +4,7 @@
 # make docs   build the documentation site
 # make fuzz   damage files of every kind and keys of studies, vary headers of records, and print what came of reading them (COUNT=20000 SEED=5 for more)
 # make golden run every example with the code of BASE and of this tree: numbers must be equal, changed words are listed (BASE=HEAD~1)
+# make benchmarks  run every benchmark at a size of seconds, to see that none rots
 # make mutants make some 140 wrong edits of central formulas, one at a time in a copy: a quick test must fail for each (NAMES="fem mac")
 # make killed end runs at 100 random moments and run them again to the same digits
 # make dist-check   build wheel and sdist, install each without extras outside the tree, run an example (needs PyPI)
@@ -22,7 +23,7 @@ NAMES ?=
 # byte code is kept even where the environment says otherwise: the tests start the command hundreds of times
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test test-all lint types imports check docs fuzz golden killed mutants dist-check test-lowest test-newest clean
+.PHONY: demo test test-all lint types imports check docs fuzz golden benchmarks killed mutants dist-check test-lowest test-newest clean
 
 demo: $(STAMP)
 	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame --workers 2
@@ -66,6 +67,10 @@ golden: $(STAMP)
 # each in a copy of the package, two at a time; NAMES are mutants or packages
 mutants: $(STAMP)
 	$(BIN)/python -m mutants $(NAMES)
+
+# every benchmark at a size of seconds: that it runs, not what it measures
+benchmarks: $(STAMP)
+	$(BIN)/python benchmarks/small.py
 
 killed: $(STAMP)
 	$(BIN)/python -m fuzz.killed --count 100 --seed $(SEED)
