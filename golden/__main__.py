@@ -45,7 +45,9 @@ COMMANDS = {
 }
 REPRODUCTION = {f"reproduce chapter {chapter}": ["reproduce", "--chapter", str(chapter)] for chapter in (3, 4, 5)}
 # values that differ between two runs of one code
-PASSING = re.compile(r"(seconds|^time|date|version|commit|python|platform|path|folder|memory|provenance|sha256)")
+PASSING = re.compile(
+    r"(^|_|\b)(seconds|elapsed|date|version|commit|python|platform|path|folder|memory|provenance|sha256|digests)(_|\b|$)"
+)
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,8 @@ def main() -> int:
     arguments = parser.parse_args()
     commands = {**COMMANDS, **(REPRODUCTION if arguments.reproduction else {})}
     chosen = {name: words for name, words in commands.items() if (arguments.only or "") in name}
+    if not chosen:
+        parser.error(f"no command has {arguments.only!r} in its name; there are: {', '.join(commands)}")
     with tempfile.TemporaryDirectory() as folder:
         before = Path(folder) / "before"
         added = subprocess.run(
@@ -86,6 +90,8 @@ def compare_command(name: str, words: list[str], before: Path) -> bool:
     old, new = run_command(words, before), run_command(words, ROOT)
     numbers = list(number_differences(old, new))
     changed_words = list(word_differences(old, new))
+    if old.code == 2 and new.code == 2:
+        numbers.append("both trees refuse the input: nothing is compared")
     print(f"{'DIFFERS' if numbers else 'same   '}  {name}  (exit code {new.code})", flush=True)
     for line in [*numbers[:20], *changed_words[:20]]:
         print(f"         {line}")
@@ -132,13 +138,24 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def numbers_of(outcome: Outcome) -> dict[str, Any]:
-    """The numbers of JSON files by path."""
+    """Numbers of JSON files, by file and path."""
     return {
         f"{file}{path}": value
         for file, content in outcome.files.items()
         for path, value in leaves(content)
         if isinstance(value, int | float) and not isinstance(value, bool)
     }
+
+
+def texts_of(outcome: Outcome) -> list[str]:
+    """Texts and choices of JSON files, each with its path, and the printed lines."""
+    values = [
+        f"{file}{path}: {value}"
+        for file, content in outcome.files.items()
+        for path, value in leaves(content)
+        if isinstance(value, str | bool)
+    ]
+    return [*outcome.lines, *values]
 
 
 def number_differences(old: Outcome, new: Outcome) -> Iterator[str]:
@@ -156,10 +173,11 @@ def number_differences(old: Outcome, new: Outcome) -> Iterator[str]:
 
 
 def word_differences(old: Outcome, new: Outcome) -> Iterator[str]:
-    """Printed lines that one tree has and the other has not."""
-    before, after = set(old.lines), set(new.lines)
-    yield from (f"- {line}" for line in old.lines if line not in after)
-    yield from (f"+ {line}" for line in new.lines if line not in before)
+    """Printed lines and texts of results that one tree has and the other has not."""
+    before, after = texts_of(old), texts_of(new)
+    lost, added = set(before) - set(after), set(after) - set(before)
+    yield from (f"- {line}" for line in before if line in lost)
+    yield from (f"+ {line}" for line in after if line in added)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from structid.explanation import explain, refits, time_budget, trial
 from structid.explanation.answer import criticized, unlooked
 from structid.explanation.explain import Explanation, explained
 from structid.explanation.refits import Fitted, approached, likewise
-from structid.explanation.time_budget import UNLIMITED, TimeBudget, TimeUpError, map_in_time
+from structid.explanation.time_budget import UNLIMITED, TimeBudget, TimeUpError, map_within_budget
 from structid.explanation.trial import base_trial
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
@@ -163,9 +163,9 @@ def test_tasks_stop_when_the_time_is_up_and_the_least_of_them_run(monkeypatch):
     def square(shared, item, tools):
         return shared * item**2
 
-    assert map_in_time(budget_of(3.0), work, "squares", square, 2, [1, 2, 3, 4, 5]) == [2, 8, 18, None, None]
-    assert map_in_time(budget_of(0.0), work, "squares", square, 2, [1, 2, 3], least=1) == [2, None, None]
-    assert map_in_time(UNLIMITED, work, "squares", square, 2, [1, 2, 3]) == [2, 8, 18]
+    assert map_within_budget(budget_of(3.0), work, "squares", square, 2, [1, 2, 3, 4, 5]) == [2, 8, 18, None, None]
+    assert map_within_budget(budget_of(0.0), work, "squares", square, 2, [1, 2, 3], least=1) == [2, None, None]
+    assert map_within_budget(UNLIMITED, work, "squares", square, 2, [1, 2, 3]) == [2, 8, 18]
 
 
 @pytest.mark.parametrize(("seconds", "n_more", "is_single"), [(np.inf, 3, False), (35.0, 2, True), (15.0, 0, True)])

@@ -90,10 +90,10 @@ def isolated() -> Iterator[None]:
     folder, modules, environment = Path.cwd(), list(sys.path), dict(os.environ)
     _calling.append(folder)
     _given_absolute.clear()
-    sys.path[:] = import_paths(sys.path, folder)
-    _replace_environment(child_environment())
-    os.chdir(NEUTRAL_FOLDER)
     try:
+        sys.path[:] = import_paths(sys.path, folder)
+        _replace_environment(child_environment())
+        os.chdir(NEUTRAL_FOLDER)
         yield
     finally:
         sys.path[:] = modules

@@ -31,7 +31,7 @@ from structid.explanation.refits import (
     restored,
 )
 from structid.explanation.screening import of_study, shortlisted
-from structid.explanation.time_budget import UNLIMITED, TimeBudget, map_in_time, stopwatch
+from structid.explanation.time_budget import UNLIMITED, TimeBudget, map_within_budget, stopwatch
 from structid.explanation.trial import Trial
 from structid.identification.setups.setup import titles
 from structid.inversion.diagnostics.residual_tests import misfit_probability
@@ -137,7 +137,7 @@ def explained(base: Fitted, work: Work = ALONE, budget: TimeBudget = UNLIMITED) 
         Processor time of the search, most of it for the first causes, what these leave for second ones. Other pairs are
         looked for as long as it suffices for one more.
     """
-    base = replace(base, trial=replace(base.trial, fit_seconds=budget.of_one_fit))
+    base = replace(base, trial=replace(base.trial, fit_seconds=budget.fit_limit))
     if base.trial.is_large:
         return _of_records(base, work, budget)
     other = _from_elsewhere(base)
@@ -394,7 +394,7 @@ def _approached(
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
     first = [k for k in originals if rank[k] < _FINALISTS]
     least = _LEAST_REFITS
-    fits = map_in_time(
+    fits = map_within_budget(
         time, work, f"most promising {name}", approached, base, [(*changes[k], np.inf) for k in first], least
     )
     known: dict[int, Fit | None] = dict(zip(first, fits, strict=True))
@@ -402,10 +402,10 @@ def _approached(
     above = costs[_FINALISTS - 1] if len(costs) >= _FINALISTS else np.inf
     rest = sorted((k for k in originals if k not in known), key=lambda k: k not in kept)
     items = [(*changes[k], np.inf if k in kept else above) for k in rest]
-    known.update(zip(rest, map_in_time(time, work, name, approached, base, items), strict=True))
+    known.update(zip(rest, map_within_budget(time, work, name, approached, base, items), strict=True))
     twins = [k for k in range(len(changes)) if k not in known and known[alike[k]] is not None]
     asked = [(approached, (*changes[k], np.inf if k in kept else above), known[alike[k]] or Fit()) for k in twins]
-    known.update(zip(twins, map_in_time(time, work, f"{name}, alike", likewise, base, asked), strict=True))
+    known.update(zip(twins, map_within_budget(time, work, f"{name}, alike", likewise, base, asked), strict=True))
     return [known.get(k) for k in range(len(changes))]
 
 
@@ -436,11 +436,11 @@ def _refits_in_time(
     """
     alike = range(len(items)) if alike is None else alike
     originals = [k for k, other in enumerate(alike) if other == k]
-    ends = map_in_time(budget, work, name, refitted, base, [items[k] for k in originals], least)
+    ends = map_within_budget(budget, work, name, refitted, base, [items[k] for k in originals], least)
     fits: dict[int, Fit | None] = dict(zip(originals, ends, strict=True))
     twins = [k for k in range(len(items)) if k not in fits and fits[alike[k]] is not None]
     asked = [(refitted, items[k], fits[alike[k]] or Fit()) for k in twins]
-    fits.update(zip(twins, map_in_time(budget, work, f"{name}, alike", likewise, base, asked), strict=True))
+    fits.update(zip(twins, map_within_budget(budget, work, f"{name}, alike", likewise, base, asked), strict=True))
     ended = [(k, fit) for k, fit in sorted(fits.items()) if fit is not None]
     return [restored(base, items[k][0], fit) for k, fit in ended if fit], len(ended)
 

@@ -10,7 +10,7 @@ import numpy as np
 from structid.core.errors import StructidError
 from structid.criticism.pool import pool
 from structid.explanation.refits import Fitted, Item
-from structid.explanation.time_budget import UNLIMITED, TimeBudget, map_in_time
+from structid.explanation.time_budget import UNLIMITED, TimeBudget, map_within_budget
 from structid.identification.setups.setup import titles
 from structid.inversion.search.work import Tools, Work
 
@@ -44,7 +44,7 @@ def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget
     items = items[:_MOST]
     trial = base.trial
     whole = trial.looked_at(trial.anchored_views(), trial.approached().theta).left
-    looks = map_in_time(budget, work, name, _looked_beside, base, items)
+    looks = map_within_budget(budget, work, name, _looked_beside, base, items)
     left = [np.inf if look is None else look["left"] for look in looks]
     order = np.argsort(left, kind="stable").tolist()
     return [items[k] for k in order if left[k] < _LEFT * whole]

@@ -12,7 +12,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate
 from structid.criticism.data import DATA_KINDS, changed_rows, outlying, scaled_misfit, tones
-from structid.explanation.time_budget import limit_fit
+from structid.explanation.time_budget import time_limit_callback
 from structid.explanation.trial import FINAL, Trial
 from structid.explanation.words import unit_of
 from structid.forward import FrfProblem, SpectraProblem
@@ -162,7 +162,7 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
     assert candidate.record is not None
     own = base.trial.problems[candidate.record]
     found = minimize(
-        own, FINAL, base.theta[places(base.trial.target.names, own.names)], limit_fit(base.trial.fit_seconds)
+        own, FINAL, base.theta[places(base.trial.target.names, own.names)], time_limit_callback(base.trial.fit_seconds)
     )
     return float(found.costs[-1]) < _OF_ITS_OWN * max(own.n_data - len(own.names), 1)
 

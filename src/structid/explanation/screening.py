@@ -18,7 +18,7 @@ from structid.criticism.pool import exchanges, pool
 from structid.criticism.screen import Point, Screened
 from structid.explanation.by_study import study_candidates
 from structid.explanation.refits import Change, Fitted
-from structid.explanation.time_budget import UNLIMITED, TimeBudget, TimeUpError, limit_fit, map_in_time
+from structid.explanation.time_budget import UNLIMITED, TimeBudget, TimeUpError, map_within_budget, time_limit_callback
 from structid.explanation.trial import QUICK
 from structid.forward import FrfProblem, ModalProblem
 from structid.identification.setups.setup import titles
@@ -61,7 +61,7 @@ def of_study(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMITED
 def _left_by_step(base: Fitted, changes: Sequence[Change], work: Work, name: str, budget: TimeBudget) -> list[float]:
     """The misfit that a linear step of each changed study leaves; infinite where there is no such study, or no time for it."""
     items = [(bare(candidate), strength) for candidate, strength in changes]
-    steps = map_in_time(budget, work, name, _stepped, base, items)
+    steps = map_within_budget(budget, work, name, _stepped, base, items)
     return [np.inf if step is None else step["left"] for step in steps]
 
 
@@ -81,7 +81,7 @@ def screening_points(base: Fitted) -> list[Point]:
     if trial.is_large:  # every fit costs
         start = np.asarray(trial.target.theta_start)
         return [trial.looked_at(trial.anchored_views(), start), trial.looked_at(trial.seen, base.theta)]
-    theta, stop = np.asarray(trial.target.theta_start), limit_fit(trial.fit_seconds)
+    theta, stop = np.asarray(trial.target.theta_start), time_limit_callback(trial.fit_seconds)
     with suppress(TimeUpError):
         for level, stage in trial.smoothed():
             theta = minimize(stage, QUICK, theta, stop).theta
@@ -130,7 +130,7 @@ def shortlisted(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMI
     faulty = _faulty(base)
     told = faulty | _told(base, points)
     nearest_first = range(len(points))[::-1]
-    answers = map_in_time(budget, work, name, _looked, (tuple(points), names), nearest_first, least=1)[::-1]
+    answers = map_within_budget(budget, work, name, _looked, (tuple(points), names), nearest_first, least=1)[::-1]
     held = {dof.node for setup in base.trial.setups for dof in setup.structure.fixed}
     best, others, here = _Promises(), _Promises(), _Promises()
     tried, feet = 0, list[Screened]()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -24,18 +25,17 @@ class TimeUpError(StructidError):
     """A fit took longer than it may."""
 
 
+#: Processor seconds of every child process so far, by its number; one that has ended keeps the last that were seen.
+_CHILD_SECONDS: dict[int, float] = {}
+
+
 def processor_seconds() -> float:
-    """Processor time of this process and of the workers that it started, in seconds."""
-    children = psutil.Process().children(recursive=True)
-    return time.process_time() + sum(map(_child_seconds, children))
-
-
-def _child_seconds(child: psutil.Process) -> float:
-    try:
-        times = child.cpu_times()
-    except psutil.Error:  # it has ended meanwhile
-        return 0.0
-    return float(times.user + times.system)
+    """Processor time of this process and of all workers that it started, in seconds; it never falls."""
+    for child in psutil.Process().children(recursive=True):
+        with suppress(psutil.Error):  # it has ended meanwhile
+            times = child.cpu_times()
+            _CHILD_SECONDS[child.pid] = max(_CHILD_SECONDS.get(child.pid, 0.0), float(times.user + times.system))
+    return time.process_time() + sum(_CHILD_SECONDS.values())
 
 
 @dataclass(frozen=True)
@@ -64,19 +64,20 @@ class TimeBudget:
         return self.seconds - self.spent
 
     def part(self, fraction: float) -> TimeBudget:
-        """A fraction of what is left, from now on."""
+        """A new budget of a fraction of the seconds that are left; it begins now."""
         return TimeBudget(fraction * self.left)
 
     @property
-    def of_one_fit(self) -> float:
-        """Seconds that the fit of one changed study may take."""
+    def fit_limit(self) -> float:
+        """Seconds that the fit of one changed study may take: a fifth of the whole budget, half a second at least."""
         return max(_OF_ONE_FIT * self.seconds, _LEAST_FIT)
 
 
-UNLIMITED = TimeBudget()
+#: All is tried, however long it takes.
+UNLIMITED = TimeBudget(np.inf, 0.0)
 
 
-def map_in_time(
+def map_within_budget(
     budget: TimeBudget,
     work: Work,
     name: str,
@@ -85,7 +86,11 @@ def map_in_time(
     items: Sequence[Item],
     least: int = 0,
 ) -> list[Result | None]:
-    """`task` of the items in their order, `least` of them in any case; None for those that no time was left for."""
+    """Results of `task` for the items in their order, until the budget is used up; None for the items not reached.
+
+    The first `least` items run in any case. The time is looked at after every batch, of one item in this process and of
+    two a worker elsewhere, so that it is exceeded by one batch at most.
+    """
     if np.isinf(budget.seconds):
         return list(work.map(name, task, shared, items))
     results: list[Result | None] = []
@@ -96,8 +101,8 @@ def map_in_time(
     return [*results, *[None] * (len(items) - len(results))]
 
 
-def limit_fit(seconds: float) -> Progress | None:
-    """The `progress` of a search that ends it with `TimeUpError` after so many seconds of this process."""
+def time_limit_callback(seconds: float) -> Progress | None:
+    """A `progress` callback that raises `TimeUpError` after so many processor seconds of this process; None if infinite."""
     if np.isinf(seconds):
         return None
     end = time.process_time() + seconds

@@ -20,7 +20,7 @@ from structid.criticism.screen import Point, point_at
 from structid.criticism.views import View, views
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.explanation.edits import edit
-from structid.explanation.time_budget import limit_fit
+from structid.explanation.time_budget import time_limit_callback
 from structid.forward import FrfProblem, ModalProblem, Models, RecordProblem
 from structid.forward.frf.continuation import LEVELS
 from structid.forward.frf.problem import smooth_stage
@@ -180,7 +180,7 @@ class Trial:
 
     def approached(self, above: float = np.inf) -> Approached:
         """The anchored fit, come to by the nearest smoothed stages; it ends early where its misfit would stay `above`."""
-        theta, stop = np.asarray(self.target.theta_start), limit_fit(self.fit_seconds)
+        theta, stop = np.asarray(self.target.theta_start), time_limit_callback(self.fit_seconds)
         for _, stage in self.smoothed(NEAR_LEVELS):
             theta = minimize(stage, QUICK, theta, stop).theta
         near = minimize(self.anchored(), replace(QUICK, above=above), theta, stop)
@@ -198,7 +198,7 @@ class Trial:
         last: Exception | None = None
         for theta in starts:
             try:
-                found.append(minimize(self.target, FINAL, theta, limit_fit(self.fit_seconds)))
+                found.append(minimize(self.target, FINAL, theta, time_limit_callback(self.fit_seconds)))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
         if not found:

@@ -35,7 +35,7 @@ def expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tupl
     numbers: list[int] = []
     previous: list[bytes] = []
     steps: list[bytes] = []
-    continued = False
+    continued, n_repeated = False, 0
     for number, line in enumerate(lines):
         text = line.split(b"$")[0].rstrip()
         head = text[:8].strip()
@@ -58,8 +58,9 @@ def expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tupl
         if repeat is not None and not steps:
             raise FileError(f"{locate(number)}: {text.decode('latin-1')!r} has no card with steps before it; {_REMEDY}")
         count = int(repeat[1]) if repeat is not None else 1
-        if len(expanded) + count > _MOST_CARDS:
-            raise FileError(f"{locate(number)}: {count} cards are repeated; at most {_MOST_CARDS} are read")
+        n_repeated += count
+        if n_repeated > _MOST_CARDS:
+            raise FileError(f"{locate(number)}: {n_repeated} cards are repeated up to here; at most {_MOST_CARDS} are")
         steps = steps if repeat is not None else _fields(text)
         for _ in range(count):
             previous = _next_card(previous, steps, locate(number))
@@ -81,6 +82,7 @@ def _may_replicate(line: bytes) -> bool:
 
 
 def _fields(text: bytes) -> list[bytes]:
+    """The fields of a card in free, small or large format."""
     if b"," in text:
         return [field.strip() for field in text.split(b",")]
     text = text.expandtabs(8)

@@ -46,10 +46,12 @@ class Block:
         """The lines of a text; of a binary dataset those before its values."""
         content = self.content[: self.values_at] if self.values_at else self.content
         try:
-            text = content.decode("utf-8")
+            content.decode("utf-8")
+            encoding = "utf-8"
         except UnicodeDecodeError:
-            text = content.decode("latin-1")  # as a label such as µm is written
-        return text.rstrip("\r\n \t").splitlines()
+            encoding = "latin-1"  # as a label such as µm is written
+        # bytes end lines at CR and LF only, texts at a dozen letters more
+        return [line.decode(encoding) for line in content.rstrip(b"\r\n \t").splitlines()]
 
 
 def read_blocks(path: Path) -> list[Block]:

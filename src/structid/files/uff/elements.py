@@ -30,9 +30,10 @@ _CELLS = {
     11: "line", 21: "line", 22: "line", 24: "line3",
     **{
         base + k: kind
-        for base in (40, 50, 60, 70, 90)
+        for base in (40, 50, 60, 90)
         for k, kind in ((1, "triangle"), (2, "triangle6"), (4, "quad"), (5, "quad8"))
     },
+    71: "quad", 72: "triangle6", 74: "triangle", 75: "quad8",  # membranes have it the other way
     111: "tetra", 112: "wedge", 113: "wedge15", 115: "hexahedron", 116: "hexahedron20", 118: "tetra10",
 }  # fmt: skip
 _COUNTS = {
@@ -43,8 +44,9 @@ _COUNTS = {
 _BEAMS = (11, 21, 22, 23, 24)
 _AXISYMMETRIC = range(81, 86)
 _BESIDE = {
-    121: "rigid bar", 122: "rigid element", 136: "node-to-node spring", 137: "node-to-ground spring",
-    138: "damper between nodes", 139: "damper to ground", 141: "gap", 142: "gap to ground", 161: "lumped mass",
+    121: "rigid bar", 122: "rigid element", 136: "spring between nodes", 137: "rotational spring between nodes",
+    138: "spring to ground", 139: "rotational spring to ground", 141: "damper between nodes", 142: "damper to ground",
+    151: "gap between nodes", 152: "gap to ground", 161: "lumped mass",
 }  # fmt: skip
 _EDGES = {
     "line": ((0, 1),),
