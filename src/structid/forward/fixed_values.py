@@ -16,7 +16,7 @@ from structid.inversion.fixed_values import FIXED
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import N, NamedUnknowns, joined
 from structid.unknowns.priors import no_priors
-from structid.unknowns.tolerances import FixedProperty, Tolerances, fixed_properties, shared_factors
+from structid.unknowns.tolerances import FixedProperty, Tolerances, fixed_properties, relative_sensitivities
 from structid.unknowns.transforms import Transform, Transforms
 
 
@@ -49,10 +49,10 @@ def with_fixed_values(
 
 def _with_factors(parameters: Parameters, held: tuple[FixedProperty, ...]) -> Parameters:
     """The parameters followed by a factor on each held property."""
-    columns = shared_factors(parameters.offset, held)
-    factors = _factors(*([getattr(item, name) for item in held] for name in ("label", "kind", "tolerance")))
+    columns = relative_sensitivities(parameters.offset, held)
+    factors = _unit_factors(*([getattr(item, name) for item in held] for name in ("label", "kind", "tolerance")))
     return replace(
-        _followed(parameters, factors),
+        _append_unknowns(parameters, factors),
         elements=(*parameters.elements, *((item.element,) for item in held)),
         offset=locked(np.where(columns.any(axis=1), 0.0, parameters.offset)),
         design=sparse.csc_array(sparse.hstack([parameters.design, sparse.csc_array(columns)])),
@@ -64,14 +64,14 @@ def _with_gain(problem: ResponseProblem, tolerance: float, record: str) -> Chann
     common = channel_errors(problem.measured, [ChannelUnknown("gain", "all", name="all")])
     own = channel_errors(problem.measured, []) if problem.channels is None else problem.channels
     return replace(
-        _followed(own, _factors([f"calibration[{record}]"], ["gain"], [tolerance])),
+        _append_unknowns(own, _unit_factors([f"calibration[{record}]"], ["gain"], [tolerance])),
         of_outputs=locked(np.concatenate([own.of_outputs, common.of_outputs]), bool),
         of_inputs=locked(np.concatenate([own.of_inputs, common.of_inputs]), bool),
     )
 
 
-def _factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[float]) -> NamedUnknowns:
-    """Factors that are 1 within their tolerances, their logarithms free."""
+def _unit_factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[float]) -> NamedUnknowns:
+    """Unknown factors that start at 1; their logarithms have Gaussian priors of mean 0 and the deviations `tolerances`."""
     n = len(names)
     kept_positive: tuple[Transform, ...] = tuple("log" for _ in names)
     return NamedUnknowns(
@@ -86,7 +86,7 @@ def _factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequence[fl
     )
 
 
-def _followed(first: N, second: NamedUnknowns) -> N:
-    """The unknowns `first` with those of `second` behind them, their other fields as they are."""
+def _append_unknowns(first: N, second: NamedUnknowns) -> N:
+    """A copy of `first` with the unknowns of `second` appended; all its other fields stay."""
     both = joined(first, second)
     return replace(first, **{item.name: getattr(both, item.name) for item in fields(NamedUnknowns)})

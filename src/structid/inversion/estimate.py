@@ -394,7 +394,7 @@ def estimate(
     def fits(minimum: Minimum) -> bool:
         if not chosen.misfits(searched, minimum, misfit_probability):
             return True
-        return held is not None and not held.fit(searched.names, minimum.theta).misfits(misfit_probability)
+        return held is not None and not held.refit(searched.names, minimum.theta).misfits(misfit_probability)
 
     minima = searched_minima(searched, chosen, plans, search, fits, progress, work)
     answers = distinct_answers(searched, [minimum for minimum, _ in minima], fits, misfit_probability)
@@ -404,7 +404,7 @@ def estimate(
         n_iterations += len(best.costs) - 1
     columns = None
     if fixed is not None:
-        columns = fixed.at(problem.names, best.theta, chosen.misfits(problem, best, _DOUBTFUL))
+        columns = fixed.sensitivities_at(problem.names, best.theta, chosen.misfits(problem, best, _DOUBTFUL))
     found = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
     within = None if columns is None else columns.within
     is_known = bool((found.identified | ~found.is_free).all())

@@ -63,7 +63,7 @@ EXACT = Tolerances(0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class FixedProperty:
-    """A property of an element set that no parameter changes, or its values that none does.
+    """The values of one property of an element set that no parameter changes.
 
     Attributes
     ----------
@@ -101,20 +101,20 @@ def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tole
     found = []
     for item in structure.properties:
         indices = item.values.start + np.flatnonzero(is_held[item.values])
-        tolerance = _stated(stated.get(item.element), item.term.property)
+        tolerance = _own_tolerance(stated.get(item.element), item.term.property)
         tolerance = tolerances.of_kind(item.term.kind) if tolerance is None else tolerance
         if len(indices) and tolerance > 0:
             found.append(FixedProperty(item.label, item.term.kind, item.element, tolerance, locked(indices, int)))
     return tuple(found)
 
 
-def _stated(tolerance: float | Mapping[str, float] | None, name: str) -> float | None:
-    """What an element set states of one of its properties."""
+def _own_tolerance(tolerance: float | Mapping[str, float] | None, name: str) -> float | None:
+    """The tolerance that an element set states for the property `name`; None where it states none."""
     return tolerance.get(name) if isinstance(tolerance, Mapping) else tolerance
 
 
-def shared_factors(values: FloatArray, properties: tuple[FixedProperty, ...]) -> FloatArray:
-    """Changes of the values of a structure where each of `properties` is larger by its own size, (n_values, n_properties)."""
+def relative_sensitivities(values: FloatArray, properties: tuple[FixedProperty, ...]) -> FloatArray:
+    """Derivatives of the values (n_values,) with respect to a common relative change of each property, (n_values, n_properties)."""
     columns = np.zeros((len(values), len(properties)))
     for number, item in enumerate(properties):
         columns[item.indices, number] = values[item.indices]

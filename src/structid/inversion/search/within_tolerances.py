@@ -37,30 +37,34 @@ class FixedValues:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the held values, in the order of the unknowns."""
+        """Names of the held values, in the order of the unknowns."""
         return tuple(name for name in self.problem.names if name.startswith(FIXED))
 
     @property
     def std(self) -> FloatArray:
-        """Standard deviation of the logarithm of each, (n_fixed,)."""
+        """Standard deviation of the logarithm of each held value, (n_fixed,)."""
         return np.array([self.tolerances[name] for name in self.names])
 
     def thinned(self) -> FixedValues:
-        """The same of the part of the data that a search is made on."""
+        """A copy on the part of the data that a search uses; on all data where it uses all."""
         return FixedValues(self.problem.thinned() or self.problem, self.tolerances)
 
-    def fit(self, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
-        """The fit with all of them free, from free variables of the parameters `names`."""
-        found = minimize(self.problem, _REFIT, self._whole(names, theta))
-        asked = found.theta[self._index(self.names)] / self.std
-        at, own = cast(Linearization, found.linearization), found.theta[self._index(names)]
-        return FitWithinTolerances(self.problem, found.theta, at, asked, own)
+    def refit(self, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
+        """The fit of all unknowns, held values included, from the free variables `theta` of the parameters `names`."""
+        minimum = minimize(self.problem, _REFIT, self._whole(names, theta))
+        asked = minimum.theta[self._index(self.names)] / self.std
+        linearization, parameters = cast(Linearization, minimum.linearization), minimum.theta[self._index(names)]
+        return FitWithinTolerances(self.problem, minimum.theta, linearization, asked, parameters)
 
-    def at(self, names: tuple[str, ...], theta: FloatArray, is_doubtful: bool) -> FixedColumns:
-        """What they do at free variables of the parameters `names`; fitted with them free where the residual `is_doubtful`."""
-        at = self.problem.linearize(self._whole(names, theta))
-        columns = at.jacobian[: self.problem.n_data, self._index(self.names)]
-        within = self.fit(names, theta) if is_doubtful else None
+    def sensitivities_at(self, names: tuple[str, ...], theta: FloatArray, is_doubtful: bool) -> FixedColumns:
+        """Derivatives of the residual with respect to the logarithm of each held value, (n_data, n_fixed).
+
+        They are taken at the free variables `theta` of the parameters `names`; a refit comes with them where the residual
+        `is_doubtful`, so that noise hardly explains it.
+        """
+        linearization = self.problem.linearize(self._whole(names, theta))
+        columns = linearization.jacobian[: self.problem.n_data, self._index(self.names)]
+        within = self.refit(names, theta) if is_doubtful else None
         kinds = tuple(self.problem.kinds[i] for i in self._index(self.names))
         return FixedColumns(tuple(name.removeprefix(FIXED) for name in self.names), kinds, self.std, columns, within)
 

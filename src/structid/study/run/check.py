@@ -248,7 +248,7 @@ def _by_jacobian(ready: Start) -> Predicted:
     of_data = DenseCovariance(cramer_rao_bound(problem, at))
     covariance, assumption = of_data, ""
     if fixed is not None:
-        held = fixed.at(problem.names, theta, False).influence(theta, at, problem.slope(theta))
+        held = fixed.sensitivities_at(problem.names, theta, False).influence(theta, at, problem.slope(theta))
         covariance, assumption = DenseCovariance(of_data.matrix + held.covariance), f"± includes {held.words}"
     relative = relative_jacobian(problem, theta, at)
     found = identifiability(relative, problem.physical(theta), problem.names)
