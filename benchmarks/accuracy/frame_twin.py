@@ -1,7 +1,8 @@
 """Coverage of the 95 % intervals on a synthetic twin of the measured frame; every repeat counts.
 
 The truth is the model identified from the measured record; the twin has the example's sensors and lines, 1 % noise, and
-every search starts from another random point, 20 % off (log-normal). Repeat k has seed k.
+every search starts from another random point, 20 % off (log-normal). All that the model holds is exact. Repeat k has
+seed k.
 
     python benchmarks/accuracy/frame_twin.py [--repeats 400] [--stride 1] [--workers 2]
 """
@@ -21,6 +22,7 @@ import numpy as np
 import structid as sid
 from structid.study.schema.records.record import load_record
 from structid.study.schema.study import load_study
+from structid.unknowns.tolerances import EXACT
 
 STUDY = Path(__file__).parents[2] / "examples" / "three_storey_frame" / "study.toml"
 
@@ -43,7 +45,7 @@ def repeat(arguments: tuple[int, int], spread: float = 0.2) -> tuple[np.ndarray,
     rng = np.random.default_rng(seed)
     record = sid.simulated_record(structure, truth, clean, 0.01, rng)
     start = truth.started_at(truth.start * np.exp(spread * rng.standard_normal(truth.n_params)))
-    found = sid.identify(structure, start, record).estimate
+    found = sid.identify(structure, start, record, sid.IdentifyOptions(tolerances=EXACT)).estimate
     return (
         (found.values - truth.start) / found.std,
         found.std / truth.start,

@@ -1,7 +1,7 @@
 """Set-ups of a chain whose clamp differs from one to the next: do the intervals of what is common hold the truth?
 
 Simulated by the matrices below, not by structid. Each repeat draws the clamp's stiffness of every set-up about a common
-value, and the noise.
+value, and the noise; what the model holds is exact.
 
     python benchmarks/accuracy/varying_records.py [--repeats 100] [--setups 8] [--scatter 0.05]
 """
@@ -17,6 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
+from structid.unknowns.tolerances import EXACT
 
 MASSES = np.array([1.2, 1.0, 0.8, 1.1, 0.9])
 SPRINGS = np.array([9.0e3, 1.1e4, 8.0e3, 1.0e4])
@@ -85,7 +86,7 @@ def repeat(seed: int, n: int = 8, scatter: float = 0.05, varies: bool | float = 
     rng = np.random.default_rng(seed)
     clamps = CLAMP * np.exp(scatter * rng.standard_normal(n))
     clamps[2] *= np.exp(scatter * moved)
-    options = sid.IdentifyOptions(restarts=0)
+    options = sid.IdentifyOptions(restarts=0, tolerances=EXACT)
     found = sid.identify_together(setups(clamps, rng, declared(varies)), options)
     ends = dict(zip(found.estimate.names, found.intervals.ends, strict=True))
     truth = dict(zip((f"stiffness[{name}]" for name in NAMES), (CLAMP, *SPRINGS), strict=True))

@@ -20,6 +20,7 @@ STUDY = """\
 title = "Portal"
 
 [structure]
+tolerance = 0
 active = ["X", "Y", "RZ"]
 fixed = ["1 X Y RZ", "6X", "6Y", "6RZ"]
 
@@ -75,6 +76,7 @@ elements = ["left", "girder"]
 
 # how the test was made
 [record]
+calibration = 0
 path = "frf.npz"
 
 [record.noise]
@@ -186,7 +188,12 @@ def of_modes(text: str = STUDY) -> str:
     """The study with modes in place of FRFs; masses are known then."""
     begin, end = text.index("[record.noise]"), text.index("[method]")
     mass = text[text.rindex("[[unknown]]") : text.index("# how the test")]
-    return (text[:begin] + "[record.modes]\n\n" + text[end:]).replace("frf.npz", "modes.json").replace(mass, "")
+    return (
+        (text[:begin] + "[record.modes]\n\n" + text[end:])
+        .replace("frf.npz", "modes.json")
+        .replace(mass, "")
+        .replace("calibration = 0\n", "")
+    )
 
 
 def written_modes(folder: Path, gains: dict[str, float] | None = None, error: float = 1.0, seed: int = 1) -> Path:

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from structid import FrfRecord, identify, parameters, with_declared_noise
+from structid import FrfRecord, IdentifyOptions, identify, parameters, with_declared_noise
 from structid.explanation.explain import _criterion
 from structid.explanation.union import intervals_of, widened
 from structid.fem import PointMass, Spring, Structure
 from structid.unknowns import Unknown
+from structid.unknowns.tolerances import EXACT, Tolerances
 
 
-def oscillator():
+def oscillator(tolerances=EXACT):
     """Two springs in a row under two masses, identified from the response of both."""
     springs = Spring("k", ["1X", "2X"], ["0X", "1X"], stiffness=[1000.0, 800.0], loss_factor=0.03)
     masses = PointMass("m", [1, 2], [2.0, 1.5])
@@ -25,7 +26,12 @@ def oscillator():
     noise = np.random.default_rng(0).standard_normal((2, *exact.shape)) / np.sqrt(2)
     values = exact * (1 + 0.01 * (noise[0] + 1j * noise[1]))
     record = with_declared_noise(FrfRecord(frequency, values, ["1X", "2X"], ["1X"], "receptance"), 0.01)
-    return identify(structure, parameters(structure, [Unknown("stiffness", "k", each=True)]), record)
+    return identify(
+        structure,
+        parameters(structure, [Unknown("stiffness", "k", each=True)]),
+        record,
+        IdentifyOptions(tolerances=tolerances),
+    )
 
 
 def model(names, theta, covariance):
@@ -54,6 +60,16 @@ def test_covariance_over_likely_models_is_their_mean_with_the_squares_of_their_d
     wider = widened(answer, [other], None).estimate.covariance
     distance = np.exp(away) - values
     np.testing.assert_allclose(wider, (own + 2.0 * own + np.outer(distance, distance)) / 2, rtol=1e-12)
+
+
+def test_likely_models_count_the_tolerances_of_held_values_once():
+    """A likely model that is the answer itself, as the data alone have it, leaves deviations as they are."""
+    answer = oscillator(Tolerances(mass=0.02))
+    estimate = answer.estimate
+    same = model(estimate.names, np.log(estimate.values), estimate.covariance_of_data)
+    wider = widened(answer, [same], None)
+    np.testing.assert_allclose(wider.estimate.covariance, estimate.covariance, rtol=1e-9)
+    assert wider.total_mass_std == pytest.approx(0.02 * 3.5, rel=1e-9)
 
 
 @pytest.mark.parametrize("n_data, scale", [(200, 1.0), (5000, 3.0)])

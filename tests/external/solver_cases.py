@@ -48,7 +48,7 @@ def unknown(name: str) -> str:
 def chain_study(
     folder: Path, gives: str = "modes", options: str = "", more: str = "", parameters: str | None = None
 ) -> Path:
-    """A study of the chain in `folder`, its exact modes with TRUE values as the record."""
+    """A study of the chain in `folder`, an exact model, its exact modes with TRUE values as the record."""
     shutil.copy(CHAIN_SOLVER, folder)
     (folder / "chain.txt").write_text("k1 = {{k1}}\nk2 = {{ k2 }}\n")
     files = 'stiffness = "{stem}_k.mtx"\nmass = "{stem}_m.mtx"\ndofs = ["1X", "2X", "3X", "4X", "5X", "6X"]'
@@ -56,6 +56,9 @@ def chain_study(
     own = parameter("k1", 1000.0) + parameter("k2", 1000.0) if parameters is None else parameters
     names = [line.split('"')[1] for line in own.splitlines() if line.startswith("name")]
     text = f"""
+[structure]
+tolerance = 0
+
 [structure.solver]
 deck = "chain.txt"
 command = "{sys.executable} {{study}}/chain_solver.py {{deck}} {gives} {options}"

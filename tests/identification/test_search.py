@@ -7,8 +7,9 @@ import pytest
 
 from structid import ChannelUnknown, FrfProblem, channel_errors, parameters, with_declared_noise
 from structid.fem import PointMass, Spring, Structure
-from structid.identification.search import searched, together
-from structid.inversion import JointProblem, Status
+from structid.identification.search import searched
+from structid.identification.together import together
+from structid.inversion import Status
 from structid.records import FrfRecord
 from structid.unknowns import Unknown
 
@@ -27,17 +28,17 @@ def problem(signs, free=("1X", "2X")):
     return FrfProblem(structure, unknown, measured, channels=errors)
 
 
-def signs_of(problem):
-    parts = problem.problems if isinstance(problem, JointProblem) else (problem,)
-    return tuple(sign for part in parts for sign in part.channels.polarities.tolist())
+def signs_of(problems):
+    return tuple(sign for problem in problems for sign in problem.channels.polarities.tolist())
 
 
 def fake_search(costs, tried):
-    def search(problem):
-        tried.append(signs_of(problem))
+    def search(problems):
+        tried.append(signs_of(problems))
+        whole = together(problems)
         return SimpleNamespace(
-            names=problem.names,
-            theta=np.array(problem.theta_start),
+            names=whole.names,
+            theta=np.array(whole.theta_start),
             chi_square=costs(tried[-1]),
             covariance_basis="noise" if costs(tried[-1]) < 1 else "model_error",
             status=Status.CONVERGED,
@@ -61,7 +62,7 @@ def test_where_the_fit_misses_every_other_choice_is_tried_and_the_best_kept():
     _, found = searched(problems, fake_search(lambda s: 2.0 if s == best else 9.0, tried))
     assert tried[0] == (1.0, 1.0, 1.0)
     assert sorted(tried) == sorted({(a, b, c) for a in (1.0, -1.0) for b in (1.0, -1.0) for c in (1.0, -1.0)})
-    assert signs_of(together(found)) == best
+    assert signs_of(found) == best
 
 
 def test_without_polarities_there_is_one_search():

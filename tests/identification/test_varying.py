@@ -29,6 +29,7 @@ from structid.records.formats import write_record
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
+from structid.unknowns.tolerances import EXACT
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "accuracy" / "varying_records.py"
 N_RECORDS, N_ROWS, TRUTH = 9, 5, np.log([3.0, 40.0, 5.0])
@@ -43,7 +44,7 @@ SPRINGS = sid.Structure(
     ],
     ["0X"],
 )
-OPTIONS = sid.IdentifyOptions(restarts=0, pole_free_start=False)
+OPTIONS = sid.IdentifyOptions(restarts=0, pole_free_start=False, tolerances=EXACT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +81,10 @@ def unknown(varies):
     )
 
 
+#: A set-up of each record for its name; its data are those of `toy`.
+SETUPS = [
+    sid.Setup(SPRINGS, unknown(False), sid.FrfRecord([1.0], np.ones((1, 1, 1)), ("1X",), ("1X",), "receptance"))
+] * N_RECORDS
 USED = np.array([int(unknown(False).design.tocsc()[:, [k]].nonzero()[0][0]) for k in range(3)])
 
 
@@ -124,7 +129,7 @@ def benchmark():
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_given_scatter_is_generalized_least_squares(seed):
     problems, dense = toy(seed, 0.08)
-    found = answered((), problems, OPTIONS, None, ALONE)
+    found = answered(SETUPS, problems, OPTIONS, None, ALONE)
     beta, covariance, chi_square, _ = textbook(*dense, 0.08)
     estimate = found.estimate
     assert estimate.names[:3] == ("mass[m]", "stiffness[a]", "stiffness[b]")
@@ -141,7 +146,7 @@ def test_a_given_scatter_is_generalized_least_squares(seed):
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
     problems, dense = toy(seed, True)
-    found = answered((), problems, OPTIONS, None, ALONE)
+    found = answered(SETUPS, problems, OPTIONS, None, ALONE)
     best = optimize.minimize_scalar(
         lambda log: -textbook(*dense, np.exp(log))[3],
         bounds=(np.log(1e-3), 0),
@@ -168,7 +173,7 @@ def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
 
 def test_deviations_are_the_best_linear_predictions():
     problems, dense = toy(4, 0.08)
-    found = answered((), problems, OPTIONS, None, ALONE)
+    found = answered(SETUPS, problems, OPTIONS, None, ALONE)
     x, z, y, errors = dense
     beta = textbook(*dense, 0.08)[0]
     v = np.diag(errors**2) + 0.08**2 * z @ z.T

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from structid import read_record, write_record
 from structid.cli.app import app
+from structid.study.run.check import check_study
 from structid.study.run.run import run_study
 from structid.study.schema.records.record import load_record
 from structid.study.schema.study import load_study
@@ -39,13 +40,21 @@ def run(*arguments: object):
 
 
 def test_the_shaken_building_gives_every_storey(tmp_path):
+    """The simulated model is exact: deviations are those of the noise."""
     made = runpy.run_path(str(EXAMPLE / "make_record.py"))
     found = run_study(load_study(EXAMPLE / "study.toml")).identification.estimate
     truth = np.concatenate([made["STIFFNESS"], made["DAMPING"]])
     assert found.status.value == "converged"
-    assert np.abs((found.values - truth) / found.std).max() < 4
-    assert (found.std / truth).max() < 0.01
+    assert np.abs((found.values - truth) / found.std_noise).max() < 4
+    assert (found.std_noise / truth).max() < 0.01
     assert found.chi_square_per_dof == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_total_mass_of_weighed_floors_is_known_as_well_as_they_are():
+    """All floors are one set and err together: 1 % of what they weigh, at the start and at the end."""
+    study = load_study(EXAMPLE / "study.toml")
+    assert check_study(study).total_mass_std == pytest.approx(0.01 * 2280.0, rel=1e-9)
+    assert run_study(study).identification.total_mass_std == pytest.approx(0.01 * 2280.0, rel=1e-9)
 
 
 FRF = (

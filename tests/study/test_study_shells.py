@@ -11,6 +11,7 @@ from structid.study.schema.study import load_study
 
 STUDY = """title = "Angle bracket of sheet metal, bare and with a mass at its tip"
 [structure]
+tolerance = 0
 mesh = { path = "bracket.inp", length_unit = "mm" }
 [structure.points]
 9001 = [0.099, 0.061, 0.0]
@@ -44,9 +45,11 @@ start = 1.6e-3
 [[record]]
 name = "bare"
 path = "bare.npz"
+calibration = 0
 [[record]]
 name = "loaded"
 path = "loaded.npz"
+calibration = 0
 [[record.structure.point_mass]]
 name = "known mass"
 group = "Tip"

@@ -18,9 +18,12 @@ from structid.study.schema.study import load_study
 
 
 def answered(folder, *faults):
-    """A study of a rail with these faults, its answer, and the true values."""
+    """A study of a rail with these faults that is exact but for them, its answer, and the true values."""
     truth = written(Case("rail-frf-asked", "rail", "frf", faults), folder)
-    ready = started(load_study(folder / "study.toml"))
+    path = folder / "study.toml"
+    text = path.read_text(encoding="utf-8").replace("[structure]\n", "[structure]\ntolerance = 0\n", 1)
+    path.write_text(text.replace("[record]\n", "[record]\ncalibration = 0\n", 1), encoding="utf-8")
+    ready = started(load_study(path))
     result = run_started(ready)
     assert is_sound(result.identification)
     return ready, result, truth["parameters"]

@@ -50,7 +50,7 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
     if not likely or found.target is None:
         return found
     estimate, own = found.estimate, found.intervals
-    ends, covariance = own.ends.copy(), estimate.covariance
+    ends, covariance = own.ends.copy(), estimate.covariance_of_data
     squares = [covariance]
     for fitted in likely:
         place = {name: number for number, name in enumerate(fitted.trial.target.names)}
@@ -79,5 +79,5 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
         estimate=wider,
         warnings=(*(one for one in now if one not in kept), *kept),
         intervals=replace(own, ends=ends, notes=(*own.notes, *notes)),
-        total_mass_std=total_mass(found.problems[0], wider, direction)[1],
+        total_mass_std=total_mass(found.problems[0], wider, direction, found.freed[0] if found.freed else None)[1],
     )

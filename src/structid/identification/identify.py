@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, RecordProblem
@@ -23,8 +24,8 @@ from structid.identification.setups.frf import Setup
 from structid.identification.setups.setup import AnySetup, prefixes, prepared_warnings, titles
 from structid.identification.together import alike, by_name, places
 from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_words, unused_damping
-from structid.inversion import Estimate
-from structid.inversion.fixed_values import FIXED
+from structid.inversion import Covariance, Estimate
+from structid.inversion.fixed_values import FIXED, FixedValueInfluence
 from structid.inversion.intervals.intervals import intervals
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.records import FrfRecord
@@ -196,10 +197,30 @@ def total_mass(
     gradient = problem.structure.mass_gradient(direction, values)
     row[0, index] = gradient @ unknown.design
     mass = problem.structure.mass_of(values, direction)
-    variance = float(found.uncertainty.variance(row)[0])
-    if freed is not None and found.fixed is not None:
-        names = freed.parameters.names
-        held = dict(zip(names, gradient @ freed.parameters.design, strict=True))
-        own = np.array([held.get(FIXED + name, 0.0) for name in found.fixed.names]) * found.fixed.tolerance
-        variance += float(own @ own + 2 * own @ (row @ np.nan_to_num(found.fixed.slope * found.fixed.tolerance))[0])
-    return mass, float(np.sqrt(max(variance, 0.0)))
+    names = () if freed is None else freed.parameters.names
+    held = {} if freed is None else dict(zip(names, gradient @ freed.parameters.design, strict=True))
+    held = {name.removeprefix(FIXED): change for name, change in held.items() if name.startswith(FIXED)}
+    return mass, mass_deviation(row, found.uncertainty, held, found.fixed)
+
+
+def mass_deviation(
+    row: FloatArray, covariance: Covariance, held: Mapping[str, float], fixed: FixedValueInfluence | None
+) -> float:
+    """Standard deviation of a total mass that parameters and held values make, kg.
+
+    Parameters
+    ----------
+    row : (1, n_params) float array
+        Derivative of the mass with respect to the parameters.
+    covariance : Covariance
+        Of the parameters, with what `fixed` adds.
+    held : mapping of str to float
+        Change of the mass for a relative change of each held value, kg.
+    fixed : FixedValueInfluence or None
+        None where all held values are exact.
+    """
+    variance = float(covariance.variance(row)[0])
+    if fixed is not None:
+        own = np.array([held.get(name, 0.0) for name in fixed.names]) * fixed.tolerance
+        variance += float(own @ own + 2 * own @ (row @ np.nan_to_num(fixed.slope * fixed.tolerance))[0])
+    return float(np.sqrt(max(variance, 0.0)))

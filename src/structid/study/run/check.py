@@ -16,6 +16,7 @@ from structid.identification.before.places import PlacedFinding, coarse_elements
 from structid.identification.fits.model_modes import rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.fixed_values import fixed_values, freed_problems
+from structid.identification.identify import mass_deviation
 from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups.setup import AnySetup, prefixes
 from structid.identification.together import by_name, places, together
@@ -23,6 +24,7 @@ from structid.identification.warning_words import unused_damping
 from structid.inversion import Covariance, DenseCovariance, Identifiability, Linearization, Problem
 from structid.inversion.covariance import inverse_information
 from structid.inversion.diagnostics.identifiability import identifiability
+from structid.inversion.fixed_values import FixedValueInfluence
 from structid.inversion.posterior_draws import counted_draws, drawn_covariance
 from structid.inversion.uncertainty import relative_jacobian
 from structid.study.run.before import RecordCheck, checked_mesh, checked_record
@@ -30,6 +32,7 @@ from structid.study.run.run import is_matrix_free
 from structid.study.run.start import Start, started
 from structid.study.schema.study import Study
 from structid.unknowns import Regularization, term_name
+from structid.unknowns.tolerances import fixed_properties, relative_sensitivities
 
 _MOST_DIRECTIONS = 12
 #: Strength that stands for one that the data will choose: neighbours within 10 %.
@@ -100,6 +103,8 @@ class Predicted:
         `covariance` without the tolerances of what the model holds.
     assumption : str
         What `covariance` allows that to be wrong by, in words; "" where it is taken as exact.
+    fixed : FixedValueInfluence or None
+        How the parameters change with it; None where it is taken as exact.
     """
 
     problem: Problem
@@ -109,6 +114,7 @@ class Predicted:
     warnings: tuple[str, ...]
     of_data: Covariance
     assumption: str
+    fixed: FixedValueInfluence | None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -197,8 +203,11 @@ def check_study(study: Study) -> CheckResult:
     findings = structure_findings(own, values)
     coarse = None if isinstance(mesh, str) else coarse_elements(own, values, mesh)
     row = np.zeros((1, len(problem.names)))
-    gradient = study.structure.mass_gradient(options.direction, values) @ study.parameters.design
-    row[0, places(problem.names, study.parameters.names)] = gradient
+    gradient = study.structure.mass_gradient(options.direction, values)
+    row[0, places(problem.names, study.parameters.names)] = gradient @ study.parameters.design
+    held = fixed_properties(study.structure, study.parameters, options.tolerances)
+    changes = gradient @ relative_sensitivities(values, held)
+    held_masses = dict(zip((item.label for item in held), changes, strict=True))
     return CheckResult(
         study=study,
         records=tuple(setup.words(options) for setup in ready.setups),
@@ -211,9 +220,10 @@ def check_study(study: Study) -> CheckResult:
         covariance=predicted.covariance,
         identifiability=predicted.identifiability,
         total_mass=study.structure.mass_of(values, options.direction),
-        total_mass_std=float(np.sqrt(predicted.covariance.variance(row)[0])),
+        total_mass_std=mass_deviation(row, predicted.covariance, held_masses, predicted.fixed),
         of_data=predicted.of_data,
         assumption=predicted.assumption,
+        fixed=predicted.fixed,
         warnings=(
             *ready.channel_warnings,
             *(one.words for one in findings),
@@ -246,10 +256,10 @@ def _by_jacobian(ready: Start) -> Predicted:
     at = problem.linearize(theta)
     fixed = fixed_values(freed_problems(ready.setups, ready.problems, ready.study.options.tolerances))
     of_data = DenseCovariance(cramer_rao_bound(problem, at))
-    covariance, assumption = of_data, ""
+    covariance, assumption, influence = of_data, "", None
     if fixed is not None:
-        held = fixed.sensitivities_at(problem.names, theta, False).influence(theta, at, problem.slope(theta))
-        covariance, assumption = DenseCovariance(of_data.matrix + held.covariance), f"± includes {held.words}"
+        influence = fixed.sensitivities_at(problem.names, theta, False).influence(theta, at, problem.slope(theta))
+        covariance, assumption = DenseCovariance(of_data.matrix + influence.covariance), f"± includes {influence.words}"
     relative = relative_jacobian(problem, theta, at)
     found = identifiability(relative, problem.physical(theta), problem.names)
     identified = of_data.std <= problem.sizes(problem.physical(theta))
@@ -259,7 +269,9 @@ def _by_jacobian(ready: Start) -> Predicted:
     left = [term_name(term) for term in ready.study.options.regularization if term not in terms]
     warnings += _direction_warnings(found)
     warnings += [f"predicted without the {' and '.join(left)} that `identify` will use"] if left else []
-    return Predicted(problem, _start(problem, ready), covariance, found, tuple(warnings), of_data, assumption)
+    return Predicted(
+        problem, _start(problem, ready), covariance, found, tuple(warnings), of_data, assumption, influence
+    )
 
 
 def _by_draws(ready: Start) -> Predicted:
@@ -277,7 +289,7 @@ def _by_draws(ready: Start) -> Predicted:
     ]
     covariance = drawn_covariance(problem, theta, at, draws)
     rank = Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ())
-    return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words), covariance, "")
+    return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words), covariance, "", None)
 
 
 def _start(problem: Problem, ready: Start) -> FloatArray:
