@@ -115,10 +115,15 @@ def test_what_the_first_leaves_some_periods_off_is_found_from_where_it_ends():
 
 @pytest.mark.long
 def test_a_wrong_model_ends_flagged_and_soon(monkeypatch):
-    """One sensor reads 30 % too much: two more tries come back to the minimum of the first, and then there are no more."""
-    asked, real = [], output_error_search.posterior_linearized
-    monkeypatch.setattr(output_error_search, "posterior_linearized", lambda *at: asked.append(at) or real(*at))
+    """One sensor reads 30 % too much: two more tries come back to the minimum of the first, and then there are no more.
+
+    All tries begin at the true values: where random ones end is a matter of rounding, a part of 1e-12 of the record.
+    """
+    asked = []
     structure, unknown, record = beam(0)
+    monkeypatch.setattr(
+        output_error_search, "posterior_linearized", lambda *at: asked.append(at) or unknown.theta_start
+    )
     values = record.values * np.where(np.arange(record.values.shape[1]) == 1, 1.3, 1.0)
     wrong = replace(record, values=values)
     found = identify_time(structure, off(unknown, 0.3, 0), wrong, TimeOptions(restarts=1))

@@ -302,6 +302,7 @@ def test_a_table_of_a_laboratory_and_a_table_of_modes_become_records(page, scree
         lab.get_by_label("decimal").select_option("comma")
         lab.get_by_label("columns", exact=True).fill("Kraft, Weg")
         lab.get_by_label("time column").fill("Zeit")
+        lab.get_by_label("axis unit").fill("s")  # which no header says
         lab.get_by_label("channels").fill("3Y, 3Y")
         lab.get_by_label("quantities").fill("force, acceleration")
         shown(page, screens, "21_lab")
@@ -313,6 +314,7 @@ def test_a_table_of_a_laboratory_and_a_table_of_modes_become_records(page, scree
         record = tomllib.loads(study.read_text(encoding="utf-8"))["record"]
         assert record["csv"] == {"skip_rows": 1, "footer_rows": 1, "decimal": "comma", "encoding": "cp1252"}
         assert record["columns"] == ["Kraft", "Weg"]
+        assert record["axis_unit"] == "s"
         step(page, "Start")
         page.get_by_role("button", name="What is it? modes.csv").click()
         page.get_by_text("a table of 2 modes, 12.00 to 70.00 Hz: a study reads it with [record.modes]").wait_for()

@@ -92,7 +92,8 @@ def test_a_run_whose_results_find_no_room_is_told_and_resumed(folder, tmp_path):
     (folder / "first").mkdir()
     (folder / "first" / "mine.txt").write_text("kept", encoding="utf-8")
     with served(folder, environment=environment) as bench:
-        run = bench.post("runs", {"study": "beam.toml", "results": "first"})[1]["id"]
+        asked = {"study": "beam.toml", "results": "first", "replace": True}
+        run = bench.post("runs", asked)[1]["id"]
         wait_for(lambda: bench.get(f"runs/{run}")[1]["lines"], "progress")
         marker.touch()
         wait_for(lambda: bench.get(f"runs/{run}")[1]["state"] not in ("running", "paused"), "end")
@@ -103,8 +104,7 @@ def test_a_run_whose_results_find_no_room_is_told_and_resumed(folder, tmp_path):
         assert not found["has_results"]
         assert {path.name for path in (folder / "first").iterdir()} == {"mine.txt"}
         marker.unlink()
-        again = {"study": "beam.toml", "results": "first", "resume": found["can_resume"]}
-        run = bench.post("runs", again)[1]["id"]
+        run = bench.post("runs", {**asked, "resume": found["can_resume"]})[1]["id"]
         wait_for(lambda: bench.get(f"runs/{run}")[1]["state"] == "done", "done")
         assert bench.get("results", results="first")[1]["results"]["verdict"] == "sound"
     assert (folder / "first" / "mine.txt").read_text(encoding="utf-8") == "kept"
