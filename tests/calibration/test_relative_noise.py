@@ -59,7 +59,10 @@ def with_a_floor(values, rng):
     return sid.with_declared_noise(both, 0.1, floor), {}
 
 
-@pytest.mark.parametrize("simulated", [declared, of_the_model, of_repeats, with_a_floor])
+@pytest.mark.parametrize(
+    "simulated",
+    [declared, *(pytest.param(kind, marks=pytest.mark.long) for kind in (of_the_model, of_repeats, with_a_floor))],
+)
 def test_relative_noise_leaves_no_bias(simulated):
     """30 repeats (seed 11): the mean error of every value within 3.5 of its own deviations, 90 to 99 % of intervals cover.
 

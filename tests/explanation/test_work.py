@@ -56,6 +56,7 @@ def same(one, other):
         assert first.trial.study.root.table == second.trial.study.root.table
 
 
+@pytest.mark.long
 def test_causes_on_processes_and_from_a_checkpoint_have_the_bits_of_one_run(study, tmp_path, monkeypatch, brief):
     kept = Checkpoint(tmp_path / "c", fingerprint(study), seconds=0.0)
     whole = causes(study, LongRun(checkpoint=kept))

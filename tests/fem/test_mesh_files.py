@@ -378,7 +378,7 @@ def test_universal_meshes_follow_units_systems_and_beams(tmp_path):
     assert mesh.positions == pytest.approx(np.array([[1.0, 0, 0], [0, 1.0, 0.5]]), abs=1e-12)
     assert mesh.cells().tolist() == [[1, 2]]
     assert [(part.kind, part.count, part.obstacle) for part in mesh.parts] == [
-        ("node-to-node spring", 1, "it is not read")
+        ("spring between nodes", 1, "it is not read")
     ]
     assert read_mesh(path, "mm").positions == pytest.approx(mesh.positions)
     with pytest.raises(
