@@ -31,7 +31,7 @@ from structid.explanation.refits import (
     restored,
 )
 from structid.explanation.screening import of_study, shortlisted
-from structid.explanation.time_budget import UNLIMITED, TimeBudget, map_within_budget, stopwatch
+from structid.explanation.time_budget import UNLIMITED, TimeBudget, map_within_budget
 from structid.explanation.trial import Trial
 from structid.identification.setups.setup import titles
 from structid.inversion.diagnostics.residual_tests import misfit_probability
@@ -302,7 +302,7 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
 
 def _once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
     """The changes that explain the misfit of `base`, one at a time: looked at, fitted near, and the likeliest fitted to the end."""
-    taken, looks = stopwatch(), budget.part(_LOOKS)
+    clock, looks = TimeBudget(), budget.part(_LOOKS)
     shortlist = shortlisted(base, work, f"{which}causes on a linear look", looks)
     problems = base.trial.problems
     residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
@@ -342,7 +342,7 @@ def _once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanati
         fits, n_ended = fits + more, n_ended + n_more - len(others)
     left_out = approaches.count(None) + len(items) - n_ended
     begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and changes[k][0].kind not in DATA_KINDS]
-    return replace(_weighed(base, fits, tried), spent=taken(), left_out=left_out, begun=tuple(begun))
+    return replace(_weighed(base, fits, tried), spent=clock.spent, left_out=left_out, begun=tuple(begun))
 
 
 def _ranks_of_kindred(kindred: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
@@ -484,14 +484,14 @@ def _begun(trial: Trial, changes: Sequence[Change], known: Mapping[str, float]) 
 
 def _of_records(base: Fitted, work: Work, budget: TimeBudget) -> Explanation:
     """The likeliest changes of the records of a large model, so few that they cost some identifications at most."""
-    taken = stopwatch()
+    clock = TimeBudget()
     shortlist = shortlisted(base, work, "causes on a linear look", budget.part(_LOOKS))
     residual = base.trial.target.residual(base.theta)[: base.trial.target.n_data]
     data = outlying_lines(base.trial.problems, residual)
     few = [*(Screened(one, 1.0, base.cost) for one in data), *shortlist.rows][:_OF_LARGE]
     items = _begun(base.trial, [(bare(one.candidate), one.strength) for one in few], {})
     fits, n_ended = _refits_in_time(base, items, work, "likeliest causes", None, budget)
-    return replace(_weighed(base, fits, shortlist.tried), spent=taken(), left_out=len(items) - n_ended)
+    return replace(_weighed(base, fits, shortlist.tried), spent=clock.spent, left_out=len(items) - n_ended)
 
 
 def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALONE) -> Explanation:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -112,9 +112,3 @@ def time_limit_callback(seconds: float) -> Progress | None:
             raise TimeUpError(f"the fit was ended after {seconds:.3g} s of the processor and {iteration} iterations")
 
     return stop_when_late
-
-
-def stopwatch() -> Callable[[], float]:
-    """The processor time since now, in seconds, whenever it is asked for."""
-    begun = processor_seconds()
-    return lambda: processor_seconds() - begun

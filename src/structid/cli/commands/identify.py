@@ -32,7 +32,7 @@ from structid.cli.progress import ProgressFile, run_progress
 from structid.cli.tables import show
 from structid.explanation.answer import criticized, time_for_causes, write_suggestions
 from structid.explanation.refits import Fitted
-from structid.explanation.time_budget import TimeBudget, stopwatch
+from structid.explanation.time_budget import TimeBudget
 from structid.inversion import Status
 from structid.study.results.folder import staged_folder, write_results
 from structid.study.results.result import StudyResult
@@ -118,9 +118,9 @@ def identify(
                 run.progress = progress.tasks
                 if progress_file is not None:
                     progress.file = ProgressFile(progress_file, run.reached.summary)
-                taken = stopwatch()
+                clock = TimeBudget()
                 ready, result = run_from_start(read, progress.search, run)
-                budget = partial(time_for_causes, taken()) if seconds is None else partial(TimeBudget, seconds)
+                budget = partial(time_for_causes, clock.spent) if seconds is None else partial(TimeBudget, seconds)
                 result, fits = criticized(ready, result, explain, run, budget, write_before_search)
             name = write(result, fits)
         except KeyboardInterrupt:
