@@ -35,6 +35,7 @@ from structid.report.rendering.plot import Area, ColourScale, Curve, Panel, Text
 from structid.report.rendering.png import STYLE, drawn, plain
 
 _NAMES = {
+    "extremes",
     "parameters", "structure", "frf_magnitude", "frf_phase", "residual_by_channel", "residual_map", "correlation",
     "modes", "convergence", "correlation_1_responses_frac", "correlation_1_responses_fdac",
 }  # fmt: skip

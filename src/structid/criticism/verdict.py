@@ -39,8 +39,6 @@ FAR_BEYOND = 9.0
 _LARGE = 0.02
 #: Degrees of freedom below which a residual hardly tests a model.
 _FEW = 15
-#: Part of a variance from which on it is owed to priors.
-_MOSTLY = 0.5
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
 #: Of causes of small misfits: part of what goes beyond the noise.
@@ -482,11 +480,7 @@ def _untested(found: Identification) -> Judgement:
 
 def _by_priors(found: Identification) -> list[str]:
     """Parameters of which their own priors know more than the data."""
-    share = found.prior_share
-    if share is None:
-        return []
-    pairs = zip(found.estimate.names, share, np.isfinite(found.prior_std), strict=True)
-    return [name for name, part, has_prior in pairs if has_prior and part > _MOSTLY]
+    return [found.estimate.names[index] for index in found.by_prior]
 
 
 def _is_large(found: Identification) -> bool:

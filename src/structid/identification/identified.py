@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import Overview, Shown
 from structid.core.dof import Dof
@@ -24,6 +26,9 @@ from structid.inversion.intervals.intervals import Intervals
 from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
+
+#: Part of a parameter's variance from which on it is owed to priors.
+_MOSTLY = 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -199,6 +204,14 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     def seen_from(self, number: int) -> Identification:
         """The same with the record of responses at position `number` (from 0) as the only one."""
         return replace(self, fits=(self.fits[number],))
+
+    @property
+    def by_prior(self) -> tuple[int, ...]:
+        """Positions of the parameters of which their own priors know more than the data."""
+        if self.prior_share is None:
+            return ()
+        is_by_prior = np.isfinite(self.prior_std) & (self.prior_share > _MOSTLY)
+        return tuple(np.flatnonzero(is_by_prior).tolist())
 
     @property
     def own_index(self) -> IntArray:

@@ -64,6 +64,7 @@ CauseSeconds = Annotated[
         help="Processor time for the search for causes [default: three times the identification and 5 s].",
     ),
 ]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print warnings, statistics, causes and modes too.")]
 #: The words of each choice.
 _EXPLAIN: dict[bool | None, list[str]] = {None: [], True: ["--explain"], False: ["--no-explain"]}
 
@@ -80,6 +81,7 @@ def identify(
     checkpoint: Seconds = CHECKPOINT_SECONDS,
     progress_file: Watched = None,
     seconds: CauseSeconds = None,
+    verbose: Verbose = False,
 ) -> None:
     """Identify the unknowns of a study and write estimate.json, estimate.h5, study.toml and report.html.
 
@@ -136,7 +138,7 @@ def identify(
         finally:
             run.close()
         kept.remove()
-    show(identification_summary(result))
+    show(identification_summary(result, verbose))
     say(folder / name)
     estimate = result.identification.estimate
     verdict = result.criticism.judgement.verdict if result.criticism is not None else ""

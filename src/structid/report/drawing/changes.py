@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from structid.core.quantities import exact, percent, with_unit
 from structid.fem import Structure
 from structid.fem.matrices.contribution import Property
 from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.rendering import plot
-from structid.report.text import exact, percent, with_unit
 
 #: Shadings of a structure, and the kinds of property that each shows.
 KINDS: dict[str, tuple[str, ...]] = {

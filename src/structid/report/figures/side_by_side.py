@@ -10,6 +10,7 @@ import numpy as np
 from structid.compare.correlation.modes import ModesCorrelation
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import DIRECTIONS
+from structid.core.quantities import likeness, number
 from structid.fem import Structure
 from structid.fem.places import AimedSensor
 from structid.fem.supports import RigidLink
@@ -17,7 +18,6 @@ from structid.report.drawing import palette
 from structid.report.drawing.faces import cell_edges, is_cells
 from structid.report.figures.survey import MOST_SHAPES
 from structid.report.rendering import plot
-from structid.report.text import likeness, number
 
 #: Largest displacement, and gap between the two, in parts of the diagonal.
 _AMPLITUDE, _GAP = 0.1, 0.3

@@ -98,6 +98,12 @@ function startFigure(box, panels, arrays) {
   draw();
 }
 
+// Call `draw` once no fold hides `box`: a figure has no width before.
+function whenOpen(box, draw) {
+  const fold = box.closest("details:not([open])");
+  if (fold) { fold.addEventListener("toggle", () => whenOpen(box, draw), {once: true}); } else { draw(); }
+}
+
 async function start() {
   if (!("DecompressionStream" in window)) { document.getElementById("too-old").hidden = false; return; }
   for (const part of document.querySelectorAll("script.library")) {
@@ -109,12 +115,19 @@ async function start() {
   const {figures, arrays} = JSON.parse(await unpacked("figures"));
   for (const [name, panels] of Object.entries(figures)) {
     const box = document.getElementById("figure-" + name);
-    if (box) { startFigure(box, panels, arrays); }
+    if (box) { whenOpen(box, () => startFigure(box, panels, arrays)); }
   }
 }
 // On paper the page is narrower than on the screen.
 const fitted = () => document.querySelectorAll(".plot").forEach((plot) => { if (plot.clientWidth) { plot.library?.Plots.resize(plot); } });
 matchMedia("print").addEventListener("change", fitted);
-window.addEventListener("beforeprint", fitted);
-window.addEventListener("afterprint", fitted);
+// Paper shows what is folded too.
+const folds = () => document.querySelectorAll("details:not([open])");
+let opened = [];
+window.addEventListener("beforeprint", () => {
+  opened = [...folds()];
+  opened.forEach((fold) => { fold.open = true; fold.dispatchEvent(new Event("toggle")); });
+  fitted();
+});
+window.addEventListener("afterprint", () => { opened.forEach((fold) => { fold.open = false; }); fitted(); });
 start();

@@ -13,8 +13,8 @@ import numpy as np
 
 from structid.core.errors import FileError
 from structid.core.json_types import Entry, json_text
+from structid.core.quantities import with_unit
 from structid.criticism.held import HeldValue
-from structid.criticism.verdict import Criticism
 from structid.files import claimed, require_no_file
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
@@ -25,6 +25,7 @@ from structid.study.results.changes import PARAMETERS, changes_summary, changes_
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.modal import modal_summary
 from structid.study.results.result import StudyResult
+from structid.study.results.view import ParameterResult, ResultsView
 
 _REPORT = "report.html"
 
@@ -100,11 +101,11 @@ def write_results(result: StudyResult, folder: Path) -> None:
 
 def estimate_summary(result: StudyResult) -> dict[str, Entry]:
     """The content of estimate.json, before what is not finite becomes null."""
-    found = result.identification
+    view, found = result.view, result.identification
     estimate, identifiability = found.estimate, found.estimate.identifiability
     has_matrix = estimate.uncertainty.has_matrix
     return {
-        **_verdict(result.criticism),
+        **_verdict(view),
         "title": result.study.title,
         "status": estimate.status.value,
         "status_text": estimate.status_words,
@@ -130,9 +131,9 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **modal_summary(found),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
         "rests_on_force": found.rests_on_force,
-        **_held(() if result.criticism is None else result.criticism.held),
+        **_held(view.criticism.held),
         **_tolerances(estimate),
-        **({"parameters": _parameters(found)} if has_matrix else changes_summary(estimate)),
+        **({"parameters": [_parameter(one) for one in view.parameters]} if has_matrix else changes_summary(estimate)),
         "regularization": [
             {"name": item.name, "rule": item.rule, **_strengths(item, has_matrix), "text": item.words,
              "settled": item.converged}
@@ -220,17 +221,16 @@ def varied_summary(found: Identification) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _verdict(criticism: Criticism | None) -> dict[str, Entry]:
-    """The verdict and the causes of a misfit."""
-    if criticism is None:
-        return {}
+def _verdict(view: ResultsView) -> dict[str, Entry]:
+    """The verdict, what to do, and the causes of a misfit."""
+    criticism, judgement = view.criticism, view.criticism.judgement
     causes, suggestions = (
-        [{**asdict(one), "where": one.where[0] if len(one.where) == 1 else one.where} for one in told]
-        for told in (criticism.causes, criticism.suggestions)
+        [{**asdict(cause), "where": cause.where[0] if len(cause.where) == 1 else cause.where} for cause in listed]
+        for listed in (criticism.causes, criticism.suggestions)
     )
-    judgement = criticism.judgement
     return {
         "verdict": judgement.verdict, "verdict_text": judgement.words, "verdict_reasons": judgement.reasons,
+        "headline": view.headline, "next_step": view.next_step, "advice": view.advice,
         "causes": causes, "suggestions": suggestions, "n_changes_tried": criticism.n_tried,
     }  # fmt: skip
 
@@ -291,34 +291,27 @@ def _at_bound(one: AtBound | None) -> dict[str, Entry] | None:
     }
 
 
-def _parameters(identification: Identification) -> list[dict[str, Entry]]:
-    found = identification.estimate
-    parts = [problem.parameters for problem in identification.problems]
-    share = np.full(len(found.names), np.nan) if identification.prior_share is None else identification.prior_share
-    bounds = {one.index: one for one in found.at_bound}
-    n = len(found.names)
-    tolerances = np.zeros(n) if found.fixed is None else np.sqrt(np.diag(found.fixed.covariance))
-    elements = {name: own for part in parts for name, own in zip(part.names, part.elements, strict=True)}
-    return [
-        {
-            "name": name,
-            "kind": found.kinds[i],
-            "property": name.split("[")[0],
-            "elements": elements.get(name, ()),
-            "unit": found.units[i],
-            "value": found.values[i],
-            "std": found.std[i],
-            "std_noise": found.std_noise[i],
-            "std_model_error": found.std_model_error[i],
-            "std_tolerances": tolerances[i],
-            "interval_95": identification.intervals.ends[i],
-            "initial": found.initial[i],
-            "identified": bool(found.identified[i]),
-            "at_bound": _at_bound(bounds.get(i)),
-            "ran_away": i in identification.ran_away,
-            "prior_mean": identification.prior_mean[i],
-            "prior_std": identification.prior_std[i],
-            "prior_share": share[i],
-        }
-        for i, name in enumerate(found.names)
-    ]
+def _parameter(parameter: ParameterResult) -> dict[str, Entry]:
+    return {
+        "name": parameter.name,
+        "kind": parameter.kind,
+        "property": parameter.name.split("[")[0],
+        "elements": parameter.elements,
+        "unit": parameter.unit,
+        "value": parameter.value,
+        "std": parameter.std,
+        "std_noise": parameter.std_noise,
+        "std_model_error": parameter.std_model_error,
+        "std_tolerances": parameter.std_tolerances,
+        "interval_95": parameter.interval,
+        "initial": parameter.initial,
+        "identified": parameter.identified,
+        "state": parameter.state,
+        "text": with_unit(parameter.value_text, parameter.unit_text),
+        "interval_text": with_unit(parameter.interval_text, parameter.unit_text),
+        "at_bound": _at_bound(parameter.bound),
+        "ran_away": parameter.ran_away,
+        "prior_mean": parameter.prior_mean,
+        "prior_std": parameter.prior_std,
+        "prior_share": parameter.prior_share,
+    }
