@@ -77,6 +77,7 @@ def serious(page: Page, width: int, scheme: str, pictures: Path | None) -> list[
     """Serious and critical findings at one width in one colour scheme, every fold open."""
     page.set_viewport_size({"width": width, "height": 900})
     page.emulate_media(color_scheme=scheme)  # type: ignore[arg-type]
+    page.reload()
     for is_open in (False, True):
         page.evaluate("(open) => document.querySelectorAll('details').forEach((one) => { one.open = open; })", is_open)
         page.wait_for_timeout(1500)

@@ -153,7 +153,7 @@ def test_a_sound_answer_whose_record_would_have_another_held_value_is_approximat
     found, fits = criticized(ready, result, explain=False)
     judgement = found.criticism.judgement
     assert judgement.verdict == "approximate"
-    assert "the record would have stiffness[upper], which the model holds" in judgement.words
+    assert "the record would have stiffness[upper], which the model fixes" in judgement.words
     assert "smaller" in judgement.words
     assert [one.where for one in found.criticism.suggestions] == [("stiffness[upper]",), ("mass[floors]",)]
     assert len(fits) == 2

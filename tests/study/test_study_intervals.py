@@ -56,7 +56,7 @@ def test_a_channel_with_model_error_is_named_in_the_warnings(result):
     bad[:, 1] *= 1 + 0.03 * np.sin(np.linspace(0, 12, len(bad)))[:, None]
     study = result.study
     found = identify(study.structure, study.parameters, replace(study_record(record), values=bad))
-    [words] = [w for w in found.warnings if "not white" in w]
+    [words] = [w for w in found.warnings if "an order that noise has not" in w]
     assert "3X" in words
 
 

@@ -244,14 +244,14 @@ def _from_second(found: Explanation, second: Explanation, work: Work, budget: Ti
     if first is None:
         return None
     items = _begun(first.trial, [_bare_change(one) for one in second.causes], both.values)
-    return _led_by(found, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried))
+    return _led_by(found, first, _weighed(first, _refits(first, items, work, "second changes beside it"), again.tried))
 
 
 def _from_next(
     found: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
 ) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
-    further = _beside(first, work, "beside the next, second ", budget)
+    further = _beside(first, work, "second change beside the next one, ", budget)
     return _led_by(found, first, further) if _is_better(further, second) else None
 
 
@@ -286,7 +286,7 @@ def _alone(found: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
     for one in found.causes:
         if _place(one.trial.changes[-1][0]) == _place(change[0]):
             return one
-    alone = _refits(found.base, _begun(found.base.trial, [change], fitted.values), work, "a second cause alone")
+    alone = _refits(found.base, _begun(found.base.trial, [change], fitted.values), work, "the second change alone")
     return alone[0] if alone and alone[0].cost < found.base.cost else None
 
 

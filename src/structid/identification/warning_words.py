@@ -94,7 +94,7 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     warnings.extend(w for w in tests if w not in too_large)
     if found.n_fitting > 1:
         warnings.append(_several_fits(found))
-    elif found.n_agreeing < found.n_starts:
+    elif found.n_agreeing < found.n_starts and found.n_starts > 1:
         warnings.append(
             f"{found.n_agreeing} of {found.n_starts} searches ended at this minimum, the others at worse ones:"
             " there may be a better one still; start closer, or try more `restarts`"

@@ -67,7 +67,7 @@ def test_two_studies_with_unchanged_masses_locate_the_weaker_spring(states, tmp_
     assert stored["basis"] == "joint"
     assert set(stored["unchanged"]) == {"mass[mass 1]", "mass[mass 2]", "mass[mass 3]"}
     assert stored["complete"] is True
-    assert "changed at the family-wise level of 5 %: stiffness[upper:2] (-10" in done.stdout
+    assert "changed (joint risk 5 %): stiffness[upper:2] (-10" in done.stdout
     page = (folder / "compare.html").read_text().split("<script")[0]
     assert "stiffness[upper:2]" in page
     assert "http" not in page.replace("http-equiv", "")

@@ -98,7 +98,7 @@ def _resonances(result: CheckResult) -> list[RenderableType]:
     for one in result.beside:
         if not one.resonances:
             continue
-        table = new_table(f"{one.title}measured Hz", "model Hz", "model above %", "in half-bandwidths", "MAC")
+        table = new_table(f"{one.title}measured Hz", "model Hz", "model above %", "in half widths", "MAC")
         for pair in one.resonances:
             above = 100 * (pair.model / pair.measured - 1)
             table.add_row(

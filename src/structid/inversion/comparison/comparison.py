@@ -181,8 +181,8 @@ class Comparison(States):
             for name, ratio, changed in zip(self.names, self.relative_change, self.changed, strict=True)
             if changed
         ]
-        family = "family-wise" if self.correction == "holm" else "false discovery"
-        tail = f"at the {family} level of {100 * self.level:g} %"
+        risk = "joint risk" if self.correction == "holm" else "false discovery rate"
+        tail = f"({risk} {100 * self.level:g} %)"
         if declared:
             return f"changed {tail}: {', '.join(declared)}"
         return f"no parameter changed {tail}"

@@ -34,7 +34,7 @@ from structid.study.results.view import ResultsView
 _FORMS = {
     "output": "difference of measured and modelled FRF over its standard deviation (maximum likelihood)",
     "log": "difference of the logarithms of measured and modelled FRF (errors in proportion to the FRF)",
-    "pole_free": "difference over the mean size of measured and modelled FRF (pole-free)",
+    "pole_free": "difference over the mean size of measured and modelled FRF (bounded near resonances)",
     "equation": "equation error of the measured outputs",
 }
 _NOISE = {
@@ -54,13 +54,19 @@ _INTERVALS = {
 
 def value_table(view: ResultsView) -> Table:
     """Every parameter with its standard deviation, interval and state."""
-    header = ("Parameter", "Identified ± std", "Unit", "95\u00a0% interval", "Initial", "State")
+    header = ("Parameter", "Identified ± std", "95\u00a0% interval", "Initial", "State")
     rows = tuple(
-        (one.name, one.value_text, one.unit_text or "1", one.interval_text, exact(one.scaled(one.initial)), one.state)
+        (
+            one.name,
+            f"{one.value_text} {one.unit_text}".strip(),
+            one.interval_text,
+            exact(one.scaled(one.initial)),
+            one.state,
+        )
         for one in view.listed
     )
     marks = tuple("" if one.is_determined else "doubtful" for one in view.listed)
-    return Table(header, rows, (1, 3, 4), marks)
+    return Table(header, rows, (1, 2, 3), marks)
 
 
 def parameter_table(view: ResultsView) -> Table:
