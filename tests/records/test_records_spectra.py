@@ -211,3 +211,14 @@ def test_variance_follows_the_kind(rng):
     np.testing.assert_allclose(both.values[:, 1:], alone.values, rtol=1e-12)
     np.testing.assert_allclose(both.variance[:, 1:], alone.variance, rtol=1e-12)
     np.testing.assert_allclose(both.coherence[:, 1:], alone.coherence, rtol=1e-12)
+
+
+def test_loads_and_sensors_are_those_of_the_record_by_their_quantities(rng):
+    x, y, z = rng.normal(size=(3, 512))
+    measured = record(y, x, z, channels=("2X", "1X", "3X"), quantities=("acceleration", "force", "acceleration"))
+    frf = frf_from_time(measured, segment_length=128)
+    assert (frf.outputs, frf.inputs) == (record(y, z, channels=("2X", "3X")).channels, record(x, y).channels[:1])
+    named = frf_from_time(measured, ["1X"], ["2X", "3X"], segment_length=128)
+    np.testing.assert_array_equal(frf.values, named.values)
+    with pytest.raises(InputError, match="`inputs` must name the channels that drive"):
+        frf_from_time(record(y, z, quantities=("acceleration", "acceleration")), segment_length=128)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from structid.core.display import Overview, Shown, counted
 from structid.core.dof import parse_dof
 from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate, bare
@@ -33,6 +34,7 @@ from structid.explanation.refits import (
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.time_budget import UNLIMITED, TimeBudget, map_within_budget
 from structid.explanation.trial import Trial
+from structid.explanation.words import cause_words
 from structid.identification.setups.setup import titles
 from structid.inversion.diagnostics.residual_tests import misfit_probability
 from structid.inversion.search.work import ALONE, Work
@@ -78,8 +80,8 @@ _FAR = 3.0
 _TELLING = 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class Explanation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Explanation(Shown):
     """What was found.
 
     Attributes
@@ -119,6 +121,18 @@ class Explanation:
     left_out: int = 0
     is_single: bool = False
     begun: tuple[Item, ...] = ()
+
+    def overview(self) -> Overview:
+        """How many changes were tried, and one row for each that explains the misfit."""
+        words = f"{counted(self.tried, 'change')} tried, {len(self.causes)} may explain the misfit"
+        rows = [
+            (
+                cause_words(fitted.trial.changes[-1][0], None),
+                f"{100 * max(0.0, 1 - fitted.cost / self.base.cost):.3g} %",
+            )
+            for fitted in self.causes
+        ]
+        return Overview(words, ("change", "misfit removed"), rows)
 
     @property
     def likely(self) -> tuple[Fitted, ...]:

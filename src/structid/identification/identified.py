@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from importlib import import_module
 
 import numpy as np
 
@@ -194,6 +195,11 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     def overview(self) -> Overview:
         """What its estimate shows."""
         return self.estimate.overview()
+
+    def summary(self) -> str:
+        """Verdict, next step, and a row for each parameter: what `print` shows."""
+        view: Shown = import_module("structid.study.results.view").results_view(self)
+        return view.summary()
 
     @property
     def listed(self) -> tuple[int, ...]:

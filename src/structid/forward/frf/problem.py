@@ -107,9 +107,10 @@ class FrfProblem(ResponseProblem):
 
     def __post_init__(self) -> None:
         if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
+            averages = "the number of `averages` behind its coherence" if self.record.coherence is not None else ""
             raise InputError(
-                "the record has no noise level; declare `noise` (relative or absolute), give coherence and averages,"
-                " or give `model_error`"
+                "the record has no noise level; declare `noise` (relative or absolute), give"
+                f" {averages or 'coherence and averages'}, or give `model_error`"
             )
         _require_weights(self.form, self.record, self._whitened.deviation)
         if self.channels is not None:

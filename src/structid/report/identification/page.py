@@ -22,6 +22,7 @@ from structid.report.figures.responses import (
     residual_map_figure,
     responses_figure,
 )
+from structid.report.figures.side_by_side import model_shapes_figure
 from structid.report.figures.structure import structure_figure
 from structid.report.identification import tables
 from structid.report.identification.modal_tables import modal_cards, modal_facts, modal_table, ratio_table
@@ -110,6 +111,8 @@ def report_page(
         **({"modes": modes_figure(rows, band)} if len(rows.frequency) else {}),
         "convergence": convergence_figure(identification),
     }
+    shapes = model_shapes_figure(structure, identification.modes)
+    figures |= {} if shapes is None else {"shapes": shapes}
     words = {
         "title": view.title,
         **verdict_words(view),

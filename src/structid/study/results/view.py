@@ -15,7 +15,12 @@ from structid.criticism.held import resting_words
 from structid.criticism.verdict import Cause, Criticism, judged
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
-from structid.identification.warning_words import INCLUDES_MODEL_ERROR, MAY_BE_ZERO, unidentified_warnings
+from structid.identification.warning_words import (
+    INCLUDES_MODEL_ERROR,
+    MAY_BE_ZERO,
+    estimate_warnings,
+    unidentified_warnings,
+)
 from structid.inversion.diagnostics.bounds import AtBound
 from structid.study.results.changes import largest_changes
 
@@ -224,9 +229,19 @@ def results_view(
 
     Examples
     --------
+    >>> import numpy as np
     >>> import structid as sid
-    >>> from structid.reproduce.examples import three_masses  # doctest: +SKIP
-    >>> print(sid.results_view(sid.identify(*three_masses())))  # doctest: +SKIP
+    >>> spring = sid.Spring("spring", ["0X"], ["1X"], stiffness=900.0, loss_factor=0.02)
+    >>> mass = sid.PointMass("mass", [1], 2.0)
+    >>> structure = sid.Structure({0: [0.0], 1: [1.0]}, [mass, spring], ["0X"], active=["X"])
+    >>> unknown = sid.parameters(structure, [sid.Unknown("stiffness", "spring")])
+    >>> lines = sid.FrfRecord(np.linspace(1, 6, 60), np.ones((60, 1, 1), complex), ["1X"], ["1X"], "accelerance")
+    >>> record = sid.simulated_record(structure, unknown, lines, 0.01, np.random.default_rng(1))
+    >>> view = sid.results_view(sid.identify(structure, unknown, record))
+    >>> view.verdict, view.next_step
+    ('sound', 'Use the values with their intervals.')
+    >>> [(one.name, one.state) for one in view.parameters]
+    [('stiffness[spring]', 'determined')]
     """
     criticism = criticism or Criticism(judged(identification))
     sentences = _BETWEEN_SENTENCES.split(criticism.judgement.words)
@@ -267,20 +282,23 @@ def _advice(found: Identification, criticism: Criticism, sentences: Sequence[str
     elif criticism.suggestions and criticism.suggestions[0].study:
         first = criticism.suggestions[0]
         lines = [f"{line.removesuffix('.')} ({first.study})." if first.words in line else line for line in lines]
-    lost = [name for name, known, free in zip(estimate.names, estimate.identified, estimate.is_free, strict=True)
-            if free and not known]  # fmt: skip
-    if lost:
+    tests = () if estimate.residual_tests is None else estimate.residual_tests.words
+    elsewhere = {*tests, *unidentified_warnings(estimate), f"{estimate.status_words} ({estimate.message})"}
+    of_estimate = set(estimate_warnings(estimate))
+    acts = [
+        words
+        for words in found.warnings
+        if words not in elsewhere and not any(part in words for part in (INCLUDES_MODEL_ERROR, MAY_BE_ZERO))
+    ]
+    lines.extend(sentence(words) for words in acts if words not in of_estimate)
+    flags = zip(estimate.names, estimate.identified, estimate.is_free, strict=True)
+    lost = [name for name, is_identified, is_free in flags if is_free and not is_identified]
+    if lost and estimate.uncertainty.has_matrix:
         are = "is" if len(lost) == 1 else "are"
         lines.append(
             f"{listed(lost, 4)} {are} not determined: fix or tie, give a prior, or measure where the effect shows."
         )
-    tests = () if estimate.residual_tests is None else estimate.residual_tests.words
-    elsewhere = {*tests, *unidentified_warnings(estimate), f"{estimate.status_words} ({estimate.message})"}
-    lines.extend(
-        sentence(words)
-        for words in found.warnings
-        if words not in elsewhere and not any(part in words for part in (INCLUDES_MODEL_ERROR, MAY_BE_ZERO))
-    )
+    lines.extend(sentence(words) for words in acts if words in of_estimate)
     if words := resting_words(criticism.held):
         lines.append(sentence(words))
     return tuple(dict.fromkeys(lines))
