@@ -211,7 +211,7 @@ def test_units_off_by_a_power_of_ten_are_the_first_warning(tmp_path):
 def test_a_wrong_sign_is_a_warning_of_the_results(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = invoke("identify", write_chain(tmp_path, record=chain_record(scale=-1.0)), "--no-report", "--no-explain")
-    assert "driving point 3X+ / 3X+" in done.stdout
+    assert "- Driving point 3X+ / 3X+: the real part of mobility is negative" in done.stdout
     warnings = json.loads((tmp_path / "chain_results" / "estimate.json").read_text())["warnings"]
     assert any("driving point" in warning for warning in warnings)
 

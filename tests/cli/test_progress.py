@@ -26,8 +26,8 @@ def test_the_end_of_tasks_counts_down_and_moves_only_with_the_pace(shown):
     for done in range(21):
         run.tasks("refits", done, 100)
         now[0] += 1.0 + 0.1 * (-1) ** done
-    assert words[10] == "refits: 10 of 100, about 1:30 min left"
-    assert words[20] == "refits: 20 of 100, about 1:20 min left"
+    assert words[10] == "refits: 10 of 100, about 1:40 min left"
+    assert words[20] == "refits: 20 of 100, about 1:30 min left"
     now[0] += 400.0
     run.tasks("refits", 21, 100)
     assert words[-1].startswith("refits: 21 of 100, about 26:")

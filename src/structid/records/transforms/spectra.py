@@ -96,8 +96,8 @@ def frf_from_time(
     15, 70-73. Rocklin, Crowley and Vold (1985), IMAC 3 (Hv).
     """
     repeats = [records] if isinstance(records, TimeRecord) else list(records)
-    loads, sensors = _loads_and_sensors(repeats[0], parse_dofs(inputs), parse_dofs(outputs))
     require_alike(repeats, segment_length)
+    loads, sensors = _loads_and_sensors(repeats[0], parse_dofs(inputs), parse_dofs(outputs))
     length = segment_length if segment_length is not None else repeats[0].values.shape[0]
     step = segment_step(length, overlap)
     measured = _quantities(repeats[0], sensors, quantity)
@@ -153,11 +153,6 @@ def _loads_and_sensors(
     pairs = list(zip(record.channels, record.quantities, strict=True))
     forces, supports = ([dof for dof, own in pairs if own == name] for name in ("force", "support_acceleration"))
     loads = inputs or tuple(forces or supports)
-    if not loads:
-        raise InputError(
-            "`inputs` must name the channels that drive, got none, and the record has no force; name the supports whose"
-            " acceleration drives, as in inputs=['1X']"
-        )
     moving = (dof for dof, quantity in pairs if quantity != "force" and dof not in loads)
     return loads, outputs or tuple(dict.fromkeys(moving))
 

@@ -21,6 +21,7 @@ from structid.identification.warning_words import (
     estimate_warnings,
     unidentified_warnings,
 )
+from structid.inversion import Status
 from structid.inversion.diagnostics.bounds import AtBound
 from structid.study.results.changes import largest_changes
 
@@ -298,7 +299,8 @@ def _advice(found: Identification, criticism: Criticism, sentences: Sequence[str
         lines.append(
             f"{listed(lost, 4)} {are} not determined: fix or tie, give a prior, or measure where the effect shows."
         )
-    lines.extend(sentence(words) for words in acts if words in of_estimate)
+    directions = [f"the data determine {direction.words}" for direction in estimate.identifiability.directions]
+    lines.extend(sentence(words) for words in acts if words in of_estimate and words not in directions[1:])
     if words := resting_words(criticism.held):
         lines.append(sentence(words))
     return tuple(dict.fromkeys(lines))
@@ -388,7 +390,8 @@ def _channels(fit: RecordFit) -> list[ChannelFit]:
 
 def _statistics(found: Identification) -> tuple[tuple[str, str], ...]:
     estimate = found.estimate
-    search = f"{estimate.status.value.replace('_', ' ')}: {estimate.message}"
+    is_converged = estimate.status is Status.CONVERGED
+    search = estimate.message if is_converged else f"{estimate.status.value.replace('_', ' ')}: {estimate.message}"
     rows = [("Search", f"{search}, {counted(estimate.n_iterations, 'iteration')}")]
     if estimate.uncertainty.has_matrix:
         identifiability = estimate.identifiability
