@@ -8,6 +8,7 @@ from rich.text import Text
 from structid.cli.tables import groups, new_table
 from structid.core.display import counted, first_warnings
 from structid.core.quantities import NOTHING, number, percent, span_text, with_std
+from structid.explanation.suggestions import FOLDER as SUGGESTIONS
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.identified import Identification
 from structid.study.results.changes import PARAMETERS
@@ -20,20 +21,28 @@ _MOST_ROWS, _MOST_CHANGES, _MOST_CAUSES = 24, 10, 5
 _STYLES = {"sound": "bold green", "approximate": "bold yellow"}
 
 
-def identification_summary(result: StudyResult, is_verbose: bool = False) -> list[RenderableType]:
-    """Verdict, values and what to do; with `is_verbose` warnings, statistics, causes and modes too."""
+def identification_summary(result: StudyResult, is_verbose: bool = False, folder: str = "") -> list[RenderableType]:
+    """Verdict, values and what to do; with `is_verbose` warnings, statistics, causes and modes too.
+
+    Studies that were written into `folder`, that of the results, are named by their path from here.
+    """
     view = result.view
     shown: list[RenderableType] = [
         Text(view.headline, style=_STYLES.get(view.verdict, "bold red")),
         *_values(view),
-        Text(f"Next: {view.next_step}"),
-        *(Text(f"- {words}") for words in view.advice[:MOST_ADVICE]),
+        Text(f"Next: {_from_here(view.next_step, folder)}"),
+        *(Text(f"- {_from_here(words, folder)}") for words in view.advice[:MOST_ADVICE]),
     ]
     if result.solver is not None:
         shown.append(Text(f"{result.solver.check}; the updated deck is in {UPDATED}"))
     if is_verbose:
         return [*shown, *_details(view)]
     return shown
+
+
+def _from_here(words: str, folder: str) -> str:
+    """`words` with the paths of suggested studies from the folder of the call."""
+    return words.replace(f"{SUGGESTIONS}/", f"{folder}/{SUGGESTIONS}/") if folder else words
 
 
 def _values(view: ResultsView) -> list[RenderableType]:

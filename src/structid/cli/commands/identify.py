@@ -30,6 +30,7 @@ from structid.cli.base import (
 from structid.cli.console import identification_summary
 from structid.cli.progress import ProgressFile, run_progress
 from structid.cli.tables import show
+from structid.core.isolation import paths_as_called
 from structid.explanation.answer import criticized, time_for_causes, write_suggestions
 from structid.explanation.refits import Fitted
 from structid.explanation.time_budget import TimeBudget
@@ -138,7 +139,7 @@ def identify(
         finally:
             run.close()
         kept.remove()
-    show(identification_summary(result, verbose))
+    show(identification_summary(result, verbose, paths_as_called(str(folder))))
     say(folder / name)
     estimate = result.identification.estimate
     verdict = result.criticism.judgement.verdict if result.criticism is not None else ""

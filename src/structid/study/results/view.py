@@ -36,13 +36,17 @@ _WEAK = 0.5
 _BETWEEN_SENTENCES = re.compile(r"(?<=[.?!]) (?=[A-Z])")
 _NEXT_STEPS = {
     "sound": "Use the values with their intervals.",
-    "approximate": "Use the values with their intervals, but not those that the lines below name.",
+    "approximate": "Use the values with their intervals, which include the model error.",
     "wrong_model": "Find what is wrong with the model or the record before you use a value: look first at the channels that"
     " fit worst, then at the changes that were tried.",
     "undetermined": "Tie, fix or give a prior to what is not determined, or measure at more places and frequencies.",
     "untested": "Measure more than there are parameters, or tie or fix some of them.",
 }
-_USE_ALL = "Use the values with their intervals, which include the model error."
+_NOT_ALL = "Use the values with their intervals, but not those that the lines below name."
+#: What the verdict says of a value that is not to be relied on.
+_DOUBTFUL = "ot rely on"
+#: Kinds of causes that are choices of the model, which no look at the structure decides.
+_OF_THE_MODEL = ("mesh", "shear", "damping_law", "varies", "untied")
 
 
 @dataclass(frozen=True)
@@ -253,7 +257,7 @@ def results_view(
         criticism=criticism,
         title=title,
         headline=" ".join(sentences[:n_headline]),
-        next_step=_next_step(criticism, bool(advice)),
+        next_step=_next_step(criticism, any(_DOUBTFUL in words for words in advice)),
         advice=advice,
         parameters=_parameters(identification),
         channels=tuple(channel for fit in identification.fits for channel in _channels(fit)),
@@ -263,15 +267,17 @@ def results_view(
     )
 
 
-def _next_step(criticism: Criticism, has_advice: bool) -> str:
+def _next_step(criticism: Criticism, is_any_doubtful: bool) -> str:
     verdict = criticism.judgement.verdict
     if verdict == "wrong_model" and criticism.causes:
         first = criticism.causes[0]
-        run = f", and run `structid identify` on {first.study}" if first.study else ""
-        return f"Check on the structure and in the test log whether {first.words}{run}."
-    if verdict == "approximate" and not has_advice:
-        return _USE_ALL
-    return _NEXT_STEPS[verdict]
+        run = f"`structid identify {first.study}`" if first.study else ""
+        if first.kind in _OF_THE_MODEL and run:
+            return f"Run {run}, which has this change."
+        return f"Check on the structure and in the test log whether {first.words}" + (
+            f", and run {run}." if run else "."
+        )
+    return _NOT_ALL if verdict == "approximate" and is_any_doubtful else _NEXT_STEPS[verdict]
 
 
 def _advice(found: Identification, criticism: Criticism, sentences: Sequence[str]) -> tuple[str, ...]:
