@@ -242,7 +242,7 @@ def test_the_sentence_names_what_changed():
     same = compare_states(
         state([10.0], [[1.0]], ("a",)), state([10.1], [[1.0]], ("a",)), correction="benjamini_hochberg"
     )
-    assert same.words == "no parameter changed at the false discovery level of 5 %"
+    assert same.words == "no parameter changed (false discovery rate 5 %)"
     assert compare_states(state([1, 2, 3], np.eye(3), "abc"), state([1, 2], np.eye(2), "bd")).only_before == ("a", "c")
 
 

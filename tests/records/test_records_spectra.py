@@ -219,5 +219,5 @@ def test_loads_and_sensors_are_those_of_the_record_by_their_quantities(rng):
     assert (frf.outputs, frf.inputs) == (record(y, z, channels=("2X", "3X")).channels, record(x, y).channels[:1])
     named = frf_from_time(measured, ["1X"], ["2X", "3X"], segment_length=128)
     np.testing.assert_array_equal(frf.values, named.values)
-    with pytest.raises(InputError, match="no channel is a force.*`structid modes` gives modes"):
+    with pytest.raises(InputError, match=r"no channel is a force.*`structid modes` gives modes"):
         frf_from_time(record(y, z, quantities=("acceleration", "acceleration")), segment_length=128)
