@@ -90,8 +90,11 @@ def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | Non
         panels.append(
             plot.Panel(x, (plot.Strip(y, (rest, moved)),), name=name, z=deep[0] if deep else None, equal=True)
         )
-    choice = plot.Choice("Mode", tuple(range(min(n_modes, 12))), (270.0, 290.0), moves=True)
-    return plot.Figure(tuple(panels), (1150.0, 560.0), 4, "Shapes of the identified model. Grey: at rest.", choice)
+    columns = min(n_modes, 3)
+    choice = plot.Choice("Mode", tuple(range(min(n_modes, 12))), (1000.0 / columns, 300.0), moves=True)
+    return plot.Figure(
+        tuple(panels), (1150.0, 560.0), columns, "Shapes of the identified model. Grey: at rest.", choice
+    )
 
 
 def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
