@@ -111,7 +111,7 @@ def test_the_same_record_twice_is_no_change_and_says_so(states, tmp_path):
         "compare", before, again, "--no-report", "--out", tmp_path / "none", "--correction", "benjamini_hochberg"
     )
     assert done.exit_code == 0
-    assert "no parameter changed at the false discovery level of 5 %" in done.stdout
+    assert "no parameter changed (false discovery rate 5 %)" in done.stdout
     assert "both states read the same frf.npz" in done.stdout
     assert [p.name for p in (tmp_path / "none").iterdir()] == ["compare.json"]
 
