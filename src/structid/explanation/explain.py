@@ -265,7 +265,7 @@ def _from_next(
     found: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
 ) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
-    further = _beside(first, work, "second change beside the next one, ", budget)
+    further = _beside(first, work, "second change after another first one, ", budget)
     return _led_by(found, first, further) if _is_better(further, second) else None
 
 
