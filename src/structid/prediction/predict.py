@@ -97,7 +97,8 @@ def predict(
     seed : int
         Of the random models.
     model_error : ModelError, optional
-        What the fitted responses missed beyond noise, which a band of FRFs then includes; that of an identification by default.
+        What the fitted responses missed beyond noise, which a band of FRFs then includes; by default that of an identification
+        whose fit misses the noise.
 
     Raises
     ------
@@ -154,7 +155,7 @@ def _model_and_error(
     """The model of an identification, and what its fitted FRFs missed."""
     if isinstance(source, IdentifiedModel):
         return source, model_error
-    if model_error is None and source.fits:
+    if model_error is None and source.fits and source.estimate.covariance_basis == "model_error":
         fit, record = source.fits[0], source.fits[0].problem.record
         model_error = ModelError.of_residuals(record.frequency, record.values, fit.predicted, record.variance)
     return model_of(source), model_error
