@@ -1,7 +1,7 @@
 """Do 95 % bands of predictions at places without a sensor hold the truth? Noise and wrong held values, many times.
 
-The structures, their truths and their FRFs are those of `tolerances.py`, by its own matrices. Each repeat draws held values and noise
-anew, identifies, and predicts: accelerances at degrees of freedom that no sensor reads, natural frequencies, the change of
+The structures, their truths and their FRFs are those of `tolerances.py`, by its own matrices. Each repeat draws held values and
+noise anew, identifies, and predicts: accelerances at degrees of freedom that no sensor reads, natural frequencies, the change of
 frequencies and accelerances by a mass that is added, and (of the chain) the largest displacements under a half-sine push, whose
 truth comes from a matrix exponential.
 
@@ -14,6 +14,7 @@ import argparse
 import os
 import time
 from collections import defaultdict
+from itertools import pairwise
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -27,7 +28,12 @@ from structid.prediction.predict import predict, predict_change
 from structid.prediction.quantities import Frf, History, Maxima, NaturalModes
 from structid.unknowns.tolerances import Tolerances
 
-UNSEEN = {"chain": ("2X", "5X"), "cantilever": ("5Y", "12Y"), "beam on three supports": ("3Y", "8Y"), "frame": ("8X", "5Y")}
+UNSEEN = {
+    "chain": ("2X", "5X"),
+    "cantilever": ("5Y", "12Y"),
+    "beam on three supports": ("3Y", "8Y"),
+    "frame": ("8X", "5Y"),
+}
 LOADED = {"chain": 4, "cantilever": 10, "beam on three supports": 7, "frame": 6}
 
 
@@ -48,8 +54,10 @@ def true_maxima(rig: Rig, m, k, c, force: np.ndarray, rate: float, outputs) -> n
     whole[: 2 * n, : 2 * n], whole[: 2 * n, 2 * n], whole[2 * n, 2 * n + 1] = a / rate, b / rate, 1.0
     step = expm(whole)
     state, most = np.zeros(2 * n), np.zeros(len(outputs))
-    for first, second in zip(force[:-1], force[1:], strict=True):
-        state = step[: 2 * n, : 2 * n] @ state + step[: 2 * n, 2 * n] * first + step[: 2 * n, 2 * n + 1] * (second - first)
+    for first, second in pairwise(force):
+        state = (
+            step[: 2 * n, : 2 * n] @ state + step[: 2 * n, 2 * n] * first + step[: 2 * n, 2 * n + 1] * (second - first)
+        )
         most = np.maximum(most, np.abs(state[[rig.index(d) for d in outputs]]))
     return most
 
@@ -106,7 +114,9 @@ def main() -> None:
     parser.add_argument("--tolerance", type=float, default=0.01)
     parser.add_argument("--only", nargs="+", default=list(RIGS), choices=list(RIGS))
     chosen = parser.parse_args()
-    print(f"inside the 95 % band, %; {chosen.repeats} repeats from seed {chosen.seed}, held values off by {chosen.tolerance:g}")
+    print(
+        f"inside the 95 % band, %; {chosen.repeats} repeats from seed {chosen.seed}, held values off by {chosen.tolerance:g}"
+    )
     whole: dict[str, list[np.ndarray]] = defaultdict(list)
     for name in chosen.only:
         inside: dict[str, list[np.ndarray]] = defaultdict(list)

@@ -2,8 +2,8 @@
 
 A beam on three supports (the matrices of `tolerances.py`) is pushed at two places by independent forces with a correlation time of
 0.02 s; four accelerometers with 1 % noise are read, all other translations are sensed. The truth runs through a matrix exponential
-with eight steps a sample, and through a filter against aliasing as records do. Each repeat draws the truth within the uncertainty of the model. Beside it stands open modal expansion: least
-squares of the lowest modes at every sample.
+with eight steps a sample, and through a filter against aliasing as records do. Each repeat draws the truth within the uncertainty
+of the model. Beside it stands open modal expansion: least squares of the lowest modes at every sample.
 
     python benchmarks/accuracy/virtual_sensing.py [--repeats 20] [--seed 0] [--samples 3000]
 """
@@ -27,10 +27,17 @@ from structid.prediction.virtual_sensing import UnknownForces, sense
 RATE, CORRELATION, FORCE, STEPS = 600.0, 0.02, 5.0, 8
 PUSHED, READ, MODES = ("3Y", "9Y"), ("2Y", "4Y", "8Y", "10Y"), 4
 #: Relative deviations of the model: bending stiffnesses, and the loss factor.
-STD = {"bending_stiffness[a]": 0.01, "bending_stiffness[b]": 0.01, "bending_stiffness[c]": 0.01, "loss_factor[all]": 0.1}
+STD = {
+    "bending_stiffness[a]": 0.01,
+    "bending_stiffness[b]": 0.01,
+    "bending_stiffness[c]": 0.01,
+    "loss_factor[all]": 0.1,
+}
 
 
-def simulate(rig: Rig, values: dict[str, float], rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def simulate(
+    rig: Rig, values: dict[str, float], rng: np.random.Generator, n: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Displacements, accelerations and forces at the samples; the loss factor acts as a damping ratio of its half at each mode."""
     m, k, _ = matrices(rig, values)
     squares, shapes = eigh(k.real, m)
@@ -54,7 +61,9 @@ def simulate(rig: Rig, values: dict[str, float], rng: np.random.Generator, n: in
         state = step @ np.concatenate([state, force[i], rise])
         states[i + 1] = state
     acceleration = (states @ a.T + force @ b.T)[:, size:] @ shapes.T
-    return tuple(decimate(each, STEPS, ftype="fir", axis=0) for each in (states[:, :size] @ shapes.T, acceleration, force))
+    return tuple(
+        decimate(each, STEPS, ftype="fir", axis=0) for each in (states[:, :size] @ shapes.T, acceleration, force)
+    )
 
 
 def expanded(rig: Rig, measured: np.ndarray, wanted: list[int]) -> np.ndarray:
@@ -101,11 +110,16 @@ def main() -> None:
                 z = ((told.forces - force) / told.force_std)[settled]
                 squares["force"].append((z**2).mean())
                 held.append((np.abs(z) < 1.96).mean())
-    print(f"{chosen.repeats} repeats from seed {chosen.seed}, {chosen.samples} samples, {len(READ)} sensors, {len(outputs)} places")
+    print(
+        f"{chosen.repeats} repeats from seed {chosen.seed}, {chosen.samples} samples, {len(READ)} sensors, {len(outputs)} places"
+    )
     for what, parts in squares.items():
         print(f"{what:13s} root mean square of error over stated deviation {np.sqrt(np.mean(parts)):.2f}")
     print(f"force         inside the 95 % band {100 * np.mean(held):.1f} %")
-    print("error of accelerations: " + ", ".join(f"{name} {100 * np.median(parts):.1f} %" for name, parts in errors.items()))
+    print(
+        "error of accelerations: "
+        + ", ".join(f"{name} {100 * np.median(parts):.1f} %" for name, parts in errors.items())
+    )
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ class AddMass:
 
 @dataclass(frozen=True)
 class Scale:
-    """A property times a factor: of an element set (``bending_stiffness[deck]``), or of one element (``bending_stiffness[deck:3]``)."""
+    """A property times a factor, of a set, ``bending_stiffness[deck]``, or of one element, ``bending_stiffness[deck:3]``."""
 
     label: str
     factor: float
@@ -82,7 +82,7 @@ class Scale:
         if item is None or not found:
             labels = [item.label for item in structure.properties]
             near = difflib.get_close_matches(self.label, labels, 1, 0.0)
-            raise InputError(f"the structure has no property {self.label!r}; the nearest is {near[0]!r}, others have their set's name")
+            raise InputError(f"the structure has no property {self.label!r}; the nearest is {near[0]!r}")
         factors, count = np.ones(len(structure.values)), item.values.stop - item.values.start
         if found["number"] is None:
             factors[item.values] = self.factor
@@ -219,7 +219,9 @@ def changed_model(
 def _carried_over(parameters: Parameters, before: Structure, after: Structure) -> Parameters:
     """Parameters of a structure as those of another that has its properties and more, or fewer."""
     places = {item.label: item.values for item in before.properties}
-    offset, rows, columns = np.array(after.values), [], []
+    offset = np.array(after.values)
+    rows: list[int] = []
+    columns: list[int] = []
     for item in after.properties:
         old = places.get(item.label)
         if old is not None:

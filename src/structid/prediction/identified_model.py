@@ -80,7 +80,7 @@ class IdentifiedModel:
         lower = np.where(positive, 0.0, transforms.bounds[:, 0])
         drawn: list[FloatArray] = []
         for _ in range(_MOST_TRIALS * n_draws):
-            physical = self.parameters_at(rng.standard_normal(self.factor.shape[1]))
+            physical = self.parameters_at(rng.standard_normal((self.factor.shape[1],)))
             if ((physical > lower) & (physical < transforms.bounds[:, 1])).all():
                 drawn.append(physical)
                 if len(drawn) == n_draws:
@@ -111,7 +111,8 @@ def identified_model(
     """The `IdentifiedModel` of estimated parameters, of their covariance, and of what fixed values did to them.
 
     A fixed value that is off by one tolerance changes the parameters by its column of `fixed_changes` and the model by itself.
-    Both are one error here, so that what cancels in the fitted responses cancels in a prediction too.
+    Both are one error here, so that what cancels in the fitted responses cancels in a prediction too. The effect of second order is
+    left out: it holds together with the change of the fixed values alone.
 
     Parameters
     ----------
@@ -126,7 +127,8 @@ def identified_model(
         What each column of `fixed_changes` is owed to, such as ``mass[deck]``, and its tolerance as a part of the value. What is no
         property of the structure, such as the calibration of a record, changes the parameters alone.
     fixed_changes : (n_params, n_fixed) float array, optional
-        Change of each parameter, physical units, for one tolerance of each fixed value; see `FixedValueInfluence.changes`.
+        Change of each parameter, physical units, for one tolerance of each fixed value: the first columns of
+        `FixedValueInfluence.changes`.
     words : str
         What the uncertainty includes.
 
@@ -187,8 +189,8 @@ def model_of(found: Identification) -> IdentifiedModel:
         found.parameters,
         estimate.values[index],
         estimate.covariance_of_data[np.ix_(index, index)],
-        None if influence is None else dict(zip(influence.change_names, (*influence.tolerance, 0.0), strict=True)),
-        None if influence is None else influence.changes[index],
+        None if influence is None else dict(zip(influence.names, influence.tolerance.tolist(), strict=True)),
+        None if influence is None else influence.changes[index, : len(influence.names)],
         found.assumption,
     )
 

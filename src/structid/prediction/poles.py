@@ -209,7 +209,9 @@ def sum_over_poles(reduced: ReducedMatrices, damping: FloatArray | None = None) 
     shapes, speeds = states[:n], states[n:]
     scale = np.einsum("ij,ij->j", shapes, viscous @ shapes) + 2 * np.einsum("ij,ij->j", shapes, speeds)
     if n and np.abs(scale).min() <= np.finfo(float).eps * np.abs(speeds).max():
-        raise InputError("a mode is critically damped to all digits, which a sum over poles cannot hold; change its damping")
+        raise InputError(
+            "a mode is critically damped to all digits, which a sum over poles cannot hold; change its damping"
+        )
     out, into = reduced.outputs[:, ~rigid] @ shapes, (shapes.T @ reduced.inputs[~rigid]) / scale[:, None]
     return PoleSum(poles, out, into, reduced.outputs[:, rigid] @ reduced.inputs[rigid])
 

@@ -124,6 +124,7 @@ def predict_change(
     changes: Sequence[Change],
     n_draws: int = N_DRAWS,
     seed: int = 0,
+    model_error: ModelError | None = None,
 ) -> PredictedChange:
     """What changes of the structure do to a quantity, with the band of the difference.
 
@@ -135,8 +136,10 @@ def predict_change(
         See `structid.prediction.changes`.
     n_draws, seed : int
         See `predict`.
+    model_error : ModelError, optional
+        See `predict`; the difference is without it, since a change does not change what the model misses.
     """
-    model, error = _model_and_error(source, None)
+    model, error = _model_and_error(source, model_error)
     changed, parameters = changed_model(model.structure, model.parameters, changes)
     before, drawn_before = _drawn(model, model.structure, model.parameters, quantity, n_draws, seed)
     after, drawn_after = _drawn(model, changed, parameters, quantity, n_draws, seed)
@@ -156,8 +159,8 @@ def _model_and_error(
     if isinstance(source, IdentifiedModel):
         return source, model_error
     if model_error is None and source.fits and source.estimate.covariance_basis == "model_error":
-        fit, record = source.fits[0], source.fits[0].problem.record
-        model_error = ModelError.of_residuals(record.frequency, record.values, fit.predicted, record.variance)
+        fit = source.fits[0]
+        model_error = ModelError.of_fit(fit.problem, source.estimate.values[source.own_index], fit.predicted)
     return model_of(source), model_error
 
 
@@ -201,7 +204,8 @@ def _band(
     """The prediction that random models make of a quantity."""
     words = model.words
     if error is not None and isinstance(quantity, Frf) and np.iscomplexobj(nominal):
-        draws = error.added_to(draws, quantity.frequency, nominal, np.random.default_rng(seed + 1))
+        rng = np.random.default_rng(seed + 1)
+        draws = error.added_to(draws.astype(complex), quantity.frequency, quantity.kind, nominal.astype(complex), rng)
         words = f"{words}, and {error.words}" if words else error.words
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
     low, high = np.quantile(sizes, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)

@@ -12,7 +12,7 @@ from structid.core.arrays import ComplexArray, FloatArray, NumberArray, require_
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.units import FrfKind
-from structid.dynamics import modes
+from structid.dynamics import Modes, modes
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Friction, Structure
 from structid.forward.frf.response import response
@@ -26,7 +26,6 @@ from structid.prediction.poles import (
 )
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES, FRF_UNITS, QUANTITY_UNITS
-from structid.similarity.shapes import mac
 from structid.unknowns import Parameters
 
 #: A quantity as a function of physical parameters.
@@ -311,9 +310,12 @@ class NaturalModes:
         return "Hz, 1"
 
 
-def _structure_modes(structure: Structure, values: FloatArray, n_modes: int):  # noqa: ANN202
-    matrices = (structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural"))
-    return modes(*matrices, n_modes=n_modes)
+def _structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
+    """The lowest modes of a structure with these property values."""
+    mass, stiffness, damping, loss = (
+        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
+    )
+    return modes(mass, stiffness, damping, loss, n_modes)
 
 
 def _pole_function(

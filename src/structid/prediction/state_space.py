@@ -16,7 +16,7 @@ from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, NoAnswerError
 from structid.files import atomic_write
 from structid.prediction.identified_model import IdentifiedModel
-from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis
+from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis, sum_over_poles
 
 _MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 #: Lines of the band on which the error is looked at; and the least ratio of its ends.
@@ -37,7 +37,8 @@ class StateSpace(Shown):
     band : (float, float)
         Hz.
     error : float
-        Largest error of the FRFs in the band, in parts of their largest value there.
+        Largest error of the FRFs in the band, in parts of their largest value there; what viscous dampings in place of loss factors
+        change is part of it.
     sampling_rate : float or None
         Samples per second; None in continuous time.
     draws : tuple of (a, b, c, d)
@@ -81,7 +82,9 @@ class StateSpace(Shown):
         """
         path = Path(path)
         if path.suffix.lower() not in SUFFIXES:
-            raise FileError(f"{path}: state equations are written to {', '.join(SUFFIXES)}; give the file one of these suffixes")
+            raise FileError(
+                f"{path}: state equations are written to {', '.join(SUFFIXES)}; give the file one of these suffixes"
+            )
         content: dict[str, object] = {
             "a": self.a, "b": self.b, "c": self.c, "d": self.d,
             "outputs": np.array([str(dof) for dof in self.outputs]), "inputs": np.array([str(dof) for dof in self.inputs]),
@@ -108,7 +111,9 @@ def _bytes_of(suffix: str, content: dict[str, object]) -> bytes:
         with h5py.File(buffer, "w") as file:
             for name, value in content.items():
                 array = np.asarray(value)
-                file.create_dataset(name, data=array.astype("S") if array.dtype.kind == "U" else array, track_times=False)
+                file.create_dataset(
+                    name, data=array.astype("S") if array.dtype.kind == "U" else array, track_times=False
+                )
     return buffer.getvalue()
 
 
@@ -167,20 +172,23 @@ def state_space(
     structure.require_modes("state equations")
     sides = Sides(structure.selection(sensors), structure.selection(loads))
     basis = reduction_basis(structure, [model.values], sides, max(low, _LEAST * high), high)
-    whole = _Equations.of(reduce_structure(structure, model.values, basis, sides), _MOTIONS[motion])
+    nominal = reduce_structure(structure, model.values, basis, sides)
+    whole = _Equations.of(nominal, _MOTIONS[motion])
     frequency = np.linspace(max(low, _LEAST * high), high, _LINES)
     exact = whole.frf(frequency)
     if order is None:
-        order, largest = next(
-            ((n, miss) for n in range(2, whole.n_states + 1, 2) if (miss := whole.cut(n, high).miss(frequency, exact)) <= error),
-            (0, np.inf),
-        )
+        orders = range(2, whole.n_states + 1, 2)
+        order = next((n for n in orders if whole.cut(n, high).miss(frequency, exact) <= error), 0)
         if not order:
-            raise NoAnswerError(f"no order gives an error of at most {error:g} in the band; allow more, or name the order")
+            raise NoAnswerError(
+                f"no order gives an error of at most {error:g} in the band; allow more, or name the order"
+            )
     elif not 2 <= order <= whole.n_states:
         raise InputError(f"`order` must be from 2 to {whole.n_states} in this band, got {order}")
     made = whole.cut(order, high)
-    largest = made.miss(frequency, exact)
+    hysteretic = sum_over_poles(nominal).receptance(frequency)
+    hysteretic = hysteretic * ((2j * np.pi * frequency) ** _MOTIONS[motion])[:, None, None]
+    largest = made.miss(frequency, hysteretic)
     draws = []
     for physical in model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ():
         other = _Equations.of(
@@ -204,7 +212,7 @@ class _Equations:
 
     @classmethod
     def of(cls, reduced: ReducedMatrices, derivatives: int) -> _Equations:
-        """Modal displacements (times omega) and speeds of a reduced structure; outputs are speeds where accelerations are wanted."""
+        """Modal displacements (times omega) and speeds; outputs are speeds where accelerations are wanted."""
         rigid = reduced.is_rigid
         order = np.concatenate([np.flatnonzero(rigid), np.flatnonzero(~rigid)])
         omega, n, n_rigid = reduced.omega[order], len(order), int(rigid.sum())
@@ -267,7 +275,7 @@ class _Equations:
         return _Equations(whole, *made, direct, r, self.is_differentiated)
 
     def _direct(self, keep: int, left: FloatArray, right: FloatArray, highest: float) -> FloatArray:
-        """The direct part that makes up for the cut states at the middle of the band, in the least-squares sense of its real part."""
+        """The direct part that makes up for the cut states at the middle of the band."""
         r = self.n_rigid
         s = 2j * np.pi * 0.5 * highest
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]

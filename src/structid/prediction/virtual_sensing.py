@@ -69,7 +69,7 @@ class SensedMotion(Shown):
     prior_std : float
         Standard deviation of the unknown forces before the record; NaN where there are none.
     checks : tuple of (Dof, float)
-        Sensors that were left out, and the root mean square of measured less sensed over the stated deviation: 1 where all is right.
+        Sensors that were left out, and the root mean square of measured less sensed over the stated deviation: 1 is right.
     words : tuple of str
         What the record does not tell.
     """
@@ -99,7 +99,9 @@ class SensedMotion(Shown):
         ]
         told = "".join(f"; {dof}, left out: {figures(z, 3)} times its stated deviation" for dof, z in self.checks)
         return Overview(
-            f"{self.motion} at {listed(self.outputs)} over {len(self.time)} samples{told}", ("where", "rms", "± rms"), rows
+            f"{self.motion} at {listed(self.outputs)} over {len(self.time)} samples{told}",
+            ("where", "rms", "± rms"),
+            rows,
         )
 
 
@@ -184,7 +186,9 @@ def sense(
     error = (channels.left_values - nominal.mean[:, seen]) ** 2 / (deviation[:, seen] ** 2 + channels.left_variance)
     remaining = nominal.variance[n_wanted + n_left :] / std**2 if forces else np.zeros(0)
     blind = [str(dof) for dof, part in zip(forces, remaining, strict=True) if part > _UNSEEN]
-    words = (f"the record says next to nothing of the force at {listed(blind)}: no sensor moves with it",) if blind else ()
+    words = (
+        (f"the record says next to nothing of the force at {listed(blind)}: no sensor moves with it",) if blind else ()
+    )
     return SensedMotion(
         np.arange(len(record.values)) / rate,
         wanted,
@@ -243,7 +247,9 @@ class _Channels:
         used = [i for i in rows if quantities[i] != "force" and record.channels[i] not in left]
         out = [i for i in rows if quantities[i] != "force" and record.channels[i] in left]
         if not used:
-            raise InputError("the record has no motion to sense from; use one with displacements, velocities or accelerations")
+            raise InputError(
+                "the record has no motion to sense from; use one with displacements, velocities or accelerations"
+            )
 
         def dofs(index: list[int]) -> tuple[Dof, ...]:
             return tuple(record.channels[i] for i in index)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import shutil
 from collections.abc import Iterator, Sequence
@@ -89,7 +90,9 @@ def write_results(result: StudyResult, folder: Path) -> None:
 
     The same result gives the same bytes.
     """
-    (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
+    (folder / "estimate.json").write_text(
+        json_text(estimate_summary(result, _way_to(result.study.path, folder))), encoding="utf-8"
+    )
     if not result.identification.estimate.uncertainty.has_matrix:
         (folder / PARAMETERS).write_text(changes_table(result.identification.estimate), encoding="utf-8")
     (folder / "estimate.h5").write_bytes(hdf5_bytes(result))
@@ -98,14 +101,23 @@ def write_results(result: StudyResult, folder: Path) -> None:
         result.solver.write(folder)
 
 
-def estimate_summary(result: StudyResult) -> dict[str, Entry]:
-    """The content of estimate.json, before what is not finite becomes null."""
+def _way_to(path: Path, folder: Path) -> str:
+    """The relative path from a folder to a file; "" where there is none, as between two drives."""
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return ""
+
+
+def estimate_summary(result: StudyResult, study_file: str = "") -> dict[str, Entry]:
+    """The content of estimate.json, before what is not finite becomes null; `study_file` leads from the folder to the study."""
     found = result.identification
     estimate, identifiability = found.estimate, found.estimate.identifiability
     has_matrix = estimate.uncertainty.has_matrix
     return {
         **_verdict(result.criticism),
         "title": result.study.title,
+        "study_file": study_file,
         "status": estimate.status.value,
         "status_text": estimate.status_words,
         "message": estimate.message,
