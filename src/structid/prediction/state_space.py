@@ -20,7 +20,9 @@ from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, 
 
 _MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 #: Lines of the band on which the error is looked at; and the least ratio of its ends.
-_LINES, _LEAST = 2000, 1e-3
+_LINES, _LEAST = 500, 1e-3
+#: Lines across the half-power band of a resonance, three times as wide.
+_ACROSS = 25
 SUFFIXES = (".mat", ".npz", ".h5")
 
 
@@ -174,7 +176,7 @@ def state_space(
     basis = reduction_basis(structure, [model.values], sides, max(low, _LEAST * high), high)
     nominal = reduce_structure(structure, model.values, basis, sides)
     whole = _Equations.of(nominal, _MOTIONS[motion])
-    frequency = np.linspace(max(low, _LEAST * high), high, _LINES)
+    frequency = _judged_lines(nominal, max(low, _LEAST * high), high)
     exact = whole.frf(frequency)
     if order is None:
         orders = range(2, whole.n_states + 1, 2)
@@ -197,6 +199,15 @@ def state_space(
         draws.append(other.cut(order, high).sampled(sampling_rate))
     parts = made.sampled(sampling_rate)
     return StateSpace(*parts, sensors, loads, motion, (low, high), largest, sampling_rate, tuple(draws))
+
+
+def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
+    """Frequencies, Hz, on which an error is judged: even ones, and some across each resonance."""
+    omega = reduced.omega[~reduced.is_rigid]
+    half = np.diag(reduced.viscous_equivalent())[~reduced.is_rigid] / 2
+    near = (omega + half * np.linspace(-3, 3, _ACROSS)[:, None]).ravel() / (2 * np.pi)
+    lines = np.concatenate([np.linspace(low, high, _LINES), near[(near > low) & (near < high)]])
+    return np.unique(lines)
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,8 @@ _UNSEEN = 0.9
 #: Part of the noise of a sensor that is put on top of what the record states, where it states none.
 _NOISE = 0.01
 _MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+#: Part of its size by which a state moves at random in a time of the slowest, and modal speed where nothing unknown acts.
+_STRAY, _SPEED = 1e-10, 1e-6
 
 
 @dataclass(frozen=True)
@@ -173,6 +175,10 @@ def sense(
     correlation_time = 1.0 if unknown is None else unknown.correlation_time
     smoother = _Smoother(channels, len(forces), correlation_time, rate, _MOTIONS[motion], len(wanted))
     reduced = reduce_structure(structure, model.values, basis, sides)
+    if reduced.is_rigid.any() and 0 not in channels.derivatives:
+        raise NoAnswerError(
+            "nothing holds the structure, so that velocities and accelerations do not tell where it is; measure a displacement too"
+        )
     std = 0.0 if unknown is None else (unknown.std or smoother.likeliest_std(reduced))
     nominal = smoother.run(reduced, std)
     draws = [
@@ -274,7 +280,10 @@ class _Smoothed:
 
 @dataclass(frozen=True, eq=False)
 class _StateSpace:
-    """z' = transition z + entry (f_k, f_{k+1}) + noise; measured = reading z + direct f; asked = wanted z + wanted_direct f."""
+    """z' = transition z + entry (f_k, f_{k+1}) + noise; asked = wanted z + wanted_direct f.
+
+    Sensors read reading z + direct f, in standard deviations of their noise; the last rows of `wanted` are the unknown forces.
+    """
 
     transition: FloatArray
     entry: FloatArray
@@ -319,10 +328,9 @@ class _Smoother:
         smoothed = stepped(back, drive, after[-1])[::-1]
         covariance = linalg.solve_discrete_lyapunov(back, updated - back @ predicted @ back.T)
         covariance = (covariance + covariance.T) / 2
-        rows = np.vstack([system.wanted, np.eye(n)[n - self.n_forces :]])
-        mean = smoothed @ rows.T
-        mean[:, : len(system.wanted)] += self.channels.known @ system.wanted_direct.T
-        return _Smoothed(mean, np.maximum(np.einsum("ij,jk,ik->i", rows, covariance, rows), 0.0))
+        mean = smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T
+        variance = np.einsum("ij,jk,ik->i", system.wanted, covariance, system.wanted)
+        return _Smoothed(mean, np.maximum(variance, 0.0))
 
     def likeliest_std(self, reduced: ReducedMatrices) -> float:
         """Standard deviation of the unknown forces under which the record is likeliest, N."""
@@ -341,25 +349,29 @@ class _Smoother:
         system = self._system(reduced, 1.0)
         stationary = linalg.solve_discrete_lyapunov(system.transition, system.noise)
         made = np.einsum("ij,jk,ik->i", system.reading, stationary, system.reading)
-        return float(np.sqrt((self.channels.measured.var(axis=0) / made).mean()))
+        return float(np.sqrt((self._measured.var(axis=0) / made).mean()))
+
+    @property
+    def _measured(self) -> FloatArray:
+        """What the sensors that are used read, in standard deviations of their noise."""
+        return self.channels.measured / np.sqrt(self.channels.variance)
 
     def _log_likelihood(self, reduced: ReducedMatrices, std: float) -> float:
         system = self._system(reduced, std)
         _, gain, innovation = self._steady(system)
         before, _ = self._filtered(system, gain)
-        error = self.channels.measured - self.channels.known @ system.direct.T - before @ system.reading.T
+        error = self._measured - self.channels.known @ system.direct.T - before @ system.reading.T
         whitened = linalg.solve_triangular(np.linalg.cholesky(innovation), error.T, lower=True)
         return float(-0.5 * (whitened**2).sum() - 0.5 * len(error) * np.linalg.slogdet(innovation)[1])
 
     def _steady(self, system: _StateSpace) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Covariance of the predicted state, gain, and covariance of the innovations, all as they settle."""
-        noise = np.diag(self.channels.variance)
+        noise = np.eye(len(self.channels.variance))
         try:
             predicted = linalg.solve_discrete_are(system.transition.T, system.reading.T, system.noise, noise)
         except (linalg.LinAlgError, ValueError) as error:
             raise NoAnswerError(
-                "these sensors do not tell the motion: nothing holds the structure, or a mode is seen by none of them; measure"
-                " displacements too, or more places"
+                "these sensors do not tell the motion: none of them sees one of the modes; measure more places"
             ) from error
         innovation = system.reading @ predicted @ system.reading.T + noise
         gain = np.linalg.solve(innovation, system.reading @ predicted).T
@@ -367,8 +379,8 @@ class _Smoother:
 
     def _filtered(self, system: _StateSpace, gain: FloatArray) -> tuple[FloatArray, FloatArray]:
         """States before and after each sample is used, (n_times, n_states) each."""
-        known, measured = self.channels.known, self.channels.measured
-        read = (measured - known @ system.direct.T) @ gain.T
+        known = self.channels.known
+        read = (self._measured - known @ system.direct.T) @ gain.T
         n = len(system.transition)
         keep = np.eye(n) - gain @ system.reading
         inputs = np.hstack([known[:-1], known[1:]]) @ system.entry.T
@@ -377,40 +389,44 @@ class _Smoother:
         return before, before @ keep.T + read
 
     def _system(self, reduced: ReducedMatrices, std: float) -> _StateSpace:
-        """Modal displacements and speeds, then the unknown forces, from sample to sample."""
+        """Modal displacements and speeds, then the unknown forces, from sample to sample, each in units of its own size."""
         n, n_forces, n_known = len(reduced.omega), self.n_forces, reduced.inputs.shape[1] - self.n_forces
-        step, damping = 1 / self.rate, reduced.viscous_equivalent()
+        step, size = 1 / self.rate, 2 * n + n_forces
         known, unknown = reduced.inputs[:, :n_known], reduced.inputs[:, n_known:]
-        size = 2 * n + n_forces
+        slowest = max(float(reduced.omega[reduced.omega > 0].min(initial=np.inf)), 1 / self.correlation_time)
+        speed = max(float(np.abs(unknown).max(initial=0.0)) * std / slowest, _SPEED)
+        units = np.concatenate([speed / np.maximum(reduced.omega, slowest), np.full(n, speed), np.full(n_forces, std)])
         rate = np.zeros((size, size))
         rate[:n, n : 2 * n] = np.eye(n)
-        rate[n : 2 * n, :n], rate[n : 2 * n, n : 2 * n] = -np.diag(reduced.omega**2), -damping
+        rate[n : 2 * n, :n], rate[n : 2 * n, n : 2 * n] = -np.diag(reduced.omega**2), -reduced.viscous_equivalent()
         rate[n : 2 * n, 2 * n :] = unknown
         rate[2 * n :, 2 * n :] = -np.eye(n_forces) / self.correlation_time
-        random = np.zeros((size, size))
-        random[2 * n :, 2 * n :] = np.eye(n_forces) * 2 * std**2 / self.correlation_time
+        n_sensors = len(self.channels.sensors)
+        orders = (*self.channels.derivatives, *([self.derivatives] * self.n_wanted), *self.channels.left_derivatives)
+        rows, direct = self._readings(reduced.outputs, orders, rate[n : 2 * n], known)
+        wanted = np.vstack([rows[n_sensors:], np.eye(size)[2 * n :]]) * units
+        wanted_direct = np.vstack([direct[n_sensors:], np.zeros((n_forces, n_known))])
+        rate = rate * units / units[:, None]
         # what no unknown force drives moves a little all the same, so that every state can be told from its noise
-        random[n : 2 * n, n : 2 * n] += np.eye(n) * 1e-12 * max(float(np.trace(unknown @ unknown.T)) * std**2, 1e-12)
+        random = np.diag([_STRAY * slowest] * 2 * n + [2 / self.correlation_time] * n_forces)
         wide = np.block([[-rate, random], [np.zeros_like(rate), rate.T]]) * step
         power = linalg.expm(wide)
         transition = power[size:, size:].T
         noise = transition @ power[:size, size:]
         held = np.zeros((size + 2 * n_known,) * 2)
-        held[:size, :size], held[n : 2 * n, size : size + n_known] = rate * step, known * step
+        held[:size, :size], held[n : 2 * n, size : size + n_known] = rate * step, known * step / speed
         held[size : size + n_known, size + n_known :] = np.eye(n_known)
         whole = linalg.expm(held)[:size]
         constant, rising = whole[:, size : size + n_known], whole[:, size + n_known :]
-        n_sensors = len(self.channels.sensors)
-        orders = (*self.channels.derivatives, *([self.derivatives] * self.n_wanted), *self.channels.left_derivatives)
-        rows, direct = self._readings(reduced.outputs, orders, rate[n : 2 * n], known)
+        deviation = np.sqrt(self.channels.variance)[:, None]
         return _StateSpace(
             transition,
             np.hstack([constant - rising, rising]),
             (noise + noise.T) / 2,
-            rows[:n_sensors],
-            direct[:n_sensors],
-            rows[n_sensors:],
-            direct[n_sensors:],
+            rows[:n_sensors] * units / deviation,
+            direct[:n_sensors] / deviation,
+            wanted,
+            wanted_direct,
         )
 
     @staticmethod

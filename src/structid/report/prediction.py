@@ -14,6 +14,9 @@ from structid.report.tables import Table, printed
 from structid.report.text import NOTHING, number, percent, unit_text, value_words
 from structid.study.run.predicting import PREDICTION_PAGE, StudyPrediction, parts_of
 
+#: Part of a value that rounding makes at most.
+_ROUNDING = 1e-9
+
 
 def modes_table(found: Prediction | PredictedChange) -> Table:
     """Natural frequencies and damping ratios, before and after changes where there are any."""
@@ -27,7 +30,7 @@ def modes_table(found: Prediction | PredictedChange) -> Table:
     for k in range(len(next(iter(parts.values())).values)):
         cells = [str(k + 1)]
         if isinstance(found, PredictedChange):
-            cells += [_value(part, (k, 0)) for part in parts.values()]
+            cells += [_value(part, (k, 0), float(found.before.values[k, 0])) for part in parts.values()]
             cells += [_percent(part, (k, 1)) for name, part in parts.items() if name != "difference"]
         else:
             cells += [
@@ -58,8 +61,10 @@ def maxima_table(found: Prediction | PredictedChange) -> Table:
     return Table(tuple(header), tuple(rows), tuple(range(1, len(header))))
 
 
-def _value(part: Prediction, index: tuple[int, ...]) -> str:
-    return value_words(float(part.values[index]), float(part.std[index]))
+def _value(part: Prediction, index: tuple[int, ...], size: float = 0.0) -> str:
+    """Value and deviation; 0 where both are rounding of values of this `size`."""
+    value, std = float(part.values[index]), float(part.std[index])
+    return "0" if max(abs(value), std) <= _ROUNDING * size else value_words(value, std)
 
 
 def _percent(part: Prediction, index: tuple[int, ...]) -> str:
@@ -90,7 +95,7 @@ def width_words(found: StudyPrediction) -> str:
             size = np.abs(part.values)
             half = np.divide(part.high - part.low, 2 * size, out=np.zeros(size.shape), where=size > 0)
             words.append(f"{'' if name == 'value' else name + ' '}{percent(float(np.median(half)), signed=False)}")
-    return f"half-width of the 95 % band of the FRFs, median over lines: {', '.join(words)}"
+    return f"Half-width of the 95 % band of the FRFs, median over lines: {', '.join(words)}"
 
 
 def prediction_text(found: StudyPrediction) -> list[RenderableType]:

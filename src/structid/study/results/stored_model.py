@@ -101,6 +101,8 @@ def stored_model(folder: Path, study: Study) -> tuple[IdentifiedModel, ModelErro
         words,
     )
     if "frf/model_error_part" not in stored:
+        if is_doubted and "frf/frequency" in stored:
+            raise FileError(f"{path}: does not say what the fit missed at a sensor left out; {_AGAIN}")
         return model, None
     frequency, part, size = (np.asarray(stored[f"frf/{name}"], dtype=float) for name in _ERROR[:3])
     kind = cast(FrfKind, texts_of(stored["frf/model_error_kind"])[0])
