@@ -89,5 +89,5 @@ def test_bad_input_is_named(tmp_path):
         sid.state_space(model, OUTPUTS, INPUTS, (40.0, 5.0))
     with pytest.raises(InputError, match="`order` must be from 2"):
         sid.state_space(model, OUTPUTS, INPUTS, BAND, order=5000)
-    with pytest.raises(FileError, match="mat, .npz, .h5"):
+    with pytest.raises(FileError, match=r"\.mat, \.npz, \.h5"):
         sid.state_space(model, OUTPUTS, INPUTS, BAND, order=4).write(tmp_path / "beam.txt")

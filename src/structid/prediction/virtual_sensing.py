@@ -321,7 +321,6 @@ class _Smoother:
         system = self._system(reduced, std)
         predicted, gain, innovation = self._steady(system)
         before, after = self._filtered(system, gain)
-        n = len(system.transition)
         updated = predicted - gain @ innovation @ gain.T
         back = np.linalg.solve(predicted, system.transition @ updated).T
         drive = (after[:-1] - before[1:] @ back.T)[::-1]

@@ -23,7 +23,7 @@ def export(
     matrices: Annotated[
         Path | None,
         typer.Option(
-            "--matrices", metavar="FILE", help="Mass, damping and stiffness, as .op4, .pch, .mtx, .npz or .mat."
+            "--matrices", metavar="FILE", help="Mass, damping and stiffness, as .op4, .pch or .mat."
         ),
     ] = None,
     study: Annotated[
@@ -38,8 +38,8 @@ def export(
 
     \b
     Examples:
-      structid export beam_results --state-space beam.mat --loads 8Y --sensors 4Y,8Y --band 0.5,60
-      structid export beam_results --state-space beam.npz --loads 8Y --sensors 8Y --band 0.5,60 --sampling-rate 500 --draws 50
+      structid export beam_results --state-space beam.mat --loads 8Y --sensors 4Y,8Y --band 0.5 60
+      structid export beam_results --state-space beam.npz --loads 8Y --sensors 8Y --band 0.5 60 --sampling-rate 500 --draws 50
       structid export frame_results --matrices frame.op4
     """
     if state_space is None and matrices is None:

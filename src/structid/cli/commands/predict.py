@@ -54,7 +54,7 @@ def predict(
     \b
     Examples:
       structid predict frame_results --sensors 401X+,301X+
-      structid predict frame_results --sensors 401X+ --loads 103X+ --band 5,90 --kind receptance
+      structid predict frame_results --sensors 401X+ --loads 103X+ --band 5 90 --kind receptance
       structid predict bridge_results --sensors 12Y --history push.csv --motion displacement
       structid predict bridge_results --sensors 12Y --mass 500@12 --scale "bending_stiffness[deck]=1.1"
       structid predict tower_results --sensors 40X --damper 800,0.62,0.12@40X

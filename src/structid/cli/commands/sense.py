@@ -33,8 +33,8 @@ def sense(
 
     \b
     Examples:
-      structid sense bridge_results traffic.csv --outputs 12Y,14Y --unknown 5Y,9Y --correlation-time 0.2
-      structid sense tower_results wind.h5 --outputs 40X --unknown 10X,20X,30X --correlation-time 1 --leave-out 30X
+      structid sense bridge_results traffic.csv --wanted 12Y,14Y --unknown 5Y,9Y --correlation-time 0.2
+      structid sense tower_results wind.h5 --wanted 40X --unknown 10X,20X,30X --correlation-time 1 --leave-out 30X
     """
     found = sense_record(results, record, read, options, study)
     folder = out if out is not None else beside_call(f"{results.name}_sensed")

@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from structid.core.errors import FileError, NoAnswerError
+from structid.core.errors import FileError, InputError, NoAnswerError
 from structid.core.units import FrfKind
 from structid.files import require_readable
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
@@ -107,3 +107,17 @@ def stored_model(folder: Path, study: Study) -> tuple[IdentifiedModel, ModelErro
     frequency, part, size = (np.asarray(stored[f"frf/{name}"], dtype=float) for name in _ERROR[:3])
     kind = cast(FrfKind, texts_of(stored["frf/model_error_kind"])[0])
     return model, ModelError(frequency, part, size, kind)
+
+
+def stored_loads(folder: Path) -> tuple[str, ...]:
+    """Where forces acted in the record that a results folder is of.
+
+    Raises
+    ------
+    InputError
+        If the record was of modes, which have no loads.
+    """
+    path = folder / "estimate.h5"
+    if "frf/inputs" not in hdf5_datasets(require_readable(path)):
+        raise InputError(f"`loads` must say where forces act: the record behind {folder} has none", "loads")
+    return texts_of(hdf5_fields(path, ["frf/inputs"])["frf/inputs"])

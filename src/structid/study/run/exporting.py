@@ -29,7 +29,7 @@ class ExportOptions:
     sensors, loads : str
         Degrees of freedom of outputs and of inputs, with commas between.
     band : tuple of float, optional
-        Lowest and highest frequency, Hz, with a comma between, in which the equations hold.
+        Lowest and highest frequency, Hz, in which the equations hold.
     motion : str
         Of the outputs: displacement, velocity or acceleration.
     order : int, optional

@@ -7,7 +7,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from structid.prediction.predict import (
 )
 from structid.prediction.quantities import Frf, History, Maxima, NaturalModes, Quantity
 from structid.records import ReadOptions, TimeRecord, read_record
-from structid.study.results.stored_model import stored_model, stored_study
+from structid.study.results.stored_model import stored_loads, stored_model, stored_study
 from structid.study.schema.study import Study
 
 PREDICTION_PAGE = "prediction.html"
@@ -46,7 +46,7 @@ class PredictOptions:
     kind : str
         Of the FRFs: receptance, mobility or accelerance.
     band : tuple of float, optional
-        Lowest and highest frequency, Hz, with a comma between; the fitted band by default.
+        Lowest and highest frequency, Hz; the fitted band by default.
     lines : int
         Number of frequencies.
     history : Path, optional
@@ -134,7 +134,7 @@ def predict_study(
 
     frf = history = maxima = None
     if sensors:
-        loads = parse_dofs(_texts(options.loads)) or _measured_loads(source)
+        loads = parse_dofs(_texts(options.loads) or stored_loads(folder))
         band = options.band or source.options.band or _no_band(source)
         frf = of(Frf(sensors, loads, np.linspace(*band, options.lines), _KINDS[options.kind]))
     if options.history is not None:
@@ -148,14 +148,6 @@ def predict_study(
 
 def _texts(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
-
-
-def _measured_loads(study: Study) -> tuple[Dof, ...]:
-    """The inputs that the study names for its first record."""
-    named = study.record.section.table.get("inputs")
-    if not named:
-        raise InputError("`loads` must say where forces act: the record of the study does not name its inputs", "loads")
-    return parse_dofs([named] if isinstance(named, str) else [str(each) for each in cast(Sequence[str], named)])
 
 
 def _no_band(study: Study) -> tuple[float, float]:

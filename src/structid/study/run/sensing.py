@@ -23,7 +23,7 @@ class SenseOptions:
 
     Parameters
     ----------
-    outputs : str
+    wanted : str
         Degrees of freedom whose motion is wanted, with commas between.
     motion : str
         displacement, velocity or acceleration.
@@ -39,7 +39,7 @@ class SenseOptions:
         Models within the uncertainty.
     """
 
-    outputs: str = ""
+    wanted: str = ""
     motion: str = "displacement"
     unknown: str = ""
     correlation_time: float | None = None
@@ -59,7 +59,7 @@ class SenseOptions:
 def sense_record(
     folder: Path, path: Path, read: ReadOptions, options: SenseOptions, study: Path | None = None
 ) -> SensedMotion:
-    """The motion at the outputs of `options` during the record at `path`.
+    """The motion at the wanted places of `options` during the record at `path`.
 
     Raises
     ------
@@ -68,8 +68,8 @@ def sense_record(
     NoAnswerError
         If the data do not determine the model, or the sensors do not tell the motion.
     """
-    if not _texts(options.outputs):
-        raise InputError("`outputs` must name where motion is wanted, such as 12Y, got none", "outputs")
+    if not _texts(options.wanted):
+        raise InputError("`wanted` must name where motion is wanted, such as 12Y, got none", "wanted")
     model, _ = stored_model(folder, stored_study(folder, study))
     record = read_record(path, read)
     if not isinstance(record, TimeRecord):
@@ -78,7 +78,7 @@ def sense_record(
     if options.unknown and options.correlation_time is not None:
         unknown = UnknownForces(_texts(options.unknown), options.correlation_time, options.force_std)
     left = _texts(options.leave_out)
-    return sense(model, record, _texts(options.outputs), options.motion, unknown, left, options.draws)
+    return sense(model, record, _texts(options.wanted), options.motion, unknown, left, options.draws)
 
 
 def _texts(text: str) -> list[str]:
