@@ -22,9 +22,7 @@ def export(
     ] = None,
     matrices: Annotated[
         Path | None,
-        typer.Option(
-            "--matrices", metavar="FILE", help="Mass, damping and stiffness, as .op4, .pch or .mat."
-        ),
+        typer.Option("--matrices", metavar="FILE", help="Mass, damping and stiffness, as .op4, .pch or .mat."),
     ] = None,
     study: Annotated[
         Path | None, typer.Option("--study", metavar="STUDY.toml", help="The study, where it has moved since.")

@@ -28,6 +28,8 @@ from structid.study.results.modal import modal_summary
 from structid.study.results.result import StudyResult
 
 _REPORT = "report.html"
+#: File of a results folder that says where its study is.
+STUDY_PATH = "study_path.txt"
 
 
 @contextmanager
@@ -86,17 +88,15 @@ def _move(temporary: Path, folder: Path, page: str) -> None:
 def write_results(result: StudyResult, folder: Path) -> None:
     """Write estimate.json, estimate.h5 and study.toml into the existing `folder`; and parameters.csv of very many.
 
-    Of a study with a solver, the updated deck too.
-
-    The same result gives the same bytes.
+    Of a study with a solver, the updated deck too. The same result gives the same bytes, but for the file that says where the study
+    is, seen from the folder.
     """
-    (folder / "estimate.json").write_text(
-        json_text(estimate_summary(result, _way_to(result.study.path, folder))), encoding="utf-8"
-    )
+    (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
     if not result.identification.estimate.uncertainty.has_matrix:
         (folder / PARAMETERS).write_text(changes_table(result.identification.estimate), encoding="utf-8")
     (folder / "estimate.h5").write_bytes(hdf5_bytes(result))
     (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
+    (folder / STUDY_PATH).write_text(_way_to(result.study.path, folder) + "\n", encoding="utf-8")
     if result.solver is not None:
         result.solver.write(folder)
 
@@ -109,15 +109,14 @@ def _way_to(path: Path, folder: Path) -> str:
         return ""
 
 
-def estimate_summary(result: StudyResult, study_file: str = "") -> dict[str, Entry]:
-    """The content of estimate.json, before what is not finite becomes null; `study_file` leads from the folder to the study."""
+def estimate_summary(result: StudyResult) -> dict[str, Entry]:
+    """The content of estimate.json, before what is not finite becomes null."""
     found = result.identification
     estimate, identifiability = found.estimate, found.estimate.identifiability
     has_matrix = estimate.uncertainty.has_matrix
     return {
         **_verdict(result.criticism),
         "title": result.study.title,
-        "study_file": study_file,
         "status": estimate.status.value,
         "status_text": estimate.status_words,
         "message": estimate.message,

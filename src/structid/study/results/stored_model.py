@@ -15,6 +15,7 @@ from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
 from structid.inversion.fixed_values import SECOND_ORDER
 from structid.prediction.identified_model import IdentifiedModel, identified_model
 from structid.prediction.model_error import ModelError
+from structid.study.results.folder import STUDY_PATH
 from structid.study.schema.study import Study, load_study
 
 _ARRAYS = ("names", "values", "covariance_basis", "covariance_noise", "covariance_model_error")
@@ -36,7 +37,7 @@ def stored_study(folder: Path, study: Path | None = None) -> Study:
         raise FileError(f"{folder}: holds no estimate.json; give a results folder of `structid identify`")
     try:
         told = json.loads(require_readable(place).read_text(encoding="utf-8"))
-        way, inputs = str(told["study_file"]), dict(told["provenance"]["inputs"])
+        way, inputs = _text(folder / STUDY_PATH).strip(), dict(told["provenance"]["inputs"])
     except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
         raise FileError(f"{place}: does not say which study it is of; {_AGAIN}") from error
     path = study or folder / way
