@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import figures
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
@@ -96,6 +96,25 @@ class DeckSpring:
 
 
 @dataclass(frozen=True, eq=False)
+class CellOffsets:
+    """Cells of a block that stand off their nodes, to which rigid arms join them.
+
+    Attributes
+    ----------
+    block : int
+        Place of the block among those of the mesh.
+    rows : (n_cells,) int array
+        Cells in the block.
+    arms : (n_cells, n_nodes, 3) float array
+        From each node to the end of the cell there, m, along global axes.
+    """
+
+    block: int
+    rows: IntArray
+    arms: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class DeckPart:
     """The cards of one kind that a deck has beside its cells, as read.
 
@@ -114,6 +133,8 @@ class DeckPart:
         Why no element of structid stands for it; "" where it can be taken.
     is_needed : bool
         Whether the mesh is wrong without it, so that it is always taken.
+    offsets : tuple of CellOffsets
+        Cells that `offset_cells` puts where they are, with a tie for each of their ends.
     """
 
     kind: str
@@ -124,6 +145,7 @@ class DeckPart:
     ties: tuple[DeckTie, ...] = ()
     obstacle: str = ""
     is_needed: bool = False
+    offsets: tuple[CellOffsets, ...] = ()
 
     @property
     def words(self) -> str:
@@ -205,14 +227,14 @@ def choose_parts(parts: Sequence[DeckPart], take: str | Sequence[str], source: s
     if [key.lower() for key in keys] == [ALL_PARTS]:
         return tuple(possible)
     for word, key in zip(wanted, keys, strict=True):
-        same = [part for part in parts if part.kind == key]
+        same = [part for part in parts if part.kind.upper() == key]
         if not same:
             near = difflib.get_close_matches(key, [part.kind for part in possible], 1, 0.0)
             remedy = f"the nearest is {near[0]!r}" if near else "it has none that could be taken; take the key out"
             raise InputError(f"{source} has no {word!r} beside its cells; {remedy}")
         if all(part.obstacle for part in same):
             raise InputError(f"{same[0].words} of {source} cannot be taken: {same[0].obstacle}")
-    return tuple(part for part in possible if part.kind in keys or part.is_needed)
+    return tuple(part for part in possible if part.kind.upper() in keys or part.is_needed)
 
 
 def describe_left_aside(parts: Iterable[DeckPart], taken: Sequence[DeckPart], source: str) -> str:
@@ -241,9 +263,18 @@ def split_by_obstacle(kind: str, items: Sequence[tuple[str, DeckPart]]) -> list[
         if obstacle:
             parts.append(DeckPart(kind, count, mass, obstacle=obstacle))
             continue
-        masses = tuple(mass for part in same for mass in part.masses)
-        springs = tuple(spring for part in same for spring in part.springs)
-        parts.append(DeckPart(kind, count, mass, masses, springs, tuple(tie for part in same for tie in part.ties)))
+        parts.append(
+            DeckPart(
+                kind,
+                count,
+                mass,
+                tuple(mass for part in same for mass in part.masses),
+                tuple(spring for part in same for spring in part.springs),
+                tuple(tie for part in same for tie in part.ties),
+                is_needed=any(part.is_needed for part in same),
+                offsets=tuple(offset for part in same for offset in part.offsets),
+            )
+        )
     return parts
 
 
