@@ -76,6 +76,7 @@ class Truth:
     bodies: dict[int, tuple[float, Vector, Vector]] = field(default_factory=dict)
     springs: list[tuple[float, dict[tuple[int, int], Vector]]] = field(default_factory=list)
     node_sets: dict[str, list[int]] = field(default_factory=dict)
+    arms: dict[tuple[int, ...], list[Vector]] = field(default_factory=dict)
 
 
 def number(rng: random.Random, low: float = -9.0, high: float = 9.0) -> float:
@@ -205,13 +206,40 @@ def bulk_deck(rng: random.Random, folder: Path) -> tuple[Path, Truth]:
     ):
         eid, nodes = 100 + index, rng.sample(every, count)
         pid = rng.choice([None, rng.randint(1, 3)])
-        deck.card(name, eid, pid, *nodes)
+        deck.card(name, eid, pid, *nodes, *_offset(rng, truth, name, nodes))
         truth.cells.setdefault(str(pid or eid), []).append(nodes)
     deck.card("CQUAD4", 99, 7, *every[:4])
     truth.cells.setdefault("7", []).append(every[:4])
     _bodies(rng, deck, truth, systems, every)
     _springs(rng, deck, truth, every)
     return _bulk_files(rng, folder, deck.lines), truth
+
+
+def _offset(rng: random.Random, truth: Truth, name: str, nodes: list[int]) -> list[float | str | None]:
+    """Fields behind the nodes of a plate or bar that stands off them, along its normal or the directions of their motion."""
+    if rng.random() < 0.5 or tuple(nodes) in truth.arms:
+        return []
+    places = [truth.nodes[node] for node in nodes]
+    height = number(rng, 0.1, 0.9)
+    if name in ("CQUAD4", "CTRIA3"):
+        sides = (
+            (places[2] - places[0], places[3] - places[1])
+            if len(nodes) == 4
+            else (places[1] - places[0], places[2] - places[0])
+        )
+        normal = np.array([np.linalg.det([*sides, unit]) for unit in np.eye(3)])
+        if not normal @ normal > 1e-3:
+            return []
+        truth.arms[tuple(nodes)] = [height * normal / math.sqrt(sum(normal**2))] * len(nodes)
+        return [None, height]
+    if name == "CBAR":
+        local = [[number(rng, -1, 1) for _ in range(3)] for _ in range(2)]
+        truth.arms[tuple(nodes)] = [
+            sum(part * axis for part, axis in zip(parts, truth.directions[node], strict=True))
+            for parts, node in zip(local, nodes, strict=True)
+        ]
+        return [0.3, 0.4, 0.5, rng.choice([None, "GGG"]), None, None, *local[0], *local[1]]
+    return []
 
 
 def _replicated_grids(rng: random.Random, deck: BulkWriter, truth: Truth) -> None:
@@ -456,6 +484,14 @@ def differences(mesh: Mesh, truth: Truth) -> list[str]:
     for name, nodes in truth.node_sets.items():
         if mesh.group_nodes(name).tolist() != sorted(nodes):
             wrong.append(f"nodes {mesh.group_nodes(name)} of {name} instead of {nodes}")
+    arms = {
+        tuple(mesh.blocks[offset.block].nodes[row].tolist()): arms
+        for part in mesh.parts
+        for offset in part.offsets
+        for row, arms in zip(offset.rows.tolist(), offset.arms, strict=True)
+    }
+    if set(arms) != set(truth.arms) or any(np.abs(arms[key] - truth.arms[key]).max() > 1e-7 for key in arms):
+        wrong.append(f"offsets {arms} instead of {truth.arms}")
     return wrong + _wrong_bodies(mesh, truth) + _wrong_springs(mesh, truth)
 
 

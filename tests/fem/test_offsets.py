@@ -1,5 +1,8 @@
 """Cells that stand off their nodes: matrices against those of cells at their true places, carried by arms written out here."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,6 +14,7 @@ from structid.fem.meshes import read_mesh, require_sound
 from structid.fem.places import mesh_points
 from structid.study.schema.study import load_study
 
+FILES = Path(__file__).parent / "field_files"
 GRIDS = """BEGIN BULK
 CORD2C,9,,0.,0.,0.,0.,0.,1.\n,1.,0.,0.
 GRID,1,,0.,0.,0.
@@ -165,19 +169,96 @@ def test_what_cannot_be_placed_is_listed(tmp_path, cards, words):
 
 
 def test_offsets_need_nodes_that_turn(tmp_path):
-    study = """[structure]
-mesh = { path = "a.bdf", take = "all", orphan_nodes = "drop" }
-[[structure.NAME]]
-name = "skin"
-youngs_modulus = 70e9
-density = 2700.0
-thickness = 0.01
-poisson = 0.3
-"""
-    text = GRIDS.replace(",.1\n", ",0.\n").replace("2.,.5,1.", "1.,1.,0.") + "CQUAD4,7,1,1,2,5,4,,.03\nENDDATA\n"
-    (tmp_path / "a.bdf").write_text(text)
-    (tmp_path / "a.toml").write_text(study.replace("NAME", "shell"))
-    assert len(load_study(tmp_path / "a.toml").structure.dofs) == 24
-    (tmp_path / "a.toml").write_text(study.replace("NAME", "plate"))
+    path = tmp_path / "masses.toml"
+    study = (
+        (FILES / "masses.toml").read_text().replace("masses.bdf", "a.bdf").replace('"a.bdf"', '"a.bdf", take = "all"')
+    )
+    shutil.copy(FILES / "modes3.csv", tmp_path)
+    deck = (FILES / "masses.bdf").read_text().splitlines()
+    deck = [line + (",,.03" if line.startswith("CQUAD4") else "") for line in deck]
+    (tmp_path / "a.bdf").write_text("\n".join(deck))
+    path.write_text(study)
+    structure = load_study(path).structure
+    assert any(tie.name.startswith("offset") for tie in structure.ties)
+    assert {dof.node for dof in structure.dofs} <= {1, 2, 3, 4, 5, 6}
+    path.write_text(study.replace("structure.shell", "structure.plate"))
     with pytest.raises(InputError, match="offsets of CQUAD4 offset need element sets that move in all six directions"):
-        _ = load_study(tmp_path / "a.toml").structure
+        _ = load_study(path).structure
+
+
+INP = """*NODE
+1, 0, 0, 0
+2, 1, 0, 0.1
+3, 1, 1, 0.2
+4, 0, 1, 0.1
+5, 2, 0.5, 1.0
+*ELEMENT, TYPE=S4, ELSET=SK
+1, 1, 2, 3, 4
+*ELEMENT, TYPE=B31, ELSET=BM
+2, 1, 5
+"""
+
+
+@pytest.mark.parametrize(
+    "offset, size, part",
+    [
+        ("0.5", "0.1", -0.5),  # ccx 2.20 expands a shell of OFFSET=0.5 from -thickness to 0 along its normal
+        ("SPOS", "0.1", -0.5),
+        ("SNEG", "0.1", 0.5),
+        ("-1.25", "0.1", 1.25),
+        ("0.5, COMPOSITE", "0.04, 3, ALU\n.06, 3, ALU", -0.5),
+    ],
+)
+def test_shells_of_abaqus_stand_in_thicknesses_below_their_nodes(tmp_path, offset, size, part):
+    cards = f"*SHELL SECTION, ELSET=SK, MATERIAL=ALU, OFFSET={offset}\n{size}\n"
+    mesh = read(tmp_path, cards, ".inp", INP, length_unit="mm")
+    at = np.array([POSITIONS[label] for label in (1, 2, 3, 4)], float)
+    normal = np.cross(at[2] - at[0], at[3] - at[1])
+    [found] = [item for item in mesh.parts if item.kind == "SHELL SECTION OFFSET"]
+    expected = part * 1e-4 * normal / np.linalg.norm(normal)
+    assert found.offsets[0].arms[0] == pytest.approx(np.tile(expected, (4, 1)), abs=1e-18)
+
+
+def test_matrices_of_offset_shells_of_abaqus(tmp_path):
+    mesh = read(tmp_path, "*SHELL SECTION, ELSET=SK, MATERIAL=ALU, OFFSET=0.5\n.01\n", ".inp", INP)
+    at = np.array([POSITIONS[label] for label in (1, 2, 3, 4)], float)
+    normal = np.cross(at[2] - at[0], at[3] - at[1])
+    arms = dict.fromkeys((1, 2, 3, 4), -0.005 * normal / np.linalg.norm(normal))
+    names, found = matrices(mesh, "SHELL SECTION OFFSET", lambda sound: [shell(sound.cells("SK"))])
+    for matrix, wanted in zip(found, carried((1, 2, 3, 4), arms, shell, names), strict=True):
+        assert np.abs(matrix - wanted).max() < 1e-12 * np.abs(wanted).max()
+
+
+def test_beams_of_calculix_stand_in_widths_off_their_nodes(tmp_path):
+    # ccx 2.20 puts a beam along x with direction 1 along y, OFFSET1=0.5 and OFFSET2=0.25 at y = -0.1, z = -0.1
+    head = "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n*ELEMENT, TYPE=B31, ELSET=BM\n1, 1, 2\n"
+    cards = "*BEAM SECTION, ELSET=BM, MATERIAL=ALU, SECTION=RECT, OFFSET1=0.5, OFFSET2=0.25\n.2, .4\n0, 1, 0\n"
+    [found] = read(tmp_path, cards, ".inp", head).parts
+    assert found.offsets[0].arms == pytest.approx(np.tile([0, -0.1, -0.1], (1, 2, 1)))
+    [found] = read(tmp_path, cards.replace("0, 1, 0", "1, 0, 0"), ".inp", head).parts
+    assert found.obstacle == "its local direction 1 is along its axis"
+    [found] = read(tmp_path, cards.replace("RECT", "PIPE"), ".inp", head).parts
+    assert found.obstacle == "its section PIPE has no width"
+
+
+def test_normals_of_shells_of_abaqus_are_those_of_nodes_unless_they_differ_much(tmp_path):
+    head = """*NODE
+1, 0, 0, 0
+2, 1, 0, 0
+3, 1, 1, 0
+4, 0, 1, 0
+5, 2, 0, {height}
+6, 2, 1, {height}
+*ELEMENT, TYPE=S4, ELSET=SK
+1, 1, 2, 3, 4
+2, 2, 5, 6, 3
+*SHELL SECTION, ELSET=SK, MATERIAL=ALU, OFFSET=SPOS
+.1
+"""
+    (low,) = read(tmp_path, "", ".inp", head.format(height=0.2)).parts
+    angle = np.arctan(0.2) / 2
+    assert low.offsets[0].arms[0, 1] == pytest.approx([0.05 * np.sin(angle), 0, -0.05 * np.cos(angle)])
+    assert low.offsets[0].arms[1, 0] == pytest.approx(low.offsets[0].arms[0, 1])
+    (high,) = read(tmp_path, "", ".inp", head.format(height=1.0)).parts
+    assert high.offsets[0].arms[0, 1] == pytest.approx([0, 0, -0.05])
+    assert high.offsets[0].arms[1, 0] == pytest.approx([0.05 * 0.5**0.5, 0, -0.05 * 0.5**0.5])

@@ -1,4 +1,4 @@
-"""Masses, springs, dashpots, constraints and offsets of Abaqus and CalculiX input files as parts of a deck."""
+"""Masses, springs, dashpots and constraints of Abaqus and CalculiX input files as parts of a deck."""
 
 from __future__ import annotations
 
@@ -191,7 +191,6 @@ def read_parts(
         *deck.read("RIGID BODY", _rigid_body),
         *deck.read("KINEMATIC COUPLING", _kinematic_coupling),
         *deck.read("COUPLING", _coupling),
-        *_offsets(deck),
     ]
     for keyword, why in _UNREAD.items():
         count = sum(max(len(block.rows), 1) if keyword == "TIE" else 1 for _, block in deck.blocks(keyword))
@@ -423,20 +422,3 @@ def _follow(
             return _LOCAL, DeckPart(kind, 1)
         ties += rows
     return "", DeckPart(kind, 1, ties=tuple(ties))
-
-
-def _offsets(deck: _Deck) -> list[DeckPart]:
-    """Offsets of shells and beams from their nodes."""
-    parts = []
-    for keyword in ("SHELL SECTION", "SHELL GENERAL SECTION", "BEAM SECTION", "BEAM GENERAL SECTION"):
-        count = sum(
-            1
-            for _, block in deck.blocks(keyword)
-            if any(
-                key.startswith("OFFSET") and value.upper() not in ("0", "0.", "0.0", "MIDDLE")
-                for key, value in block.options.items()
-            )
-        )
-        parts += [DeckPart(f"{keyword} OFFSET", count, obstacle="move the nodes")] if count else []
-    count = sum(1 for _ in deck.blocks("CENTROID", "SHEAR CENTER"))
-    return [*parts, *([DeckPart("BEAM CENTROID", count, obstacle="move the nodes")] if count else [])]
