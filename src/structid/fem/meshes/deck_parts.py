@@ -446,33 +446,3 @@ def _renumbered_tie(tie: DeckTie, stands_for: Mapping[int, int]) -> DeckTie | No
 
 def _renumbered_dof(dof: Dof, stands_for: Mapping[int, int]) -> Dof:
     return Dof(stands_for.get(dof.node, dof.node), dof.direction, dof.sign)
-
-
-def rigid_constraints(
-    name: str, main: int, dependent: int, arm: FloatArray, axes: FloatArray, components: Iterable[int]
-) -> list[Constraint] | None:
-    """Constraints of a node that follows a main node rigidly along some of its own `axes`; None where they are oblique.
-
-    Parameters
-    ----------
-    name : str
-    main, dependent : int
-    arm : (3,) float array
-        From the main node to the dependent one, m.
-    axes : (3, 3) float array
-        Own directions of the dependent node as rows; those that are used must be along global ones.
-    components : iterable of int
-        0 to 5, translations and rotations along `axes`.
-    """
-    motion = np.eye(6)
-    motion[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
-    constraints = []
-    for component in components:
-        vector = axes[component % 3]
-        along = int(np.argmax(abs(vector)))
-        if abs(vector[along]) < 1 - _ROUNDING:
-            return None
-        row = motion[along + 3 * (component // 3)]
-        pairs = [(Dof(main, d), float(part)) for d, part in zip(DIRECTIONS, row, strict=True) if abs(part) > 0]
-        constraints.append(Constraint(name, Dof(dependent, DIRECTIONS[along + 3 * (component // 3)]), pairs))
-    return constraints
