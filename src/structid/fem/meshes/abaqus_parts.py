@@ -58,6 +58,8 @@ _UNREAD = {
     "NONSTRUCTURAL MASS": "non-structural mass; add it to the density",
     "CONNECTOR SECTION": "connectors",
     "GAP": "gaps",
+    "MASS ADJUST": "masses that are scaled to a total",
+    "MODEL CHANGE": "elements that a step removes or adds",
     "JOINT": "joints",
     "SUBSTRUCTURE PROPERTY": "substructures",
     "MATRIX ASSEMBLE": "matrices",

@@ -373,7 +373,7 @@ def unassigned(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str |
     used = {tuple(sorted(n for n in row if n >= 0)) for table in tables for row in table.tolist()}
     rows_of = {}
     for place, block in enumerate(mesh.blocks):
-        if 0 <= _dimension_of(block) < mesh.dimension if lower else _dimension_of(block) == mesh.dimension:
+        if 0 <= _dimension_of(block) < mesh.dimension if lower else _dimension_of(block) >= mesh.dimension:
             free = [i for i, row in enumerate(block.nodes.tolist()) if tuple(sorted(row)) not in used]
             if free:
                 rows_of[place] = free

@@ -98,7 +98,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
         {},
         path.name,
         (*middles.parts(), *parts, *offsets, *properties_aside(cards), *_unknown_elements(counts)),
-        (*text.notes, *_notes(counts, axes)),
+        (*text.notes, *_notes(counts, axes, systems)),
         axes,
         cells_are_elements=True,
     )
@@ -136,7 +136,8 @@ def _blocks(
     """Card, cells and property numbers of each block; `middles` stands in for mid-side nodes that are left out."""
     names, blocks, numbers = [], [], []
     for name in sorted(set(_CELLS) & set(cards), key=lambda name: int(cards[name].first[0])):
-        own, (corners, most, linear, quadratic) = cards[name], _CELLS[name]
+        own, (corners, most, linear, quadratic) = _each_once(path, name, cards[name]), _CELLS[name]
+        cards[name] = own
         first = 1 if name == "CONROD" else 2
         table = np.stack([own.integers(first + k) for k in range(most)], axis=1)
         labels = own.integers(0)
@@ -158,6 +159,20 @@ def _blocks(
     return names, blocks, numbers
 
 
+def _each_once(path: Path, name: str, cards: Cards) -> Cards:
+    """Element cards without those that repeat another one whole, as solvers take them."""
+    labels = cards.integers(0)
+    order = np.argsort(labels, kind="stable")
+    repeats = order[1:][labels[order][1:] == labels[order][:-1]]
+    if not len(repeats):
+        return cards
+    first_of = {label: row for row, label in reversed(list(enumerate(labels.tolist())))}
+    for row in repeats.tolist():
+        if cards.row_words(row) != cards.row_words(first_of[int(labels[row])]):
+            raise FileError(f"{path}: {name} {labels[row]} stands twice, with other fields; number the elements anew")
+    return cards.without(repeats)
+
+
 def _usual_property(name: str, cards: dict[str, Cards], labels: IntArray) -> IntArray:
     """Property of elements whose field is blank: that of BAROR or BEAMOR, else their own number."""
     default = {"CBAR": "BAROR", "CBEAM": "BEAMOR"}.get(name, "")
@@ -172,9 +187,9 @@ def _unknown_elements(counts: Counter[str]) -> list[DeckPart]:
     return [DeckPart(name, counts[name], obstacle="not known") for name in sorted(names)]
 
 
-def _notes(counts: Counter[str], axes: dict[int, FloatArray]) -> tuple[str, ...]:
+def _notes(counts: Counter[str], axes: dict[int, FloatArray], systems: BulkSystems) -> tuple[str, ...]:
     notes = []
-    supports = [name for name in _SUPPORTS if counts[name]]
+    supports = [name for name in _SUPPORTS if counts[name]] + ["PS of grid points"] * systems.has_supports
     if supports:
         notes.append(f"its {', '.join(supports)} are not read: supports are those of the study")
     if counts["SPOINT"]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
+from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import as_real
 from structid.fem.meshes.averages import (
     Component,
@@ -35,7 +36,7 @@ from structid.fem.meshes.deck_parts import (
 from structid.fem.meshes.nastran_systems import BulkSystems
 from structid.fem.supports import Constraint, RigidLink
 
-_PROPERTIES = ("PELAS", "PDAMP", "PMASS", "PBUSH", "PVISC", "PBUSH1D")
+_PROPERTIES = ("PELAS", "PDAMP", "PMASS", "PBUSH", "PVISC", "PBUSH1D", "PBUSHT", "PELAST")
 #: Cards that are listed, and why nothing stands for them.
 _UNREAD = {
     "CELAS3": "scalar points",
@@ -77,7 +78,6 @@ _UNREAD = {
     "RJOINT": "rigid joints",
     "RSPLINE": "interpolation elements",
     "RSSCON": "shells joined to solids",
-    "MPCADD": "",
     "NSM": "non-structural mass",
     "NSM1": "non-structural mass",
     "NSML": "non-structural mass",
@@ -95,13 +95,15 @@ _UNREAD = {
 }
 _READ: tuple[str, ...] = (
     *("CONM1", "CONM2", "CMASS1", "CMASS2", "CELAS1", "CELAS2", "CDAMP1", "CDAMP2", "CVISC", "CBUSH", "CBUSH1D"),
-    *("RBE2", "RBE3", "RBAR", "MPC"),
+    *("RBE2", "RBE3", "RBAR", "MPC", "MPCADD"),
 )
+_WTMASS = re.compile(rb"^[ \t]*PARAM[ \t]*[, \t][ \t]*WTMASS[ \t]*[, \t][ \t]*([^,\s$]+)", re.IGNORECASE | re.MULTILINE)
+_TABLED = "its values depend on frequency or force (PBUSHT, PELAST)"
 _SCALAR = "it is at a scalar point, or a grid point that is not there"
 _NO_PROPERTY = "its property is not in the deck"
 _OBLIQUE = "a dependent node's own displacement system is turned against the global axes"
 #: Cards that a mesh reader must ask for to make parts of a deck.
-PART_CARDS = (*_READ, *_PROPERTIES, "PARAM", *(name for name, why in _UNREAD.items() if why))
+PART_CARDS = (*_READ, *_PROPERTIES, "PARAM", *_UNREAD)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +132,10 @@ class _Deck:
         position = self.positions[node] / self.units.length
         return self.systems.system(system).directions_at(position)[0]
 
+    def tabled(self, name: str) -> set[int]:
+        """Numbers of properties whose values a card such as PBUSHT makes depend on frequency or force."""
+        return {int(words[0]) for words in self.rows(name)}
+
     def rows(self, name: str) -> list[list[str]]:
         """The fields of each card of a name, in words."""
         return _rows(self.cards, name)
@@ -156,9 +162,7 @@ def read_parts(
     units : DeckUnits
         Without PARAM,WTMASS.
     """
-    for words in _rows(cards, "PARAM"):
-        if words[0] == "WTMASS":
-            units = DeckUnits(units.length, units.force, _real(words[1]))
+    units = DeckUnits(units.length, units.force, _mass_factor(text, cards))
     deck = _Deck(cards, systems, positions, axes, units)
     parts = [
         part
@@ -170,6 +174,19 @@ def read_parts(
     counts = Counter({name: len(cards[name]) for name in _UNREAD if name in cards})
     parts += [DeckPart(name, count, obstacle=_UNREAD[name]) for name, count in counts.items()]
     return parts
+
+
+def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
+    """PARAM,WTMASS of the bulk data or of case control; 1 without it."""
+    stated = [words[1] for words in _rows(cards, "PARAM") if words[0] == "WTMASS"]
+    stated += [word.decode("latin-1").upper() for word in _WTMASS.findall(text.case_control)]
+    factors = {_real(word) for word in stated}
+    if len(factors) > 1:
+        raise FileError(
+            f"{text.path}: has PARAM,WTMASS with the values {', '.join(stated)}, which masses are multiplied by; keep the one that"
+            " holds"
+        )
+    return factors.pop() if factors else 1.0
 
 
 #: Why a part cannot be taken, "" where it can, and the part.
@@ -298,6 +315,8 @@ def _scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None
     if table is not None and _whole(words[1]) not in table:
         return _NO_PROPERTY, DeckPart(name, 1)
     own = [words[1], words[6]] if table is None else table[int(words[1])]
+    if table is not None and name == "CELAS1" and int(words[1]) in deck.tabled("PELAST"):
+        return _TABLED, DeckPart(name, 1)
     weights: dict[tuple[int, str], float] = {}
     is_rotation = False
     for sign, node, component in ((-1.0, _whole(words[2]), words[3]), (1.0, _whole(words[4]), words[5])):
@@ -406,6 +425,7 @@ def _bush_properties(deck: _Deck) -> Values:
                 else:
                     numbers[flag][place] = _real(word)
                 place += 1
+        problem = _TABLED if int(words[0]) in deck.tabled("PBUSHT") else problem
         values[int(words[0])] = (numbers["K"], numbers["B"], float(numbers["GE"][0]), problem)
     return values
 
@@ -566,10 +586,12 @@ def _constraints(deck: _Deck, case_control: bytes) -> list[DeckPart]:
     asked = re.findall(rb"^\s*MPC\s*=\s*(\d+)", case_control, re.MULTILINE | re.IGNORECASE)
     chosen = {int(number) for number in asked} or (set(sets) if len(sets) == 1 else set())
     count = sum(len(rows) for rows in sets.values())
-    if len(chosen) != 1 or not chosen <= set(sets):
+    sums = {int(words[0]): {int(word) for word in words[1:] if word} for words in deck.rows("MPCADD")}
+    members = sums.get(next(iter(chosen)), chosen) if len(chosen) == 1 else set()
+    if not members or not members <= set(sets):
         return [DeckPart("MPC", count, obstacle="it is not clear which set of MPC is meant")]
-    [number] = chosen
-    return _parts_of("MPC", sets[number], partial(_rigid, deck, "MPC", _constraint))
+    rows = [words for number in sorted(members) for words in sets[number]]
+    return _parts_of("MPC", rows, partial(_rigid, deck, "MPC", _constraint))
 
 
 def _constraint(deck: _Deck, words: Sequence[str]) -> Ties:
