@@ -262,3 +262,10 @@ def test_normals_of_shells_of_abaqus_are_those_of_nodes_unless_they_differ_much(
     (high,) = read(tmp_path, "", ".inp", head.format(height=1.0)).parts
     assert high.offsets[0].arms[0, 1] == pytest.approx([0, 0, -0.05])
     assert high.offsets[0].arms[1, 0] == pytest.approx([0.05 * 0.5**0.5, 0, -0.05 * 0.5**0.5])
+
+
+def test_a_cell_of_two_sections_with_offsets_is_refused(tmp_path):
+    section = "*SHELL SECTION, ELSET=SK, MATERIAL=ALU, OFFSET=0.5\n.01\n"
+    mesh = read(tmp_path, 2 * section, ".inp", INP)
+    with pytest.raises(InputError, match="the cell of nodes 1, 2, 3, 4 of a.inp has two offsets"):
+        require_sound(mesh, True, take="all")

@@ -292,10 +292,17 @@ def offset_cells(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
     carriers, positions, made_at = dict(mesh.carriers), list[FloatArray](), dict[tuple[int, ...], int]()
     size = float(np.ptp(mesh.positions, axis=0).max()) or 1.0
     replaced: dict[int, DeckPart] = {}
+    moved: set[tuple[int, int]] = set()
     for part in parts:
         ties = list(part.ties)
         for offset in part.offsets:
             for row, arms in zip(offset.rows.tolist(), offset.arms, strict=True):
+                if (offset.block, row) in moved:
+                    cell = ", ".join(map(str, mesh.blocks[offset.block].nodes[row].tolist()))
+                    raise InputError(
+                        f"the cell of nodes {cell} of {mesh.source} has two offsets, as of two sections ({part.kind}); give it one"
+                    )
+                moved.add((offset.block, row))
                 for corner, arm in enumerate(arms):
                     node = int(tables[offset.block][row, corner])
                     if not arm.any():

@@ -260,9 +260,9 @@ def _read_systems(path: Path, blocks: Sequence[Block], scale: float) -> dict[int
     by_points: dict[int, tuple[str, int, int, FloatArray]] = {}
     for block in blocks:
         if block.number == 18:
-            for label, system in _point_systems(path, block):
-                first = by_points.setdefault(label, system)
-                if first[1:3] != system[1:3] or not np.array_equal(first[3], system[3]):
+            for label, stated in _point_systems(path, block):
+                first = by_points.setdefault(label, stated)
+                if first[1:3] != stated[1:3] or not np.array_equal(first[3], stated[3]):
                     raise _defined_twice(path, label)
     for label in by_points:
         _add(path, systems, _resolved(path, label, by_points, systems, scale, ()))

@@ -55,7 +55,12 @@ def fdd(
         spectrum, lines = chosen_peaks(data, options)
     note = (
         f"frequencies are peaks on lines {spectrum.spacing:.3g} Hz apart, without damping ratios and without "
-        "covariance, which peaks on lines cannot give; bayesian_fft gives both"
+        "covariance, which peaks on lines cannot give; "
+        + (
+            "the time histories behind the spectra would"
+            if isinstance(records, SpectrumRecord)
+            else "bayesian_fft gives both"
+        )
     )
     frequency = spectrum.frequency[lines]
     dofs, merge = displacement_rows(data, 2j * np.pi * frequency)

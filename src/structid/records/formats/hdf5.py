@@ -6,7 +6,7 @@ import io
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -54,7 +54,7 @@ def _with_stated_units(path: Path, shapes: Shapes, options: ReadOptions) -> tupl
     left = [name for name in numeric if name not in others]
     name = options.array or (left[0] if len(left) == 1 else "")
     is_frf = bool(options.frequency_array)
-    changes: dict[str, object] = {}
+    changes: dict[str, Any] = {}
     words = []
     for key, array in (("unit" if is_frf else "units", name), ("axis_unit", options.frequency_array)):
         texts = tuple(text.strip() for text in stated.get(array, ()) if text.strip())
