@@ -267,5 +267,5 @@ def test_normals_of_shells_of_abaqus_are_those_of_nodes_unless_they_differ_much(
 def test_a_cell_of_two_sections_with_offsets_is_refused(tmp_path):
     section = "*SHELL SECTION, ELSET=SK, MATERIAL=ALU, OFFSET=0.5\n.01\n"
     mesh = read(tmp_path, 2 * section, ".inp", INP)
-    with pytest.raises(InputError, match="the cell of nodes 1, 2, 3, 4 of a.inp has two offsets"):
+    with pytest.raises(InputError, match=r"the cell of nodes 1, 2, 3, 4 of a\.inp has two offsets"):
         require_sound(mesh, True, take="all")
