@@ -99,6 +99,8 @@ _READ: tuple[str, ...] = (
 )
 _WTMASS = re.compile(rb"^[ \t]*PARAM[ \t]*[, \t][ \t]*WTMASS[ \t]*[, \t][ \t]*([^,\s$]+)", re.IGNORECASE | re.MULTILINE)
 _TABLED = "its values depend on frequency or force (PBUSHT, PELAST)"
+#: Nodes that THRU may stand for.
+_MOST_LISTED = 1_000_000
 _SCALAR = "it is at a scalar point, or a grid point that is not there"
 _NO_PROPERTY = "its property is not in the deck"
 _OBLIQUE = "a dependent node's own displacement system is turned against the global axes"
@@ -569,6 +571,8 @@ def _node_list(words: Sequence[str]) -> list[int]:
     while rest:
         if rest[1:2] == ["THRU"]:
             step = int(rest[4]) if rest[3:4] == ["BY"] else 1
+            if (int(rest[2]) - int(rest[0])) // step > _MOST_LISTED:
+                raise ValueError(f"{rest[0]} THRU {rest[2]} are more than {_MOST_LISTED} nodes")
             labels += range(int(rest[0]), int(rest[2]) + 1, step)
             rest = rest[5 if rest[3:4] == ["BY"] else 3 :]
         else:
