@@ -1,105 +1,16 @@
 """Binary results of Nastran, written here record by record in every form that the format allows."""
 
 import random
-import struct
-from itertools import pairwise
 
 import numpy as np
 import pytest
+from fuzz.binary_results import Writer
 
 from structid.core.errors import FileError
 from structid.modal.formats.files import read_modes
 from structid.modal.formats.printed import ModeFileOptions
 
 POINTS = [1, 7, 99999999]
-
-
-class Writer:
-    """Fortran records of markers and data, in words of four or eight bytes."""
-
-    def __init__(self, order="<", size=4, has_head=True):
-        self.order, self.size, self.content = order, size, b""
-        if has_head:
-            self.data(self.words(1, 31, 2026)[: 3 * size])
-            self.data(self.text("NASTRAN FORT TAPE ID CODE - "))
-            self.data(self.text("XXXXXXXX"))
-            self.marker(-1)
-            self.marker(0)
-
-    def words(self, *values):
-        """Integers, reals and texts of four letters as words."""
-        letters = {4: ("i", "f"), 8: ("q", "d")}[self.size]
-        made = b""
-        for value in values:
-            if isinstance(value, str):
-                made += value.ljust(4).encode().ljust(self.size)
-            else:
-                made += struct.pack(self.order + letters[isinstance(value, float)], value)
-        return made
-
-    def text(self, text):
-        return self.words(*(text[k : k + 4] for k in range(0, len(text), 4)))
-
-    def record(self, data):
-        length = struct.pack(self.order + "i", len(data))
-        self.content += length + data + length
-
-    def marker(self, value):
-        self.record(self.words(value))
-
-    def data(self, data, pieces=1):
-        count = len(data) // self.size
-        cuts = [0, *sorted(random.Random(1).sample(range(1, count), pieces - 1)), count]
-        for start, stop in pairwise(cuts):
-            self.marker(stop - start)
-            self.record(data[start * self.size : stop * self.size])
-
-    def table(self, name, parts, pieces=1):
-        self.data(self.text(name.ljust(8)))
-        self.marker(-1)
-        self.data(self.words(101, 0, 0, 0, 0, 0, 0))
-        self.marker(-2)
-        self.data(self.words(0))
-        self.data(self.text(name.ljust(8)))
-        for number, part in enumerate(parts, 3):
-            self.marker(-number)
-            self.data(self.words(0))
-            self.data(part, pieces)
-        self.marker(-len(parts) - 3)
-        self.data(self.words(0))
-        self.marker(0)
-
-    def matrix(self):
-        """A table whose records have a word more than their marker says, as columns of matrices do."""
-        self.data(self.text("MATPOOL "))
-        self.marker(-1)
-        self.data(self.words(102, 3, 3, 6, 1, 2, 3))
-        self.marker(-2)
-        self.data(self.words(0))
-        self.data(self.text("MATPOOL "))
-        self.marker(-3)
-        self.data(self.words(1))
-        self.marker(2)
-        self.record(self.words(1, 1.0, 2.0))
-        self.marker(-4)
-        self.marker(0)
-
-    def heading(self, approach, kind, subcase, mode, first, second, form, width):
-        words = [10 * approach + 1, kind, 0, subcase, mode, first, second, 0, form, width]
-        return self.words(*words) + self.words(*[0] * 40) + self.text(" " * 4 * 96)
-
-    def vector(self, values, scalars=(), is_complex=False):
-        """Lines of points; `values` (n_points, 6 or 12)."""
-        lines = b""
-        for point, row in zip(POINTS, values, strict=True):
-            lines += self.words(10 * point + 1, 1, *map(float, row))
-        for point in scalars:
-            lines += self.words(10 * point + 1, 2, *[0.5] * (12 if is_complex else 6))
-        return lines
-
-    def end(self):
-        self.marker(0)
-        return self.content
 
 
 def case(seed):
@@ -124,8 +35,8 @@ def case(seed):
             first, second, values = omega**2, 0.0, shapes[k].real
         head = writer.heading(9 if is_complex else 2, 1007 if is_complex else 7, 1, k + 1, float(first), float(second),
                               (3 if polar else 2) if is_complex else 1, 14 if is_complex else 8)  # fmt: skip
-        parts += [head, writer.vector(values, scalars, is_complex)]
-    others = [lambda: writer.table("OQG1", [writer.heading(2, 3, 1, 1, 1.0, 0.0, 1, 8), writer.vector(np.ones((3, 6)))]),
+        parts += [head, writer.vector(POINTS, values, scalars, is_complex)]
+    others = [lambda: writer.table("OQG1", [writer.heading(2, 3, 1, 1, 1.0, 0.0, 1, 8), writer.vector(POINTS, np.ones((3, 6)))]),
               lambda: writer.table("GEOM1", [writer.words(4501, 45, 1, 3)]), writer.matrix]  # fmt: skip
     has_masses = not is_complex and rng.random() < 0.6
     if has_masses:
@@ -169,7 +80,9 @@ def real_file(parts=None, **changes):
     writer = Writer()
     values = {"approach": 2, "kind": 7, "subcase": 1, "mode": 1, "first": 100.0, "second": 0.0, "form": 1, "width": 8}
     head = writer.heading(**values | changes)
-    writer.table(changes.pop("name", "OUGV1"), parts(writer, head) if parts else [head, writer.vector(np.ones((3, 6)))])
+    writer.table(
+        changes.pop("name", "OUGV1"), parts(writer, head) if parts else [head, writer.vector(POINTS, np.ones((3, 6)))]
+    )
     return writer.end()
 
 
@@ -181,8 +94,8 @@ def real_file(parts=None, **changes):
         (real_file(kind=2007), "sorted by points"),
         (real_file(first=-5e4), "negative eigenvalue"),
         (real_file(width=9), "has lines of 9 words"),
-        (real_file(lambda w, h: [h, w.vector(np.full((3, 6), np.nan))]), "holds NaN or infinite values"),
-        (real_file(lambda w, h: [h, w.vector(np.ones((3, 6)))] * 2), "has the vector of mode 1 .* twice"),
+        (real_file(lambda w, h: [h, w.vector(POINTS, np.full((3, 6), np.nan))]), "holds NaN or infinite values"),
+        (real_file(lambda w, h: [h, w.vector(POINTS, np.ones((3, 6)))] * 2), "has the vector of mode 1 .* twice"),
         (real_file()[:-300], "cut short"),
         (real_file()[:-13], "cut short"),
         (b"CDF\x01" + bytes(40), "does not begin as"),
@@ -205,8 +118,8 @@ def test_binary_files_that_hold_something_else_are_refused(tmp_path, content, wo
 def test_vectors_in_basic_axes_are_taken_before_those_in_axes_of_their_own(tmp_path):
     writer = Writer()
     head = writer.heading(2, 7, 1, 1, 100.0, 0.0, 1, 8)
-    writer.table("OUGV1", [head, writer.vector(np.ones((3, 6)))])
-    writer.table("BOUGV1", [head, writer.vector(np.arange(1.0, 19.0).reshape(3, 6))])
+    writer.table("OUGV1", [head, writer.vector(POINTS, np.ones((3, 6)))])
+    writer.table("BOUGV1", [head, writer.vector(POINTS, np.arange(1.0, 19.0).reshape(3, 6))])
     (tmp_path / "a.op2").write_bytes(writer.end())
     modes = read_modes(tmp_path / "a.op2")
     assert modes.mode_shapes[0, 0] == pytest.approx(1 / 15)
