@@ -5,6 +5,7 @@ import pytest
 from header_cases import dataset, fortran
 
 from structid.core.errors import FileError
+from structid.fem.meshes import read_mesh
 from structid.files.uff import read_nodes
 from structid.modal.formats.files import read_modes
 
@@ -93,3 +94,55 @@ def test_points_of_complex_vectors_that_are_printed_twice(tmp_path):
     path.write_text(listing([1.0, 1.5]))
     with pytest.raises(FileError, match="point 7 is printed twice in mode 1 with different motions"):
         read_modes(path)
+
+
+def mode_55(frequency=10.0, ratio=0.01, values=(1.0, 2, 3)):
+    numbers = ["".join(f"{x:10d}" for x in row) for row in ((1, 2, 2, 8, 2, 3), (2, 4, 0, 1))]
+    return dataset(55, *["NONE"] * 5, *numbers, "".join(fortran(float(x), 13, 5) for x in (frequency, 2.0, ratio, 0.0)),
+                   f"{1:10d}", "".join(fortran(float(x), 13, 5) for x in values))  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "blocks, words",
+    [
+        ([mode_55(), mode_55(values=(3, -1, 0))], ""),
+        ([mode_55(), mode_55(frequency=11.0)], ""),
+        ([mode_55(), mode_55()], "holds the mode that stands before it once more"),
+        ([mode_55(ratio=1.5)], "states a damping ratio of 1.5, with which nothing vibrates"),
+    ],
+)
+def test_modes_that_stand_twice_or_do_not_vibrate(tmp_path, blocks, words):
+    path = tmp_path / "a.unv"
+    path.write_bytes(b"".join(blocks))
+    if words:
+        with pytest.raises(FileError, match=words):
+            read_modes(path)
+    else:
+        assert read_modes(path).n_modes == 2
+
+
+@pytest.mark.parametrize(
+    "second, count", [((1, 94, 1, 2, 3, 4), 1), ((2, 94, 1, 2, 3, 4), 2), ((1, 94, 1, 2, 4, 3), 0)]
+)
+def test_elements_of_universal_files_that_stand_twice(tmp_path, second, count):
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    nodes = [
+        line
+        for label, point in enumerate(points, 1)
+        for line in (
+            "".join(f"{n:10d}" for n in (label, 0, 0, 11)),
+            "".join(fortran(float(x), 25, 16, "D") for x in point),
+        )
+    ]
+    elements = [
+        line
+        for label, kind, *corners in ((1, 94, 1, 2, 3, 4), second)
+        for line in ("".join(f"{n:10d}" for n in (label, kind, 1, 1, 7, 4)), "".join(f"{n:10d}" for n in corners))
+    ]
+    path = tmp_path / "a.unv"
+    path.write_bytes(dataset(2411, *nodes) + dataset(2412, *elements))
+    if count:
+        assert len(read_mesh(path).cells()) == count
+    else:
+        with pytest.raises(FileError, match="gives element 1 twice, with other nodes"):
+            read_mesh(path)
