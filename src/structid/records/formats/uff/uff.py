@@ -114,8 +114,8 @@ def _nothing_to_read(path: Path, functions: list[Function]) -> FileError:
         names = ", ".join(map(_name, kinds))
         return StoredSpectraError(
             f"{path}: holds spectra of responses ({names}), averaged already and without the time histories behind them, which"
-            " are neither frequency response functions (type 4) nor histories (type 1); `structid modes` finds modes without"
-            " damping in them, and in time histories modes with their uncertainty"
+            " are neither frequency response functions (type 4) nor histories (type 1): `structid modes` finds modes without"
+            " damping in them; for a fit, and for damping, export the time histories"
         )
     names = ", ".join(map(_name, kinds))
     return FileError(
