@@ -160,7 +160,7 @@ def test_random_points_are_drawn_in_the_order_of_the_searches_that_count(good, n
     verdicts = iter([False] * (good - 1) + [True] + [False] * 9)
     search = Search(restarts=3, uniqueness_starts=2, seed=5)
     ways = [(), ()]
-    found = searched_minima(problem, method, ways, search, lambda _: next(verdicts), None, Several(n_workers))
+    found = searched_minima(problem, method, ways, search, lambda _: next(verdicts), None, Several(n_workers)).minima
     random = np.random.default_rng(5)
     starts = [1.4, 1.4][:good] + [1.4 + 0.2 * 1.4 * random.standard_normal() for _ in range(good - 2)]
     starts += [1.4 + 0.2 * 1.4 * random.standard_normal() for _ in range(2)]
@@ -209,7 +209,7 @@ def test_searches_that_miss_the_noise_and_are_not_the_best_are_left_early():
     """Each search by itself goes on to its minimum; of several only the best does, to the same place."""
     problem, method = MissedWells(theta_start=np.array([1.6])), LevenbergMarquardt()
     search = Search(restarts=7, seed=2)
-    found = searched_minima(problem, method, (), search, lambda minimum: False)
+    found = searched_minima(problem, method, (), search, lambda minimum: False).minima
     cost = np.array([minimum.costs[-1] for minimum, _ in found])
     best = cost < 1.001 * cost.min()
     assert 0 < best.sum() < len(found)

@@ -67,9 +67,9 @@ def _several_fits(found: Estimate) -> str:
     change = np.abs(other.values / best.values - 1)
     worst = int(np.argmax(change))
     return (
-        f"{found.n_fitting} distinct parameter sets fit the data equally well, among {found.n_starts} searches: in another"
-        f" one {found.names[worst]} is {other.values[worst]:.4g} instead of {best.values[worst]:.4g}; measure more lines"
-        " or places, or give a prior"
+        f"{found.n_fitting} sets of values fit the data equally well, among {found.n_starts} searches: in another one"
+        f" {found.names[worst]} is {other.values[worst]:.4g} instead of {best.values[worst]:.4g}; measure more lines or places,"
+        " or give a prior"
     )
 
 
