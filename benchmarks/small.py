@@ -43,6 +43,7 @@ SMALL: dict[str, str] = {
     "accuracy/errors_in_common.py": "--repeats 1 --right 2",
     "accuracy/expanded_shapes.py": "",
     "accuracy/frame_models.py": "--gains",
+    "accuracy/frames_of_frequencies.py": "--repeats 2",
     "accuracy/frame_shape_noise.py": "--seeds 1 --pieces 6",
     "accuracy/frame_twin.py": "--repeats 2 --stride 20 --workers 1",
     "accuracy/free_beam_time.py": "--repeats 1 --samples 200",

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+import structid as sid
+from structid.forward import ModalSettings
+from structid.identification.setups.modal import ModalSetup
+
 
 def frame_matrices(masses: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
     """M^-1 K of shear frames, stiffness (..., n_storeys) from the ground up, (..., n, n)."""
@@ -42,7 +46,8 @@ def all_frames(masses: np.ndarray, frequency: np.ndarray, n_starts: int = 4000, 
     for _ in range(60):
         value = _coefficients(frame_matrices(masses, np.exp(point))) / wanted - 1
         slopes = [
-            _coefficients(frame_matrices(masses, np.exp(point + 1e-30j * np.eye(n)[k]))).imag / 1e-30 / wanted for k in range(n)
+            _coefficients(frame_matrices(masses, np.exp(point + 1e-30j * np.eye(n)[k]))).imag / 1e-30 / wanted
+            for k in range(n)
         ]
         jacobian = np.stack(slopes, axis=-1)
         sound = np.abs(np.linalg.det(jacobian)) > 1e-12
@@ -55,3 +60,24 @@ def all_frames(masses: np.ndarray, frequency: np.ndarray, n_starts: int = 4000, 
         if all(np.abs(np.log(stiffness / other)).max() > 1e-4 for other in found):
             found.append(stiffness)
     return np.array(sorted(found, key=lambda one: one[0]))
+
+
+def frame(masses, start):
+    """A shear frame of given masses, every storey with the stiffness `start`."""
+    n = len(masses)
+    floors, below = [f"{i + 1}X" for i in range(n)], [f"{i}X" for i in range(n)]
+    return sid.Structure(
+        {i: float(i) for i in range(n + 1)},
+        [sid.PointMass("floor", list(range(1, n + 1)), masses), sid.Spring("storey", below, floors, stiffness=start)],
+        fixed=["0X"],
+        active=["X"],
+    )
+
+
+def frame_setup(masses, frequency, start=2.5e5, shapes=None, channels=("1X",), error=0.002):
+    """Frequencies of a frame whose stiffnesses are all unknown, with shapes if they are known."""
+    structure = frame(masses, start)
+    unknown = sid.parameters(structure, [sid.Unknown("stiffness", "storey", each=True)])
+    shapes = np.full((len(channels), len(frequency)), np.nan) if shapes is None else shapes
+    record = sid.ModalRecord(frequency, np.full(len(frequency), np.nan), shapes, channels)
+    return ModalSetup(structure, unknown, record, ModalSettings(frequency_error=error, shape_error=0.01))

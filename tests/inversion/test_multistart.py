@@ -8,7 +8,7 @@ import pytest
 from structid import LevenbergMarquardt, Status, estimate
 from structid.inversion import BaseProblem, Linearization
 from structid.inversion.search.least_squares import LEFT, minimize
-from structid.inversion.search.multistart import Search, searched_minima
+from structid.inversion.search.multistart import Search, distinct_answers, searched_minima
 from structid.inversion.search.work import Alone
 
 
@@ -68,6 +68,24 @@ def test_an_answer_that_the_noise_does_not_allow_does_not_count(miss, fits):
     assert found.n_fitting == fits
     assert found.values == pytest.approx([1.0])
     assert found.status is (Status.CONVERGED if fits == 1 else Status.NOT_IDENTIFIABLE)
+
+
+@pytest.mark.parametrize(("least", "fits"), [(lambda minimum: 0.0, 2), (lambda minimum: float(minimum.costs[-1]), 1)])
+def test_an_answer_that_tolerances_of_held_values_allow_counts(least, fits):
+    """At p = 2 chi-square is 25 by noise alone, which a likelihood ratio rules out, and what the tolerances leave is not."""
+    problem, method = TwoWells(5.0), LevenbergMarquardt()
+    minima = [minimize(problem, method, np.array([start])) for start in (0.9, 2.1)]
+    answers = distinct_answers(problem, minima, lambda minimum: True, least, 1e-3)
+    assert [answer.fits for answer in answers] == [True, fits == 2]
+
+
+def test_wide_starts_end_when_no_more_minima_are_to_be_expected():
+    """Two wells: Boender's rule wants 16 random searches that fit, of which 24 make as many; four more follow the answers."""
+    found = estimate(TwoWells(), search=Search(wide_starts=200))
+    assert found.n_fitting == 2
+    assert found.is_exhaustive
+    assert found.n_starts == 1 + 24 + 4
+    assert not estimate(TwoWells(), search=Search(wide_starts=10)).is_exhaustive
 
 
 def test_without_more_starts_the_first_fit_ends_the_search():

@@ -320,7 +320,8 @@ def judged(
         given = _asked_for(suggestions)
     else:
         given = _judged(found, causes, n_tried, suggestions, doubted(held), work)
-    if untried and not fits_noise(found):
+    is_open = found.alternatives is not None or given.verdict == "untested"
+    if untried and not is_open and not fits_noise(found):
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
         )

@@ -18,7 +18,7 @@ from structid.inversion import Estimate
 
 #: Differences that a test resolves with ease: of a frequency in parts of it, of the angle of a pair of shape entries in rad.
 _FREQUENCY, _ANGLE = 0.01, 0.1
-#: Places among which the deciding pair is sought, modes beyond the highest measured one, and sets whose predictions are in the words.
+#: Places among which the deciding pair is sought, modes beyond the highest measured one, and sets that the words predict.
 _MOST_PLACES, _MODES_BEYOND, _MOST_TOLD = 40, 2, 6
 
 
@@ -176,7 +176,9 @@ def _shape_candidate(dofs: Sequence[Dof], sets: Sequence[Modes], mode: int) -> t
     if not (size > 0).all():
         return None
     shapes = shapes / size
-    angles = np.arctan2(shapes[:, :, None], shapes[:, None, :]) % np.pi  # of each pair of places, whatever the sign of the shape
+    angles = (
+        np.arctan2(shapes[:, :, None], shapes[:, None, :]) % np.pi
+    )  # of each pair of places, whatever the sign of the shape
     ordered = np.sort(angles, axis=0)
     gaps = np.diff(np.concatenate([ordered, ordered[:1] + np.pi]), axis=0).min(axis=0)
     gaps[np.diag_indices(len(moving))] = 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -102,6 +103,7 @@ def answered(
             doubt_starts=_DOUBT_STARTS if not wide else 0,
             doubt_beyond=_DOUBT_BEYOND if few else np.inf,
             wide_starts=wide,
+            wide_problem=partial(_keeping_order, regular.problems) if few else None,
         )
     )
     if method.is_matrix_free:
@@ -148,6 +150,17 @@ def wide_starts(problems: Sequence[RecordProblem]) -> int:
     size = max(problem.structure.n_dofs for problem in modal) / _SMALL
     count = int(_MOST_WIDE / max(size, 1.0) ** 3 / len(modal))
     return count if count >= _FEWEST_WIDE else 0
+
+
+def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Problem:
+    """All of `problems` as one, with modes that are paired in their order at `theta` in their order everywhere."""
+    names = together(problems).names
+    return together(
+        [
+            one.keeping_order(theta[places(names, one.names)]) if isinstance(one, ModalProblem) else one
+            for one in problems
+        ]
+    )
 
 
 def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -> Method:

@@ -216,10 +216,11 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
     def status_words(self) -> str:
         """What happened, and what helps."""
         few = self.uncertainty.has_matrix
-        if self.n_fitting > 1 and self.status is Status.NOT_IDENTIFIABLE and bool((self.identified | ~self.is_free).all()):
+        is_known = bool((self.identified | ~self.is_free).all())
+        if self.n_fitting > 1 and self.status is Status.NOT_IDENTIFIABLE and is_known:
             return (
-                f"the search converged, but {self.n_fitting} sets of values fit the data equally well; measure what tells them apart,"
-                " or give a prior"
+                f"the search converged, but {self.n_fitting} sets of values fit the data equally well; measure what tells them"
+                " apart, or give a prior"
             )
         if self.status is Status.CONVERGED and self.at_bound:
             at_bound = ", ".join(one.name for one in self.at_bound)

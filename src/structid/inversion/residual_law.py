@@ -16,7 +16,8 @@ def misses_noise(
     """Whether a larger chi-square than that of `residual` has less than this probability by its law.
 
     `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where it has an
-    order that noise has not. Without degrees of freedom the data are missed where they are as far off as the truth itself seldom is.
+    order that noise has not. Without degrees of freedom
+    data are missed where they are as far off as the truth itself seldom is.
     """
     data, (_, share) = residual[: problem.n_data], row_law(problem.averages)
     chi_square, of_known = float(data @ data) + more, freedom / share

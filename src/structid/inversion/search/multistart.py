@@ -29,10 +29,12 @@ from structid.inversion.search.work import (
 
 _SPREAD = 0.2
 _SAME = 3.0
-#: Factor on the start up to which wide starts lie, and those along the weakest directions of an answer; how many of these are taken.
+#: Factor on the start up to which wide starts lie, and how many of the weakest directions of an answer are followed as far.
 _WIDE, _WEAKEST = 5.0, 2
 #: Difference of two sums of squares that says nothing.
 _ROUNDED = 1e-6
+#: Part of the largest singular value of a relative Jacobian from where on a direction is seen.
+_SEEN = 1e-8
 #: Wide starts that are searched before the rule for their end is looked at again.
 _BATCH = 8
 #: Sum of squares per datum, and beside that, beyond which a search is only gone on with where no other is better; and how close
@@ -90,6 +92,9 @@ class Search:
         How many more searches begin at most at factors of up to five about the start, and along the weakest directions from each
         answer, where the best one fits and the data determine every parameter. They end where no more answers are to be
         expected; see `expected_answers`.
+    wide_problem : callable, optional
+        The problem that wide starts are searched with, from the free variables of the best answer: the same, but for choices
+        that the data leave open and that no other answer should make differently.
     """
 
     restarts: int = 0
@@ -99,6 +104,7 @@ class Search:
     doubt_starts: int = 0
     doubt_beyond: float = np.inf
     wide_starts: int = 0
+    wide_problem: Callable[[FloatArray], Problem] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,11 +173,12 @@ def searched_minima(
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
     minima += [_found(problem, method, task) for task in found]
-    if not search.wide_starts or not good or not _is_determined(problem, best):
+    if not search.wide_starts or (good and not _is_determined(problem, best)):
         return SearchedMinima(minima)
     grouped = _GroupedMinima(fits)
     for minimum, _ in minima:
         grouped.add(minimum)
+    problem = problem if search.wide_problem is None else search.wide_problem(best.theta)
     wide, is_complete = _wide_minima(problem, method, chosen[0], start, search, grouped, progress, work)
     return SearchedMinima(minima + wide, is_complete)
 
@@ -253,7 +260,9 @@ def _wide_minima(
     return minima, False
 
 
-def _search_widely(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools) -> Stored:
+def _search_widely(
+    shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools
+) -> Stored:
     """One search from a wide start, as a task; it may come to where the data cannot be held against the model."""
     try:
         return _search(shared, item, tools)
@@ -270,11 +279,12 @@ def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
 
 
 def _is_determined(problem: Problem, minimum: Minimum) -> bool:
-    """Whether data and priors determine every direction of the parameters, relative to their sizes, to a factor of e."""
+    """Whether data and priors see every direction of the parameters."""
     relative = cast(Linearization, minimum.linearization).jacobian * sizes_at(problem, minimum.theta)
     if len(relative) < len(minimum.theta) or not np.isfinite(relative).all():
         return False
-    return bool(np.linalg.svd(relative, compute_uv=False)[-1] > 1.0)
+    singular = np.linalg.svd(relative, compute_uv=False)
+    return bool(singular[-1] > _SEEN * singular[0])
 
 
 def _ended(

@@ -205,7 +205,11 @@ def _alternatives(sets: Alternatives | None) -> dict[str, Entry]:
             "searches_text": sets.search_words,
             "exhaustive": sets.is_exhaustive,
             "sets": [
-                {"values": dict(zip(sets.names, values.tolist(), strict=True)), "sum_of_squares": cost, "n_searches": count}
+                {
+                    "values": dict(zip(sets.names, values.tolist(), strict=True)),
+                    "sum_of_squares": cost,
+                    "n_searches": count,
+                }
                 for values, cost, count in rows
             ],
             "deciding": None if sets.deciding is None else asdict(sets.deciding),
