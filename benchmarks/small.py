@@ -64,6 +64,7 @@ SMALL: dict[str, str] = {
     "accuracy/six_masses_frf.py": "--arrangements 1",
     "accuracy/six_masses_varying.py": "--arrangements 3",
     "accuracy/spectral_modes.py": "--repeats 1",
+    "accuracy/tie_rod.py": "--repeats 20 --holds",
     "accuracy/translations_only.py": "--elements 9 --repeats 1",
     "accuracy/varying_records.py": "--repeats 1 --setups 4",
     "accuracy/wrong_models.py": "--set development --only twin-0",
