@@ -166,6 +166,8 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
         The problems with what their models hold among the unknowns, within its tolerances; () where that is taken as exact.
     alternatives : Alternatives or None
         Sets of values that fit the data equally well; None where one only was found.
+    mesh : str
+        Into how many pieces beams were cut by what the mesh moves values by, in words; "" where the study says the number.
     """
 
     estimate: Estimate
@@ -178,10 +180,15 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     missed: tuple[Missed, ...] = ()
     freed: tuple[RecordProblem, ...] = ()
     alternatives: Alternatives | None = None
+    mesh: str = ""
 
     @property
     def assumption(self) -> str:
-        """What standard deviations and intervals allow what the model holds to be wrong by, in words."""
+        """What standard deviations and intervals allow the model's values to be wrong by, and how its mesh was chosen, in words."""
+        return "; ".join(words for words in (self._assumed, self.mesh) if words)
+
+    @property
+    def _assumed(self) -> str:
         fixed = self.estimate.fixed
         if fixed is not None:
             return f"± includes {fixed.words}"
