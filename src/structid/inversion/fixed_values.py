@@ -21,6 +21,7 @@ SECOND_ORDER = "second order"
 _CALLED = {
     "masses": ("mass", "rotary_inertia"),
     "stiffnesses": ("stiffness", "thickness"),
+    "axial forces": ("axial_force",),
     "dampings": ("viscous_damping", "loss_factor", "damping_ratio", "friction"),
     "places": ("position", "parameter"),
 }

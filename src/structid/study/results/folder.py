@@ -17,6 +17,7 @@ from structid.core.json_types import Entry, json_text
 from structid.criticism.held import HeldValue
 from structid.criticism.verdict import Criticism
 from structid.files import claimed, require_no_file
+from structid.identification.alternatives import Alternatives
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.regularizing import Held
@@ -150,6 +151,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
             for item in found.held
         ],
         **varied_summary(found),
+        **_alternatives(found.alternatives),
         "unidentifiable_directions": [
             {"words": item.words, "relative_std": item.relative_std, "vector": item.vector}
             for item in identifiability.directions
@@ -200,6 +202,29 @@ def _tolerances(estimate: Estimate) -> dict[str, Entry]:
             {"name": name, "kind": kind, "tolerance": tolerance, "asked_in_tolerances": asked}
             for name, kind, tolerance, asked in zip(fixed.names, fixed.kinds, fixed.tolerance, fixed.asked, strict=True)
         ]
+    }
+
+
+def _alternatives(sets: Alternatives | None) -> dict[str, Entry]:
+    """Sets of values that fit the data equally well, where there are several."""
+    if sets is None:
+        return {}
+    rows = zip(sets.values, sets.cost, sets.n_searches, strict=True)
+    return {
+        "alternatives": {
+            "text": sets.words,
+            "searches_text": sets.search_words,
+            "exhaustive": sets.is_exhaustive,
+            "sets": [
+                {
+                    "values": dict(zip(sets.names, values.tolist(), strict=True)),
+                    "sum_of_squares": cost,
+                    "n_searches": count,
+                }
+                for values, cost, count in rows
+            ],
+            "deciding": None if sets.deciding is None else asdict(sets.deciding),
+        }
     }
 
 
