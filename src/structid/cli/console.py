@@ -7,8 +7,9 @@ from rich.text import Text
 
 from structid.cli.tables import groups, new_table
 from structid.core.display import counted, first_warnings
-from structid.core.quantities import NOTHING, number, percent, span_text, with_std
+from structid.core.quantities import NOTHING, number, percent, prefixed, span_text, with_std
 from structid.explanation.suggestions import FOLDER as SUGGESTIONS
+from structid.identification.alternatives import Alternatives
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.identified import Identification
 from structid.study.results.changes import PARAMETERS
@@ -18,6 +19,8 @@ from structid.study.results.view import MOST_ADVICE, ResultsView
 
 #: Rows of parameters that are printed; those that are not determined come first where there are more.
 _MOST_ROWS, _MOST_CHANGES, _MOST_CAUSES = 24, 10, 5
+#: Sets of values that stand side by side.
+_MOST_SETS = 8
 _STYLES = {"sound": "bold green", "approximate": "bold yellow"}
 
 
@@ -30,6 +33,7 @@ def identification_summary(result: StudyResult, is_verbose: bool = False, folder
     shown: list[RenderableType] = [
         Text(view.headline, style=_STYLES.get(view.verdict, "bold red")),
         *_values(view),
+        *_alternatives(view.identification.alternatives),
         Text(f"Next: {_from_here(view.next_step, folder)}"),
         *(Text(f"- {_from_here(words, folder)}") for words in view.advice[:MOST_ADVICE]),
     ]
@@ -91,6 +95,21 @@ def _details(view: ResultsView) -> list[RenderableType]:
         *_pairs(found),
         *_modes(found),
     ]
+
+
+def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
+    """Sets of values that fit the data equally well, one a column."""
+    if sets is None:
+        return []
+    count = min(len(sets), _MOST_SETS)
+    table = new_table("parameter", "unit", *(f"set {k + 1}" for k in range(count)))
+    for name, unit, values in zip(sets.names, sets.units, sets.values[:count].T.tolist(), strict=True):
+        factor, prefixed_unit = prefixed(unit, *values)
+        table.add_row(name, prefixed_unit, *(number(value / factor, 5) for value in values))
+    if sets.deciding is not None:
+        table.add_row(sets.deciding.name, sets.deciding.unit, *(number(v, 3) for v in sets.deciding.predicted[:count]))
+    more = f"; {len(sets) - count} more are in the results" if len(sets) > count else ""
+    return [Text(sets.search_words + more), table]
 
 
 def _causes(view: ResultsView) -> list[RenderableType]:

@@ -19,6 +19,7 @@ from structid.report.rendering import plot
 KINDS: dict[str, tuple[str, ...]] = {
     "mass": ("mass", "rotary_inertia"),
     "stiffness": ("stiffness",),
+    "axial force": ("axial_force",),
     "damping": ("viscous_damping", "loss_factor", "friction"),
     "thickness": ("thickness",),
 }
