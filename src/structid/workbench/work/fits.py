@@ -40,7 +40,7 @@ def fitted_responses(folder: Path) -> dict[str, Entry]:
     except (KeyError, ValueError) as error:
         raise FileError(f"{path}: its responses cannot be used; run the study again") from error
     size = np.maximum(np.abs(measured), np.finfo(float).tiny)
-    error = np.median(np.abs(fitted - measured) / size, axis=0)
+    errors = np.median(np.abs(fitted - measured) / size, axis=0)
     step = max(1, -(-3 * measured.size // _MOST_VALUES))
     channels = [f"{output}/{load}" for output in outputs for load in inputs]
     return {
@@ -48,11 +48,11 @@ def fitted_responses(folder: Path) -> dict[str, Entry]:
         "channels": [
             {
                 "name": channels[c],
-                "error": float(error[c]),
+                "error": float(errors[c]),
                 "measured": packed(np.abs(measured[::step, c]), np.float32),
                 "fitted": packed(np.abs(fitted[::step, c]), np.float32),
                 "initial": packed(np.abs(initial[::step, c]), np.float32),
             }
-            for c in np.argsort(-error, kind="stable").tolist()
+            for c in np.argsort(-errors, kind="stable").tolist()
         ],
     }
