@@ -75,9 +75,12 @@ def test_identify_prints_a_summary_and_writes_the_folder(study, tmp_path):
     row = next(line for line in lines if line.startswith("stiffness[ground]")).split()
     assert row[4:5] + row[-1:] == ["kN/m", "determined"]
     assert 1000 * float(row[1]) == pytest.approx(TRUE["stiffness[ground]"], rel=0.01)
+    assert sorted(path.name for path in (tmp_path / "chain_results").iterdir()) == [
+        "estimate.h5", "estimate.json", "study.toml", "study_path.txt"
+    ]  # fmt: skip
 
 
-def test_verbose_adds_statistics_initial_values_and_modes(study, tmp_path):
+def test_verbose_adds_statistics_initial_values_and_modes(study):
     done = invoke("identify", study, "--no-report", "--verbose")
     assert done.exit_code == 0
     assert "Rank: 8 of 8 parameters" in done.stdout
@@ -85,9 +88,6 @@ def test_verbose_adds_statistics_initial_values_and_modes(study, tmp_path):
     assert ["mode", "frequency", "Hz", "damping", "ratio"] in [line.split() for line in done.stdout.splitlines()]
     rows = [line.split() for line in done.stdout.splitlines() if line.startswith("stiffness[ground]")]
     assert rows[1][1:3] == ["kN/m", "1.2000"]
-    assert sorted(path.name for path in (tmp_path / "chain_results").iterdir()) == [
-        "estimate.h5", "estimate.json", "study.toml"
-    ]  # fmt: skip
 
 
 def test_identify_writes_the_report_last(study, tmp_path):
