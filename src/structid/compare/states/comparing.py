@@ -10,6 +10,7 @@ from typing import TypedDict
 
 import numpy as np
 
+from structid.compare.states.options import CompareOptions
 from structid.compare.states.state import State, carried, state_of, stored_state, unchanged_parameters
 from structid.core.display import listed
 from structid.core.errors import InputError, SingularModelError
@@ -32,33 +33,6 @@ from structid.study.schema.study import Study, load_study
 from structid.unknowns.named_unknowns import begun_at
 
 COMPARE_PAGE = "compare.html"
-
-
-@dataclass(frozen=True)
-class CompareOptions:
-    """How two states are compared. Every field is a flag of the command; a list may be one text with commas.
-
-    Parameters
-    ----------
-    unchanged : sequence of str
-        What is the same in both states: names, kinds or patterns, as in mass or 'mass[beam:*],loss_factor'.
-    level : float
-        Accepted rate of false declarations.
-    power : float
-        Probability that belongs to the detection limit.
-    correction : {"holm", "benjamini_hochberg"}
-        holm (family-wise) or benjamini_hochberg.
-    """
-
-    unchanged: Sequence[str] = ()
-    level: float = 0.05
-    power: float = 0.9
-    correction: Correction = "holm"
-
-    def __post_init__(self) -> None:
-        if isinstance(self.unchanged, str):
-            names = tuple(name.strip() for name in self.unchanged.split(",") if name.strip())
-            object.__setattr__(self, "unchanged", names)
 
 
 class _Settings(TypedDict):
