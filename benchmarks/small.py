@@ -43,6 +43,7 @@ SMALL: dict[str, str] = {
     "accuracy/errors_in_common.py": "--repeats 1 --right 2",
     "accuracy/expanded_shapes.py": "",
     "accuracy/frame_models.py": "--gains",
+    "accuracy/frames_of_frequencies.py": "--repeats 2",
     "accuracy/frame_shape_noise.py": "--seeds 1 --pieces 6",
     "accuracy/frame_twin.py": "--repeats 2 --stride 20 --workers 1",
     "accuracy/free_beam_time.py": "--repeats 1 --samples 200",
@@ -63,9 +64,10 @@ SMALL: dict[str, str] = {
     "accuracy/six_masses_frf.py": "--arrangements 1",
     "accuracy/six_masses_varying.py": "--arrangements 3",
     "accuracy/spectral_modes.py": "--repeats 1",
+    "accuracy/tie_rod.py": "--repeats 20 --holds",
     "accuracy/translations_only.py": "--elements 9 --repeats 1",
     "accuracy/varying_records.py": "--repeats 1 --setups 4",
-    "accuracy/wrong_models.py": "--set development --only twin-0",
+    "accuracy/wrong_models.py": "--set development --only two_span-frf-near-mass-6",
 }
 #: Scripts that take more than five seconds of processor at their smallest size.
 LONG = {
