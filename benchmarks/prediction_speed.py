@@ -1,6 +1,6 @@
 """Bands of predicted FRFs of a plate, and state equations of a larger one: how long beside one sweep of the model, how exact.
 
-    python benchmarks/prediction_speed.py [--size 17] [--lines 1000] [--outputs 50] [--draws 200] [--large 57]
+python benchmarks/prediction_speed.py [--size 17] [--lines 1000] [--outputs 50] [--draws 200] [--large 57]
 """
 
 from __future__ import annotations

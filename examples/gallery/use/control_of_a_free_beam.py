@@ -16,14 +16,22 @@ from structid.prediction.identified_model import identified_model
 
 NODES = {i: 0.5 * i for i in range(13)}
 BAND, ORDER = (0.5, 40.0), 10
-WEIGHT, NOISE = 1e6, 1e-6
+WEIGHT, NOISE = 1e8, 1e-8
 
 
 def beam(bending_stiffness):
     """Twelve elements of 0.5 m, 2 kg/m, with a little damping."""
     return sid.Structure(
         NODES,
-        [sid.Beam("beam", [[i, i + 1] for i in range(12)], mass=2.0, bending_stiffness=bending_stiffness, loss_factor=0.002)],
+        [
+            sid.Beam(
+                "beam",
+                [[i, i + 1] for i in range(12)],
+                mass=2.0,
+                bending_stiffness=bending_stiffness,
+                loss_factor=0.002,
+            )
+        ],
     )
 
 
@@ -74,12 +82,17 @@ def slowest(plant, controller):
 
 truth = equations(built, 1.0)
 on_drawing, on_identified = (slowest(truth, regulate(design)) for design in (nominal, identified))
-print(f"slowest pole on the beam that was built: {on_drawing:.2f} 1/s designed on the drawing, {on_identified:.3f} identified")
+print(
+    f"slowest pole on the beam that was built: {on_drawing:.2f} 1/s designed on the drawing, {on_identified:.3f} identified"
+)
 
 # %%
 # Stability over the posterior: the same controller on a hundred models within the uncertainty.
 std = found.estimate.std[0]
-models = [equations(beam(value), 1.0) for value in found.estimate.values[0] + std * np.random.default_rng(1).standard_normal(100)]
+models = [
+    equations(beam(value), 1.0)
+    for value in found.estimate.values[0] + std * np.random.default_rng(1).standard_normal(100)
+]
 poles = np.array([slowest(model, regulate(identified)) for model in models])
 print(f"stable on {np.sum(poles < 0)} of 100 models within the uncertainty")
 
