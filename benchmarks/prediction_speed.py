@@ -18,7 +18,7 @@ from structid.prediction.identified_model import IdentifiedModel, identified_mod
 
 
 def plate(size: int, n_groups: int = 14) -> IdentifiedModel:
-    """A square steel plate of 1 m with one edge clamped; groups of stiffnesses and one loss factor are known within 2 % and 20 %."""
+    """A steel plate of 1 m by 1 m with one edge clamped; stiffnesses by zone within 2 %, one loss factor within 20 %."""
     side = np.linspace(0.0, 1.0, size + 1)
     nodes = {j * (size + 1) + i: [x, y] for j, y in enumerate(side) for i, x in enumerate(side)}
     cells = [

@@ -3,8 +3,9 @@ A controller for a free beam, designed before and after identification
 ======================================================================
 
 Norris (1986) identified distributed structures so that large space structures could be controlled. Here a free beam has
-two thrusters and, elsewhere, two sensors; a controller (LQG) holds it in place and damps its first bending modes. One learns that a controller designed on the drawing is unstable on the beam that was built, that the one designed on the
-identified model is stable, and how to ask for stability over all models within the uncertainty.
+two thrusters and, elsewhere, two sensors; a controller (LQG) holds it in place and damps its first bending modes. One learns
+that a controller designed on the drawing is unstable on the beam that was built, that the one designed on the identified
+model is stable, and how to ask for stability over all models within the uncertainty.
 """
 
 import matplotlib.pyplot as plt
