@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from structid import GaussNewton, InputError, LevenbergMarquardt, load_study
 from structid.cli.app import app
-from structid.core.constraints import Count, Limits, NotNegative, problem_of
+from structid.core.constraints import Count, Limits, NotNegative, constraint_violation
 from structid.fem import ELEMENT_TYPES
 from structid.fem.elements.element import declarations
 from structid.inversion.search.least_squares import Method
@@ -284,4 +284,4 @@ def test_an_annotation_that_no_file_can_give_is_told():
     ],
 )
 def test_python_values_are_held_by_the_same_annotations(annotation, value, words):
-    assert problem_of(annotation, value) == words
+    assert constraint_violation(annotation, value) == words

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.core.arrays import ComplexArray, FloatArray, IntArray, spread_over
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, evenly_spaced_indices
 from structid.core.dof import Dof
 from structid.fem import Base, Structure
 from structid.fem.elements.element import dof_code, dof_of_code
@@ -214,6 +214,6 @@ def fields_at(problem: FrfProblem, theta: FloatArray, most_lines: int = MOST_LIN
     n_lines = len(problem.frequency)
     room = int(np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, most_lines))
     if n_lines > room:
-        problem = problem.with_lines(spread_over(n_lines, room))
+        problem = problem.with_lines(evenly_spaced_indices(n_lines, room))
     own, rest = np.split(problem.physical(theta), [problem.parameters.n_params])
     return Fields(problem, problem.parameters.values(own), rest, problem.predicted(theta))

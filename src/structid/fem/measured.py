@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 
@@ -185,7 +185,7 @@ class MeasuredComponent:
         if not between.any():
             return ()
         return (
-            f"{self.words}: {between.sum()} of {counted(len(frequency), 'line')} lie between its own and are interpolated;"
+            f"{self.words}: {between.sum()} of {plural(len(frequency), 'line')} lie between its own and are interpolated;"
             f" left out, one of its lines would be off by up to {100 * self._roughness(frequency).max():.2g} %",
         )
 

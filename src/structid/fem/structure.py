@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked, require_finite
-from structid.core.display import Overview, Shown, counted, listed
+from structid.core.display import Overview, Shown, join_words, plural
 from structid.core.dof import DIRECTIONS, Dof, parse_dof
 from structid.core.errors import InputError
 from structid.fem.component import Component, Reduction, reductions
@@ -138,11 +138,11 @@ class Structure(Shown, StructurePlots):
     def overview(self) -> Overview:
         """Nodes and degrees of freedom, and one row an element set."""
         words = (
-            f"{counted(len(self.nodes), 'node')} in {self.dimension}-D, {self.n_dofs} free degrees of freedom,"
-            f" {counted(len(self.elements), 'element set')}, {counted(len(self.ties), 'tie')};"
-            f" fixed: {listed([dof.place for dof in self.fixed]) or 'none'}"
+            f"{plural(len(self.nodes), 'node')} in {self.dimension}-D, {self.n_dofs} free degrees of freedom,"
+            f" {plural(len(self.elements), 'element set')}, {plural(len(self.ties), 'tie')};"
+            f" fixed: {join_words([dof.place for dof in self.fixed]) or 'none'}"
         )
-        words += "".join(f"; {one.words} at {listed(one.interface)}" for one in self.measured)
+        words += "".join(f"; {one.words} at {join_words(one.interface)}" for one in self.measured)
         words += "" if self.damping_ratio is None else f"; damping ratio {self.damping_ratio:g} of all modes"
         names = {one.name: [p.term.property for p in self.properties if p.element == one.name] for one in self.sets}
         rows = [(one.name, type(one).__name__, ", ".join(names[one.name])) for one in self.sets]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.core.arrays import FloatArray, spread_over
+from structid.core.arrays import FloatArray, evenly_spaced_indices
 from structid.fem import Structure
 from structid.identification.checks import require_sound_model
 from structid.identification.fits.model_modes import structure_modes
@@ -237,7 +237,7 @@ def _best_lines(
         return None, None
     options = ground.options
     best = optimal(lines, ground.known, count, options.criterion, ground.of_interest)
-    even = tuple(spread_over(len(lines), count).tolist())
+    even = tuple(evenly_spaced_indices(len(lines), count).tolist())
     return (
         _at_lines(ground, chosen, f"chosen, best {count} lines", lines, best),
         _at_lines(ground, chosen, f"chosen, {len(even)} lines spread evenly", lines, even),

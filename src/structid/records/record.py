@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from structid.core.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
-from structid.core.display import Overview, Shown, counted, data_array, figures, listed
+from structid.core.display import Overview, Shown, data_array, format_number, join_words, plural
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoLinesError
 from structid.core.units import FrfKind, Quantity
@@ -181,13 +181,14 @@ class FrfRecord(Shown):
         """Kind, lines, channels, noise, and one row a sensor."""
         first, last = self.frequency[[0, -1]].tolist()
         words = (
-            f"{self.kind}, {counted(len(self.frequency), 'line')} from {figures(first)} to {figures(last)} Hz,"
-            f" {counted(len(self.outputs), 'sensor')}, {counted(len(self.inputs), 'load')} at {listed(self.inputs)};"
+            f"{self.kind}, {plural(len(self.frequency), 'line')} from {format_number(first)} to {format_number(last)} Hz,"
+            f" {plural(len(self.outputs), 'sensor')}, {plural(len(self.inputs), 'load')} at {join_words(self.inputs)};"
             f" noise: {self.noise_source}"
         )
         rms = np.sqrt(np.mean(np.abs(self.values) ** 2, axis=0))
         rows = [
-            (str(dof), *(figures(size, 4) for size in row)) for dof, row in zip(self.outputs, rms.tolist(), strict=True)
+            (str(dof), *(format_number(size, 4) for size in row))
+            for dof, row in zip(self.outputs, rms.tolist(), strict=True)
         ]
         return Overview(words, ("sensor", *(f"rms under {dof}" for dof in self.inputs)), rows)
 
@@ -280,7 +281,7 @@ def _require_within(record: FrfRecord, name: str, array: FloatArray) -> None:
         line, output, load = wrong[0].tolist()
         raise InputError(
             f"`{name}` must be {words}, got {array[line, output, load]:.9g} of {record.outputs[output]}/{record.inputs[load]} at"
-            f" {record.frequency[line]:g} Hz ({counted(len(wrong), 'such value')}); repair or remove these lines"
+            f" {record.frequency[line]:g} Hz ({plural(len(wrong), 'such value')}); repair or remove these lines"
         )
 
 
@@ -484,12 +485,12 @@ class TimeRecord(Shown):
         """Length and rate, and one row a channel."""
         n_times = len(self.values)
         words = (
-            f"{counted(len(self.channels), 'channel')}, {n_times} samples at {figures(self.sampling_rate)} Hz,"
-            f" {figures(n_times / self.sampling_rate)} s"
+            f"{plural(len(self.channels), 'channel')}, {n_times} samples at {format_number(self.sampling_rate)} Hz,"
+            f" {format_number(n_times / self.sampling_rate)} s"
         )
         rms = np.sqrt(np.mean(self.values**2, axis=0)).tolist()
         cells = zip(self.channels, self.quantities, self.units, rms, strict=True)
-        rows = [(str(dof), quantity, figures(size, 4), unit) for dof, quantity, unit, size in cells]
+        rows = [(str(dof), quantity, format_number(size, 4), unit) for dof, quantity, unit, size in cells]
         return Overview(words, ("channel", "quantity", "rms", "unit"), rows)
 
     def to_xarray(self) -> xr.DataArray:

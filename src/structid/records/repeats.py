@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.errors import InputError
 
 
@@ -41,4 +41,4 @@ def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Seq
 
 
 def _listed(items: Sequence[Hashable]) -> str:
-    return listed([f"{one:.12g}" if isinstance(one, float) else one for one in items])
+    return join_words([f"{one:.12g}" if isinstance(one, float) else one for one in items])

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.constraints import Positive, declared_types, problem_of
+from structid.core.constraints import Positive, constraint_violation, declared_types
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.inversion.regularization.strengths import StrengthRule
@@ -133,7 +133,7 @@ def _dense_where_small(matrix: sparse.csr_array) -> FloatArray | sparse.csr_arra
 
 
 def _require_strength(term: Regularization) -> None:
-    problem = problem_of(declared_types(type(term))["strength"], term.strength)
+    problem = constraint_violation(declared_types(type(term))["strength"], term.strength)
     if problem or term.strength == np.inf:
         raise InputError(f"`strength` of {term_name(term)} {problem or 'must be finite, got inf'}")
 

@@ -12,7 +12,7 @@ from rich.console import RenderableType
 from structid.cli.base import Png, say
 from structid.cli.progress import run_progress
 from structid.cli.tables import new_table, show
-from structid.core.display import figures
+from structid.core.display import format_number
 from structid.report.reproduce import write_reproduction
 from structid.reproduce import run
 from structid.reproduce.item import Item
@@ -45,5 +45,5 @@ def _summary(items: Iterable[Item]) -> list[RenderableType]:
     table = new_table("item", "verdict", "largest difference", "title")
     for item in items:
         largest = item.max_abs_difference
-        table.add_row(item.name, item.verdict.value, "-" if largest is None else figures(largest, 2), item.title)
+        table.add_row(item.name, item.verdict.value, "-" if largest is None else format_number(largest, 2), item.title)
     return [table]

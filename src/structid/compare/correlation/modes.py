@@ -12,7 +12,7 @@ from scipy import sparse
 from structid.compare.correlation.expansion import ExpandedShapes, constrained_shapes, expand, reduced_mass, serep_basis
 from structid.compare.correlation.options import DEFAULT, CorrelateOptions
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.errors import InputError
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
@@ -227,7 +227,7 @@ def _turned(found: ModesCorrelation) -> list[str]:
 
 
 def _listed(values: FloatArray) -> str:
-    return listed([f"{value:.5g}" for value in values.tolist()])
+    return join_words([f"{value:.5g}" for value in values.tolist()])
 
 
 def correlated_modes(

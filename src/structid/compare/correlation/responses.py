@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from structid.core.arrays import ComplexArray, FloatArray, spread_over
+from structid.core.arrays import ComplexArray, FloatArray, evenly_spaced_indices
 from structid.core.errors import InputError
 from structid.identification.fits.resonances import Resonance, resonances
 from structid.records import FrfRecord
@@ -52,7 +52,7 @@ class ResponsesCorrelation:
     @cached_property
     def map_lines(self) -> np.ndarray:
         """Places of the lines of `fdac`, evenly spread, (n_shown,)."""
-        return spread_over(len(self.record.frequency), _MOST_LINES)
+        return evenly_spaced_indices(len(self.record.frequency), _MOST_LINES)
 
     @cached_property
     def fdac(self) -> FloatArray | None:

@@ -11,7 +11,7 @@ from typing import TypedDict
 import numpy as np
 
 from structid.compare.states.state import State, carried, state_of, stored_state, unchanged_parameters
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Plain, plain_table
 from structid.forward import RecordProblem
@@ -231,8 +231,8 @@ def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ..
     ):
         if names:
             warnings.append(
-                f"{listed(names, 3)}: identified in the {one} only; if the {other} takes them as known from it, their uncertainty"
-                " is missing in the changes: identify them in both and name them as unchanged"
+                f"{join_words(names, 3)}: identified in the {one} only; if the {other} takes them as known from it, their"
+                " uncertainty is missing in the changes: identify them in both and name them as unchanged"
             )
     untested = [n for n, p in zip(found.names, found.p_values, strict=True) if not np.isfinite(p)]
     if untested:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError
 from structid.core.units import FrfKind
@@ -99,7 +99,7 @@ class FrfsOut(OneFile):
         near = np.where(np.abs(given[before] - self.frequency) <= np.abs(given[after] - self.frequency), before, after)
         missing = self.frequency[np.abs(given[near] - self.frequency) > _SAME_LINE * self.frequency]
         if len(missing):
-            told = listed([f"{line:.7g}" for line in missing], _MOST_TOLD)
+            told = join_words([f"{line:.7g}" for line in missing], _MOST_TOLD)
             raise FileError(
                 f"{path}: {len(missing)} of the {len(self.frequency)} lines of the record are missing, {told} Hz; FRFs are"
                 f" not interpolated: let the solver compute the lines that {FREQUENCIES} beside the deck lists, or"

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked
-from structid.core.constraints import declared_types, problem_of, type_words
+from structid.core.constraints import constraint_violation, declared_types, describe_type
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 
@@ -156,7 +156,7 @@ def element(cls: type[E]) -> type[E]:
         unit = " or ".join(word for word in (what.unit, what.about_axes) if word not in ("", "1"))
         default = "" if item.default in (MISSING, None) else f", default {item.default!r}"
         if item.init:
-            rows += [f"{item.name} : {type_words(types[item.name])}{default}"]
+            rows += [f"{item.name} : {describe_type(types[item.name])}{default}"]
             rows += [f"    {what.words}{', ' * bool(unit)}{unit}."]
     text = inspect.cleandoc(cls.__doc__ or "")
     summary, *others = re.split(r"\n\n(?=(?:Notes|References)\n---)", text)
@@ -303,7 +303,7 @@ class ElementSet:
                 value = None
             if what.kind is not None and not (what.optional and value is None):
                 value = property_values(self.name, name, value, len(self.nodes), what.positive)
-            problem = problem_of(types[name], value)
+            problem = constraint_violation(types[name], value)
             if problem:
                 raise InputError(f"`{name}` of {self.name!r} {problem}")
             if what.stored is not None and value is not None:

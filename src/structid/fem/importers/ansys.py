@@ -16,7 +16,7 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.importers.imported import ImportedMatrix, codes_of, completed, from_elements, from_triangle
 from structid.files import damage_told
-from structid.files.contained import ReaderError, contained
+from structid.files.contained import ReaderError, read_in_child
 from structid.files.sparse import compressed
 
 SUFFIXES: tuple[str, ...] = (".full", ".emat")
@@ -33,7 +33,7 @@ def read(path: Path) -> list[ImportedMatrix]:
         If `ansys-mapdl-reader` is not installed, or cannot read the file.
     """
     try:
-        found = contained(path, "ansys")
+        found = read_in_child(path, "ansys")
     except ReaderError as error:
         if error.kind in ("ImportError", "ModuleNotFoundError"):
             raise FileError(

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray
-from structid.core.display import figures
+from structid.core.display import format_number
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 from structid.fem.elements import Dashpot, ElementSet, MatrixGroup, PointMass, RotaryInertia, Spring
@@ -128,7 +128,7 @@ class DeckPart:
     @property
     def words(self) -> str:
         """How many, of what, how heavy."""
-        heavy = f" ({figures(self.mass)} kg)" if self.mass else ""
+        heavy = f" ({format_number(self.mass)} kg)" if self.mass else ""
         return f"{self.count} {self.kind}{heavy}"
 
     @property
@@ -222,7 +222,7 @@ def describe_left_aside(parts: Iterable[DeckPart], taken: Sequence[DeckPart], so
         return ""
     words = ", ".join(part.words + (f" [{part.obstacle}]" if part.obstacle else "") for part in left)
     heavy = [part.mass for part in left if part.mass]
-    total = f" ({figures(sum(heavy))} kg together)" if len(heavy) > 1 else ""
+    total = f" ({format_number(sum(heavy))} kg together)" if len(heavy) > 1 else ""
     kinds = ", ".join(f'"{kind}"' for kind in dict.fromkeys(part.kind for part in left if not part.obstacle))
     by_hand = any(part.obstacle for part in left)
     remedies = [f"take them by `take = [{kinds}]` in [structure.mesh]"] if kinds else []

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.arrays import IntArray
-from structid.core.display import counted, listed
+from structid.core.display import join_words, plural
 from structid.core.errors import FileError
 from structid.fem.meshes.deck_parts import DeckUnits
 from structid.fem.meshes.gmsh_numbers import Ascii, Binary, Numbers
@@ -210,8 +210,8 @@ def _require_nodes(path: Path, name: str, rows: IntArray, labels: IntArray) -> N
         return
     missing, wrong = np.unique(rows[~there]), np.flatnonzero(~there.all(axis=1))
     raise FileError(
-        f"{path}: lacks node {listed(missing.tolist())} of {counted(len(wrong), 'cell')} of type {name} (the first has nodes"
-        f" {listed(rows[wrong[0]].tolist(), 27)}); save the mesh again with all its nodes"
+        f"{path}: lacks node {join_words(missing.tolist())} of {plural(len(wrong), 'cell')} of type {name} (the first has nodes"
+        f" {join_words(rows[wrong[0]].tolist(), 27)}); save the mesh again with all its nodes"
     )
 
 

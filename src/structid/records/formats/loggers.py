@@ -15,7 +15,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.errors import FileError, InputError
-from structid.files.contained import ReaderError, contained
+from structid.files.contained import ReaderError, read_in_child
 from structid.files.loggers import PACKAGES, Channel
 from structid.records.formats.named_channels import NamedChannels, chosen, is_time, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions
@@ -74,7 +74,7 @@ class LoggerFormat:
                 " export the record as CSV or HDF5"
             )
         try:
-            found = contained(path, "logger", seconds=_SECONDS, kind=self.kind)
+            found = read_in_child(path, "logger", seconds=_SECONDS, kind=self.kind)
         except ReaderError as error:
             raise FileError(
                 f"{path}: cannot be read as {self.words} ({error}); it is damaged or of another kind, copy or export it again"

@@ -18,7 +18,7 @@ import numpy as np
 from structid._version import __version__
 from structid.core.errors import FileError
 from structid.core.json_types import Entry, Plain
-from structid.files import atomic_write, claim, damage_told, made_folder, release
+from structid.files import atomic_write, claim, damage_told, make_folder, release
 from structid.files.npy import npz_arrays
 from structid.files.worker import filled, plain
 from structid.inversion.search.minimum import State
@@ -82,7 +82,7 @@ class Checkpoint:
         self._written = time.monotonic()
         self._files = 0
         self._is_made = False
-        made_folder(folder.parent)
+        make_folder(folder.parent)
         claim(folder)
         try:
             if resume:
@@ -154,7 +154,7 @@ class Checkpoint:
 
     def _make(self) -> None:
         if not self._is_made:
-            made_folder(self.folder)
+            make_folder(self.folder)
             _write_json(self.folder / _RUN, self.owner)
             self._is_made = True
 

@@ -7,7 +7,7 @@ import re
 from dataclasses import fields, is_dataclass
 from typing import TypeVar
 
-from structid.core.constraints import declared_types, declared_words
+from structid.core.constraints import declared_types, parameter_descriptions
 from structid.identification.options import IdentifyOptions
 from structid.inversion import GaussNewton, LevenbergMarquardt
 from structid.study.schema.kinds import choice
@@ -45,7 +45,7 @@ def method_table(options: type = IdentifyOptions) -> Table:
         for keys in (method_table(kind).keys for kind in kinds):
             made |= {key: Key(one.holds, one.words) if key in made.keys else one for key, one in keys.items()}
         if name in _SEARCHES:
-            made |= {"search": Key(choice(*map(_name, kinds), _MATRIX_FREE), declared_words(options)[name])}
+            made |= {"search": Key(choice(*map(_name, kinds), _MATRIX_FREE), parameter_descriptions(options)[name])}
     return made
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from structid.core.constraints import NotNegative
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dofs, renamed
 from structid.core.errors import SingularModelError
 from structid.fem import Structure
@@ -129,8 +129,10 @@ def _aimed_words(structure: Structure, options: PlanOptions) -> tuple[str, ...]:
     ]
     used = [words for words, one in zip(known, aimed, strict=True) if one.dof.unsigned in candidates]
     others = [one.channel for one in aimed if one.dof.unsigned not in candidates]
-    found = (f"candidates along directions of [record.sensors]: {listed(used)}",) if used else ()
-    left = f"no candidates: {listed(others)} of [record.sensors]; name them in `sensors` of [plan] to choose from them"
+    found = (f"candidates along directions of [record.sensors]: {join_words(used)}",) if used else ()
+    left = (
+        f"no candidates: {join_words(others)} of [record.sensors]; name them in `sensors` of [plan] to choose from them"
+    )
     return (*found, left) if others else found
 
 

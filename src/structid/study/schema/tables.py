@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, is_dataclass
 from functools import cache
 from typing import Annotated, Any, TypeAlias, get_args, get_origin
 
-from structid.core.constraints import alternatives, declared_types, declared_words
+from structid.core.constraints import alternatives, declared_types, parameter_descriptions
 from structid.core.dof import Dof
 from structid.study.schema.kinds import Kind, Schema, kind_of
 
@@ -116,7 +116,7 @@ def table_of(made: Callable[..., object], leave_out: Collection[str] = (), **oth
     **others : Kind or Table
         What keys hold where the annotation does not say it, and keys besides the arguments.
     """
-    types, words = declared_types(made), declared_words(made)
+    types, words = declared_types(made), parameter_descriptions(made)
     keys = {}
     for name, item in inspect.signature(made).parameters.items():
         if name not in leave_out:

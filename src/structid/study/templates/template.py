@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import ClassVar, TypeVar
 
 from structid.core.errors import FileError, InputError
-from structid.files import atomic_write, made_folder
+from structid.files import atomic_write, make_folder
 
 T = TypeVar("T")
 
@@ -116,7 +116,7 @@ def write_study(template: Template, path: Path) -> Path:
     if path.exists():
         raise FileError(f"{path}: is there already; give another name, or remove it first")
     text = template.text(path.parent)
-    made_folder(path.parent)
+    make_folder(path.parent)
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path

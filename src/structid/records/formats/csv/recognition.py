@@ -10,7 +10,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple, overload
 
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.errors import FileError, InputError
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_time_unit, parse_unit
 from structid.records.formats.csv.layout import SEPARATORS, CsvLayout
@@ -192,7 +192,7 @@ def recognised(path: Path, text: str, layout: CsvLayout) -> Grid:
         1: f"names in line {layout.skip_rows + 1}",
         2: f"names in line {layout.skip_rows + 1}, units in line {layout.skip_rows + 2}",
     }[n_header]
-    left = f", {counted(layout.footer_rows, 'footer line')} left out" if layout.footer_rows else ""
+    left = f", {plural(layout.footer_rows, 'footer line')} left out" if layout.footer_rows else ""
     words = f"separated by {name}s, decimal {'commas' if comma else 'points'}, {head}{left}"
     return Grid(cells[:n_header], rows, layout.skip_rows + 1, first, comma, words)
 

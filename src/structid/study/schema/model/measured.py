@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import MeasuredComponent
@@ -76,8 +76,9 @@ def _placed(record: FrfRecord, role: str, interface: tuple[Dof, ...]) -> tuple[I
     if missing:
         raise InputError(
             f"{record.source} has no {role.removesuffix('s')} {', '.join(missing)}: a component needs FRFs from loads at all"
-            f" degrees of freedom of its interface to sensors at all of them, and the file has outputs {listed(record.outputs)}"
-            f" and inputs {listed(record.inputs)}; measure the rest, correct names by `relabel`, or leave some out of `interface`"
+            f" degrees of freedom of its interface to sensors at all of them, and the file has outputs {join_words(record.outputs)}"
+            f" and inputs {join_words(record.inputs)}; measure the rest, correct names by `relabel`, or leave some out of"
+            " `interface`"
         )
     index = np.array([place[dof] for dof in interface])
     return index, np.array([float(own[role][k].sign) for k in index])
