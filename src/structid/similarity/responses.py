@@ -85,14 +85,14 @@ def fdac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def energies(name: str, x: NDArray[np.inexact]) -> FloatArray:
-    """Sum of squares of every column of (n, n_columns).
+    """Sum of squared moduli of each column of `x`, (n, n_columns); `name` is for the error.
 
     Raises
     ------
     InputError
         If a column is zero throughout.
     """
-    found: FloatArray = np.sum(np.abs(x) ** 2, axis=0)
-    if (found == 0).any():
-        raise InputError(f"`{name}` is zero throughout in column {int(np.argmin(found)) + 1}; leave it out")
-    return found
+    sums: FloatArray = np.sum(np.abs(x) ** 2, axis=0)
+    if (sums == 0).any():
+        raise InputError(f"`{name}` is zero throughout in column {int(np.argmin(sums)) + 1}; leave it out")
+    return sums

@@ -59,7 +59,7 @@ class Parameters(NamedUnknowns):
         return replace(self, priors=no_priors(self.n_params), couplings=())
 
     def coupled(self, *couplings: Coupling) -> Parameters:
-        """The same parameters with more knowledge of their combinations."""
+        """A copy with additional couplings (knowledge of combinations of parameters)."""
         for coupling in couplings:
             if coupling.matrix.shape[1] != self.n_params:
                 raise InputError(
@@ -84,7 +84,7 @@ def _sizes(one: Family) -> FloatArray:
 
 
 def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
-    """The named parameters that `unknowns` declare on `structure`.
+    """The named parameters that the declarations `unknowns` make on `structure`.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
     """
     families = [family(structure, unknown) for unknown in unknowns]
     require_distinct(families)
-    offset, design = _map(structure, families)
+    offset, design = _assemble_map(structure, families)
     free = [one for one in families if one.is_free]
     for one in free:
         _ = one.limits
@@ -128,21 +128,21 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         scale=locked(np.concatenate(sizes) if sizes else np.zeros(0)),
         offset=locked(offset),
         design=design,
-        scatters=tuple(_scatter(one) for one in families if one.unknown.varies is not False),
+        scatters=tuple(_scatter_of(one) for one in families if one.unknown.varies is not False),
     )
-    _require_tolerances_of_held(structure, design)
+    _require_tolerances_of_fixed(structure, design)
     return made.started_at(made.start)
 
 
-def _require_tolerances_of_held(structure: Structure, design: sparse.csc_array) -> None:
-    """Raise `InputError` where an element set states how well a property is known that is sought."""
+def _require_tolerances_of_fixed(structure: Structure, design: sparse.csc_array) -> None:
+    """Raise `InputError` if an element set states a tolerance for a property that is an unknown (has a row in `design`)."""
     is_sought = np.diff(design.tocsr().indptr) > 0
     for element in structure.elements:
         stated = element.tolerance
-        own = [item for item in structure.properties if item.element == element.name and item.term.values.any()]
-        sought = [item.term.property for item in own if is_sought[item.values].all()]
+        properties = [item for item in structure.properties if item.element == element.name and item.term.values.any()]
+        sought = [item.term.property for item in properties if is_sought[item.values].all()]
         wrong = [name for name in sought if isinstance(stated, Mapping) and name in stated]
-        if stated is not None and not isinstance(stated, Mapping) and own and len(sought) == len(own):
+        if stated is not None and not isinstance(stated, Mapping) and properties and len(sought) == len(properties):
             wrong = sought
         if wrong:
             raise InputError(
@@ -151,70 +151,73 @@ def _require_tolerances_of_held(structure: Structure, design: sparse.csc_array) 
             )
 
 
-def _scatter(one: Family) -> Scatter:
-    """That of a declaration that varies from record to record."""
-    name = one.names[0] if one.n_params == 1 else f"{one.unknown.property}[{label_of(one.unknown)}]"
-    if not one.is_free:
+def _scatter_of(group: Family) -> Scatter:
+    """The scatter of a group of parameters that is declared to vary from record to record."""
+    name = group.names[0] if group.n_params == 1 else f"{group.unknown.property}[{label_of(group.unknown)}]"
+    if not group.is_free:
         raise InputError(f"{name} must be free to vary from record to record; leave `fixed` and `tied_to` out of it")
-    if one.limits[0] < 0:
+    if group.limits[0] < 0:
         raise InputError(f"{name} must be kept positive to vary from record to record; declare it `positive`")
-    given = None if one.unknown.varies is True else float(one.unknown.varies)
-    if given is not None and not 0 < given < np.inf:
-        raise InputError(f"`varies` of {name} must be true, or its scatter as a part greater than 0, got {given:g}")
-    return Scatter(name, one.names, given=given, std=given or BEGUN)
+    stated = None if group.unknown.varies is True else float(group.unknown.varies)
+    if stated is not None and not 0 < stated < np.inf:
+        raise InputError(f"`varies` of {name} must be true, or its scatter as a part greater than 0, got {stated:g}")
+    return Scatter(name, group.names, given=stated, std=stated or BEGUN)
 
 
-def _map(structure: Structure, families: list[Family]) -> tuple[FloatArray, sparse.csc_array]:
-    """Offset and design of `Parameters`."""
+def _assemble_map(structure: Structure, families: list[Family]) -> tuple[FloatArray, sparse.csc_array]:
+    """Offset (n_values,) and design matrix (n_values, n_params) that turn parameters into property values."""
     first_column, n_free = {}, 0
-    for one in families:
-        if one.is_free:
-            first_column[id(one)] = n_free
-            n_free += one.n_params
+    for group in families:
+        if group.is_free:
+            first_column[id(group)] = n_free
+            n_free += group.n_params
     offset = np.array(structure.values)
-    for one in families:
-        offset[one.indices] = 0.0
+    for group in families:
+        offset[group.indices] = 0.0
     rows, columns, entries = [], [], []
-    for one in families:
-        leader, ratio = _leader(one, families)
-        base = one.base * ratio
-        followed = one.owner if leader is None else np.full(len(one.indices), leader[1])
-        source = one if leader is None else leader[0]
+    for group in families:
+        leader, ratio = _resolve_tie(group, families)
+        base = group.base * ratio
+        followed = group.owner if leader is None else np.full(len(group.indices), leader[1])
+        source = group if leader is None else leader[0]
         if id(source) in first_column:
-            rows.append(one.indices)
+            rows.append(group.indices)
             columns.append(first_column[id(source)] + followed)
             entries.append(base)
         else:
-            np.add.at(offset, one.indices, base * source.start[followed])
+            np.add.at(offset, group.indices, base * source.start[followed])
     if not rows:
         return offset, sparse.csc_array((len(offset), 0))
     table = (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns)))
     return offset, sparse.coo_array(table, (len(offset), n_free)).tocsc()
 
 
-def _leader(one: Family, families: list[Family]) -> tuple[tuple[Family, int] | None, float]:
-    """What all parameters of `one` follow in the end (None for themselves), and the multiple of it."""
-    if one.unknown.tied_to is None:
+def _resolve_tie(group: Family, families: list[Family]) -> tuple[tuple[Family, int] | None, float]:
+    """The parameter (group, index) that all parameters of a tied group follow in the end, and the ratio to it.
+
+    None and 1.0 for a group that is not tied.
+    """
+    if group.unknown.tied_to is None:
         return None, 1.0
-    places = {name: (own, k) for own in families for k, name in enumerate(own.names)}
-    ratio, name, seen = 1.0, one.names[0], [one.names[0]]
-    target = one.unknown.tied_to
+    parameter_of = {name: (other, k) for other in families for k, name in enumerate(other.names)}
+    ratio, name, seen = 1.0, group.names[0], [group.names[0]]
+    target = group.unknown.tied_to
     while True:
-        if target not in places:
-            near = difflib.get_close_matches(target, places, 1, 0.0)
+        if target not in parameter_of:
+            nearest = difflib.get_close_matches(target, parameter_of, 1, 0.0)
             raise InputError(
                 f"{name} is tied to {target!r}, which is no parameter"
-                + (f"; the nearest is {near[0]!r}" if near else "")
+                + (f"; the nearest is {nearest[0]!r}" if nearest else "")
             )
-        ratio *= one.unknown.ratio
-        one, k = places[target]
+        ratio *= group.unknown.ratio
+        group, k = parameter_of[target]
         name = target
         if name in seen:
             raise InputError(f"ties run in a circle: {' -> '.join([*seen, name])}")
-        if one.unknown.tied_to is None:
-            return (one, k), ratio
+        if group.unknown.tied_to is None:
+            return (group, k), ratio
         seen.append(name)
-        target = one.unknown.tied_to
+        target = group.unknown.tied_to
 
 
 def _transform(one: Family) -> Transform:
