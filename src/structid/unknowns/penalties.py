@@ -14,7 +14,7 @@ from structid.core.constraints import Positive, constraint_violation, declared_t
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.inversion.regularization.strengths import StrengthRule
-from structid.unknowns.families import named_members
+from structid.unknowns.parameter_groups import named_members
 from structid.unknowns.parameters import Parameters
 from structid.unknowns.priors import Coupling
 

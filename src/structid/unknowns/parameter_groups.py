@@ -22,7 +22,7 @@ _SELECTION = re.compile(r"^(?P<name>.+?):(?P<first>\d+)(?:-(?P<last>\d+))?$")
 
 
 @dataclass(frozen=True, eq=False)
-class Family:
+class ParameterGroup:
     """The parameters of one declaration; an entry is a property value of the structure that a parameter makes.
 
     Attributes
@@ -148,7 +148,7 @@ class Family:
         return _chosen([*units, "1"], np.where(self.is_factor, len(units), self.item[self.first]))
 
 
-def element_sets(group: Family) -> tuple[tuple[str, ...], ...]:
+def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
     """Names of the element sets that each parameter of the group acts on, one tuple a parameter."""
     sets = [item.element for item in group.properties]
     number = np.array([sets.index(name) for name in sets])[group.item]
@@ -179,7 +179,7 @@ def _chosen(table: Sequence[Entry], places: IntArray) -> tuple[Entry, ...]:
     return tuple([table[i] for i in places.tolist()])
 
 
-def family(structure: Structure, unknown: Unknown) -> Family:
+def parameter_group(structure: Structure, unknown: Unknown) -> ParameterGroup:
     """The parameters that the declaration `unknown` makes on `structure`, as one group.
 
     Raises
@@ -202,10 +202,10 @@ def family(structure: Structure, unknown: Unknown) -> Family:
         return _make_field_group(structure, unknown, label, items, indices, item)
     nominal = structure.values[indices]
     if not unknown.each:
-        return Family(unknown, (label,), items, indices, np.zeros_like(indices), item, nominal)
+        return ParameterGroup(unknown, (label,), items, indices, np.zeros_like(indices), item, nominal)
     labels, owner = _parameter_per_element(unknown, items, indices, item)
     order = np.argsort(owner, kind="stable")
-    return Family(unknown, labels, items, indices[order], owner[order], item[order], nominal[order])
+    return ParameterGroup(unknown, labels, items, indices[order], owner[order], item[order], nominal[order])
 
 
 def _parameter_per_element(
@@ -281,7 +281,7 @@ def _make_field_group(
     items: tuple[Property, ...],
     indices: IntArray,
     item: IntArray,
-) -> Family:
+) -> ParameterGroup:
     """The group of a field: one parameter for each shape function of its coarse grid."""
     assert unknown.field is not None
     if unknown.each or unknown.tied_to is not None or unknown.factor is False:
@@ -293,7 +293,9 @@ def _make_field_group(
     entry, owner = functions.indices, np.repeat(np.arange(len(grid_points)), np.diff(functions.indptr))
     labels = tuple(f"{label}:field {place}" for place in grid_points)
     nominal = structure.values[indices[entry]]
-    return Family(unknown, labels, items, indices[entry], owner, item[entry], nominal, np.asarray(functions.data))
+    return ParameterGroup(
+        unknown, labels, items, indices[entry], owner, item[entry], nominal, np.asarray(functions.data)
+    )
 
 
 def _element_centres(
@@ -355,16 +357,16 @@ def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Pr
     return [(p, rows) for p in matches]
 
 
-def require_distinct(families: Sequence[Family]) -> None:
+def require_distinct(groups: Sequence[ParameterGroup]) -> None:
     """Raise `InputError` if two parameters have the same name, or set the same property value."""
-    names = [name for group in families for name in group.names]
-    claimed = [group.indices if group.shares is None else np.unique(group.indices) for group in families]
+    names = [name for group in groups for name in group.names]
+    claimed = [group.indices if group.shares is None else np.unique(group.indices) for group in groups]
     all_indices = np.concatenate(claimed) if claimed else np.zeros(0, dtype=np.int64)
     if len(set(names)) == len(names) and len(np.unique(all_indices)) == len(all_indices):
         return
     taken: set[str] = set()
-    owner: dict[int, tuple[Family, str]] = {}
-    for group in families:
+    owner: dict[int, tuple[ParameterGroup, str]] = {}
+    for group in groups:
         for k, name in enumerate(group.names):
             if name in taken:
                 raise InputError(f"two parameters are called {name}; give one of them a `name`")
