@@ -20,7 +20,7 @@ F06_SUFFIXES, PUNCH_SUFFIXES = (".f06",), (".pch", ".pun")
 
 
 def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> PrintedModes:
-    """The modes of the listing or punch file at `path` as it prints them; none is an error."""
+    """The modes as printed in the listing or punch file at `path`; raises `FileError` if there is none."""
     text = path.read_text(encoding="latin-1")
     printed = (f06_modes if path.suffix.lower() in F06_SUFFIXES else punch_modes)(
         path, text, options or ModeFileOptions()
@@ -35,9 +35,10 @@ def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> Printed
 
 
 def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> ModalRecord:
-    """The modes of a listing or punch file at the directions that move, entry of largest magnitude 1.
+    """The modes of a Nastran listing or punch file at the directions that move, largest entry 1.
 
-    Rotations are left out unless `options` state the unit of length: beside translations they mean something in metres only.
+    Rotations are left out unless `options` state the unit of length: beside translations they mean something in metres
+    only.
 
     Raises
     ------
@@ -55,7 +56,7 @@ def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> Mo
 
 
 def _displacement_axes(path: Path, deck: Path, printed: PrintedModes) -> dict[int, FloatArray]:
-    """Axes, as rows in global ones, of the points whose own displacement system in the deck is another one."""
+    """Axes (rows, global, (3, 3)) of each point whose displacement system in the `deck` is not the global one."""
     with damage_told(deck, "Nastran bulk data", "export it again"):
         cards = cards_of(bulk_text(deck), ("GRID", "GRDSET", *SYSTEM_CARDS))
         if "GRID" not in cards:

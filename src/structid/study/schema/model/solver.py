@@ -11,11 +11,11 @@ from structid.core.dof import parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Plain
 from structid.external.confirmation import command_words, confirmation_of
-from structid.external.deck import Deck, DeckParameter, deck_texts, with_lines
+from structid.external.deck import Deck, DeckParameter, deck_texts, with_frequencies
 from structid.external.differences import solved_modes
 from structid.external.frfs.model import solved_frfs
 from structid.external.frfs.output import FrfsOut
-from structid.external.marks import CardField, DeckMark, KeywordEntry, Place, value_at, with_marks
+from structid.external.marks import CardField, DeckMark, DeckPosition, KeywordEntry, value_at, with_marks
 from structid.external.matrices import solved_matrices
 from structid.external.outputs import MatricesOut, MatrixFile, ModesOut
 from structid.external.runs import Solver
@@ -121,7 +121,7 @@ def _solved(own: Section, files: InputFiles) -> Solved:
     stem = {"stem": Path(next(iter(texts))).stem}
     out = _outputs(own, given, stem, files)
     with own.located("deck"):
-        deck = Deck(with_lines(texts, out.frequency.tolist()) if isinstance(out, FrfsOut) else texts, parameters)
+        deck = Deck(with_frequencies(texts, out.frequency.tolist()) if isinstance(out, FrfsOut) else texts, parameters)
     linked = {Path(name).name: files.path(name) for name in as_list(given.get("files", []))}
     inputs = [*(files.path(name) for name in as_list(given["deck"])), *linked.values()]
     folder = files.folder / given.get("runs", f"{own.source.path.stem}.runs")
@@ -188,7 +188,7 @@ def _parameters(own: Section, texts: Mapping[str, str]) -> tuple[list[DeckParame
         return parameters, with_marks(texts, marked)
 
 
-def _places(entry: Section, given: Plain, texts: Mapping[str, str]) -> list[Place]:
+def _places(entry: Section, given: Plain, texts: Mapping[str, str]) -> list[DeckPosition]:
     """Where a parameter stands, by its `mark`."""
     places = []
     for k, table in enumerate(given if isinstance(given, list) else [given]):
@@ -196,7 +196,7 @@ def _places(entry: Section, given: Plain, texts: Mapping[str, str]) -> list[Plac
         section = Section(entry.source, path, table)
         mark: DeckMark = section.read(CardField) if "card" in table else section.read(KeywordEntry)
         with entry.located("mark"):
-            places.append(mark.place(texts))
+            places.append(mark.locate(texts))
     return places
 
 
