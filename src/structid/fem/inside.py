@@ -57,11 +57,11 @@ def numbered_terms(
     pieces: int = 1,
     sliding: Sequence[int] = (),
 ) -> NumberedTerms:
-    """The terms of `elements` with divisible lines cut into equal `pieces` and joints made; see `ElementSet.terms`.
+    """The terms of `elements` with lines cut into equal `pieces` and ends released by joints; see `ElementSet.terms`.
 
-    An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a joint
-    lets go has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay the
-    node's. Matrices of bars and beams with an end at one of the nodes `sliding` are told apart by powers of the length.
+    An element owns its pieces: it keeps one matrix for each property, on the nodes between them too. The end that a
+    joint releases has a degree of freedom of its own in the element's matrices, in place of the node's; all others stay
+    the node's. Matrices of bars and beams with an end at one of the nodes `sliding` are split by powers of the length.
 
     Raises
     ------
@@ -86,61 +86,67 @@ def numbered_terms(
     loosened: dict[tuple[str, int, int], str] = {}
     for joint in elements:
         if joint.loosened is not None:
-            text, at = joint.loosened
-            target, row = _element(joint.name, text, elements)
-            own, label = dof_code(at.node, at.direction), first + len(owners)
-            other = loosened.setdefault((target.name, row, own), joint.name)
+            text, dof = joint.loosened
+            target, row = _find_element(joint.name, text, elements)
+            code, label = dof_code(dof.node, dof.direction), first + len(owners)
+            other = loosened.setdefault((target.name, row, code), joint.name)
             if other != joint.name:
                 raise InputError(f"joint {joint.name!r} is in the place of joint {other!r}; take one of them out")
-            _require_way(joint.name, text, at, target.nodes[row], _ways(terms[target.name], row, at.node), active)
+            _require_stiff_direction(
+                joint.name, text, dof, target.nodes[row], _stiff_directions(terms[target.name], row, dof.node), active
+            )
             owners[label] = joint.name
-            end = dof_code(label, at.direction)
-            terms[joint.name] = _recoded(terms[joint.name], slice(None), -1, end)
-            terms[target.name] = _recoded(terms[target.name], row, own, end)
+            end = dof_code(label, dof.direction)
+            terms[joint.name] = _replace_code(terms[joint.name], slice(None), -1, end)
+            terms[target.name] = _replace_code(terms[target.name], row, code, end)
     return NumberedTerms(terms, owners, np.concatenate(free))
 
 
 def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str]) -> bool:
-    """Whether the elements of a set are lines whose pieces are held sideways, so that they can be cut.
+    """True if the elements of a set are lines whose pieces are held sideways, so that they can be cut.
 
-    A node between two bars that moves across them would have mass and no stiffness. Bars on a line have no such motion, and
-    beams have bending stiffness against it.
+    A node between two bars that moves across them would have mass and no stiffness. Bars on a line have no such motion,
+    and beams have bending stiffness against it.
     """
     if not element.is_line:
         return False
     _, along = element_vectors(element.name, element.nodes, positions)
     size = along.shape[1]
-    held: FloatArray = np.zeros((len(along), 3, 3))
-    held[:, :size, :size] = along[:, :, None] * along[:, None, :]
+    stiffness: FloatArray = np.zeros((len(along), 3, 3))
+    stiffness[:, :size, :size] = along[:, :, None] * along[:, None, :]
     axes: set[int] = set()
     for term in element.terms(positions, np.zeros(0, dtype=np.int64)):
         for layer in term.layers if term.kind == "stiffness" else ():
-            own = np.flatnonzero(layer.codes[0, : layer.codes.shape[1] // 2] % 6 < len(TRANSLATIONS))
-            at = layer.codes[0, own] % 6
-            axes |= set(at.tolist())
-            held[:, at[:, None], at] += (term.values > 0)[:, None, None] * layer.local[:, own[:, None], own]
+            columns = np.flatnonzero(layer.codes[0, : layer.codes.shape[1] // 2] % 6 < len(TRANSLATIONS))
+            axis_of = layer.codes[0, columns] % 6
+            axes |= set(axis_of.tolist())
+            stiffness[:, axis_of[:, None], axis_of] += (term.values > 0)[:, None, None] * layer.local[
+                :, columns[:, None], columns
+            ]
     moving = [axis for axis in sorted(axes) if DIRECTIONS[axis] in active]
-    stiff = np.linalg.eigvalsh(held[:, moving][:, :, moving])
+    stiff = np.linalg.eigvalsh(stiffness[:, moving][:, :, moving])
     return bool((stiff > _ROUNDING * stiff.max(initial=0.0)).all())
 
 
 def _terms(element: ElementSet, present: IntArray, pieces: int, first: int, positions: Positions) -> tuple[Term, ...]:
     """Terms of a set, its lines cut into equal pieces."""
     if pieces > 1:
-        return _cut(element, positions, present, pieces, first)
+        return _cut_into_pieces(element, positions, present, pieces, first)
     return element.terms(positions, present)
 
 
-def _cut(element: ElementSet, positions: Positions, present: IntArray, pieces: int, first: int) -> tuple[Term, ...]:
-    """Terms of lines that are each a chain of equal pieces, the nodes between labelled from `first` line by line."""
-    nearer = {label: place / pieces for label, place in positions.items()}  # lines as long as one piece
+def _cut_into_pieces(
+    element: ElementSet, positions: Positions, present: IntArray, pieces: int, first: int
+) -> tuple[Term, ...]:
+    """Terms of lines that are each a chain of equal pieces; the nodes between are labelled from `first` line by line."""
+    scaled = {label: position / pieces for label, position in positions.items()}  # lines as long as one piece
     between = first + np.arange(len(element.nodes) * (pieces - 1)).reshape(-1, pieces - 1)
-    terms = element.terms(nearer, present)
-    made = {id(layer): _chained(layer, between) for term in terms for layer in term.layers}
-    return tuple(replace(term, layers=[made[id(layer)] for layer in term.layers]) for term in terms)
+    terms = element.terms(scaled, present)
+    chained = {id(layer): _chain_matrices(layer, between) for term in terms for layer in term.layers}
+    return tuple(replace(term, layers=[chained[id(layer)] for layer in term.layers]) for term in terms)
 
 
-def _chained(layer: Layer, between: IntArray) -> Layer:
+def _chain_matrices(layer: Layer, between: IntArray) -> Layer:
     """Matrices of chains of pieces with the nodes `between` (n_elements, n_pieces - 1), from those of one piece."""
     n, width = layer.codes.shape
     half, pieces = width // 2, between.shape[1] + 1
@@ -148,13 +154,13 @@ def _chained(layer: Layer, between: IntArray) -> Layer:
     middle = 6 * between[:, :, None] + (start % 6)[:, None, :]
     local: FloatArray = np.zeros((n, (pieces + 1) * half, (pieces + 1) * half))
     for piece in range(pieces):
-        own = slice(piece * half, piece * half + width)
-        local[:, own, own] += layer.local
+        span = slice(piece * half, piece * half + width)
+        local[:, span, span] += layer.local
     return replace(layer, codes=np.concatenate([start, middle.reshape(n, -1), end], axis=1), local=local)
 
 
 def _free_between(terms: Sequence[Term], pieces: int, active: Sequence[str]) -> IntArray:
-    """Codes between the pieces of bending lines in the directions that their stiffness couples with the active ones."""
+    """Codes between the pieces of bending lines, in the directions that their stiffness couples with the active ones."""
     layers = [layer for term in terms if term.kind == "stiffness" for layer in term.layers]
     if not any((layer.codes % 6 >= 3).any() for layer in layers):
         return np.zeros(0, dtype=np.int64)
@@ -166,34 +172,34 @@ def _free_between(terms: Sequence[Term], pieces: int, active: Sequence[str]) -> 
     moves = np.tile(np.isin(DIRECTIONS, active), (len(coupled), 1))
     for _ in DIRECTIONS:
         moves |= (coupled & moves[:, None, :]).any(axis=2)
-    found = []
+    codes = []
     for layer in layers:
         half = layer.codes.shape[1] // (pieces + 1)
         between = layer.codes[:, half:-half]
-        found.append(between[np.take_along_axis(moves, between % 6, axis=1)])
-    return np.unique(np.concatenate(found))
+        codes.append(between[np.take_along_axis(moves, between % 6, axis=1)])
+    return np.unique(np.concatenate(codes))
 
 
-def _recoded(terms: Sequence[Term], rows: int | slice, old: int, new: int) -> tuple[Term, ...]:
-    """`terms` with another code at some elements; properties that share matrices go on sharing them."""
+def _replace_code(terms: Sequence[Term], rows: int | slice, old: int, new: int) -> tuple[Term, ...]:
+    """`terms` with the code `old` replaced by `new` at some element rows; properties that share matrices go on sharing them."""
 
     def changed(codes: IntArray) -> IntArray:
         table = codes.copy()
         table[rows] = np.where(table[rows] == old, new, table[rows])
         return table
 
-    made = {id(layer): replace(layer, codes=changed(layer.codes)) for term in terms for layer in term.layers}
-    return tuple(replace(term, layers=[made[id(layer)] for layer in term.layers]) for term in terms)
+    changed_layers = {id(layer): replace(layer, codes=changed(layer.codes)) for term in terms for layer in term.layers}
+    return tuple(replace(term, layers=[changed_layers[id(layer)] for layer in term.layers]) for term in terms)
 
 
-def _element(joint: str, text: str, elements: Sequence[ElementSet]) -> tuple[ElementSet, int]:
-    """The set and the row that `text` names."""
+def _find_element(joint: str, text: str, elements: Sequence[ElementSet]) -> tuple[ElementSet, int]:
+    """The element set and row that `text` (such as ``girder:2``) names; `joint` is for errors."""
     sets = {element.name: element for element in elements if element.is_line}
     chosen = None if text in sets else _ELEMENT.match(text)
     name, number = (text, 1) if chosen is None else (chosen["name"], int(chosen["number"]))
     if name not in sets:
-        near = difflib.get_close_matches(name, sets, 1, 0.0)
-        nearest = f"the nearest is {near[0]}" if near else "there is none"
+        close = difflib.get_close_matches(name, sets, 1, 0.0)
+        nearest = f"the nearest is {close[0]}" if close else "there is none"
         raise InputError(f"joint {joint!r}: there is no set of bars or beams called {name}; {nearest}")
     count = len(sets[name].nodes)
     if chosen is None and count > 1:
@@ -203,31 +209,35 @@ def _element(joint: str, text: str, elements: Sequence[ElementSet]) -> tuple[Ele
     return sets[name], number - 1
 
 
-def _ways(terms: Sequence[Term], row: int, node: int) -> list[str]:
-    """Directions in which an element has stiffness at one of its nodes."""
-    found = set()
+def _stiff_directions(terms: Sequence[Term], row: int, node: int) -> list[str]:
+    """Directions in which the element in `row` has stiffness at the node."""
+    axes = set()
     for term in terms:
         if term.kind == "stiffness" and term.values[row] > 0:
             for layer in term.layers:
                 diagonal = np.diagonal(layer.local[row])
                 stiff = diagonal > _ROUNDING * np.abs(layer.local[row]).max()
                 codes = layer.codes[row]
-                found |= {int(code) % 6 for code in codes[stiff & (codes // 6 == node)]}
-    return [DIRECTIONS[axis] for axis in sorted(found)]
+                axes |= {int(code) % 6 for code in codes[stiff & (codes // 6 == node)]}
+    return [DIRECTIONS[axis] for axis in sorted(axes)]
 
 
-def _require_way(joint: str, text: str, at: Dof, nodes: IntArray, ways: Sequence[str], active: Sequence[str]) -> None:
-    """Raise `InputError` where nothing could give way at `at`."""
-    place = at.place
-    if at.node not in nodes:
-        raise InputError(f"joint {joint!r}: node {at.node} is none of {text}, which runs from {nodes[0]} to {nodes[1]}")
-    if at.direction not in active:
+def _require_stiff_direction(
+    joint: str, text: str, dof: Dof, nodes: IntArray, directions: Sequence[str], active: Sequence[str]
+) -> None:
+    """Raise `InputError` if the element has no stiffness at the degree of freedom `dof` that the joint releases."""
+    place = dof.place
+    if dof.node not in nodes:
+        raise InputError(
+            f"joint {joint!r}: node {dof.node} is none of {text}, which runs from {nodes[0]} to {nodes[1]}"
+        )
+    if dof.direction not in active:
         raise InputError(
             f"joint {joint!r}: {place} is held, as the structure moves in {' '.join(active)} only; take one of these"
             " directions, or add it to `active`"
         )
-    if at.direction not in ways:
+    if dof.direction not in directions:
         raise InputError(
             f"joint {joint!r}: {text} has no stiffness in {place}, so that nothing would hold the joint's spring; it has"
-            f" some in {' '.join(ways) or 'no direction'}"
+            f" some in {' '.join(directions) or 'no direction'}"
         )

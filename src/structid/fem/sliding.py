@@ -75,11 +75,11 @@ class Lengthening:
     nominal: tuple[FloatArray, ...]
 
     def ratio(self, values: FloatArray) -> FloatArray:
-        """Lengths over the nominal ones, (n_elements,)."""
-        found = np.ones_like(self.lengths)
-        for at, slope, nominal in zip(self.at, self.slopes, self.nominal, strict=True):
-            found = found + slope * (values[at] - nominal) / self.lengths
-        return found
+        """Length of each element over its nominal length, (n_elements,), at the property `values`."""
+        ratio = np.ones_like(self.lengths)
+        for rows, slope, nominal in zip(self.at, self.slopes, self.nominal, strict=True):
+            ratio = ratio + slope * (values[rows] - nominal) / self.lengths
+        return ratio
 
 
 def slides(nodes: Sequence[int], elements: Sequence[ElementSet], positions: Positions) -> tuple[Slide, ...]:
@@ -90,10 +90,11 @@ def slides(nodes: Sequence[int], elements: Sequence[ElementSet], positions: Posi
     InputError
         If one is not there, has no bar or beam, is a corner of cells, or lines that meet there are not straight.
     """
-    return tuple(_slide(node, elements, positions) for node in dict.fromkeys(nodes))
+    return tuple(_make_slide(node, elements, positions) for node in dict.fromkeys(nodes))
 
 
-def _slide(node: int, elements: Sequence[ElementSet], positions: Positions) -> Slide:
+def _make_slide(node: int, elements: Sequence[ElementSet], positions: Positions) -> Slide:
+    """The line along which `node` may move, from the bars and beams that end there; `InputError` if they are not on a line."""
     if node not in positions:
         raise InputError(f"`sliding` names node {node}, which the structure does not have")
     for element in elements:
@@ -106,12 +107,12 @@ def _slide(node: int, elements: Sequence[ElementSet], positions: Positions) -> S
     others = before + [row[1] for row in rows if row[0] == node]
     if not others:
         raise InputError(f"node {node} of `sliding` is no end of a bar or beam; name one that is")
-    here, start = positions[node], others[0]
-    length = float(np.linalg.norm(here - positions[start]))
-    direction = (here - positions[start]) / length
+    position, start = positions[node], others[0]
+    length = float(np.linalg.norm(position - positions[start]))
+    direction = (position - positions[start]) / length
     limit = np.inf
     for other in others:
-        away = here - positions[other]
+        away = position - positions[other]
         along = float(away @ direction)
         if np.linalg.norm(away - along * direction) > _STRAIGHT * np.linalg.norm(away):
             raise InputError(
@@ -149,20 +150,22 @@ def stretched(name: str, terms_of: Callable[[Positions], Sequence[Term]], positi
     for number, term in enumerate(nominal):
         for place, layer in enumerate(term.layers):
             if id(layer) not in split:
-                split[id(layer)] = _powers(layer, np.array([terms[number].layers[place].local for terms in made]))
+                split[id(layer)] = _split_by_power(
+                    layer, np.array([terms[number].layers[place].local for terms in made])
+                )
     return tuple(replace(term, layers=[part for layer in term.layers for part in split[id(layer)]]) for term in nominal)
 
 
-def _powers(layer: Layer, local: FloatArray) -> list[Layer]:
+def _split_by_power(layer: Layer, local: FloatArray) -> list[Layer]:
     """The parts of a layer by powers of the length, from its matrices at every scale (n_scales, n_elements, n, n)."""
     parts = np.einsum("pk,kenm->penm", _WEIGHTS, local)
     least = _ROUNDING * np.abs(layer.local).max(axis=(1, 2), keepdims=True)
-    found = [np.where(np.abs(part) > least, part, 0.0) for part in parts]
-    return [replace(layer, local=part, stretch=p) for p, part in zip(_POWERS, found, strict=True) if part.any()]
+    cleaned = [np.where(np.abs(part) > least, part, 0.0) for part in parts]
+    return [replace(layer, local=part, stretch=p) for p, part in zip(_POWERS, cleaned, strict=True) if part.any()]
 
 
-def _inverse() -> FloatArray:
-    """What makes powers of matrices at all scales: the inverse of 2^(k p), exactly, then rounded."""
+def _power_weights() -> FloatArray:
+    """Weights that turn matrices at all scales into parts by powers: the inverse of 2^(k p), exact, then rounded."""
     n = len(_POWERS)
     rows = [[*(Fraction(2) ** (k * p) for p in _POWERS), *(Fraction(int(k == j)) for j in _POWERS)] for k in _POWERS]
     for i in range(n):
@@ -175,23 +178,23 @@ def _inverse() -> FloatArray:
     return np.array([[float(x) for x in row[n:]] for row in rows])
 
 
-_WEIGHTS = _inverse()
+_WEIGHTS = _power_weights()
 
 
 def lengthening(
     element: ElementSet, slides_of: Mapping[int, Slide], positions: Positions, places: Mapping[str, int]
 ) -> Lengthening:
-    """The `Lengthening` of a set; `places` says where the place of each slide stands among the values of the structure."""
+    """The change of lengths of a set with positions of nodes; `places` maps each slide's name to the index of its value."""
     ends = np.array([[positions[int(n)] for n in row] for row in element.nodes])
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    sliding = [end for end in (0, 1) if np.isin(element.nodes[:, end], list(slides_of)).any()]
-    at = np.full((len(sliding), len(lengths)), next(iter(places.values())))
-    slope, nominal = np.zeros(at.shape), np.zeros(at.shape)
-    for k, end in enumerate(sliding):
+    moving_ends = [end for end in (0, 1) if np.isin(element.nodes[:, end], list(slides_of)).any()]
+    value_index = np.full((len(moving_ends), len(lengths)), next(iter(places.values())))
+    slope, nominal = np.zeros(value_index.shape), np.zeros(value_index.shape)
+    for k, end in enumerate(moving_ends):
         for e, node in enumerate(element.nodes[:, end].tolist()):
             if node in slides_of:
                 slide = slides_of[node]
                 away = ends[e, end] - ends[e, 1 - end]
-                at[k, e], nominal[k, e] = places[slide.name], slide.position
+                value_index[k, e], nominal[k, e] = places[slide.name], slide.position
                 slope[k, e] = np.sign(away @ slide.direction)
-    return Lengthening(lengths, tuple(at), tuple(slope), tuple(nominal))
+    return Lengthening(lengths, tuple(value_index), tuple(slope), tuple(nominal))

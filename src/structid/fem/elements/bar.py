@@ -40,7 +40,7 @@ class Bar(ElementSet):
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "N s", "axial_stiffness", default=0.0)
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of the mass and the axial stiffness; see `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]
         codes = node_codes(self.nodes, TRANSLATIONS[:dimensions])

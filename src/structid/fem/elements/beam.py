@@ -106,10 +106,10 @@ class BendingPlane:
 
     @property
     def stiffness(self) -> tuple[Layer, ...]:
-        """Of unit EI, less what shear gives way.
+        """Element matrices of bending for unit EI, reduced by the shear deformation where there is shear.
 
-        Hermite's matrix is a sum of two: a uniform curvature e = theta2 - theta1 with the stiffness EI / L, and one that
-        grows along the beam, a, with 12 EI / L^3. Of the two only the second goes with a shear force, whose
+        Hermite's matrix is a sum of two: a uniform curvature e = theta2 - theta1 with the stiffness EI / L, and one
+        that grows along the beam, a, with 12 EI / L^3. Of the two only the second goes with a shear force, whose
         compliance L / GA adds to L^3 / 12 EI.
         """
         if self.shear[1] is None:
@@ -121,7 +121,7 @@ class BendingPlane:
 
     @property
     def mass(self) -> tuple[Layer, ...]:
-        """Consistent mass of unit mass per length."""
+        """Consistent mass matrices for unit mass per length."""
         if self.shear[1] is None:
             return (self._layer(hermite_mass(self.length)),)
         x, one = _POINTS[:, None], np.ones(len(self.length))
@@ -131,7 +131,7 @@ class BendingPlane:
 
     @property
     def rotary_inertia(self) -> tuple[Layer, ...]:
-        """Of unit inertia of the sections per length."""
+        """Element matrices of the rotary inertia of the sections, for unit inertia per length."""
         x, one = _POINTS[:, None], np.ones(len(self.length))
         plain = np.stack([0 * x * one, (1 - x) * one, 0 * x * one, x * one], axis=-1)
         bent = (-6 * x * (1 - x) / self.length)[..., None] * self._odd
@@ -160,13 +160,13 @@ class BendingPlane:
         return found
 
     def _layer(self, local: FloatArray, power: int = 0) -> Layer:
-        """Matrices (n, 4, 4) that go with a power of the share."""
+        """An element matrix term from local matrices (n_elements, 4, 4), which go with a `power` of the shear ratio."""
         name, values = self.shear
         if power == 0 or values is None:
             return Layer(self.codes, rotated(local, self.across))
         share = ShearShare(self.bending[0], name, 12 / self.length**2, power)
-        left = shear_share(self.bending[1], values, share.ratio) ** power
-        return Layer(self.codes, rotated(local * left[:, None, None], self.across), shear=share)
+        nominal = shear_share(self.bending[1], values, share.ratio) ** power
+        return Layer(self.codes, rotated(local * nominal[:, None, None], self.across), shear=share)
 
 
 def added(layers: tuple[Layer, ...], local: FloatArray) -> tuple[Layer, ...]:
@@ -202,7 +202,7 @@ class Beam(ElementSet):
     rotary_inertia: OptionalValues = declared(ROTARY_INERTIA, "rotary_inertia", "kg m", optional=True, default=None)
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of each property; see `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         bending, shear = ("bending_stiffness", self.bending_stiffness), ("shear_stiffness", self.shear_stiffness)
         if direction.shape[1] == 1:
@@ -217,25 +217,28 @@ class Beam(ElementSet):
             codes = node_codes(self.nodes, ("X", "Y", "RZ"))
             along, across = _plane_maps(direction)
             plane = BendingPlane(codes, across, length, bending, shear)
-        found = {"mass": plane.mass, "bending_stiffness": plane.stiffness}
+        terms = {"mass": plane.mass, "bending_stiffness": plane.stiffness}
         if along is not None:
-            found["mass"] = added(found["mass"], rotated(rod_mass(length), along))
-            found["axial_stiffness"] = (Layer(codes, rotated(rod_stiffness(length), along)),)
+            terms["mass"] = added(terms["mass"], rotated(rod_mass(length), along))
+            terms["axial_stiffness"] = (Layer(codes, rotated(rod_stiffness(length), along)),)
         if self.shear_stiffness is not None:
-            found["shear_stiffness"] = ()
+            terms["shear_stiffness"] = ()
         if self.rotary_inertia is not None:
-            found["rotary_inertia"] = plane.rotary_inertia
-        return found
+            terms["rotary_inertia"] = plane.rotary_inertia
+        return terms
 
 
 def _plane_maps(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Maps from (X Y RZ, X Y RZ) to axial (u1 u2) and bending (w1 theta1 w2 theta2) coordinates of each element."""
+    """Maps from (X Y RZ, X Y RZ) to axial (u1 u2) and bending (w1 theta1 w2 theta2) coordinates, (n_elements, 2 or 4, 6).
+
+    `direction` holds the unit vectors along the beams, (n_elements, 2).
+    """
     c, s = direction[:, 0], direction[:, 1]
     along = np.zeros((len(c), 2, 6))
     across = np.zeros((len(c), 4, 6))
     for end in (0, 1):
-        at = 3 * end
-        along[:, end, at], along[:, end, at + 1] = c, s
-        across[:, 2 * end, at], across[:, 2 * end, at + 1] = -s, c
-        across[:, 2 * end + 1, at + 2] = 1.0
+        column = 3 * end
+        along[:, end, column], along[:, end, column + 1] = c, s
+        across[:, 2 * end, column], across[:, 2 * end, column + 1] = -s, c
+        across[:, 2 * end + 1, column + 2] = 1.0
     return along, across

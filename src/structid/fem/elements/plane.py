@@ -61,7 +61,7 @@ class Plane(CellSet):
     formulation: Formulation = declared("Of four-node quadrilaterals; see `elastic_stiffness`", default="incompatible")
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of density and Young's modulus; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
         law = plane_law(self.poisson, self.state == "strain")
         stiffness = partial(elastic_stiffness, law=law, formulation=self.formulation)

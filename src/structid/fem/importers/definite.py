@@ -52,7 +52,7 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
     used = np.flatnonzero(root > 0)
     if 0 < len(used) <= _FACTORED_UP_TO:
         scaled = sparse.diags_array(1 / root[used]) @ matrix[used][:, used] @ sparse.diags_array(1 / root[used])
-        count = _negative_pivots(sparse.csc_array(scaled + _ZERO * sparse.eye_array(len(used))))
+        count = _count_negative_pivots(sparse.csc_array(scaled + _ZERO * sparse.eye_array(len(used))))
         if count:
             raise InputError(
                 f"`{name}` must be positive semidefinite, but has {count} negative eigenvalues; entries are missing or wrong, "
@@ -60,8 +60,8 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
             )
 
 
-def _negative_pivots(matrix: sparse.csc_array) -> int:
-    """Negative eigenvalues, by L D L'; at least one where a pivot on the diagonal vanishes."""
+def _count_negative_pivots(matrix: sparse.csc_array) -> int:
+    """Number of negative eigenvalues of a symmetric matrix, by L D L'; at least one if a diagonal pivot vanishes."""
     try:
         factors = splu(matrix, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError:  # exactly singular

@@ -33,7 +33,7 @@ class Facets:
     height: FloatArray
 
     def in_space(self, local: FloatArray) -> FloatArray:
-        """Matrices on (u, v, w, rotations) of each corner in the facet's axes as matrices on the global ones.
+        """Matrices on (u, v, w, rotations) of each corner in the facet's axes, turned to global axes, (n_cells, 6 n, 6 n).
 
         Nodes out of the plane are joined to it by rigid links along the normal.
         """
