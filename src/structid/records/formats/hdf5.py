@@ -23,7 +23,7 @@ SUFFIXES: tuple[str, ...] = (".h5", ".hdf5")
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The record in the HDF5 file at `path`.
+    """The record in the HDF5 file at `path`: structid's own layout, or bare arrays that `options` describe.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def _needed(shapes: Shapes, wanted: set[str]) -> set[str]:
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:
-    """Write `record` as an HDF5 file in structid's layout, complete.
+    """Write `record` to `path` as an HDF5 file in structid's layout, complete.
 
     It is made in memory, so that a full disk shows as an ordinary error when the bytes are written.
 
@@ -68,6 +68,7 @@ def write(path: Path, record: FrfRecord | TimeRecord) -> None:
 
 
 def _store(file: h5py.File, name: str, field: Field) -> None:
+    """Store one field of a record, an array or texts, in an open HDF5 file."""
     import h5py
 
     if isinstance(field, np.ndarray):

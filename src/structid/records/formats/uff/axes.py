@@ -88,7 +88,7 @@ def in_global_axes(
         parts = axes[[dof.axis % 3 for dof in local]]
         spanned = np.flatnonzero((np.abs(parts) > _ROUNDED).any(axis=0)).tolist()
         if len(spanned) != len(columns) or len({dof.axis for dof in local}) < len(local):
-            raise FileError(f"{path}: {_skewed_words(local[0], axes, is_load)}; {named}")
+            raise FileError(f"{path}: {_describe_skewed(local[0], axes, is_load)}; {named}")
         signs = np.array([dof.sign for dof in local])
         for j, axis in zip(columns, spanned, strict=True):
             matrix[j, columns] = signs * parts[:, axis]
@@ -102,8 +102,8 @@ def _global(dof: Dof, axis: int, sign: int) -> Dof:
     return Dof(dof.node, DIRECTIONS[axis + 3 * dof.is_rotation], sign)
 
 
-def _skewed_words(dof: Dof, axes: FloatArray, is_load: bool) -> str:
-    """The direction of a channel along no global axis, and how a study says it."""
+def _describe_skewed(dof: Dof, axes: FloatArray, is_load: bool) -> str:
+    """A message on a channel along no global axis, with the way to state its direction in a study."""
     way = ", ".join(f"{part:.5g}" for part in axes[dof.axis % 3])
     name = f"{'load ' if is_load else ''}{dof.place}"
     if dof.is_rotation:
