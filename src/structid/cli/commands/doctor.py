@@ -10,7 +10,7 @@ import typer
 from structid.cli.base import UNUSABLE_INPUT, fail
 from structid.cli.progress import clock
 from structid.study.run.doctor import OPTIONAL, Installation, installation
-from structid.study.run.needs import Duration, Needs, available_bytes, expected, gigabytes
+from structid.study.run.resources import Duration, Needs, available_bytes, expected, gigabytes
 from structid.study.schema.study import load_study
 
 StudyPath = Annotated[
