@@ -117,15 +117,15 @@ def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
 def renamed(
     sensors: Sequence[Dof], loads: Sequence[Dof], names: Mapping[str, str]
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
-    """`sensors` and `loads` under other names.
+    """`sensors` and `loads` with their channels renamed by `names`.
 
     Parameters
     ----------
     sensors, loads : sequence of Dof
-        As a record calls them.
+        Channels as the record names them.
     names : mapping of str to str
-        What each of them is in truth, by its name in the record: the sensors of that name whatever their sense, or the
-        loads where no sensor has it; ``load 3Z`` is the load in any case. A name such as ``3Z-`` turns the sense round.
+        True name of a channel by its name in the record: the sensors of that name whatever their sign, or the
+        loads where no sensor has it; ``load 3Z`` is the load in any case. A name such as ``3Z-`` reverses the sign.
 
     Raises
     ------

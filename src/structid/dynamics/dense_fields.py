@@ -49,15 +49,15 @@ class DenseFields:
     def solve_in_chunks(
         self, coefficients: ComplexArray, loads: IntArray, reader: FloatArray | None = None
     ) -> Iterator[tuple[slice, ComplexArray]]:
-        """Fields (n, n_dofs, n_chosen) under some of the loads for stretches of lines, one after another.
+        """Chunks of lines, each with the fields (n, n_dofs, n_chosen) under the chosen loads, as (slice of lines, fields).
 
         Parameters
         ----------
         coefficients : (n_lines, n_laws) complex array
-            How each matrix enters: s^2, s, 1, i, and of friction what may differ from line to line.
+            Weight of each matrix at each line: s^2, s, 1, i, and that of friction, which may differ from line to line.
         loads : (n_chosen,) int array
         reader : (n_read, n_dofs) float array, optional
-            What it reads of the fields is given in place of them.
+            If given, ``reader @ fields`` is returned in place of the fields.
 
         Raises
         ------

@@ -58,7 +58,7 @@ def worthwhile(n_lines: int, n_dofs: int, damped: bool) -> bool:
 
 
 def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray) -> ModalFields | None:
-    """X with (s^2 M + s C + K + i H) X = loads at every s, as a sum over the poles of the structure.
+    """Fields X with (s^2 M + s C + K + i H) X = loads at all s, as a sum over the poles of the structure.
 
     With s0 the mean size of s, without viscous damping and with t = s0^2 - s^2, Z = Z(s0) (I - t B), where
     B = Z(s0)^-1 M; with it and t = s - s0 the same holds of (x, t x / s0) and a B of twice the size. The eigenvectors

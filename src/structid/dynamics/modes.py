@@ -66,7 +66,7 @@ def modes(
     damping, structural : the same, optional
         Viscous damping, and imaginary part of the complex stiffness.
     n_modes : int, optional
-        How many; all by default (up to 20 for more than 600 degrees of freedom).
+        Number of modes; all by default (up to 20 for more than 600 degrees of freedom).
 
     Raises
     ------

@@ -43,7 +43,7 @@ class FieldSweep:
     ----------
     stiffness : DynamicStiffness
     pattern : (indices, indptr)
-        Of its entries, compressed columns.
+        Sparsity pattern of the entries, in compressed columns.
     right : (n_dofs, n_columns) float array
         Right-hand sides B.
 
@@ -188,7 +188,7 @@ def reduced_sweep(
     sensors: sparse.sparray,
     tolerance: float = 1e-6,
 ) -> ReducedSweep:
-    """Readings S' Z^-1 F at every line by `FieldSweep`, to a verified `tolerance`.
+    """Readings S' Z^-1 F at every line by Galerkin projection, to a verified relative `tolerance`.
 
     Where that takes more than a third of the lines, all are solved for.
 
@@ -196,7 +196,7 @@ def reduced_sweep(
     ----------
     stiffness : DynamicStiffness
     pattern : (indices, indptr)
-        Of its entries, compressed columns.
+        Sparsity pattern of the entries, in compressed columns.
     loads : (n_dofs, n_loads) float array
     sensors : (n_dofs, n_readings) sparse array
     tolerance : float

@@ -84,14 +84,14 @@ def sampled_transient(
     sampling_rate: float,
     damping: Matrix | None = None,
 ) -> Transient:
-    """Response from rest to loads that run in straight lines between their samples; exact for such loads.
+    """Response from rest to loads that vary linearly between their samples (first-order hold), without discretization error.
 
     Parameters
     ----------
     mass, stiffness, damping : (n_dofs, n_dofs) arrays, sparse or dense
         Symmetric; mass positive definite.
     loads : (n_dofs, n_loads) array
-        Where each signal acts.
+        Force on each degree of freedom per unit of each signal.
     signals : (n_times, n_loads) array
         N or N m, the first sample at t = 0.
     sampling_rate : float

@@ -41,7 +41,7 @@ _KEYWORD = re.compile(r"^[ \t]*\*(?!\*).*(?:\n(?![ \t]*\*(?!\*)).*)*", re.MULTIL
 
 
 def _matching_blocks(pattern: re.Pattern[str], text: str) -> Iterator[list[tuple[int, int, str]]]:
-    """For each match of `pattern` in `text`, its lines as (line number, index of the first character, text)."""
+    """Lines of each match of `pattern` in `text`, as (line number, index of the first character, text)."""
     number, n_before = 1, 0
     for match in pattern.finditer(text):
         number, n_before = number + text.count("\n", n_before, match.start()), match.start()

@@ -73,6 +73,7 @@ def solved_matrices(
     matrices_of_run: dict[Path, Mapping[str, ImportedMatrix]] = {}
 
     def evaluate(points: Sequence[Point]) -> tuple[FloatArray, FloatArray]:
+        """Matrix entries of the runs at `points`, (n_points, n_entries), and their sizes, (n_entries,)."""
         nonlocal counts, pattern
         folders, made = needed_runs(solver, points, work)
         counts = RunCounts(0, counts.made + made.made)

@@ -123,7 +123,7 @@ class RunCounts:
 def runs(
     solver: Solver, points: Sequence[Mapping[str, float]], work: Work
 ) -> tuple[list[Path | RunFailedError], RunCounts]:
-    """Folder of the run of each point; those that are there already are not run again.
+    """Folder of the run at each of `points`, or its error; runs that exist already are not repeated.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def runs(
     points : sequence of mapping of str to float
         Value of each parameter.
     work : Work
-        Where they run.
+        Executor of the runs.
 
     Returns
     -------

@@ -50,7 +50,7 @@ class Shapes:
 
 
 def read_shapes(path: Path) -> Shapes:
-    """The modes in the file at `path`.
+    """Frequencies and mode shapes in the file at `path` that a solver wrote.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ def taken(
     rules: StepRules,
     work: Work,
 ) -> Taken[R]:
-    """Results at the centre of all parameters, and at two steps of each.
+    """Results of solver runs at the centre of all parameters and at two steps of each, with steps of usable size.
 
     Parameters
     ----------

@@ -81,12 +81,12 @@ class Tangent:
 
 
 def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> Tangent:
-    """The model of the runs.
+    """A small model (mass and stiffness by powers of the parameters) that has the modes of the solver's runs.
 
     Parameters
     ----------
     name : str
-        Of the tie.
+        Name of the tie.
     centre : Shapes
         In SI units, as all runs.
     differences : sequence of Pair

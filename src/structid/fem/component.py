@@ -142,7 +142,7 @@ def reductions(
     held: frozenset[int],
     kept: IntArray,
 ) -> tuple[Reduction, ...]:
-    """All `components` reduced.
+    """The reduction of each of `components` to its interface and a few modes.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def reductions(
     terms : mapping of str to tuple of Term
         Properties of all element sets, by the name of the set.
     equations : mapping
-        What ties make of degrees of freedom.
+        Dependent codes with the codes and weights that they follow.
     held : frozenset of int
         Codes at zero.
     kept : (n,) int array
@@ -236,7 +236,7 @@ def _reduce_component(
 
 
 def _interface_codes(component: Component, codes: IntArray, equations: Equations) -> IntArray:
-    """Those of the `codes` of a component that its `interface` names, also as masters of ties."""
+    """Codes of a component that its `interface` names, also as masters of ties; a subset of `codes`."""
     parts = [np.zeros(0, dtype=np.int64)]
     for dof in component.interface:
         code = dof_code(dof.node, dof.direction)

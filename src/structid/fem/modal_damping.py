@@ -194,14 +194,14 @@ class ModalDamping(Factor):
 
 
 def modal_damping(parts: Sequence[Contribution], place: int, n_values: int, n_dofs: int) -> Contribution:
-    """The viscous damping of all modes: one element an entry of its matrix, which is full.
+    """Viscous damping with one ratio in all modes, as a contribution with one element for each entry of the full matrix.
 
     Parameters
     ----------
     parts : sequence of Contribution
         All others of the structure.
     place : int
-        Where the damping ratio stands among the values of the structure.
+        Index of the damping ratio among the property values of the structure.
     n_values, n_dofs : int
 
     Raises

@@ -52,7 +52,7 @@ class Numbering:
 def numbering(
     codes: Sequence[int], held: frozenset[int], equations: Equations, following: Sequence[Following] = ()
 ) -> Numbering:
-    """The free degrees of freedom, and how the others follow them.
+    """The numbering of free degrees of freedom, and the sparse map from them to all others.
 
     Parameters
     ----------

@@ -104,7 +104,7 @@ class NearestNodes:
 def nearest_nodes(
     points: Sequence[Sequence[float]], nodes: Mapping[int, FloatArray], tolerance: float | None = None
 ) -> NearestNodes:
-    """The node nearest to each of `points`.
+    """The node nearest to each of `points`, and its distance.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str,
 
 
 def together(values: FloatArray) -> FloatArray | None:
-    """The least number of series of which others are made, as columns of their parts; None where all are needed.
+    """Weights W of the smallest number of joint series that make up all series, (n_series, n_joint); None if all are needed.
 
     Parameters
     ----------

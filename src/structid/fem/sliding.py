@@ -129,14 +129,14 @@ def _make_slide(node: int, elements: Sequence[ElementSet], positions: Positions)
 
 
 def stretched(name: str, terms_of: Callable[[Positions], Sequence[Term]], positions: Positions) -> tuple[Term, ...]:
-    """Terms of bars or beams whose layers each go with one power of the length of their element.
+    """Terms of bars or beams, with each layer split by the power of the element length that it is proportional to.
 
     Matrices are sums of such powers; they are told apart by lengths that are all twice, four times, half as large and so on.
 
     Parameters
     ----------
     name : str
-        Of the set.
+        Name of the element set.
     terms_of : callable
         The terms on nodes at given positions.
     positions : mapping of int to position

@@ -250,7 +250,7 @@ class Structure(Shown, StructurePlots):
         return numbering(codes.tolist(), self._constrained(codes), self._equations, following)
 
     def _constrained(self, codes: IntArray) -> frozenset[int]:
-        """Those of `codes` that are constrained to zero."""
+        """The codes among `codes` that are constrained to zero."""
         moves = np.isin(codes % 6, [DIRECTIONS.index(d) for d in self.active or ()]) | np.isin(
             codes, self._numbered.free
         )
@@ -512,9 +512,9 @@ def from_matrices(
     groups : mapping of name to {"mass": M, "stiffness": K, "damping": C, "loss_factor": eta}
         Symmetric sparse or dense matrices (n_dofs, n_dofs), any of them left out where the group has none.
     dofs : sequence of degrees of freedom
-        What the rows stand for, the same for all groups.
+        Degree of freedom of each row, the same for all groups.
     nodes : mapping of label to position, optional
-        For pictures; all at the origin by default.
+        Positions for pictures, m; all at the origin by default.
     fixed : sequence of degrees of freedom
         Degrees of freedom held at zero.
 

@@ -120,7 +120,7 @@ def damage_told(path: Path, kind: str, remedy: str = "copy or write it again") -
     ----------
     path : Path
     kind : str
-        What the file should be, with its article, as in "a whole NPZ archive".
+        The kind of file that is expected, with its article, as in "a whole NPZ archive".
     remedy : str
     """
     try:

@@ -64,6 +64,7 @@ def hdf5_shapes(path: str) -> dict[str, Entry]:
     found: dict[str, Entry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        """Note shape, type and first byte of a dataset."""
         if isinstance(item, h5py.Dataset) and item.shape is not None:
             dtype = _complex_type(item.dtype)
             text = h5py.check_string_dtype(item.dtype) is not None
@@ -104,6 +105,7 @@ def matlab_73(path: str) -> dict[str, Entry]:
     found: dict[str, Entry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        """Read a variable, unless it is one of MATLAB's own groups."""
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             field = _read_field_73(item.file, item)
             if field is not None:

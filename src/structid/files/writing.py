@@ -27,7 +27,7 @@ def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
     ----------
     path : str or Path
     is_new : bool, optional
-        Whether a file that is at `path` by the end of the block is an error.
+        True if a file that exists at `path` at the end of the block is an error.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
 
 
 def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes | None], bool]) -> bool:
-    """Write `content` to `path` whole, if what stands there until that moment `is_expected`; else change nothing.
+    """Write `content` to `path` in one step if its present content satisfies `is_expected`; else change nothing.
 
     Other programs may write `path` at any time: where the system can exchange two names (Linux), what was replaced is looked
     at once more afterwards, and is put back where it is not as expected.
@@ -74,12 +74,12 @@ def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes |
         A file, or the name of a new one in a folder that is there.
     content : bytes
     is_expected : callable
-        Whether a content, None where there is no file, may be replaced.
+        Returns True for a content (None without a file) that may be replaced.
 
     Returns
     -------
     bool
-        Whether it was written.
+        True if the content was written.
 
     Raises
     ------

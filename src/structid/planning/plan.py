@@ -35,7 +35,7 @@ _MOST_ROUNDS, _MOST_STARTS = 10, 8
 
 
 def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Plan:
-    """The best sensors, loads and lines of a test, and how well it would determine each parameter.
+    """The most informative sensors, loads and lines of a test, with the predicted accuracy of each parameter.
 
     The information of a test is the sum over its lines, sensors and loads of what each value tells of the relative
     parameters (Udwadia 1994); sets are chosen by greedy addition and exchange (Fedorov 1972), sensors and loads in

@@ -9,16 +9,16 @@ from structid.core.errors import InputError
 
 
 def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Sequence[str]) -> None:
-    """Refuse repeats whose `values` are not those of the first.
+    """Raise `InputError` if repeats differ in `values` from the first one.
 
     Parameters
     ----------
     name : str
-        What they are, for the message.
+        What the values are, for the message.
     values : sequence of sequences
-        Of each repeat.
+        Values of each repeat.
     sources : sequence of str
-        Where each comes from.
+        Name of each repeat, for the message.
 
     Raises
     ------

@@ -124,7 +124,7 @@ def pair_modes(
     closeness: float = 0.02,
     frequency_guard: float = 0.3,
 ) -> Pairing:
-    """Measured modes paired with modes of a model, each of these used once, so that the sum of `pairing_worth` is largest.
+    """Pairing of measured modes with modes of a model, each used once, with the largest sum of `pairing_worth`.
 
     Measured modes closer than `closeness` form a group, and modes of the model that close to a pair, with a part in the
     measured shapes, belong to it: where single shapes are not told apart, the span is.
@@ -232,7 +232,7 @@ def _extend_group(
 def _find_ambiguous(
     number: IntArray, likeness: FloatArray, worth: FloatArray, grouped: set[int], least_mac: float
 ) -> dict[int, tuple[int, ...]]:
-    """For each measured mode outside of groups, the model modes that are nearly as good a partner as its pair.
+    """Model modes that are nearly as good a partner as the pair, for each measured mode outside of groups.
 
     `number` (n_measured,) is the paired model mode or -1, `likeness` (MAC) and `worth` are (n_measured, n_model).
     """

@@ -10,7 +10,7 @@ from structid.core.errors import InputError
 
 
 def frac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Frequency response assurance criterion: `mac` along the frequency axis, function by function.
+    """Frequency response assurance criterion (FRAC) of each function: `mac` along the frequency axis.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def frac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def fdac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Frequency domain assurance criterion: `mac` of the operating shapes at every pair of frequencies, load by load.
+    """Frequency domain assurance criterion (FDAC) of each load: `mac` of the operating shapes at each pair of frequencies.
 
     FDAC(w, v)_i = |sum_o x_oi(w)^* y_oi(v)|^2 / (sum_o |x_oi(w)|^2  sum_o |y_oi(v)|^2). Where the model is too stiff
     throughout, the ridge of ones lies beside the diagonal.

@@ -55,7 +55,7 @@ def mac(first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
 
 
 def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Coordinate modal assurance criterion: `mac` along the modes, channel by channel, of paired shapes.
+    """Coordinate modal assurance criterion (COMAC) of each channel: `mac` along the modes of paired shapes.
 
     COMAC_c = |sum_r x_cr^* y_cr|^2 / (sum_r |x_cr|^2  sum_r |y_cr|^2), each pair of shapes scaled to size 1 and y turned
     to the phase of x: 1 where a channel follows the other set in every mode. A channel that is only turned round keeps
@@ -88,7 +88,7 @@ def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def ecomac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Enhanced COMAC: mean distance of the paired shapes at each channel, sum_r |x_cr - y_cr| / (2 n_modes).
+    """Enhanced COMAC of each channel: mean distance of the paired shapes, sum_r |x_cr - y_cr| / (2 n_modes).
 
     Each pair of shapes is scaled to size 1 (in the mean over channels) and y turned to the phase of x: 0 where a channel
     agrees in every mode, large where its sense, its gain or its place is wrong.
@@ -223,7 +223,7 @@ def _paired_columns(
 
 
 def _check_channels(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
-    """Both sets of shapes as columns at the same channels; the first set twice if there is no second."""
+    """The sets of shapes `first` and `second` as columns at the same channels; `first` twice without a second."""
     x = _as_columns("first", first)
     y = x if second is None else _as_columns("second", second)
     if x.shape[0] != y.shape[0]:
@@ -235,7 +235,7 @@ def _check_channels(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray
 
 
 def _require_complete(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
-    """Both sets of shapes as columns at the same channels; raises `InputError` if an entry is NaN."""
+    """The sets of shapes `first` and `second` as columns; raises `InputError` if an entry is NaN."""
     x, y = _check_channels(first, second)
     hint = "leave out shapes, or channels, with unknown entries"
     require_finite("first", x, hint)

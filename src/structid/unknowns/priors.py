@@ -124,7 +124,7 @@ class Coupling:
     Parameters
     ----------
     name : str
-        What reports call it.
+        Name of the prior in reports.
     matrix : (n_rows, n_params) float array
         Sparse where parameters are many.
     target : (n_rows,) float array
@@ -210,15 +210,15 @@ def joint_prior(
     Parameters
     ----------
     name : str
-        What reports call it.
+        Name of the prior in reports.
     names : tuple of str
         All parameters, in order.
     known : tuple of str
-        Those that the prior is about.
+        Names of the parameters that the prior is about.
     mean, covariance : (n_known,), (n_known, n_known) float arrays
         Physical units.
     logarithmic : bool
-        Whether the logarithms are Gaussian, with means log(mean) and covariance C_ij / (mean_i mean_j).
+        True if the logarithms are Gaussian, with means log(mean) and covariance C_ij / (mean_i mean_j).
 
     Raises
     ------

@@ -86,7 +86,7 @@ class FixedProperty:
 
 
 def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tolerances) -> tuple[FixedProperty, ...]:
-    """Every property with values that a model holds and that are not known exactly.
+    """Every property of the structure that no parameter changes and whose value has a tolerance.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tole
     unknown : Parameters
         Parameters of that structure, which do not count as held.
     tolerances : Tolerances
-        Of element sets that state none.
+        Tolerances of element sets that state none.
     """
     stated = {element.name: element.tolerance for element in structure.elements}
     is_held = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)

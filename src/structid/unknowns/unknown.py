@@ -51,7 +51,7 @@ class Field:
 
 
 def field_functions(field: Field, middles: FloatArray) -> tuple[sparse.csc_array, tuple[str, ...]]:
-    """Values of the functions of `field` at the middles of the elements.
+    """Values of the shape functions of `field` at the middles of the elements, sparse, and labels of its grid points.
 
     Parameters
     ----------

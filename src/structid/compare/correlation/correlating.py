@@ -227,9 +227,9 @@ def _modes_summary(part: ModesCorrelation) -> dict[str, Entry]:
 
 
 def expansion_sizes(part: ModesCorrelation) -> list[tuple[float, float]]:
-    """For each expanded shape, the residual at the sensors relative to the measured shape and the relative median deviation.
+    """Relative residual at the sensors and relative median deviation of each expanded shape; empty without an expansion.
 
-    The deviation is relative to the largest entry of the shape; the list is empty without an expansion.
+    The residual is relative to the measured shape, the deviation to the largest entry.
     """
     expanded = part.expanded
     if expanded is None:

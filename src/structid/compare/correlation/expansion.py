@@ -23,7 +23,7 @@ _WORST = 100.0
 
 
 def constrained_shapes(dynamic_stiffness: sparse.csc_array, sensors: sparse.csc_array) -> FloatArray:
-    """The motion without force elsewhere that each sensor at 1 and all others at 0 makes, (n_dofs, n_channels).
+    """Static or dynamic shapes for a unit motion of each sensor, the others at 0, without other forces, (n_dofs, n_channels).
 
     The solution x of Z x = S f, S' x = e for every unit vector e: with Z = K it is Guyan's (1965) reduction, with
     Z = K - omega^2 M the dynamic expansion of Kidder (1973). Sensors may read sums of degrees of freedom.
@@ -207,7 +207,7 @@ def expand(
 
 
 def _distinguishable(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
-    """Those of `modes`, in order, whose shapes at the sensors (columns of `seen`) are linearly independent enough."""
+    """Mode indices of `modes`, in order, whose shapes at the sensors (columns of `seen`) are linearly independent enough."""
     size = np.abs(seen).max(axis=0)
     chosen: list[int] = []
     for k in modes:

@@ -240,17 +240,17 @@ def correlated_modes(
     settings: ModalSettings = _SETTINGS,
     name: str = "",
 ) -> ModesCorrelation:
-    """The modes of `record` beside those of `structure` with the property values `values`.
+    """Comparison of the modes of `record` with those of `structure` at the property values `values`.
 
     Parameters
     ----------
     structure : Structure
-        Of which the record's channels are part.
+        Structure that has the record's channels.
     values : (n_values,) float array
     record : ModalRecord
     options : CorrelateOptions
     settings : ModalSettings
-        Its `closeness`, `frequency_guard` and `shape_error` count.
+        Only `closeness`, `frequency_guard` and `shape_error` are used.
     name : str
 
     Raises

@@ -71,7 +71,7 @@ class ResponsesCorrelation:
 
 
 def correlated_responses(record: FrfRecord, model: ComplexArray, name: str = "") -> ResponsesCorrelation:
-    """The functions of `record` beside those of a model.
+    """Comparison of the FRFs of `record` with those of a model at the same lines.
 
     Parameters
     ----------

@@ -225,7 +225,7 @@ def unchanged_parameters(baseline: Identified, later: Parameters, patterns: Sequ
 
 
 def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -> Parameters:
-    """The later state's parameters, started at the baseline, with its result as the prior of the unchanged ones.
+    """The later state's parameters, started at the baseline, with its result as prior of the unchanged ones.
 
     Parameters
     ----------

@@ -133,7 +133,7 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
     ----------
     path : Path
     loads : sequence of Dof
-        What acts in each subcase, in ascending order, with a size of 1.
+        The unit load of each subcase, in ascending order of subcases.
     length, force : str
         Units of the deck.
 

@@ -332,7 +332,7 @@ class ElementSet:
         raise NotImplementedError
 
     def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
-        """Properties with their matrices.
+        """The properties of the set, each with the element matrices that it multiplies.
 
         Parameters
         ----------

@@ -143,9 +143,9 @@ def bulk_lines(
     content : bytes, optional
         Text to take instead of that of the file.
     whole_lines : bool
-        Whether a line in free field always becomes two of four fields each, so that fields keep their place in a card.
+        True if a free-field line always becomes two lines of four fields, so that fields keep their column in a card.
     origins : Origins, optional
-        Where each line of `content` comes from.
+        File and line number that each line of `content` comes from.
     """
     content = (path.read_bytes() if content is None else content).upper()
     if b"\t" in content:

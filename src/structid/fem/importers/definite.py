@@ -17,7 +17,7 @@ _ZERO = 1e-5
 
 
 def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof]) -> None:
-    """Raise an `InputError` where a symmetric matrix has negative eigenvalues; it says where, as far as can be seen.
+    """Raise `InputError` if a symmetric matrix has negative eigenvalues, and say where as far as that can be found.
 
     The matrix is scaled to a unit diagonal, so that translations and rotations count alike. Every pair of rows is
     looked at; up to 20,000 rows the whole matrix is factorized and the signs of the pivots are counted (Sylvester's law of
@@ -26,7 +26,7 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
     Parameters
     ----------
     name : str
-        For the message.
+        Name of the matrix, for the message.
     matrix : (n, n) sparse array
     dofs : n degrees of freedom
     """

@@ -43,7 +43,7 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
     ----------
     mass : (n, n) sparse or dense array
     dofs : n degrees of freedom
-        What the rows stand for.
+        Degree of freedom of each row.
     direction : {"X", "Y", "Z"}
 
     Returns
@@ -66,14 +66,14 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
 
 
 def require_total_mass(found: float, declared: float, left_aside: str = "") -> None:
-    """Raise an `InputError` where the mass `found` in the matrices is not the `declared` one; it names the factor.
+    """Raise `InputError` if the mass `found` in the matrices differs from the `declared` one; the message names the factor.
 
     Parameters
     ----------
     found, declared : float
         kg; a tenth apart they pass, as a model is rarely right to the percent, and units are wrong by a factor.
     left_aside : str
-        What of the model no element stands for, to be said as the cause.
+        Parts of the model without an element, which the message names as the cause.
     """
     if not declared > 0:
         raise InputError(f"`total_mass` must be greater than 0, got {declared}")

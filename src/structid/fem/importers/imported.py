@@ -192,13 +192,13 @@ def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
 
 
 def completed(matrix: sparse.sparray, name: str, symmetric: bool | None = None) -> sparse.csc_array:
-    """`matrix` with its other triangle, where each pair of entries off the diagonal is stored once.
+    """`matrix` with its other triangle added, if only one entry of each off-diagonal pair is stored.
 
     Parameters
     ----------
     matrix : (n, n) sparse array
     name : str
-        For the error.
+        Name of the matrix, for the error.
     symmetric : bool, optional
         True where the file declares symmetry, so that pairs must then agree; False: left as it is.
 

@@ -259,7 +259,7 @@ def weighed(
     blocks_of: Callable[[Layer], ElementMatrices],
     lengthenings: Mapping[str, Lengthening],
 ) -> tuple[Contribution, ...]:
-    """What every property contributes.
+    """The contributions of all properties: element matrices with the values that weigh them, one for each layer.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def weighed(
     blocks_of : callable
         The matrices of a layer on free degrees of freedom.
     lengthenings : mapping of str to Lengthening
-        Of element sets with ends that slide.
+        Change of lengths of the element sets with an end at a node of variable position, by name.
     """
     found: list[Contribution] = []
     elastic: dict[str, list[Contribution]] = {}

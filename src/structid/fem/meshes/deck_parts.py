@@ -184,7 +184,7 @@ class DeckPart:
 
 
 def choose_parts(parts: Sequence[DeckPart], take: str | Sequence[str], source: str) -> tuple[DeckPart, ...]:
-    """The parts that `take` names, and those that the mesh needs.
+    """Those of `parts` whose kinds `take` names, and those that the mesh needs.
 
     Parameters
     ----------
@@ -423,7 +423,7 @@ def _renumbered_dof(dof: Dof, stands_for: Mapping[int, int]) -> Dof:
 def rigid_constraints(
     name: str, main: int, dependent: int, arm: FloatArray, axes: FloatArray, components: Iterable[int]
 ) -> list[Constraint] | None:
-    """Constraints of a node that follows a main node rigidly along some of its own `axes`; None where they are oblique.
+    """Constraints of a node that follows a main node rigidly along some of its own `axes`; None if these are oblique.
 
     Parameters
     ----------

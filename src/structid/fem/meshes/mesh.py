@@ -148,7 +148,7 @@ class Mesh:
         return self.labels[is_inside]
 
     def nearest(self, position: ArrayLike, among: Iterable[int] | None = None) -> tuple[int, float, float]:
-        """The node nearest to `position` (3,), m: its label, the distance, and the size of the cells there.
+        """Label of the node nearest to `position` (3,), its distance, and the size of the cells there, all in m.
 
         Parameters
         ----------
@@ -216,15 +216,15 @@ def orphan_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
 def require_sound(
     mesh: Mesh, drop_orphans: bool = False, duplicates: str = "refuse", take: str | Sequence[str] = ()
 ) -> Mesh:
-    """`mesh`, after the checks; with what was asked to be repaired.
+    """The mesh after checks, with orphan nodes dropped and duplicate nodes merged if that is asked for.
 
     Parameters
     ----------
     mesh : Mesh
     drop_orphans : bool
-        Whether nodes without a cell are left out instead of refused.
+        True if nodes without a cell are left out instead of refused.
     duplicates : {"refuse", "merge", "keep"}
-        Of nodes at one place: ``keep`` is for cracks and joints, where the parts are meant to move apart.
+        Treatment of nodes with one position: ``keep`` is for cracks and joints, where the parts are meant to move apart.
     take : "all" or kinds
         Parts beside the cells that are taken, see `choose_parts`: their nodes belong to them, and nodes at one place that
         one of them joins stay apart.
@@ -310,7 +310,7 @@ def _without(mesh: Mesh, labels: IntArray) -> Mesh:
 
 
 def unassigned(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str | None:
-    """What cells are in none of the node tables of element sets: in words, or None.
+    """A phrase on the cells that are in none of the node tables of element sets; None if there are none.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def unassigned(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str |
     tables : list of int arrays
         Node tables of element sets.
     lower : bool
-        Whether cells of lower dimension than the mesh are looked at, instead of those of its own.
+        True if cells of lower dimension than the mesh are checked, instead of those of its own dimension.
     """
     used = {tuple(sorted(n for n in row if n >= 0)) for table in tables for row in table.tolist()}
     rows_of = {}

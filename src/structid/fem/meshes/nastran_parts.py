@@ -105,7 +105,7 @@ class _Deck:
     ----------
     positions : mapping of label to position in m
     axes : mapping of label to (3, 3) float array
-        Of grid points with a displacement system of their own.
+        Directions of motion of grid points with a displacement system of their own.
     """
 
     cards: Mapping[str, Cards]
@@ -136,7 +136,7 @@ def read_parts(
     axes: Mapping[int, FloatArray],
     units: DeckUnits,
 ) -> list[DeckPart]:
-    """The parts of a deck beside its cells: those that structid has elements for, and the others with the reason.
+    """The parts of a deck beside its cells: those that structid has elements for, and others with the obstacle.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def read_parts(
     systems : BulkSystems
     positions : mapping of label to position in m
     axes : mapping of label to (3, 3) float array
-        Of grid points with a displacement system of their own.
+        Directions of motion of grid points with a displacement system of their own.
     units : DeckUnits
         Without PARAM,WTMASS.
     """

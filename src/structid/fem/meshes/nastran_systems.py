@@ -100,7 +100,7 @@ class BulkSystems:
         return system.to_basic(self._coordinates[rows[:1]])[0]
 
     def displacement_axes(self, labels: IntArray, positions: FloatArray) -> dict[int, FloatArray]:
-        """Directions of motion as rows, (3, 3), of the grid points whose own differ from the basic ones.
+        """Directions of motion (rows, (3, 3)) of each grid point whose displacement system is not the basic one.
 
         Parameters
         ----------

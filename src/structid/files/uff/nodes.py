@@ -137,7 +137,7 @@ def read_nodes(path: Path, blocks: Sequence[Block] | None = None) -> UniversalNo
     ----------
     path : Path
     blocks : sequence of Block, optional
-        Of the file, where they were read already.
+        Datasets of the file, if they were read already.
 
     Raises
     ------

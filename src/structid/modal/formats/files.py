@@ -45,7 +45,7 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
         datasets 55 or 2414; ``.csv`` with one row a mode; ``.f06``, ``.pch`` or ``.pun`` with eigenvectors of Nastran;
         ``.frd`` of CalculiX.
     options : ModeFileOptions, optional
-        What a universal file or one of Nastran does not say about itself.
+        Facts that a universal file or one of Nastran does not state.
 
     Raises
     ------

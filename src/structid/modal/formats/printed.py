@@ -239,7 +239,7 @@ def printed_record(
     axes: Mapping[int, FloatArray] | None = None,
     words: Sequence[str] = (),
 ) -> ModalRecord:
-    """The record of printed modes at the directions that move, in SI units.
+    """The modal record, in SI units, of printed modes at the directions that move.
 
     Rotations are kept where the unit of length is stated, as their size beside translations goes with it; a modal mass of 1
     where the unit of force is stated too and generalized masses are printed.
@@ -249,7 +249,7 @@ def printed_record(
     axes : mapping of int to (3, 3) array, optional
         Axes, as rows in global ones, along which each point moves; without it the vectors are taken as global.
     words : sequence of str
-        How the file was taken, for the `source` of the record.
+        Remarks on how the file was read, for the `source` of the record.
 
     Raises
     ------

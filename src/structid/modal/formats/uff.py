@@ -274,12 +274,12 @@ def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tup
 
 
 def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list[complex]:
-    """Factors that give each shape a modal mass of 1; none where a mode does not state its own.
+    """Factors that give each shape a modal mass of 1; empty if a mode does not state its own.
 
     Parameters
     ----------
     unit : float
-        Of force times length in the file, in N m.
+        Unit of force times length in the file, in N m.
     """
     n_stated = sum(mode.modal_mass != 0 for mode in modes)
     if not n_stated:

@@ -72,7 +72,7 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     path : str or Path
         File with one of the suffixes in `FORMATS` or `LOGGERS`.
     options : ReadOptions, optional
-        What the file does not say about itself; which channels to read.
+        Facts that the file does not state, and the channels to read.
 
     Raises
     ------

@@ -34,7 +34,7 @@ def require_option(path: Path, options: ReadOptions, name: str, purpose: str) ->
 def read_bare(
     path: Path, shapes: Shapes, load: Callable[[str], np.ndarray], options: ReadOptions
 ) -> FrfRecord | TimeRecord:
-    """A record from arrays by name, as `options` describe them.
+    """A record from the bare arrays of a file, as `options` describe them.
 
     Parameters
     ----------

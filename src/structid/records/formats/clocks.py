@@ -30,7 +30,7 @@ class Rate(NamedTuple):
 
 
 def even_rate(time: FloatArray, digits: FloatArray) -> Rate | None:
-    """The sampling rate of times, s, that are even but for the rounding to their last digits; None where they are uneven.
+    """The sampling rate of times in s that are even except for rounding to their last digits; None if they are uneven.
 
     Parameters
     ----------

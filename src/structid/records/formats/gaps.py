@@ -41,7 +41,7 @@ def whole(
     named: bool = True,
     lines: Lines | None = None,
 ) -> Whole:
-    """The samples from `options.start` to `options.stop`, gaps up to `options.longest_gap` filled by cubics.
+    """The samples from `options.start` to `options.stop`, with gaps up to `options.longest_gap` filled by cubics.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ def whole(
         Hz, and time of the first sample in s.
     options : ReadOptions
     named : bool
-        Whether the file names its channels, so that `options.channels` chooses among them; gaps of others do not count.
+        True if the file names its channels, so that `options.channels` chooses among them; gaps of others do not count.
     lines : Lines, optional
-        Of a file that has lines.
+        Line and column numbers, for a file that has lines.
 
     Raises
     ------

@@ -103,14 +103,14 @@ def is_time(text: str) -> bool:
 
 
 def time_factor(name: str, unit: str = "") -> float | None:
-    """What a column of times headed so is multiplied by to be in s; None where neither name nor unit says it.
+    """Factor to s for a column of times with this header; None if neither name nor unit states it.
 
     Parameters
     ----------
     name : str
-        Such as ``Time [ms]``, ``Time ms``, ``t_us``, ``time_s`` or ``millis``.
+        Header, such as ``Time [ms]``, ``Time ms``, ``t_us``, ``time_s`` or ``millis``.
     unit : str
-        As it stands beside or below the name; it must be one of times.
+        Unit beside or below the name; it must be a unit of time.
 
     Raises
     ------

@@ -60,7 +60,7 @@ def clipped_samples(y: FloatArray) -> Flags:
 
 
 def drop_outs(y: FloatArray, besides: Flags | None = None) -> list[tuple[int, int]]:
-    """Runs of one repeated value that the samples around do not explain: first sample, and the one after the last.
+    """Runs of one repeated value that the samples around do not explain, as (first sample, one after the last).
 
     With p the part of repeats among 50 samples on either side, such a run of length L is expected N p^(L - 1) times;
     what is expected less than 0.001 times is reported, if it is longer than eight times what 98 % of all runs stay below

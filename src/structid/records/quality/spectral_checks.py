@@ -37,7 +37,7 @@ def spectral_checks(
 
 
 def harmonic_indicator(record: TimeRecord, frequency: float, width: float | None = None) -> FloatArray:
-    """Kurtosis of every channel in a narrow band: 1.5 for a harmonic, 3 for a mode under random forces.
+    """Kurtosis of each channel in a narrow band, (n_channels,): 1.5 for a harmonic, 3 for a mode under random forces.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ _END = 0.02
 
 
 def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArray, damping_ratio: FloatArray) -> str:
-    """How far segments of `length` samples lower the peaks of modes, in words; "" where they hardly do.
+    """A sentence on how far segments of `length` samples lower the peaks of modes; "" if they hardly do.
 
     Segments that repeat each other, or begin and end at rest, leak nothing under a window that is flat. Otherwise the
     power spectrum of a mode is smoothed by that of the window.
@@ -27,9 +27,9 @@ def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArr
     record : TimeRecord
     length : int
     window : str or tuple
-        As `frf_from_time` takes it.
+        Window as for `frf_from_time`.
     frequency, damping_ratio : (n_modes,) float arrays
-        Of the modes in the band.
+        Frequencies in Hz and damping ratios of the modes in the band.
 
     References
     ----------

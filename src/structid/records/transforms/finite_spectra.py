@@ -152,7 +152,7 @@ def finite_spectra(
     decay: float = 0.0,
     straight: bool = False,
 ) -> FiniteSpectra:
-    """The `FiniteSpectra` of a whole time record.
+    """Finite Fourier (Laplace) transforms of a whole time record, with the noise of every line.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def finite_spectra(
         1/s. Signals are multiplied by exp(-decay t) first. It blurs lines over decay / pi Hz, and only lines that
         far apart are kept, whose noise is nearly independent.
     straight : bool
-        Whether forces run straight between samples, as those of simulations do, in place of holding nothing above half
+        True if forces are linear between samples, as those of simulations are, in place of holding nothing above half
         the sampling rate, as those that went through a filter.
 
     Raises

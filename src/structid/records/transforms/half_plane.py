@@ -26,7 +26,7 @@ _FEWEST_MEANS = 250
 
 
 def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) -> FrfRecord:
-    """FRFs at s = decay + i omega by the Poisson integral over the lines of `record`, with the error they carry.
+    """FRFs at s = decay + i omega by the Poisson integral over the lines of `record`, with their error as variance.
 
     H(s) = (1/pi) integral of decay / (decay^2 + (omega - nu)^2) H(i nu) d nu, with H(-i nu) = conj H(i nu): a Lorentzian
     average, which takes noise down too. It is made of receptance, mobility and accelerance, each then brought to the

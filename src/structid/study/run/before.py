@@ -73,10 +73,10 @@ def checked_record(
     source : RecordSource
     setup : RecordSetup
     problem : RecordProblem
-        Of the lines in the band.
+        Problem of the lines in the band.
     look : Look
     modes : Modes
-        Of the initial model.
+        Modes of the initial model.
     """
     warnings: list[str] = []
     histories = read_histories(source)

@@ -316,7 +316,7 @@ def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
 
 
 def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
-    """For each channel, the degrees of freedom of the structure that it reads or loads; `name` is put before the channel."""
+    """Degrees of freedom of the structure that each channel of a set-up reads or loads; `name` is put before the channel."""
     structure, checks = setup.structure, []
     free = structure.dofs
     placed = [tie for tie in structure.ties if isinstance(tie, MeshPoint | AimedSensor)]

@@ -67,13 +67,13 @@ class Whole:
 
 
 def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) -> list[Stretch]:
-    """Equal parts of each record, those left after the first `done` samples of all of them.
+    """Stretches (record number, first and last sample) of nearly equal length that cover the samples after the first `done`.
 
     Parameters
     ----------
     records : sequence of OnDiskRecord
     answer_bytes : int
-        Of the triangles of one stretch.
+        Size of the result of one stretch, in bytes.
     done : int
     """
     found: list[Stretch] = []
@@ -120,7 +120,7 @@ def reduced_on(
     checkpoint: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> RecursiveMotionFit:
-    """`fit`, of the first samples of the records or of none, after all of them, reduced on the workers of `workers`.
+    """`fit` after all remaining samples of the records were reduced on `workers`.
 
     Parameters
     ----------

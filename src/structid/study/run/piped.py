@@ -98,7 +98,7 @@ class PipedProcesses(Executor):
         wait : bool, optional
             Until they have ended.
         cancel_futures : bool, optional
-            Whether calls that have not begun are cancelled; else they are lost.
+            True if calls that have not begun are cancelled; else they are lost.
         """
         with self._guard:
             self._is_ended = True

@@ -104,13 +104,13 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
 
 
 def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None) -> AnySetup:
-    """The set-up that a source describes, its channels part of the structure.
+    """The set-up of a source: its record read, its channels part of the structure.
 
     Parameters
     ----------
     source : SetupSource
     models : Models
-        The same for all of a study.
+        Cache of models, shared by all set-ups of a study.
     measured : RecordSetup, optional
         One with the same record, which is then not read again.
     """

@@ -42,7 +42,7 @@ class InputFiles:
     digests : dict of str to str
         SHA-256 by the name in the study; the last part of it only where that is an absolute path.
     work : Work
-        Where a solver runs.
+        Executor of a solver's runs.
     solved : list of Solved
         What the study's solver gave, once it has run.
     measured : dict
@@ -78,13 +78,13 @@ def _told_name(name: str) -> str:
 
 
 def read_root(path: str | Path, work: Work = ALONE) -> tuple[Section, InputFiles]:
-    """The whole study file at `path` with its sections known by name, and the list of files, itself the first.
+    """The root section of the study file at `path`, and the list of input files, which begins with the study itself.
 
     Parameters
     ----------
     path : path
     work : Work
-        Where a solver runs.
+        Executor of a solver's runs.
 
     Raises
     ------

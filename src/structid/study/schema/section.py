@@ -170,7 +170,7 @@ class Section:
 
 
 def _nearest(name: str, value: Plain, keys: Mapping[str, Key]) -> list[str]:
-    """Those of `keys` that are most like `name`: keys of tables if `value` is a table, else keys of plain values."""
+    """Key names most like `name`: those of tables if `value` is a table, else those of plain values."""
     in_tables = isinstance(value, dict) or (
         isinstance(value, list) and any(isinstance(key_name, dict) for key_name in value)
     )

@@ -105,7 +105,7 @@ class Table:
 
 
 def table_of(made: Callable[..., object], leave_out: Collection[str] = (), **others: Kind | Table) -> Table:
-    """The table whose keys are the arguments of a class or function, by their annotations and its docstring.
+    """The table whose keys are the arguments of a class or function, from their annotations and its docstring.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ def drilling_stiffness(corners: FloatArray, law: FloatArray, poisson: float, sha
     poisson : float
         The stiffness of linear strains follows it, by (1 - 4 poisson^2) / 2, and at least 0.01.
     share : float
-        What is kept of the stiffness of linear strains; 1 is the element of the reference, exact in bending in the plane.
+        Fraction of the stiffness against linear strains; 1 is the element of the reference, exact for in-plane bending.
 
     References
     ----------

@@ -45,12 +45,12 @@ def strain_rows(slopes: FloatArray) -> FloatArray:
 def elastic_stiffness(
     name: str, nodes: IntArray, positions: FloatArray, cell: str, law: FloatArray, formulation: str
 ) -> FloatArray:
-    """Stiffness for the stress-strain `law`, (n_cells, n_local, n_local).
+    """Stiffness matrices of elastic cells for the stress-strain matrix `law`, (n_cells, n_local, n_local).
 
     Parameters
     ----------
     name : str
-        Of the element set, for messages.
+        Name of the element set, for messages.
     nodes : (n_cells, n_nodes) int array
     positions : (n_cells, n_nodes, n_dimensions) float array
         m.

@@ -51,12 +51,12 @@ class Facets:
 
 
 def facets(name: str, nodes: IntArray, positions: FloatArray) -> Facets:
-    """The `Facets` of corners in space.
+    """Flat facets of cells in space: their axes, and their corners in the plane.
 
     Parameters
     ----------
     name : str
-        Of the element set, for messages.
+        Name of the element set, for messages.
     nodes : (n_cells, 3 or 4) int array
         Labels, for messages.
     positions : (n_cells, 3 or 4, 3) float array

@@ -183,7 +183,7 @@ def gradients(
     Parameters
     ----------
     name : str
-        Of the element set, for messages.
+        Name of the element set, for messages.
     nodes : (n_cells, n_nodes) int array
         Labels, for messages.
     positions : (n_cells, n_nodes, n_dimensions) float array

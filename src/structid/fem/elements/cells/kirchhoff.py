@@ -20,12 +20,12 @@ _ROTATIONS = {"triangle": "triangle6", "quad": "quad8"}
 
 
 def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str, law: FloatArray) -> FloatArray:
-    """Stiffness for unit modulus and unit thickness cubed, (n_cells, 3 n_corners, 3 n_corners).
+    """Bending stiffness of thin plates for unit modulus and unit thickness cubed, (n_cells, 3 n_corners, 3 n_corners).
 
     Parameters
     ----------
     name : str
-        Of the element set, for messages.
+        Name of the element set, for messages.
     nodes : (n_cells, n_corners) int array
     corners : (n_cells, n_corners, 2) float array
         m.

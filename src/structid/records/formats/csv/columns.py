@@ -209,7 +209,7 @@ def sampling_rate(
     column: int,
     to_resample: bool = False,
 ) -> Rate | None:
-    """Samples per second of an even column of times, see `even_rate`; None where they are uneven and to be resampled.
+    """The sampling rate of a column of times (see `even_rate`); None if they are uneven and are to be resampled.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def sampling_rate(
     texts : (n_times,) sequence of str
         The times as written, in units of `scale` s.
     first_line, column : int
-        Of the file, for messages.
+        Path of the file, for messages.
     to_resample : bool
 
     Raises

@@ -96,14 +96,14 @@ def complex_parts(cell: str) -> tuple[str, str] | None:
 
 
 def frequency_factor(name: str, unit: str = "") -> float | None:
-    """What turns a column of frequencies headed so into Hz; NaN where no unit is said, None of other columns.
+    """Factor to Hz for a column with this header; NaN if it states no unit, None if it is no column of frequencies.
 
     Parameters
     ----------
     name : str
-        Such as ``Frequency [Hz]``, ``freq_hz``, ``f [kHz]`` or ``omega [rad/s]``.
+        Header, such as ``Frequency [Hz]``, ``freq_hz``, ``f [kHz]`` or ``omega [rad/s]``.
     unit : str
-        As it stands below the name.
+        Unit from a second header line.
     """
     text = name.strip()
     match = _FREQUENCY.fullmatch(text) if len(text) <= LONGEST_NAME else None

@@ -43,7 +43,7 @@ def in_global_axes(
     groups: Sequence[Hashable] | None = None,
     is_load: bool = False,
 ) -> GlobalAxes:
-    """Channels named by the axes of their nodes, along global axes.
+    """Channels along the axes of their nodes, expressed along global axes.
 
     A channel along a global axis gets its name and sense. The others of one node are turned together where they span as many
     global axes: all three, or the radial and the tangential one of a cylinder. What is left is refused, with the direction along
@@ -56,9 +56,9 @@ def in_global_axes(
     dofs : sequence of Dof
         One a channel; nodes that the file does not define have global axes.
     groups : sequence, optional
-        What each channel holds: only those of one kind are turned together.
+        Kind of each channel, such as its quantity: only channels of one kind are transformed together.
     is_load : bool
-        Whether they are loads.
+        True if the channels are loads.
 
     Raises
     ------

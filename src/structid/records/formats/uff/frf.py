@@ -48,7 +48,7 @@ def read_frfs(
     nodes: UniversalNodes | None,
     options: ReadOptions,
 ) -> tuple[FrfRecord | TimeRecord, bool]:
-    """One record of the functions `frfs`, or of the outputs and inputs among them that `options` name.
+    """One record of the functions `frfs`, or of those outputs and inputs among them that `options` name.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def read_frfs(
     -------
     record : FrfRecord
     has_coherence : bool
-        Whether the coherences are part of it.
+        True if the record contains the coherences.
 
     Raises
     ------

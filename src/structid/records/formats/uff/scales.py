@@ -58,7 +58,7 @@ def _file_factor(factors: UnitFactors, quantity: str, dof: Dof) -> float:
 def channel_scale(
     path: Path, side: Characteristics, dof: Dof, factors: UnitFactors | None, option: str
 ) -> tuple[str, float]:
-    """Quantity and factor to SI of one side of a function.
+    """Quantity and factor to SI of one side (ordinate or denominator) of a function.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def channel_scale(
     factors : UnitFactors, optional
         Units by dataset 164.
     option : str
-        That says the unit where the file does not: ``unit`` of FRFs, ``units`` of time histories.
+        Option that states the unit if the file does not: ``unit`` for FRFs, ``units`` for time histories.
 
     Raises
     ------

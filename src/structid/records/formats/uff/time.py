@@ -37,7 +37,7 @@ def read_times(
     nodes: UniversalNodes | None,
     options: ReadOptions,
 ) -> TimeRecord:
-    """One record of the time responses `times`, or of the channels among them that `options` name.
+    """One record of the time responses `times`, or of those channels among them that `options` name.
 
     The format stores an even step with six digits only: `options.sampling_rate` may state it exactly.
 

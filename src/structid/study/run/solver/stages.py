@@ -86,7 +86,7 @@ def confirmed(
     work: Work,
     step: float | None = None,
 ) -> tuple[FloatArray, Start] | None:
-    """The study about `end`, or as far on the way there as the solver itself fits better; None where it never does.
+    """The study moved to the free variables `end`, or as far towards them as the solver fits better; None if it never does.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def confirmed(
         Free variables that the model about the present values proposes.
     work : Work
     step : float, optional
-        Of differences there, as a part of each value.
+        Step of the finite differences there, as a part of each value.
 
     Raises
     ------

@@ -134,7 +134,7 @@ class _Reader:
 
 
 def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
-    """Groups of matrices from files, in SI units, and the degrees of freedom that the files say are held.
+    """Groups of matrices from files, in SI units, and the degrees of freedom that the files mark as constrained.
 
     Parameters
     ----------

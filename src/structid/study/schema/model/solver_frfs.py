@@ -36,7 +36,7 @@ class WantedFrfs(NamedTuple):
 
 
 def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
-    """What all records need, those lines inside the band or the evaluation band.
+    """The lines and channels that all records need from the solver; lines only inside the band or the evaluation band.
 
     Parameters
     ----------
