@@ -73,7 +73,7 @@ class Fields:
     def structure(self) -> Structure:
         """Of the problem, supports that drive it let go."""
         whole = self.problem.structure
-        return whole.let_go(self._bases) if self._bases else whole
+        return whole.release_supports(self._bases) if self._bases else whole
 
     @cached_property
     def undriven(self) -> IntArray:
@@ -179,10 +179,10 @@ class Fields:
             if item.term.kind not in kinds:
                 continue
             weights, loss = self.values[item.values], losses.get(item.element)
-            for layer in item.term.layers:
-                if layer.whole is not None:
+            for matrix_term in item.term.matrix_terms:
+                if matrix_term.whole is not None:
                     continue
-                for e, (codes, local) in enumerate(zip(layer.codes, layer.local, strict=True)):
+                for e, (codes, local) in enumerate(zip(matrix_term.codes, matrix_term.local, strict=True)):
                     lost = 0.0 if loss is None else float(loss[e])
                     matrix = float(weights[e]) * local
                     row = item.values.start + e

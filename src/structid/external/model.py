@@ -13,9 +13,9 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.external.expansion import Powers
 from structid.fem.elements.element import (
+    ElementMatrixTerm,
     ElementSet,
     Kind,
-    Layer,
     Nodes,
     Positions,
     Power,
@@ -94,14 +94,14 @@ class SolverModel(ElementSet):
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
         references = {one.name: one.reference for one in self.parameters}
         kinds: dict[str, Kind] = dict.fromkeys(_KINDS, "parameter") if self.own_modes else _KINDS
-        layers: dict[str, list[Layer]] = {name: [] for name in (*_KINDS, *references)}
+        matrix_terms: dict[str, list[ElementMatrixTerm]] = {name: [] for name in (*_KINDS, *references)}
         for part in self.parts:
             owner, other_powers = _split_powers(part)
             scale = 1.0 / references[owner] if part.powers else 1.0
             whole = sparse.csc_array(sign @ part.matrix @ sign) * scale
             powers = tuple(Power(name, references[name], exponent) for name, exponent in other_powers)
-            layers[owner].append(
-                Layer(
+            matrix_terms[owner].append(
+                ElementMatrixTerm(
                     codes,
                     np.zeros((1, 0, 0)),
                     whole=whole,
@@ -111,7 +111,7 @@ class SolverModel(ElementSet):
                 )
             )
         one = np.ones(1)
-        terms = [Term(name, kind, "1", one, layers[name]) for name, kind in kinds.items() if layers[name]]
+        terms = [Term(name, kind, "1", one, matrix_terms[name]) for name, kind in kinds.items() if matrix_terms[name]]
         terms.append(Term("loss_factor", "loss_factor", "1", self.loss_factor))
         parameter_terms = [
             Term(
@@ -119,7 +119,7 @@ class SolverModel(ElementSet):
                 "parameter" if self.own_modes else _kind_of_parameter(p.name, self.parts),
                 p.unit,
                 locked([p.value], float),
-                layers[p.name],
+                matrix_terms[p.name],
             )
             for p in self.parameters
         ]

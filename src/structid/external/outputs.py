@@ -43,7 +43,7 @@ class MatricesOut:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Names of the files of a run that are kept."""
+        """Names of the files in a run's folder that hold matrices or their numbering, each once."""
         names = [file.path for file in self.matrices.values()]
         for name in tuple(names):
             path = Path(name)

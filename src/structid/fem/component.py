@@ -16,7 +16,7 @@ from structid.core.errors import InputError
 from structid.dynamics.factorization import SingularMatrixError, factorizer
 from structid.dynamics.modes import modes
 from structid.fem.elements import MatrixGroup
-from structid.fem.elements.element import Layer, Power, Term, dof_code, dof_of_code, joined_codes
+from structid.fem.elements.element import ElementMatrixTerm, Power, Term, dof_code, dof_of_code, joined_codes
 from structid.fem.matrices.contribution import Property, weighed
 from structid.fem.numbering import Numbering, free_blocks
 from structid.fem.supports import Equations, Following
@@ -174,7 +174,10 @@ def reductions(
                     " out of one of them"
                 )
             owners[name] = component
-    codes = {name: joined_codes([layer.codes for term in own for layer in term.layers]) for name, own in terms.items()}
+    codes = {
+        name: joined_codes([matrix_term.codes for term in own for matrix_term in term.matrix_terms])
+        for name, own in terms.items()
+    }
     tied = joined_codes([kept, _codes_in_ties(equations, joined_codes([*codes.values(), kept]))])
     found = []
     for one in components:
@@ -259,7 +262,7 @@ def _nominal_matrices(
         for term in several:
             properties.append(Property(name, term, slice(start, start + len(term.values))))
             start += len(term.values)
-            if term.kind == "friction" or any(layer.stretch for layer in term.layers):
+            if term.kind == "friction" or any(matrix_term.length_power for matrix_term in term.matrix_terms):
                 what = "rubs" if term.kind == "friction" else "has an end that slides"
                 raise InputError(
                     f"component {component.name!r}: element set {name!r} {what}, which no reduction keeps; take it out of"
@@ -293,11 +296,11 @@ def _as_matrix_group(
     terms = group.terms({}, joined_codes([]))
     if is_one:
         return group, terms
-    layer = Layer(
+    matrix_term = ElementMatrixTerm(
         codes[None], np.zeros((1, 0, 0)), whole=structural, law="structural", powers=(Power("stiffness", 1.0, 1),)
     )
     undamped = [term for term in terms if term.kind != "loss_factor"]
-    return group, (*undamped, Term("structural_damping", "parameter", "1", np.ones(1), [layer]))
+    return group, (*undamped, Term("structural_damping", "parameter", "1", np.ones(1), [matrix_term]))
 
 
 def _reduction_basis(

@@ -135,7 +135,7 @@ class MeasuredComponent:
         return receptance
 
     def weights_at(self, frequency: FloatArray) -> sparse.csr_array:
-        """Sparse weights that make Y at `frequency` from the measured lines, (n_measured, n_lines); see `receptance_at`."""
+        """Weights of the measured lines in the interpolated receptance at each `frequency` (Hz), (n_measured, n_lines)."""
         nearest, between = self._nearest_lines(frequency)
         columns, rows, values = np.flatnonzero(~between), nearest[~between], np.ones((~between).sum())
         if between.any():
@@ -229,7 +229,7 @@ class MeasuredComponent:
         return errors
 
     def _require_regular(self, frequency: FloatArray, receptance: ComplexArray) -> None:
-        """Raise `InputError` if Y is singular at a line: some degrees of freedom move as others do, or not at all."""
+        """Raise `InputError` if the `receptance` (n_lines, n_dofs, n_dofs) is singular at a line of `frequency` (Hz)."""
         size = np.sqrt(np.abs(np.diagonal(receptance, axis1=1, axis2=2)))
         if not size.all():
             line, dof = np.argwhere(size == 0)[0]

@@ -12,7 +12,7 @@ from scipy import sparse
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError
-from structid.fem.elements.element import Layer, dof_code, dof_of_code
+from structid.fem.elements.element import ElementMatrixTerm, dof_code, dof_of_code
 from structid.fem.matrices.blocks import Blocks, ElementMatrices, MatrixBlocks
 from structid.fem.supports import Equations, Following
 
@@ -148,19 +148,19 @@ def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterab
     return sparse.csc_array((signs @ all_dofs.matrix[np.array(rows), :]).T)
 
 
-def free_blocks(all_dofs: Numbering, layer: Layer) -> ElementMatrices:
-    """The element matrices of a layer on free degrees of freedom."""
+def free_blocks(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> ElementMatrices:
+    """The element matrices of a matrix term on free degrees of freedom."""
     codes = all_dofs.codes
-    index = np.minimum(np.searchsorted(codes, layer.codes), len(codes) - 1)
-    if layer.whole is not None:
+    index = np.minimum(np.searchsorted(codes, matrix_term.codes), len(codes) - 1)
+    if matrix_term.whole is not None:
         rows = all_dofs.matrix[index[0], :]
         columns = np.unique(rows.indices).astype(np.int64)
         if rows.nnz > max(_FULL * rows.shape[0] * len(columns), rows.shape[0]):
             dense = rows[:, columns].toarray()
-            return Blocks(columns[None], (dense.T @ (layer.whole @ dense))[None], len(all_dofs.free))
-        return MatrixBlocks([rows.T @ layer.whole @ rows])
-    position = np.where(codes[index] == layer.codes, index, -1)
-    return _tied_blocks(position, layer.local, all_dofs.matrix, len(all_dofs.free))
+            return Blocks(columns[None], (dense.T @ (matrix_term.whole @ dense))[None], len(all_dofs.free))
+        return MatrixBlocks([rows.T @ matrix_term.whole @ rows])
+    position = np.where(codes[index] == matrix_term.codes, index, -1)
+    return _tied_blocks(position, matrix_term.local, all_dofs.matrix, len(all_dofs.free))
 
 
 def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array, n_free: int) -> Blocks:

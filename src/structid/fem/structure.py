@@ -18,13 +18,13 @@ from structid.fem.component import Component, Reduction, reductions
 from structid.fem.elements import ElementSet, MatrixGroup
 from structid.fem.elements.element import TRANSLATIONS, dof_code, dof_of_code, joined_codes
 from structid.fem.elements.matrix_group import GroupMatrices
-from structid.fem.inside import NumberedTerms, is_divisible, numbered_terms
 from structid.fem.matrices.blocks import Pattern, pattern
 from structid.fem.matrices.contribution import Contribution, Property, rigid_mass, weighed
 from structid.fem.measured import MeasuredComponent
 from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
+from structid.fem.node_positions import LengthDependence, NodePosition, length_dependence, node_positions
 from structid.fem.numbering import Numbering, free_blocks, numbering, selection
-from structid.fem.sliding import Lengthening, Slide, lengthening, slides
+from structid.fem.subdivision import NumberedTerms, is_divisible, numbered_terms
 from structid.fem.supports import Base, Equations, RigidLink, Tie, tie_equations, tied_codes
 from structid.plotting import StructurePlots
 
@@ -197,32 +197,32 @@ class Structure(Shown, StructurePlots):
             for term in terms_of[name]:
                 items.append(Property(name, term, slice(start, start + len(term.values))))
                 start += len(term.values)
-        single = [(one.name, one.term) for one in self._slides]
+        single = [(one.name, one.term) for one in self._node_positions]
         single += [] if self.damping_ratio is None else [(ALL_MODES, damping_term(self.damping_ratio))]
         items += [Property(name, term, slice(start + i, start + i + 1)) for i, (name, term) in enumerate(single)]
         return tuple(items)
 
     @cached_property
-    def _slides(self) -> tuple[Slide, ...]:
+    def _node_positions(self) -> tuple[NodePosition, ...]:
         """The nodes with variable position, checked."""
-        checked = slides(self.sliding, self.elements, self.nodes)
-        for slide in checked:
+        checked = node_positions(self.sliding, self.elements, self.nodes)
+        for node_position in checked:
             for tie in self.ties:
-                if isinstance(tie, RigidLink) and slide.node in (tie.main, *tie.dependents):
+                if isinstance(tie, RigidLink) and node_position.node in (tie.main, *tie.dependents):
                     raise InputError(
-                        f"node {slide.node} of `sliding` is in rigid link {tie.name!r}; take it out of one of them"
+                        f"node {node_position.node} of `sliding` is in rigid link {tie.name!r}; take it out of one of them"
                     )
         return checked
 
     @cached_property
-    def _lengthenings(self) -> dict[str, Lengthening]:
+    def _length_dependences(self) -> dict[str, LengthDependence]:
         """The change of lengths of each element set that has an end at a node with variable position, by name."""
-        if not self._slides:
+        if not self._node_positions:
             return {}
-        of_node = {slide.node: slide for slide in self._slides}
+        of_node = {node_position.node: node_position for node_position in self._node_positions}
         index_of = {p.element: p.values.start for p in self.properties if p.term.kind == "position"}
         lines = [e for e in self.elements if e.is_line and np.isin(e.nodes, self.sliding).any()]
-        return {one.name: lengthening(one, of_node, self.nodes, index_of) for one in lines}
+        return {one.name: length_dependence(one, of_node, self.nodes, index_of) for one in lines}
 
     @cached_property
     def _numbered(self) -> NumberedTerms:
@@ -244,7 +244,7 @@ class Structure(Shown, StructurePlots):
     @cached_property
     def numbering(self) -> Numbering:
         """All degrees of freedom, and how they follow the free ones."""
-        used = [layer.codes for item in self.properties for layer in item.term.layers]
+        used = [matrix_term.codes for item in self.properties for matrix_term in item.term.matrix_terms]
         codes = joined_codes([*used, tied_codes(self._equations)])
         following = [one.following for one in self.reductions if one.following is not None]
         return numbering(codes.tolist(), self._constrained(codes), self._equations, following)
@@ -264,7 +264,9 @@ class Structure(Shown, StructurePlots):
         if not self.components:
             return ()
         terms = self._numbered.terms
-        codes = [layer.codes for several in terms.values() for term in several for layer in term.layers]
+        codes = [
+            matrix_term.codes for several in terms.values() for term in several for matrix_term in term.matrix_terms
+        ]
         kept = [dof_code(dof.node, dof.direction) for one in self.measured for dof in one.interface]
         constrained = self._constrained(joined_codes(codes))
         return reductions(self.components, terms, self._equations, constrained, np.array(kept, dtype=np.int64))
@@ -290,7 +292,7 @@ class Structure(Shown, StructurePlots):
     @cached_property
     def contributions(self) -> tuple[Contribution, ...]:
         """Element matrices on free degrees of freedom, with the property values that weigh them."""
-        parts = weighed(self.properties, partial(free_blocks, self.numbering), self._lengthenings)
+        parts = weighed(self.properties, partial(free_blocks, self.numbering), self._length_dependences)
         if self.damping_ratio is None or not self.n_dofs:
             return parts
         index = self.properties[-1].values.start
@@ -329,23 +331,23 @@ class Structure(Shown, StructurePlots):
         """The same with all degrees of freedom of its components, and the same properties."""
         return replace(self, components=tuple(replace(one, whole=True) for one in self.components))
 
-    def let_go(self, bases: tuple[Base, ...]) -> Structure:
+    def release_supports(self, bases: tuple[Base, ...]) -> Structure:
         """The structure with the supports of `bases` released; those of one base still move together."""
         if self.damping_ratio is not None:
             raise InputError(
                 f"base {bases[0].name!r} drives the structure, and modal damping (`damping_ratio` of all modes) is of motion"
                 " against supports at rest; use loss factors of twice the damping ratio, or measure forces"
             )
-        if bases not in self._let_go:
+        if bases not in self._released:
             supports = {dof.unsigned for base in bases for dof in base.supports}
             fixed = tuple(dof for dof in self.fixed if dof.unsigned not in supports)
             ties = (*self.ties, *(tie for base in bases for tie in base.ties))
             parts = tuple(one.component.with_interface(supports & {*one.group.dofs}) for one in self.reductions)
-            self._let_go[bases] = replace(self, fixed=fixed, ties=ties, bases=(), components=parts)
-        return self._let_go[bases]
+            self._released[bases] = replace(self, fixed=fixed, ties=ties, bases=(), components=parts)
+        return self._released[bases]
 
     @cached_property
-    def _let_go(self) -> dict[tuple[Base, ...], Structure]:
+    def _released(self) -> dict[tuple[Base, ...], Structure]:
         """Made once, so that what was found of one serves all records."""
         return {}
 
@@ -414,12 +416,12 @@ class Structure(Shown, StructurePlots):
             By default the first translation in which the structure has any mass, active ones before others.
         """
         given = self.values if values is None else values
-        return rigid_mass(self.properties, given, self._along(direction), self._lengthenings)[0]
+        return rigid_mass(self.properties, given, self._along(direction), self._length_dependences)[0]
 
     def mass_gradient(self, direction: str | None = None, values: FloatArray | None = None) -> FloatArray:
         """Derivative of `mass_of` with respect to every value, (n_values,). Factors of matrix groups are included."""
         given = self.values if values is None else values
-        return rigid_mass(self.properties, given, self._along(direction), self._lengthenings)[1]
+        return rigid_mass(self.properties, given, self._along(direction), self._length_dependences)[1]
 
     def _along(self, direction: str | None) -> Sequence[str]:
         """Translations in which mass is looked for."""

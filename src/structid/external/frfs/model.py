@@ -19,7 +19,16 @@ from structid.external.model import ModelParameter
 from structid.external.runs import Solver, needed_runs, run_words
 from structid.external.solved import Checked, Solved, Units, model_parameters
 from structid.external.steps import StepRules, taken
-from structid.fem.elements.element import ElementSet, Layer, Nodes, Positions, Term, declared, dof_code, element
+from structid.fem.elements.element import (
+    ElementMatrixTerm,
+    ElementSet,
+    Nodes,
+    Positions,
+    Term,
+    declared,
+    dof_code,
+    element,
+)
 from structid.inversion.search.work import Work
 
 #: FRFs bend where modes hardly do: a step of 0.002 moves a resonance by a thousandth of its frequency.
@@ -116,8 +125,10 @@ class SolverFrfs(ElementSet):
         """The parameters as properties with empty matrices; see `ElementSet.terms`."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         nothing = sparse.csc_array((codes.size, codes.size))
-        layer = Layer(codes, np.zeros((1, 0, 0)), whole=nothing, law="elastic", reduced=True)
-        return tuple(Term(p.name, "parameter", p.unit, locked([p.value], float), [layer]) for p in self.parameters)
+        matrix_term = ElementMatrixTerm(codes, np.zeros((1, 0, 0)), whole=nothing, law="elastic", reduced=True)
+        return tuple(
+            Term(p.name, "parameter", p.unit, locked([p.value], float), [matrix_term]) for p in self.parameters
+        )
 
     def channel_indices(self, dofs: tuple[Dof, ...], role: str) -> tuple[IntArray, FloatArray]:
         """Indices of sensors (`role` ``output``) or loads (``input``) among the solver's channels, and their relative sign.

@@ -11,8 +11,8 @@ from structid.fem.elements.element import (
     PER_STRAIN_RATE,
     PER_VELOCITY,
     TRANSLATIONS,
+    ElementMatrixTerm,
     ElementSet,
-    Layer,
     Matrices,
     Nodes,
     Positions,
@@ -48,4 +48,4 @@ class Bar(ElementSet):
         along[:, 0, :dimensions] = along[:, 1, dimensions:] = direction
         stiffness = rotated(rod_stiffness(length), along)
         mass = np.einsum("nij,kl->nikjl", rod_mass(length), np.eye(dimensions)).reshape(stiffness.shape)
-        return {"mass": (Layer(codes, mass),), "axial_stiffness": (Layer(codes, stiffness),)}
+        return {"mass": (ElementMatrixTerm(codes, mass),), "axial_stiffness": (ElementMatrixTerm(codes, stiffness),)}

@@ -13,9 +13,9 @@ from structid.core.errors import InputError
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     Declared,
+    ElementMatrixTerm,
     ElementSet,
     Given,
-    Layer,
     Matrices,
     Nodes,
     Positions,
@@ -61,8 +61,8 @@ class Connector(ElementSet):
         codes = np.array([[dof_code(d.node, d.direction) for d in ends] for ends in columns]).T
         jump: FloatArray = np.array([[d.sign for d in ends] for ends in columns], dtype=np.float64).T
         jump[:, 1:] *= -1
-        layers = (Layer(codes, jump[:, :, None] * jump[:, None, :]),)
-        return dict.fromkeys(declarations(self), layers)
+        matrix_terms = (ElementMatrixTerm(codes, jump[:, :, None] * jump[:, None, :]),)
+        return dict.fromkeys(declarations(self), matrix_terms)
 
     def unit(self, what: Declared) -> str:
         """The unit that fits all degrees of freedom; both where translations and rotations mix."""

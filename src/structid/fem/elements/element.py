@@ -199,7 +199,7 @@ class Power:
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class ElementMatrixTerm:
     """Matrices of all elements of a set, at unit value, unit thickness and the nominal power of the share of `shear`.
 
     Parameters
@@ -219,7 +219,7 @@ class Layer:
         How it enters the dynamic stiffness, see `Contribution`, where the kind of its property does not say it.
     reduced : bool
         Whether other degrees of freedom follow its own by shapes of vibration, so that rigid motion does not show its mass.
-    stretch : int
+    length_power : int
         Power of the element's length that they go with, where that may change.
     """
 
@@ -231,7 +231,7 @@ class Layer:
     powers: tuple[Power, ...] = ()
     law: str = ""
     reduced: bool = False
-    stretch: int = 0
+    length_power: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +248,7 @@ class Term:
         SI unit of the values.
     values : (n_elements,) float array
         Nominal values.
-    layers : sequence of Layer
+    matrix_terms : sequence of ElementMatrixTerm
         For unit value and the nominal thickness: of a shell, stretching and bending. None of a loss factor or thickness,
         which weigh other terms' matrices.
     limits : (float, float), optional
@@ -259,12 +259,12 @@ class Term:
     kind: Kind
     unit: str
     values: FloatArray
-    layers: Sequence[Layer] = ()
+    matrix_terms: Sequence[ElementMatrixTerm] = ()
     limits: tuple[float, float] | None = None
 
 
 #: The matrices that the properties of a set weigh, by the name of the property.
-Matrices: TypeAlias = Mapping[str, Sequence[Layer]]
+Matrices: TypeAlias = Mapping[str, Sequence[ElementMatrixTerm]]
 
 
 @element
@@ -340,7 +340,10 @@ class ElementSet:
         present : (n,) int array
             Codes of the degrees of freedom that elements other than those that follow use.
         """
-        made = {name: self._at_nominal_thickness(layers) for name, layers in self.matrices(positions, present).items()}
+        made = {
+            name: self._at_nominal_thickness(matrix_terms)
+            for name, matrix_terms in self.matrices(positions, present).items()
+        }
         found = []
         for name, what in declarations(self).items():
             if what.kind in ("loss_factor", "thickness"):
@@ -358,15 +361,18 @@ class ElementSet:
         if self.moves:  # so that no matrices are made, which are dear on a mesh
             return joined_codes([node_codes(np.unique(self.nodes)[:, None], self.moves)])
         terms = self.terms(positions, joined_codes([]))
-        return joined_codes([layer.codes for term in terms for layer in term.layers])
+        return joined_codes([matrix_term.codes for term in terms for matrix_term in term.matrix_terms])
 
-    def _at_nominal_thickness(self, layers: Sequence[Layer]) -> tuple[Layer, ...]:
-        """`layers`, which go with powers of the thickness, as matrices at the nominal thickness."""
-        if not any(layer.power for layer in layers):
-            return tuple(layers)
+    def _at_nominal_thickness(self, matrix_terms: Sequence[ElementMatrixTerm]) -> tuple[ElementMatrixTerm, ...]:
+        """Element matrix terms at the nominal thickness: each matrix times the power of the thickness that it goes with."""
+        if not any(matrix_term.power for matrix_term in matrix_terms):
+            return tuple(matrix_terms)
         [name] = [name for name, what in declarations(self).items() if what.kind == "thickness"]
         thickness = getattr(self, name)[:, None, None]
-        return tuple(Layer(layer.codes, layer.local * thickness**layer.power, layer.power) for layer in layers)
+        return tuple(
+            ElementMatrixTerm(matrix_term.codes, matrix_term.local * thickness**matrix_term.power, matrix_term.power)
+            for matrix_term in matrix_terms
+        )
 
 
 def dof_code(node: int, direction: str) -> int:

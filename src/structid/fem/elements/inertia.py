@@ -11,9 +11,9 @@ from structid.core.arrays import IntArray
 from structid.core.errors import InputError
 from structid.fem.elements.element import (
     TRANSLATIONS,
+    ElementMatrixTerm,
     ElementSet,
     Given,
-    Layer,
     Matrices,
     Nodes,
     Positions,
@@ -60,7 +60,7 @@ class PointMass(ElementSet):
             moves[:] = np.isin(TRANSLATIONS, self.directions)
         without_motion = ~moves.any(axis=1)
         moves[without_motion] = np.arange(3) < len(next(iter(positions.values())))
-        return {"mass": (Layer(np.where(moves, codes, -1), np.eye(3) * moves[:, None, :]),)}
+        return {"mass": (ElementMatrixTerm(np.where(moves, codes, -1), np.eye(3) * moves[:, None, :]),)}
 
 
 @element
@@ -76,4 +76,4 @@ class RotaryInertia(ElementSet):
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         codes = node_codes(self.nodes, (self.direction,))
-        return {"rotary_inertia": (Layer(codes, np.ones((len(self.nodes), 1, 1))),)}
+        return {"rotary_inertia": (ElementMatrixTerm(codes, np.ones((len(self.nodes), 1, 1))),)}

@@ -13,10 +13,10 @@ from structid.core.arrays import IntArray, locked
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.fem.elements.element import (
+    ElementMatrixTerm,
     ElementSet,
     Given,
     Kind,
-    Layer,
     Matrices,
     Nodes,
     Positions,
@@ -79,9 +79,9 @@ class MatrixGroup(ElementSet):
 
     def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
         """The group's factors as properties with their matrices; see `ElementSet.terms`."""
-        layers_of, unit = self.matrices(positions, present), np.ones(1)
-        terms = [Term(key, _KINDS[key], "1", unit, layers) for key, layers in layers_of.items()]
-        loss = [Term("loss_factor", "loss_factor", "1", self.loss_factor)] if "stiffness" in layers_of else []
+        matrix_terms_of, unit = self.matrices(positions, present), np.ones(1)
+        terms = [Term(key, _KINDS[key], "1", unit, matrix_terms) for key, matrix_terms in matrix_terms_of.items()]
+        loss = [Term("loss_factor", "loss_factor", "1", self.loss_factor)] if "stiffness" in matrix_terms_of else []
         return (*terms, *loss)
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
@@ -89,7 +89,7 @@ class MatrixGroup(ElementSet):
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
         signed = {key: sparse.csc_array(sign @ matrix @ sign) for key, matrix in self.given.items()}
-        return {key: (Layer(codes, np.zeros((1, 0, 0)), whole=matrix),) for key, matrix in signed.items()}
+        return {key: (ElementMatrixTerm(codes, np.zeros((1, 0, 0)), whole=matrix),) for key, matrix in signed.items()}
 
 
 def _require_symmetric(group: str, name: str, matrix: sparse.csc_array, size: int) -> None:

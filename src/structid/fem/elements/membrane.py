@@ -10,7 +10,7 @@ from structid.fem.elements.cells.isoparametric import CELLS, gradients
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
-    Layer,
+    ElementMatrixTerm,
     Matrices,
     Nodes,
     Positions,
@@ -93,4 +93,7 @@ class Membrane(CellSet):
         area = 0.5 * np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
         codes = node_codes(self.nodes, self.moves)
         mass = triangle_mass(area, self.lumped)
-        return {"mass": (Layer(codes, mass),), "tension": (Layer(codes, triangle_stiffness(corners, area)),)}
+        return {
+            "mass": (ElementMatrixTerm(codes, mass),),
+            "tension": (ElementMatrixTerm(codes, triangle_stiffness(corners, area)),),
+        }

@@ -66,6 +66,6 @@ class Plane(CellSet):
         law = plane_law(self.poisson, self.state == "strain")
         stiffness = partial(elastic_stiffness, law=law, formulation=self.formulation)
         return {
-            "density": (self.layer(corners, unit_mass, power=1),),
-            "youngs_modulus": (self.layer(corners, stiffness, power=1),),
+            "density": (self.matrix_term(corners, unit_mass, power=1),),
+            "youngs_modulus": (self.matrix_term(corners, stiffness, power=1),),
         }

@@ -52,12 +52,12 @@ class Shell(ThinSet):
         stretching = partial(_stretching, law=law, poisson=self.poisson, linear_strains=self.linear_strains)
         return {
             "density": (
-                self.layer(corners, _mass, power=1),
-                self.layer(corners, _rotary_inertia, power=3, directions=DIRECTIONS[3:]),
+                self.matrix_term(corners, _mass, power=1),
+                self.matrix_term(corners, _rotary_inertia, power=3, directions=DIRECTIONS[3:]),
             ),
             "youngs_modulus": (
-                self.layer(corners, stretching, power=1),
-                self.layer(corners, partial(_bending, law=law), power=3),
+                self.matrix_term(corners, stretching, power=1),
+                self.matrix_term(corners, partial(_bending, law=law), power=3),
             ),
         }
 

@@ -12,8 +12,8 @@ from structid.fem.elements.beam import ROTARY_INERTIA, SHEAR, BendingPlane, adde
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
+    ElementMatrixTerm,
     ElementSet,
-    Layer,
     Matrices,
     Nodes,
     OptionalValues,
@@ -92,17 +92,19 @@ class SpaceBeam(ElementSet):
         about_y = ("bending_stiffness_y", self.bending_stiffness_y), ("shear_stiffness_z", self.shear_stiffness_z)
         about_z = ("bending_stiffness_z", self.bending_stiffness_z), ("shear_stiffness_y", self.shear_stiffness_y)
         rotary = {"about_y": self.rotary_inertia_y, "about_z": self.rotary_inertia_z}
-        layers: dict[str, tuple[Layer, ...]] = {name: (Layer(codes, local),) for name, local in by_property.items()}
-        layers["mass"] = (Layer(codes, rotated(rod_mass(length), maps["along"])),)
+        matrix_terms: dict[str, tuple[ElementMatrixTerm, ...]] = {
+            name: (ElementMatrixTerm(codes, local),) for name, local in by_property.items()
+        }
+        matrix_terms["mass"] = (ElementMatrixTerm(codes, rotated(rod_mass(length), maps["along"])),)
         for name, (bending, shear) in (("about_y", about_y), ("about_z", about_z)):
             plane = BendingPlane(codes, maps[name], length, bending, shear)
-            layers[bending[0]] = plane.stiffness
-            layers["mass"] = (*added(layers["mass"], plane.mass[0].local), *plane.mass[1:])
+            matrix_terms[bending[0]] = plane.stiffness
+            matrix_terms["mass"] = (*added(matrix_terms["mass"], plane.mass[0].local), *plane.mass[1:])
             if shear[1] is not None:
-                layers[shear[0]] = ()
+                matrix_terms[shear[0]] = ()
             if rotary[name] is not None:
-                layers[f"rotary_inertia_{name[-1]}"] = plane.rotary_inertia
-        return layers
+                matrix_terms[f"rotary_inertia_{name[-1]}"] = plane.rotary_inertia
+        return matrix_terms
 
 
 def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArray:

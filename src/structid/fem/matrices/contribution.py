@@ -12,9 +12,9 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import DIRECTIONS
-from structid.fem.elements.element import Layer, Term, shear_share
+from structid.fem.elements.element import ElementMatrixTerm, Term, shear_share
 from structid.fem.matrices.blocks import ElementMatrices
-from structid.fem.sliding import Lengthening
+from structid.fem.node_positions import LengthDependence
 
 _LAWS = {"mass": "inertia", "rotary_inertia": "inertia", "viscous_damping": "viscous", "stiffness": "elastic"}
 
@@ -155,28 +155,28 @@ class LengthFactor(Factor):
 
     Attributes
     ----------
-    lengthening : Lengthening
+    length_dependence : LengthDependence
     power : int
         Such as -3 of bending stiffness, 1 of mass.
     """
 
-    lengthening: Lengthening
+    length_dependence: LengthDependence
     power: int
 
     @property
     def places(self) -> tuple[Place, ...]:
         """See `Factor.places`."""
-        return self.lengthening.at
+        return self.length_dependence.at
 
     def of(self, values: FloatArray) -> FloatArray:
         """See `Factor.of`."""
-        powers: FloatArray = self.lengthening.ratio(values) ** self.power
+        powers: FloatArray = self.length_dependence.ratio(values) ** self.power
         return powers
 
     def slope(self, values: FloatArray, place: int) -> FloatArray:
         """See `Factor.slope`, 1/m."""
-        steep = self.power * self.lengthening.ratio(values) ** (self.power - 1) / self.lengthening.lengths
-        return steep * self.lengthening.slopes[place]
+        steep = self.power * self.length_dependence.ratio(values) ** (self.power - 1) / self.length_dependence.lengths
+        return steep * self.length_dependence.slopes[place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,17 +256,17 @@ def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
 
 def weighed(
     properties: Sequence[Property],
-    blocks_of: Callable[[Layer], ElementMatrices],
-    lengthenings: Mapping[str, Lengthening],
+    blocks_of: Callable[[ElementMatrixTerm], ElementMatrices],
+    length_dependences: Mapping[str, LengthDependence],
 ) -> tuple[Contribution, ...]:
-    """The contributions of all properties: element matrices with the values that weigh them, one for each layer.
+    """The contributions of all properties: element matrices with the values that weigh them, one for each matrix term.
 
     Parameters
     ----------
     properties : sequence of Property
     blocks_of : callable
-        The matrices of a layer on free degrees of freedom.
-    lengthenings : mapping of str to Lengthening
+        The matrices of a matrix term on free degrees of freedom.
+    length_dependences : mapping of str to LengthDependence
         Change of lengths of the element sets with an end at a node of variable position, by name.
     """
     found: list[Contribution] = []
@@ -275,12 +275,14 @@ def weighed(
     for item in properties:
         if item.term.kind == "loss_factor":
             found += [replace(part, law="structural", factor=item.values) for part in elastic.get(item.element, [])]
-        for layer in item.term.layers:
-            law = layer.law or (f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind])
-            if id(layer) not in blocks:
-                blocks[id(layer)] = blocks_of(layer)
-            scale = _factor_of(properties, item.element, layer, lengthenings)
-            found.append(Contribution(law, blocks[id(layer)], item.values, scale=scale))
+        for matrix_term in item.term.matrix_terms:
+            law = matrix_term.law or (
+                f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind]
+            )
+            if id(matrix_term) not in blocks:
+                blocks[id(matrix_term)] = blocks_of(matrix_term)
+            scale = _factor_of(properties, item.element, matrix_term, length_dependences)
+            found.append(Contribution(law, blocks[id(matrix_term)], item.values, scale=scale))
             if law == "elastic":
                 elastic.setdefault(item.element, []).append(found[-1])
     return tuple(found)
@@ -290,21 +292,23 @@ def rigid_mass(
     properties: Sequence[Property],
     values: FloatArray,
     directions: Sequence[str],
-    lengthenings: Mapping[str, Lengthening],
+    length_dependences: Mapping[str, LengthDependence],
 ) -> tuple[float, FloatArray]:
     """Mass in kg in rigid motion along the first of `directions` that has any, and its derivative by every value, (n_values,).
 
     See `Structure.mass_of`.
     """
     total, gradient = 0.0, np.zeros(len(values))
-    pairs = [(item, layer) for item in properties for layer in item.term.layers]
+    pairs = [(item, matrix_term) for item in properties for matrix_term in item.term.matrix_terms]
     masses = [
-        (i, layer) for i, layer in pairs if (i.term.kind == "mass" or layer.law == "inertia") and not layer.reduced
+        (i, matrix_term)
+        for i, matrix_term in pairs
+        if (i.term.kind == "mass" or matrix_term.law == "inertia") and not matrix_term.reduced
     ]
     for direction in directions:
-        for item, layer in masses:
-            unit = _rigid_motion_mass(layer, DIRECTIONS.index(direction))
-            scale = _factor_of(properties, item.element, layer, lengthenings)
+        for item, matrix_term in masses:
+            unit = _rigid_motion_mass(matrix_term, DIRECTIONS.index(direction))
+            scale = _factor_of(properties, item.element, matrix_term, length_dependences)
             factor = 1.0 if scale is None else scale.of(values)
             gradient[item.values] += unit * factor
             total += float(unit * factor @ values[item.values])
@@ -318,29 +322,32 @@ def rigid_mass(
 
 
 def _factor_of(
-    properties: Sequence[Property], element: str, layer: Layer, lengthenings: Mapping[str, Lengthening]
+    properties: Sequence[Property],
+    element: str,
+    matrix_term: ElementMatrixTerm,
+    length_dependences: Mapping[str, LengthDependence],
 ) -> Factor | None:
-    """The factor on the weights of a layer that depends on thickness, length, powers of values or shear; None for 1."""
-    if layer.stretch:
-        return LengthFactor(lengthenings[element], layer.stretch)
-    if layer.shear is not None:
+    """The factor on the weights of a matrix term that depends on thickness, length, powers of values or shear; None for 1."""
+    if matrix_term.length_power:
+        return LengthFactor(length_dependences[element], matrix_term.length_power)
+    if matrix_term.shear is not None:
         of_element = {p.term.property: p for p in properties if p.element == element}
-        bending, shear = of_element[layer.shear.bending], of_element[layer.shear.shear]
-        ratio = shear_share(bending.term.values, shear.term.values, layer.shear.ratio)
-        return ShearFactor(bending.values, shear.values, layer.shear.ratio, ratio, layer.shear.power)
-    if layer.powers:
+        bending, shear = of_element[matrix_term.shear.bending], of_element[matrix_term.shear.shear]
+        ratio = shear_share(bending.term.values, shear.term.values, matrix_term.shear.ratio)
+        return ShearFactor(bending.values, shear.values, matrix_term.shear.ratio, ratio, matrix_term.shear.power)
+    if matrix_term.powers:
         of_element = {p.term.property: p for p in properties if p.element == element}
-        parts = [(of_element[power.property].values, power.reference, power.exponent) for power in layer.powers]
+        parts = [(of_element[power.property].values, power.reference, power.exponent) for power in matrix_term.powers]
         return Monomial(*zip(*parts, strict=True))
-    if layer.power == 0:
+    if matrix_term.power == 0:
         return None
     thickness = next(p for p in properties if p.element == element and p.term.kind == "thickness")
-    return Monomial((thickness.values,), (thickness.term.values,), (layer.power,))
+    return Monomial((thickness.values,), (thickness.term.values,), (matrix_term.power,))
 
 
-def _rigid_motion_mass(layer: Layer, axis: int) -> FloatArray:
+def _rigid_motion_mass(matrix_term: ElementMatrixTerm, axis: int) -> FloatArray:
     """r' B_e r for rigid translation r along `axis`, (n_elements,)."""
-    motion = ((layer.codes >= 0) & (layer.codes % 6 == axis)).astype(np.float64)
-    if layer.whole is not None:
-        return np.array([motion[0] @ (layer.whole @ motion[0])])
-    return np.einsum("ei,eij,ej->e", motion, layer.local, motion)
+    motion = ((matrix_term.codes >= 0) & (matrix_term.codes % 6 == axis)).astype(np.float64)
+    if matrix_term.whole is not None:
+        return np.array([motion[0] @ (matrix_term.whole @ motion[0])])
+    return np.einsum("ei,eij,ej->e", motion, matrix_term.local, motion)

@@ -387,7 +387,9 @@ def _ends(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | None] | 
 def _matrix_of(
     triples: Sequence[tuple[int, str, int, str, float]], codes: Sequence[tuple[int, str]] | None = None
 ) -> tuple[list[Dof], sparse.csc_array]:
-    """Degrees of freedom and the symmetric matrix of summed entries (node, direction, node, direction, value)."""
+    """Degrees of freedom (sorted, or those of `codes`) and the matrix of summed entries (node, direction, node,
+    direction, value).
+    """
     if codes is None:
         codes = sorted({(node, direction) for node, direction, *_ in triples})
     index = {code: row for row, code in enumerate(codes)}

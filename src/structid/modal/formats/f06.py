@@ -226,7 +226,7 @@ class _Listing:
         return True
 
     def _read_second(self, number: int, line: str) -> None:
-        """Read the second line of a complex row: imaginary parts or phases."""
+        """Read the second line of a complex eigenvector row: imaginary parts, or phases."""
         assert self.vector is not None
         self.state = "rows"
         if self.node < 0:

@@ -150,7 +150,7 @@ def _resonances(look: Look, modes: Modes) -> tuple[ResonanceCheck, ...]:
 
 
 def _facts(setup: AnySetup) -> tuple[str, ...]:
-    """A remark on the chi-square expected if coherence comes from few averages; () otherwise."""
+    """A remark on the noise or the chi-square if coherence was estimated from few averages; () otherwise."""
     record = setup.record
     if not isinstance(record, FrfRecord) or record.noise_source != "coherence" or not record.averages:
         return ()

@@ -266,7 +266,9 @@ class _Tried:
         self._in_first = True
 
     def __call__(self, name: str, _: int, __: float) -> None:
-        """Note an iteration of the search that is tried; raise `_EnoughError` when it takes too long."""
+        """Count an iteration of the timed trial search, reported by its `name`; raise `_EnoughError` when the time for it
+        is over.
+        """
         now = time.perf_counter() - self.begun
         if now > _TRIED_SECONDS:
             raise _EnoughError

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.constraints import Limits
 from structid.core.errors import InputError
-from structid.fem.elements.element import ElementSet, Kind, Layer, Positions, Store, element, node_codes
+from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Kind, Positions, Store, element, node_codes
 
 Poisson: TypeAlias = Annotated[float, "float", Limits(above=-1, below=0.5)]
 #: How strains are interpolated; see `elastic_stiffness`.
@@ -49,9 +49,9 @@ def cell_table(cells: Mapping[int, str]) -> Store:
 class CellSet(ElementSet):
     """Cells of a mesh, possibly of several types, whose nodes all move alike."""
 
-    def layer(
+    def matrix_term(
         self, corners: FloatArray, matrices_of: CellMatrices, power: int = 0, directions: Sequence[str] | None = None
-    ) -> Layer:
+    ) -> ElementMatrixTerm:
         """Element matrix term from `matrices_of`, a function of one cell type, on `directions` of each node (all that the nodes
         move in).
 
@@ -66,7 +66,7 @@ class CellSet(ElementSet):
             rows, n = np.flatnonzero(counts == count), len(axes) * count
             nodes, nodes_at = self.nodes[rows, :count], corners[rows, :count]
             total[rows, :n, :n] = matrices_of(self.name, nodes, nodes_at, self.cells[count])
-        return Layer(node_codes(self.nodes, axes), total, power)
+        return ElementMatrixTerm(node_codes(self.nodes, axes), total, power)
 
 
 def cell_positions(name: str, nodes: IntArray, positions: Positions, dimensions: int) -> FloatArray:

@@ -430,7 +430,7 @@ def _read_fixed(section: Section, texts: str | tuple[str, ...], nodes: Positions
 
 
 def _read_base(entry: Section, nodes: Positions) -> Base:
-    """The base (supports that drive the structure) of one entry."""
+    """The base (supports that drive the structure together) of one ``[[structure.base]]`` table."""
     values = entry.values(_BASE)
     supports: list[str | Dof] = []
     for text in as_list(values["supports"]):
@@ -488,7 +488,7 @@ def _ties(section: Section, nodes: Positions) -> Ties:
 
 
 def _read_rigid_link(entry: Section, nodes: Positions) -> Tie:
-    """The rigid link of one entry."""
+    """The rigid link of one ``[[structure.rigid_link]]`` table."""
     values = entry.values(_RIGID_LINK)
     for key in ("main", "dependents"):
         for node in flat(values[key]):

@@ -1,4 +1,4 @@
-"""What moves inside elements besides their nodes, numbered above all nodes: between equal pieces, and ends let go."""
+"""Degrees of freedom inside elements, numbered above all nodes: between equal pieces, and at ends released by joints."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 from structid.fem.elements.element import (
     TRANSLATIONS,
+    ElementMatrixTerm,
     ElementSet,
-    Layer,
     Positions,
     Term,
     dof_code,
     element_vectors,
 )
-from structid.fem.sliding import stretched
+from structid.fem.node_positions import split_by_length_power
 
 _ELEMENT = re.compile(r"^(?P<name>.+):(?P<number>\d+)$")
 #: Part of the largest entry of a matrix below which an entry is rounding.
@@ -31,7 +31,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class NumberedTerms:
-    """The terms of all element sets, with codes for what is inside them.
+    """The properties and matrices of all element sets, with codes for the degrees of freedom inside elements.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ def numbered_terms(
         is_cut = pieces > 1 and is_divisible(element, positions, active)
         terms_of = partial(_terms, element, present, pieces if is_cut else 1, first + len(owners))
         if element.is_line and np.isin(element.nodes, sliding).any():
-            terms[element.name] = stretched(element.name, terms_of, positions)
+            terms[element.name] = split_by_length_power(element.name, terms_of, positions)
         else:
             terms[element.name] = terms_of(positions)
         if is_cut:
@@ -116,11 +116,11 @@ def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str
     stiffness[:, :size, :size] = along[:, :, None] * along[:, None, :]
     axes: set[int] = set()
     for term in element.terms(positions, np.zeros(0, dtype=np.int64)):
-        for layer in term.layers if term.kind == "stiffness" else ():
-            columns = np.flatnonzero(layer.codes[0, : layer.codes.shape[1] // 2] % 6 < len(TRANSLATIONS))
-            axis_of = layer.codes[0, columns] % 6
+        for matrix_term in term.matrix_terms if term.kind == "stiffness" else ():
+            columns = np.flatnonzero(matrix_term.codes[0, : matrix_term.codes.shape[1] // 2] % 6 < len(TRANSLATIONS))
+            axis_of = matrix_term.codes[0, columns] % 6
             axes |= set(axis_of.tolist())
-            stiffness[:, axis_of[:, None], axis_of] += (term.values > 0)[:, None, None] * layer.local[
+            stiffness[:, axis_of[:, None], axis_of] += (term.values > 0)[:, None, None] * matrix_term.local[
                 :, columns[:, None], columns
             ]
     moving = [axis for axis in sorted(axes) if DIRECTIONS[axis] in active]
@@ -129,7 +129,7 @@ def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str
 
 
 def _terms(element: ElementSet, present: IntArray, pieces: int, first: int, positions: Positions) -> tuple[Term, ...]:
-    """Terms of a set, its lines cut into equal pieces."""
+    """The properties and matrices of a set, its lines cut into equal pieces, whose inner nodes are labelled from `first`."""
     if pieces > 1:
         return _cut_into_pieces(element, positions, present, pieces, first)
     return element.terms(positions, present)
@@ -142,40 +142,44 @@ def _cut_into_pieces(
     scaled = {label: position / pieces for label, position in positions.items()}  # lines as long as one piece
     between = first + np.arange(len(element.nodes) * (pieces - 1)).reshape(-1, pieces - 1)
     terms = element.terms(scaled, present)
-    chained = {id(layer): _chain_matrices(layer, between) for term in terms for layer in term.layers}
-    return tuple(replace(term, layers=[chained[id(layer)] for layer in term.layers]) for term in terms)
+    chained = {
+        id(matrix_term): _chain_matrices(matrix_term, between) for term in terms for matrix_term in term.matrix_terms
+    }
+    return tuple(
+        replace(term, matrix_terms=[chained[id(matrix_term)] for matrix_term in term.matrix_terms]) for term in terms
+    )
 
 
-def _chain_matrices(layer: Layer, between: IntArray) -> Layer:
+def _chain_matrices(matrix_term: ElementMatrixTerm, between: IntArray) -> ElementMatrixTerm:
     """Matrices of chains of pieces with the nodes `between` (n_elements, n_pieces - 1), from those of one piece."""
-    n, width = layer.codes.shape
+    n, width = matrix_term.codes.shape
     half, pieces = width // 2, between.shape[1] + 1
-    start, end = layer.codes[:, :half], layer.codes[:, half:]
+    start, end = matrix_term.codes[:, :half], matrix_term.codes[:, half:]
     middle = 6 * between[:, :, None] + (start % 6)[:, None, :]
     local: FloatArray = np.zeros((n, (pieces + 1) * half, (pieces + 1) * half))
     for piece in range(pieces):
         span = slice(piece * half, piece * half + width)
-        local[:, span, span] += layer.local
-    return replace(layer, codes=np.concatenate([start, middle.reshape(n, -1), end], axis=1), local=local)
+        local[:, span, span] += matrix_term.local
+    return replace(matrix_term, codes=np.concatenate([start, middle.reshape(n, -1), end], axis=1), local=local)
 
 
 def _free_between(terms: Sequence[Term], pieces: int, active: Sequence[str]) -> IntArray:
     """Codes between the pieces of bending lines, in the directions that their stiffness couples with the active ones."""
-    layers = [layer for term in terms if term.kind == "stiffness" for layer in term.layers]
-    if not any((layer.codes % 6 >= 3).any() for layer in layers):
+    matrix_terms = [matrix_term for term in terms if term.kind == "stiffness" for matrix_term in term.matrix_terms]
+    if not any((matrix_term.codes % 6 >= 3).any() for matrix_term in matrix_terms):
         return np.zeros(0, dtype=np.int64)
-    coupled = np.zeros((len(layers[0].codes), 6, 6), dtype=bool)
-    for layer in layers:
-        size = np.abs(layer.local)
+    coupled = np.zeros((len(matrix_terms[0].codes), 6, 6), dtype=bool)
+    for matrix_term in matrix_terms:
+        size = np.abs(matrix_term.local)
         e, i, j = np.nonzero(size > _ROUNDING * size.max(initial=0.0))
-        coupled[e, layer.codes[e, i] % 6, layer.codes[e, j] % 6] = True
+        coupled[e, matrix_term.codes[e, i] % 6, matrix_term.codes[e, j] % 6] = True
     moves = np.tile(np.isin(DIRECTIONS, active), (len(coupled), 1))
     for _ in DIRECTIONS:
         moves |= (coupled & moves[:, None, :]).any(axis=2)
     codes = []
-    for layer in layers:
-        half = layer.codes.shape[1] // (pieces + 1)
-        between = layer.codes[:, half:-half]
+    for matrix_term in matrix_terms:
+        half = matrix_term.codes.shape[1] // (pieces + 1)
+        between = matrix_term.codes[:, half:-half]
         codes.append(between[np.take_along_axis(moves, between % 6, axis=1)])
     return np.unique(np.concatenate(codes))
 
@@ -183,13 +187,20 @@ def _free_between(terms: Sequence[Term], pieces: int, active: Sequence[str]) -> 
 def _replace_code(terms: Sequence[Term], rows: int | slice, old: int, new: int) -> tuple[Term, ...]:
     """`terms` with the code `old` replaced by `new` at some element rows; properties that share matrices go on sharing them."""
 
-    def changed(codes: IntArray) -> IntArray:
+    def replaced(codes: IntArray) -> IntArray:
         table = codes.copy()
         table[rows] = np.where(table[rows] == old, new, table[rows])
         return table
 
-    changed_layers = {id(layer): replace(layer, codes=changed(layer.codes)) for term in terms for layer in term.layers}
-    return tuple(replace(term, layers=[changed_layers[id(layer)] for layer in term.layers]) for term in terms)
+    changed_terms = {
+        id(matrix_term): replace(matrix_term, codes=replaced(matrix_term.codes))
+        for term in terms
+        for matrix_term in term.matrix_terms
+    }
+    return tuple(
+        replace(term, matrix_terms=[changed_terms[id(matrix_term)] for matrix_term in term.matrix_terms])
+        for term in terms
+    )
 
 
 def _find_element(joint: str, text: str, elements: Sequence[ElementSet]) -> tuple[ElementSet, int]:
@@ -214,10 +225,10 @@ def _stiff_directions(terms: Sequence[Term], row: int, node: int) -> list[str]:
     axes = set()
     for term in terms:
         if term.kind == "stiffness" and term.values[row] > 0:
-            for layer in term.layers:
-                diagonal = np.diagonal(layer.local[row])
-                stiff = diagonal > _ROUNDING * np.abs(layer.local[row]).max()
-                codes = layer.codes[row]
+            for matrix_term in term.matrix_terms:
+                diagonal = np.diagonal(matrix_term.local[row])
+                stiff = diagonal > _ROUNDING * np.abs(matrix_term.local[row]).max()
+                codes = matrix_term.codes[row]
                 axes |= {int(code) % 6 for code in codes[stiff & (codes // 6 == node)]}
     return [DIRECTIONS[axis] for axis in sorted(axes)]
 
