@@ -116,7 +116,7 @@ def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str
     stiffness[:, :size, :size] = along[:, :, None] * along[:, None, :]
     axes: set[int] = set()
     for term in element.terms(positions, np.zeros(0, dtype=np.int64)):
-        for matrix_term in term.matrix_terms if term.kind == "stiffness" else ():
+        for matrix_term in term.matrix_terms if term.kind in ("stiffness", "axial_force") else ():
             columns = np.flatnonzero(matrix_term.codes[0, : matrix_term.codes.shape[1] // 2] % 6 < len(TRANSLATIONS))
             axis_of = matrix_term.codes[0, columns] % 6
             axes |= set(axis_of.tolist())

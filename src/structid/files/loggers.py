@@ -2,7 +2,7 @@
 
 Each reader gives one entry a channel: name, unit or "", values, and its clock: start in s, samples per second, and the
 largest distance of a sample from that clock in parts of a step; a rate of 0 where the file does not say. A note tells what is
-doubtful about the file.
+doubtful about the file. Times are there where they are uneven.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ class Channel(NamedTuple):
     start: float
     off: float
     note: str = ""
+    times: FloatArray = np.zeros(0)
 
 
 def logger(path: str, kind: str) -> list[Channel]:
@@ -68,10 +69,15 @@ def _make_channel(
     start: float = 0.0,
     off: float = 0.0,
     note: str = "",
+    times: FloatArray | None = None,
 ) -> Channel:
     """A `Channel` with values as float64, (n_samples,), where masked samples are NaN."""
     samples = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
-    return Channel(str(name), str(unit or ""), samples, rate, start, off, note)
+    return Channel(str(name), str(unit or ""), samples, rate, start, off, note, np.zeros(0) if times is None else times)
+
+
+#: Distance of a sample from an even clock, in parts of a step, above which the times are kept.
+_EVEN = 1e-3
 
 
 def _is_series(values: np.ndarray) -> bool:
@@ -125,8 +131,10 @@ def _read_mdf(path: str) -> Iterator[Channel]:
                 signal = file.get(group=group_index, index=index)
                 values = np.asarray(signal.samples)
                 if _is_series(values):
+                    time = np.asarray(signal.timestamps, float)
+                    rate, start, off = _clock_of_times(time)
                     yield _make_channel(
-                        signal.name, signal.unit, values, *_clock_of_times(np.asarray(signal.timestamps, float))
+                        signal.name, signal.unit, values, rate, start, off, times=time if off > _EVEN else None
                     )
 
 

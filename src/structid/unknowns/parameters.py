@@ -225,7 +225,7 @@ def _resolve_tie(
 def _transform(one: ParameterGroup) -> Transform:
     if one.is_bounded:
         return "interval"
-    return "log" if one.unknown.positive else "linear"
+    return "log" if one.limits[0] >= 0 else "linear"
 
 
 def _joined(parts: Iterable[tuple[Entry, ...]]) -> tuple[Entry, ...]:

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from structid.core.arrays import FloatArray, IntArray, locked, require_shape
 from structid.core.dof import DIRECTIONS
 from structid.core.errors import InputError
-from structid.fem.elements.beam import ROTARY_INERTIA, SHEAR, BendingPlane, added, rod_mass, rod_stiffness
+from structid.fem.elements.beam import AXIAL_FORCE, ROTARY_INERTIA, SHEAR, BendingPlane, added, rod_mass, rod_stiffness
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
@@ -16,6 +16,7 @@ from structid.fem.elements.element import (
     ElementSet,
     Matrices,
     Nodes,
+    OptionalSignedValues,
     OptionalValues,
     Positions,
     Values,
@@ -76,6 +77,8 @@ class SpaceBeam(ElementSet):
         f"{ROTARY_INERTIA}, about local z", "rotary_inertia", "kg m", optional=True, default=None
     )
 
+    axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
+
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """Element matrices of each property; see `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
@@ -104,6 +107,8 @@ class SpaceBeam(ElementSet):
                 matrix_terms[shear[0]] = ()
             if rotary[name] is not None:
                 matrix_terms[f"rotary_inertia_{name[-1]}"] = plane.rotary_inertia
+            if self.axial_force is not None:
+                matrix_terms["axial_force"] = (*matrix_terms.get("axial_force", ()), *plane.axial_force)
         return matrix_terms
 
 

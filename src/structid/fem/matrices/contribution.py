@@ -16,7 +16,13 @@ from structid.fem.elements.element import ElementMatrixTerm, Term, shear_share
 from structid.fem.matrices.blocks import ElementMatrices
 from structid.fem.node_positions import LengthDependence
 
-_LAWS = {"mass": "inertia", "rotary_inertia": "inertia", "viscous_damping": "viscous", "stiffness": "elastic"}
+_LAWS = {
+    "mass": "inertia",
+    "rotary_inertia": "inertia",
+    "viscous_damping": "viscous",
+    "stiffness": "elastic",
+    "axial_force": "elastic",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +289,7 @@ def weighed(
                 blocks[id(matrix_term)] = blocks_of(matrix_term)
             scale = _factor_of(properties, item.element, matrix_term, length_dependences)
             found.append(Contribution(law, blocks[id(matrix_term)], item.values, scale=scale))
-            if law == "elastic":
+            if law == "elastic" and item.term.kind != "axial_force":  # a force has no loss
                 elastic.setdefault(item.element, []).append(found[-1])
     return tuple(found)
 

@@ -112,7 +112,7 @@ def _require_applicable(path: Path, module: ModuleType | LoggerFormat, options: 
             )
     if "axes" in options_given and module is not _uff:
         raise InputError(f"{path}: has no coordinate systems, which `axes` is about; leave it out", "axes")
-    if "resample" in options_given and module not in (_csv, _uff):
+    if "resample" in options_given and module not in (_csv, _uff, *LOGGERS):
         raise InputError(
             f"{path}: has no times of its samples, of which `resample` makes even ones; leave it out", "resample"
         )

@@ -13,7 +13,9 @@ from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
+from structid.identification.identified import Identification
 from structid.inversion import Estimate
+from structid.prediction.model_error import ModelError
 from structid.study.results.result import StudyResult
 
 if TYPE_CHECKING:
@@ -39,6 +41,11 @@ def hdf5_bytes(result: StudyResult) -> bytes:
         _write_parameters(file.create_group("parameters"), identification.estimate)
         if identification.fits:
             _write_record(file, identification.fits[0])
+            if (
+                identification.estimate.covariance_basis == "model_error"
+                and identification.estimate.uncertainty.has_matrix
+            ):
+                _write_model_error(file["frf"], identification)
         else:
             _write_modes(file.create_group("modes"), identification.modes, identification.structure)
             _write_modes(file.create_group("modes_initial"), identification.modes_initial, identification.structure)
@@ -82,11 +89,13 @@ def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
     _put(group, "values", estimate.values, note)
     _put(group, "std", estimate.std, note)
     if estimate.uncertainty.has_matrix:
+        _texts(group, "covariance_basis", [estimate.covariance_basis])
         _put(group, "covariance_noise", estimate.covariance_noise, "products of units")
         _put(group, "covariance_model_error", estimate.covariance_model_error, "products of units")
         _put(group, "correlation", estimate.correlation, "1")
         if estimate.fixed is not None:
             _texts(group, "fixed_names", estimate.fixed.change_names)
+            _put(group, "fixed_tolerances", estimate.fixed.tolerance, "1")
             _put(group, "fixed_changes", estimate.fixed.changes, "as in units, by one tolerance of each held value")
     else:
         _put(group, "std_relative_error", estimate.uncertainty.std_error, "1")
@@ -115,6 +124,15 @@ def _write_frf(group: h5py.Group, fit: RecordFit) -> None:
         _put(group, "variance", record.variance, f"({record.unit})^2")
     if record.coherence is not None:
         _put(group, "coherence", record.coherence, "1")
+
+
+def _write_model_error(group: h5py.Group, identification: Identification) -> None:
+    """Write the error of responses that were not measured, for predictions from these results."""
+    fit = identification.fits[0]
+    error = ModelError.of_fit(fit.problem, identification.estimate.values[identification.own_index], fit.predicted)
+    _put(group, "model_error_part", error.part, "1")
+    _put(group, "model_error_size", error.size, fit.problem.record.unit)
+    _texts(group, "model_error_kind", [error.kind])
 
 
 def _write_evaluation(group: h5py.Group, fit: RecordFit) -> None:

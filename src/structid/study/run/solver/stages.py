@@ -71,7 +71,7 @@ def led_near(ready: Start, work: Work) -> Start:
 
 
 def _with_step(ready: Start, step: float | None, work: Work) -> Study:
-    """The same study, evaluated about its present start values with another step of the finite differences."""
+    """The study evaluated about its present start values, with another step of the finite differences."""
     solved = ready.study.solved
     assert solved is not None
     problem = ready.problems[0]
