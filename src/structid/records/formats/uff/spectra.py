@@ -136,7 +136,7 @@ def _complete(path: Path, by_pair: dict[tuple[Dof, Dof], Function]) -> tuple[tup
 
 
 def _densities(path: Path, functions: Sequence[Function]) -> bool:
-    """Whether all spectra are densities by their labels or types."""
+    """True if all spectra are densities by their labels or types, False if none is; `FileError` if some are."""
     found = {function.kind == 9 or _is_per_hertz(function) for function in functions}
     if len(found) > 1:
         raise FileError(f"{path}: some spectra are densities and some are not; export all with one setting")
@@ -197,6 +197,9 @@ def _matrix(
 
 
 def _values(path: Path, function: Function, response: Dof, reference: Dof) -> ComplexArray:
+    """The complex values of one function, (n_lines,); `FileError` if an autospectrum is not positive or a cross-spectrum
+    is real.
+    """
     values = np.asarray(function.values, np.complex128)
     if response == reference:
         size = float(np.abs(values).max())
@@ -239,6 +242,7 @@ def _sides(path: Path, function: Function) -> tuple[str, str]:
 
 
 def _is_unit(text: str) -> bool:
+    """True if `text` names a unit."""
     try:
         parse_unit(text)
     except InputError:
