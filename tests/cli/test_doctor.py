@@ -43,7 +43,7 @@ def test_doctor_names_versions_factorizers_threads_and_memory():
 
 def test_doctor_says_what_is_not_installed_and_what_it_is_for(monkeypatch):
     # the command first: its first import would take the other one's replacement for good
-    monkeypatch.setattr("structid.cli.commands.doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
+    monkeypatch.setattr("structid.cli.doctor_summary.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
     monkeypatch.setattr("structid.study.run.doctor.OPTIONAL", {"no-such-package": "nothing (extra `none`)"})
     assert "not installed: no-such-package: nothing (extra `none`)" in RUN.invoke(cli.app, ["doctor"]).stdout
 
@@ -139,7 +139,7 @@ def test_a_study_that_cannot_fit_is_refused_with_the_numbers(tmp_path, monkeypat
 
 def test_doctor_refuses_what_a_few_lines_show_to_be_too_large(tmp_path, monkeypatch):
     path = write_chain(tmp_path)
-    monkeypatch.setattr("structid.cli.commands.doctor.available_bytes", lambda: 250_000)
+    monkeypatch.setattr("structid.study.run.needs.available_bytes", lambda: 250_000)
     done = RUN.invoke(cli.app, ["doctor", str(path)])
     assert done.exit_code == 2
     assert re.search(r"needs about .* of memory and 250 kB are free; take fewer lines", done.stderr)

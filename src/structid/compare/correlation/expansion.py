@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy import sparse
@@ -14,10 +13,8 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import InputError, SingularModelError
 from structid.dynamics import Modes
 
-Reduction: TypeAlias = Literal["guyan", "serep"]
 #: Part of the largest singular value that counts as none.
 _RANK = 1e-8
-Method: TypeAlias = Literal["serep", "dynamic"]
 #: Condition of the modes at the sensors beyond which they are not told apart.
 _WORST = 100.0
 

@@ -28,8 +28,6 @@ _LAYOUT = "structid checkpoint 1"
 _RUN, _SEARCH, _SO_FAR = "run.json", "search.npz", "so_far.json"
 _WHOLE, _ANEW = "a whole checkpoint", "run without --resume to begin anew"
 _MOST_FILES = 64
-#: At most one file in this time, s: what a killed run may have to do again.
-CHECKPOINT_SECONDS = 5.0
 
 
 class Owner(TypedDict):
@@ -64,7 +62,7 @@ class Checkpoint:
     resume : bool
         Whether to go on from what is there; otherwise it is removed.
     seconds : float
-        At most one file in that time; 0 writes every iteration and every task at once.
+        At most one file in that time: what a killed run may have to do again. 0 writes every iteration and every task.
 
     Raises
     ------
@@ -73,7 +71,7 @@ class Checkpoint:
         writes to it.
     """
 
-    def __init__(self, folder: Path, owner: Owner, resume: bool = False, seconds: float = CHECKPOINT_SECONDS) -> None:
+    def __init__(self, folder: Path, owner: Owner, resume: bool = False, seconds: float = 0.0) -> None:
         self.folder, self.owner, self.seconds = folder, owner, seconds
         self.entries: dict[str, Any] = {}
         self._search: tuple[str, State] | None = None
