@@ -6,7 +6,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.cli.tables import groups, new_table
-from structid.core.display import counted, first_warnings
+from structid.core.display import first_warnings, plural
 from structid.core.quantities import NOTHING, number, percent, prefixed, span_text, with_std
 from structid.explanation.suggestions import FOLDER as SUGGESTIONS
 from structid.identification.alternatives import Alternatives
@@ -62,7 +62,7 @@ def _values(view: ResultsView) -> list[RenderableType]:
         table.add_row(
             parameter.name, parameter.value_text, parameter.unit_text, parameter.interval_text, parameter.state
         )
-    return [table, *([Text(f"and {counted(left, 'more parameter')}: in estimate.json")] if left > 0 else [])]
+    return [table, *([Text(f"and {plural(left, 'more parameter')}: in estimate.json")] if left > 0 else [])]
 
 
 def _changes(view: ResultsView) -> list[RenderableType]:

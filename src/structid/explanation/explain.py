@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from structid.core.display import Overview, Shown, counted
+from structid.core.display import Overview, Shown, plural
 from structid.core.dof import parse_dof
 from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate, bare
@@ -124,7 +124,7 @@ class Explanation(Shown):
 
     def overview(self) -> Overview:
         """How many changes were tried, and one row for each that explains the misfit."""
-        words = f"{counted(self.tried, 'change')} tried, {len(self.causes)} may explain the misfit"
+        words = f"{plural(self.tried, 'change')} tried, {len(self.causes)} may explain the misfit"
         rows = [
             (
                 cause_words(fitted.trial.changes[-1][0], None),

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.quantities import NOTHING, number, percent, with_unit
 from structid.criticism.held import HeldValue, resting
 from structid.criticism.verdict import Cause, Criticism
@@ -229,9 +229,9 @@ def verdict_words(view: ResultsView) -> dict[str, object]:
         "causes": table if criticism.causes else None,
         "lowering": None if criticism.causes else table,
         "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
-        "tried": f"{counted(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
+        "tried": f"{plural(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
         "held": held_table(telling) if telling else None,
-        "held_left": counted(len(criticism.held) - len(telling), "fixed value")
+        "held_left": plural(len(criticism.held) - len(telling), "fixed value")
         if len(telling) < len(criticism.held)
         else "",
     }

@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from structid.core.display import Overview, Shown, counted, listed
+from structid.core.display import Overview, Shown, join_words, plural
 from structid.core.quantities import exact, number, percent, prefixed, span_text, with_std, with_unit
 from structid.criticism.held import resting_words
 from structid.criticism.verdict import Cause, Criticism, judged
@@ -303,7 +303,7 @@ def _advice(found: Identification, criticism: Criticism, sentences: Sequence[str
     if lost and estimate.uncertainty.has_matrix:
         are = "is" if len(lost) == 1 else "are"
         lines.append(
-            f"{listed(lost, 4)} {are} not determined: fix or tie, give a prior, or measure where the effect shows."
+            f"{join_words(lost, 4)} {are} not determined: fix or tie, give a prior, or measure where the effect shows."
         )
     directions = [f"the data determine {direction.words}" for direction in estimate.identifiability.directions]
     lines.extend(sentence(words) for words in acts if words in of_estimate and words not in directions[1:])
@@ -398,7 +398,7 @@ def _statistics(found: Identification) -> tuple[tuple[str, str], ...]:
     estimate = found.estimate
     is_converged = estimate.status is Status.CONVERGED
     search = estimate.message if is_converged else f"{estimate.status.value.replace('_', ' ')}: {estimate.message}"
-    rows = [("Search", f"{search}, {counted(estimate.n_iterations, 'iteration')}")]
+    rows = [("Search", f"{search}, {plural(estimate.n_iterations, 'iteration')}")]
     if estimate.uncertainty.has_matrix:
         identifiability = estimate.identifiability
         free = " free" if estimate.at_bound else ""
@@ -437,7 +437,7 @@ def _fit_rows(fits: Sequence[RecordFit]) -> list[tuple[str, str]]:
             (
                 name,
                 f"median {error} over {judged_lines} lines ({used_lines} of them fitted),"
-                f" {counted(len(fit.evaluation.outputs), 'sensor')}, {counted(len(fit.evaluation.inputs), 'load')}",
+                f" {plural(len(fit.evaluation.outputs), 'sensor')}, {plural(len(fit.evaluation.inputs), 'load')}",
             )
         )
     return rows
