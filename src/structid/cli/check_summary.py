@@ -22,7 +22,8 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     facts = [
         *(f"record: {words}" for words in result.records),
         f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
-        f" {format_number(result.total_mass)} kg at the start, predicted standard deviation {format_number(result.total_mass_std, 2)} kg"
+        f" {format_number(result.total_mass)} kg at the start, predicted standard deviation"
+        f" {format_number(result.total_mass_std, 2)} kg"
         if study.structure.has_matrices
         else "structure: FRFs of a solver alone, which tell no masses, modes or mesh",
     ]
