@@ -490,9 +490,9 @@ def _tie_near_nodes(
     turning = () if "NO ROTATION" in block.options else deck.turning
     ties: list[RigidLink | Constraint] = []
     free = 0
-    own = set(carriers.nodes)
+    carrying = set(carriers.nodes)
     for node in followers:
-        if node in own:
+        if node in carrying:
             continue
         candidates = centres.query_ball_point(deck.positions[node], near + reach)
         points = [(footpoint(deck.positions[node], faces[k]), k) for k in sorted(candidates)]

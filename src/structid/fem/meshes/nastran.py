@@ -73,7 +73,9 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     if axisymmetric:
         raise FileError(f"{path}: elements {axisymmetric} are not read; model the part in plates or solids")
     if "GRID" not in cards:
-        raise FileError(f"{path}: holds no GRID; export bulk data with the mesh")
+        made = [name for name in ("EGRID", "GRIDG", "GRIDB") if text.count_cards()[name]]
+        reason = f", only {', '.join(made)}, which a preprocessor makes grid points of" if made else ""
+        raise FileError(f"{path}: holds no GRID{reason}; export bulk data with the mesh")
     systems = BulkSystems(path, cards)
     labels, basic = _read_grids(path, systems)
     middles = MiddleNodes(labels)
@@ -85,7 +87,8 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     offsets = OffsetReader(cards, units.length, position_of, axes).parts(names, blocks, numbers)
     counts = text.count_cards()
     if not blocks and all(part.obstacle for part in parts):
-        others = ", ".join(part.words for part in (*parts, *_unknown_elements(counts)))
+        beside = (*parts, *_unknown_elements(counts))
+        others = ", ".join(part.words + (f" [{part.obstacle}]" if part.obstacle else "") for part in beside)
         raise FileError(
             f"{path}: holds no elements ({', '.join(_CELLS)}){f', only {others}' if others else ''}; export bulk data with"
             " the mesh"
