@@ -19,11 +19,11 @@ _MOST_WARNINGS = 5
 def check_summary(result: CheckResult) -> list[RenderableType]:
     """Record, sensors, modes, rank and predicted accuracy of a study."""
     study = result.study
-    mass, mass_std = format_number(result.total_mass), format_number(result.total_mass_std, 2)
     facts = [
         *(f"record: {words}" for words in result.records),
         f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
-        f" {mass} kg at the start, predicted standard deviation {mass_std} kg"
+        f" {format_number(result.total_mass)} kg at the start, predicted standard deviation"
+        f" {format_number(result.total_mass_std, 2)} kg"
         if study.structure.has_matrices
         else "structure: FRFs of a solver alone, which tell no masses, modes or mesh",
     ]
