@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import median
 
+import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
@@ -22,6 +23,8 @@ from structid.study.results.solver import UPDATED
 
 _MOST_CHANGES = 10
 _MOST_CAUSES = 5
+#: Part of a variance that stems from priors, from which on a value is said to be its prior's.
+_BY_PRIOR = 0.5
 #: Sets of values that stand side by side.
 _MOST_SETS = 8
 #: Beside the verdict, which is the first of what is told.
@@ -38,6 +41,9 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     ends = found.intervals.ends
     notes = {one.index: f"at its {one.side} bound" for one in estimate.at_bound}
     notes |= dict.fromkeys(found.ran_away, "ran away")
+    share = np.zeros(len(estimate.names)) if found.prior_share is None else found.prior_share
+    by_prior = np.isfinite(found.prior_std) & (share > _BY_PRIOR)
+    notes = dict.fromkeys(np.flatnonzero(by_prior & estimate.identified).tolist(), "by its prior") | notes
     for i in found.listed:
         name = estimate.names[i]
         note = notes.get(i) or ("" if estimate.identified[i] else "not identified")

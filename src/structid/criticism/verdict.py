@@ -40,8 +40,8 @@ FAR_BEYOND = 9.0
 _LARGE = 0.02
 #: Degrees of freedom below which a residual hardly tests a model.
 _FEW = 15
-#: Part of a variance from which on it is owed to priors.
-_MOSTLY = 0.5
+#: Part of a variance from which on it is owed to priors, and of a direction's largest entry from which on a parameter is in it.
+_MOSTLY, _TAKES_PART = 0.5, 0.1
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
 #: Of causes of small misfits: part of what goes beyond the noise.
@@ -368,16 +368,24 @@ def _judged(
             " unknown, with a prior where it is known a little."
         )
         return Judgement("approximate", words, told)
+    by_priors = _by_priors(found) if (is_sound(found) or _is_quiet(found)) and not causes else []
+    rank, n_free = estimate.identifiability.rank, estimate.identifiability.n_free
+    if by_priors:
+        open_ones = f" (the data determine {rank} of {n_free} combinations)" if rank < n_free else ""
+        words = (
+            "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
+            f" {listed(by_priors, 4)}{open_ones}: the record cannot test what they say."
+        )
+        return Judgement("approximate", words, (words,))
     if is_sound(found) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"
         at_bound = "; ".join(one.words for one in estimate.at_bound)
-        by_priors = _by_priors(found)
-        if by_priors:
+        if rank < n_free and estimate.uncertainty.has_matrix:
             words = (
-                "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
-                f" {listed(by_priors, 4)}: the record cannot test what they say."
+                "Sound: the model explains the record to within its noise, and data and regularization together determine every"
+                f" parameter (the data alone {rank} of {n_free} combinations)."
             )
-            return Judgement("approximate", words, (words,))
+            return Judgement("sound", words)
         words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
         if estimate.degrees_of_freedom < _FEW:
             words += (
@@ -492,12 +500,16 @@ def _untested(found: Identification) -> Judgement:
 
 
 def _by_priors(found: Identification) -> list[str]:
-    """Parameters of which their own priors know more than the data."""
+    """Parameters of which their own priors know more than the data, alone or in a combination that the data do not see."""
     share = found.prior_share
     if share is None:
         return []
-    pairs = zip(found.estimate.names, share, np.isfinite(found.prior_std), strict=True)
-    return [name for name, part, has_prior in pairs if has_prior and part > _MOSTLY]
+    is_open = np.zeros(len(share), dtype=bool)
+    for direction in found.estimate.identifiability.directions:
+        size = np.abs(direction.vector)
+        is_open |= size > _TAKES_PART * size.max()
+    pairs = zip(found.estimate.names, (share > _MOSTLY) | is_open, np.isfinite(found.prior_std), strict=True)
+    return [name for name, is_by_prior, has_prior in pairs if has_prior and is_by_prior]
 
 
 def _is_large(found: Identification) -> bool:
