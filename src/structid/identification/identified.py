@@ -224,7 +224,7 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
 
     @property
     def by_prior(self) -> tuple[int, ...]:
-        """Positions of the parameters of which their own priors know more than the data, alone or in a combination that the data do not see."""
+        """Positions of the parameters that their own priors tell more of than the data, alone or in an unseen combination."""
         if self.prior_share is None:
             return ()
         is_open = np.zeros(len(self.prior_share), dtype=bool)
