@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from importlib import import_module
+
+import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import Overview, Shown
@@ -25,6 +28,11 @@ from structid.inversion.intervals.intervals import Intervals
 from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
+
+#: Part of a parameter's variance from which on it is owed to priors.
+_MOSTLY = 0.5
+#: Part of the largest entry of a direction from which on a parameter takes part in it.
+_TAKES_PART = 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -201,6 +209,11 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
         """What its estimate shows."""
         return self.estimate.overview()
 
+    def summary(self) -> str:
+        """Verdict, next step, and a row for each parameter: what `print` shows."""
+        view: Shown = import_module("structid.study.results.view").results_view(self)
+        return view.summary()
+
     @property
     def listed(self) -> tuple[int, ...]:
         """Positions of all parameters but the values that single records have of what varies."""
@@ -210,6 +223,17 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     def seen_from(self, number: int) -> Identification:
         """The same with the record of responses at position `number` (from 0) as the only one."""
         return replace(self, fits=(self.fits[number],))
+
+    @property
+    def by_prior(self) -> tuple[int, ...]:
+        """Positions of the parameters of which their own priors know more than the data, alone or in a combination."""
+        if self.prior_share is None:
+            return ()
+        is_open = self.prior_share > _MOSTLY
+        for direction in self.estimate.identifiability.directions:  # that the data do not see
+            size = np.abs(direction.vector)
+            is_open = is_open | (size > _TAKES_PART * size.max())
+        return tuple(np.flatnonzero(np.isfinite(self.prior_std) & is_open).tolist())
 
     @property
     def own_index(self) -> IntArray:
