@@ -21,7 +21,15 @@ from structid.inversion.problem import Problem, Way
 from structid.inversion.search.least_squares import Method
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import Minimum, squared
-from structid.inversion.search.multistart import Answer, Search, cost_rank, distinct_answers, named, searched_minima
+from structid.inversion.search.multistart import (
+    Answer,
+    Search,
+    cost_rank,
+    distinct_answers,
+    ends_at_other,
+    named,
+    searched_minima,
+)
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.inversion.uncertainty import Spread
@@ -402,6 +410,7 @@ def estimate(
     held = fixed.thinned() if fixed is not None and sample is not None else fixed
 
     refits: dict[int, FitWithinTolerances] = {}
+    accepted: list[tuple[Minimum, FloatArray]] = []
 
     def refit(minimum: Minimum) -> FitWithinTolerances | None:
         """The fit with held values free within their tolerances, where noise alone does not explain a minimum."""
@@ -414,8 +423,16 @@ def estimate(
     def fits(minimum: Minimum) -> bool:
         within = refit(minimum)
         if within is None:
-            return not chosen.misfits(searched, minimum, misfit_probability)
-        return not within.misfits(misfit_probability)
+            is_fitting, end = not chosen.misfits(searched, minimum, misfit_probability), minimum.theta
+        else:
+            is_fitting, end = not within.misfits(misfit_probability), within.parameters
+        if is_fitting and any(ends_at_other(searched, minimum, end, *one) for one in accepted):
+            return (
+                False  # free within their tolerances, held values only let the search go on to an answer that is known
+            )
+        if is_fitting:
+            accepted.append((minimum, end))
+        return is_fitting
 
     def least_cost(minimum: Minimum) -> float:
         within = refit(minimum)

@@ -416,6 +416,23 @@ def cost_rank(minimum: Minimum) -> float:
     return float(np.floor(minimum.costs[-1] / _ROUNDED))
 
 
+def ends_at_other(problem: Problem, minimum: Minimum, end: FloatArray, other: Minimum, other_end: FloatArray) -> bool:
+    """Whether a refit from one minimum ends nearer to where the refit from another one ended than to where it began.
+
+    Parameters
+    ----------
+    problem : Problem
+    minimum, other : Minimum
+    end, other_end : (n_params,) float arrays
+        Free variables of their refits.
+    """
+    if _distance(other, minimum) <= _SAME:
+        return False
+    size = sizes_at(problem, minimum.theta)
+    begun, apart = ((end - point) / np.where(size > 0, size, 1.0) for point in (minimum.theta, other_end))
+    return bool(np.linalg.norm(apart) < np.linalg.norm(begun))
+
+
 def _distance(first: Minimum, second: Minimum) -> float:
     """Posterior standard deviations between two minima, by the linearization that sees more of them."""
     step = second.theta - first.theta
