@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.intervals.bootstrap import bootstrap, bootstrap_repeats
 from structid.inversion.intervals.profile import profile
 from structid.inversion.intervals.sampling import sample
@@ -204,7 +204,20 @@ def ground(seed):
 
 
 @dataclass(frozen=True, eq=False)
-class Oscillator(BaseProblem):
+class Transformed(FreeUnknowns):
+    """Unknowns kept in their ranges by transforms, without limits for the search."""
+
+    transforms: Transforms | None = None
+
+    def physical(self, theta):
+        return self.transforms.physical(theta)
+
+    def slope(self, theta):
+        return self.transforms.slope(theta)
+
+
+@dataclass(frozen=True, eq=False)
+class Oscillator(Problem):
     """Mass (kg), damper (N s/m) and spring (N/m) from a receptance with noise of one size: a `Problem` of its own.
 
     Small and fast, for intervals that take many refits; priors are Gaussian in physical units.
@@ -217,21 +230,13 @@ class Oscillator(BaseProblem):
     prior_mean: np.ndarray | None = None
     prior_std: np.ndarray | None = None
 
-    names = ("mass", "damper", "spring")
-    kinds, units = names, ("kg", "N s/m", "N/m")
     omega = np.linspace(10.0, 60.0, 25)
-    n_data = 50
-    lines, series = np.tile(np.arange(25), 2), np.repeat([0, 1], 25)
+    rows = DataRows(np.tile(np.arange(25), 2), np.repeat([0, 1], 25))
 
     @property
-    def theta_start(self):
-        return self.transforms.free(self.start)
-
-    def physical(self, theta):
-        return self.transforms.physical(theta)
-
-    def slope(self, theta):
-        return self.transforms.slope(theta)
+    def unknowns(self):
+        names, units = ("mass", "damper", "spring"), ("kg", "N s/m", "N/m")
+        return Transformed(names, self.transforms.free(self.start), names, units, self.transforms)
 
     def residual(self, theta):
         return self.linearize(theta).residual

@@ -70,11 +70,11 @@ def test_many_lines_are_added_in_twelve_stages():
 def test_it_comes_first_for_few_lines_and_not_at_all_for_many():
     few, many = problem_of(record_of((TIP,))), problem_of(record_of((TIP,), tuple(np.linspace(0.05, 1.0, 61))))
     theta = few.theta_start + 0.1
-    plans = few.ways()
-    assert len(plans) == 1 + len(few.stage_plans())
+    plans = few.continuation_paths()
+    assert len(plans) == 1 + len(few.schedules())
     assert plans[0](theta)[0][1].unknowns.held[0] == pytest.approx(theta)
-    assert not any(callable(way) for way in many.ways())
-    assert len(many.ways()) == len(many.stage_plans())
+    assert not any(callable(way) for way in many.continuation_paths())
+    assert len(many.continuation_paths()) == len(many.schedules())
 
 
 def test_equation_form_has_no_stages():

@@ -50,7 +50,7 @@ def test_stages_that_end_worse_than_they_began_are_given_up(astray):
 def test_large_models_make_no_dense_matrices_for_a_stage():
     setup, _ = problem(8, 0)
     assert setup.structure.n_dofs > 600
-    plans = setup.prepared(IdentifyOptions()).problem.stage_plans()
+    plans = setup.prepared(IdentifyOptions()).problem.schedules()
     assert [[name for name, _ in way] for way in plans] == [[], ["modes in their order"]]
 
 

@@ -20,10 +20,11 @@ from structid.explanation.screening import of_study
 from structid.explanation.suggestions import suggestion_text
 from structid.explanation.trial import base_trial
 from structid.forward import RecordProblem
-from structid.forward.record_problem import DataRows
+from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
 from structid.identification.search import answered
 from structid.identification.together import alike, together
 from structid.identification.varying import _chances
+from structid.inversion.problem import DataRows
 from structid.inversion.search.work import ALONE
 from structid.records.formats import write_record
 from structid.study.run.run import run_started
@@ -60,18 +61,15 @@ class Logs(RecordProblem):
     rows = property(lambda self: DataRows(np.arange(len(self.data)), np.zeros(len(self.data), int), ("y",)))
     frequency = property(lambda self: np.arange(1.0, len(self.data) + 1))
 
-    def with_parts(self, parts):
-        return replace(self, parameters=parts[0])
-
     def residual(self, theta):
         values = self.parameters.values(self.physical(theta))[USED]
-        return self._residual(theta, (self.design @ np.log(values) - self.data) / self.error)
+        return residual_with_priors(self.unknowns, theta, (self.design @ np.log(values) - self.data) / self.error)
 
     def linearize(self, theta):
         values = self.parameters.values(self.physical(theta))[USED]
         inner = self.parameters.design.toarray()[USED] * self.slope(theta) / values[:, None]
         data = (self.design @ np.log(values) - self.data) / self.error
-        return self._linearized(theta, data, self.design @ inner / self.error)
+        return linearization_with_priors(self.unknowns, theta, data, self.design @ inner / self.error)
 
 
 def unknown(varies):

@@ -10,13 +10,13 @@ import structid as sid
 from structid.criticism.verdict import judged
 from structid.forward import ModalProblem
 from structid.identification.warning_words import estimate_warnings
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.covariance import larger_covariance, left_out_covariance, repeated_quantities
 from structid.inversion.diagnostics.agreement import agreement
 
 
 @dataclass(frozen=True, eq=False)
-class Repeated(BaseProblem):
+class Repeated(Problem):
     """design @ p = data, each row another quantity: what one record of several has."""
 
     design: np.ndarray
@@ -24,30 +24,12 @@ class Repeated(BaseProblem):
     numbers: tuple = (0, 1, 2, 3, 4)
     prior: float = 0.0
 
-    names = kinds = units = ("a", "b", "c")
-    theta_start = np.zeros(3)
+    unknowns = FreeUnknowns(("a", "b", "c"), np.zeros(3))
 
     @property
-    def n_data(self):
-        return len(self.data)
-
-    @property
-    def lines(self):
-        return np.arange(self.n_data)
-
-    @property
-    def series(self):
-        return np.zeros(self.n_data, int)
-
-    @property
-    def quantities(self):
-        return np.array(self.numbers)
-
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(3)
+    def rows(self):
+        n_data = len(self.data)
+        return DataRows(np.arange(n_data), np.zeros(n_data, int), quantities=np.array(self.numbers))
 
     def residual(self, theta):
         return self.linearize(theta).residual
@@ -191,7 +173,7 @@ def test_modes_that_are_each_off_in_all_records_make_an_answer_approximate(size)
     setups = [chain(k % 4, rng, bias * (1 if k % 4 < 2 else -1)) for k in range(12)]
     found = sid.identify_together(setups, sid.IdentifyOptions(restarts=0))
     assert isinstance(found.problems[0], ModalProblem)
-    assert np.array_equal(np.unique(found.problems[0].quantities), np.arange(4))
+    assert np.array_equal(np.unique(found.problems[0].rows.quantities), np.arange(4))
     verdict = judged(found)
     if size:
         assert found.estimate.covariance_basis == "model_error"

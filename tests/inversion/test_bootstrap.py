@@ -33,7 +33,7 @@ def test_block_bootstrap_has_the_covariance_of_the_block_scores():
     case = line_case(2 * correlated(2, 600))
     found = estimate(case)
     at = case.linearize(found.theta)
-    [block] = error_blocks(at.residual, case.lines, case.series)
+    [block] = error_blocks(at.residual, case.rows.lines, case.rows.series)
     scores = np.array([at.jacobian[block == b].T @ at.residual[block == b] for b in range(block.max() + 1)])
     inverse = np.linalg.inv(at.jacobian.T @ at.jacobian)
     expected = np.sqrt(np.diag(inverse @ scores.T @ scores @ inverse))
@@ -48,9 +48,9 @@ def test_block_bootstrap_counts_stretches_and_channels():
     common, offsets = correlated(6, 100, 3), 0.08 * np.array([3.0, -2.0, 1.0, -4.0, 2.0])
     y = (np.random.default_rng(3).standard_normal((100, 5)) + common[:, None] + offsets).ravel()
     series = np.tile(2 * np.arange(5), 100)
-    case = Case(constant, constant_slope, y, y, (1.0,), ("linear",), series=series)
+    case = Case(constant, constant_slope, y, y, (1.0,), ("linear",), channel=series)
     found = estimate(case)
-    blocks = error_blocks(case.residual(found.theta), case.lines, case.series)
+    blocks = error_blocks(case.residual(found.theta), case.rows.lines, case.rows.series)
     assert len(blocks) == 2
     sums = [np.bincount(block, case.residual(found.theta)) for block in blocks]
     variances = [(part**2).sum() for part in sums]

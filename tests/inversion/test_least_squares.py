@@ -6,54 +6,36 @@ import numpy as np
 import pytest
 
 from structid import GaussNewton, LevenbergMarquardt, Status, estimate
-from structid.inversion import BaseProblem, Linearization, minimize
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem, minimize
 from structid.inversion.covariance import correlation_length, inverse_information
 from structid.inversion.diagnostics.identifiability import direction_words, identifiability
 
 
 @dataclass
-class Fit(BaseProblem):
+class Fit(Problem):
     """y = f(x, p) with unit noise, parameters as they are."""
 
     model: object
     derivative: object
     x: np.ndarray
     y: np.ndarray
-    theta_start: np.ndarray
-    names: tuple
+    start: np.ndarray
+    labels: tuple
     sigma: float = 1.0
 
     @property
-    def kinds(self):
-        return ("test",) * len(self.names)
+    def unknowns(self):
+        return FreeUnknowns(self.labels, self.start)
 
     @property
-    def units(self):
-        return ("1",) * len(self.names)
-
-    @property
-    def n_data(self):
-        return len(self.x)
-
-    @property
-    def lines(self):
-        return np.arange(len(self.x))
-
-    @property
-    def series(self):
-        return np.zeros(len(self.x), int)
+    def rows(self):
+        return DataRows(np.arange(len(self.x)), np.zeros(len(self.x), int))
 
     def residual(self, theta):
         return (self.model(self.x, theta) - self.y) / self.sigma
 
     def linearize(self, theta):
         return Linearization(self.residual(theta), self.derivative(self.x, theta) / self.sigma)
-
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(len(theta))
 
 
 # NIST StRD, Misra1a (Misra 1978): y = b1 (1 - exp(-b2 x)); certified values and standard errors.
@@ -187,7 +169,7 @@ def test_priors_enter_the_covariance():
     """One datum and one prior of equal weight: the mean of both, half the variance."""
 
     class WithPrior(Fit):
-        n_data = 1
+        rows = DataRows(np.zeros(1, int), np.zeros(1, int))
 
         def residual(self, theta):
             return np.array([theta[0] - 2.0, theta[0] - 1.0])

@@ -8,11 +8,13 @@ from scipy import sparse
 
 from structid.core.errors import InputError
 from structid.inversion import (
-    BaseProblem,
+    DataRows,
+    FreeUnknowns,
     LevenbergMarquardt,
     Linearization,
     MatrixFree,
     OperatorLinearization,
+    Problem,
     Search,
     Status,
     linearization,
@@ -26,8 +28,17 @@ from structid.inversion.search.matrix_free import dense_search_fits
 EXACT = MatrixFree(gain_tolerance=1e-13, inner_tolerance=1e-9)
 
 
+class Exponential(FreeUnknowns):
+    """Positive unknowns; their logarithms are free."""
+
+    def physical(self, theta):
+        return np.exp(theta)
+
+    slope = physical
+
+
 @dataclass(frozen=True, eq=False)
-class Field(BaseProblem):
+class Field(Problem):
     """exp(theta) along a line seen through few wide windows, smooth from one to the next."""
 
     windows: np.ndarray
@@ -35,23 +46,14 @@ class Field(BaseProblem):
     smoothness: sparse.csr_array
     stored: bool
 
-    matrix_free_obstacle = ""
+    @property
+    def unknowns(self):
+        count = self.windows.shape[1]
+        return Exponential(tuple(f"p{i}" for i in range(count)), np.zeros(count), ("stiffness",) * count)
 
     @property
-    def names(self):
-        return tuple(f"p{i}" for i in range(self.windows.shape[1]))
-
-    kinds = property(lambda self: ("stiffness",) * self.windows.shape[1])
-    units = property(lambda self: ("1",) * self.windows.shape[1])
-    theta_start = property(lambda self: np.zeros(self.windows.shape[1]))
-    n_data = property(lambda self: len(self.data))
-    lines = property(lambda self: np.arange(len(self.data)))
-    series = property(lambda self: np.zeros(len(self.data), int))
-
-    def physical(self, theta):
-        return np.exp(theta)
-
-    slope = physical
+    def rows(self):
+        return DataRows(np.arange(len(self.data)), np.zeros(len(self.data), int))
 
     def residual(self, theta):
         return np.concatenate([self.windows @ np.exp(theta) - self.data, self.smoothness @ theta])

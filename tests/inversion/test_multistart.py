@@ -6,26 +6,26 @@ import numpy as np
 import pytest
 
 from structid import LevenbergMarquardt, Status, estimate
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.search.least_squares import LEFT, minimize
 from structid.inversion.search.multistart import Search, searched_minima
 from structid.inversion.search.work import Alone
 
 
 @dataclass
-class TwoWells(BaseProblem):
+class TwoWells(Problem):
     """Data that p = 1 and p = 2 explain: (p - 1) (p - 2) = 0 twice over, the second time missed by `miss` at 2."""
 
     miss: float = 0.0
-    theta_start: np.ndarray = field(default_factory=lambda: np.array([1.4]))
+    start: tuple = (1.4,)
     weight: float = 100.0
-    n_data: int = 2
-    names: tuple = ("p",)
-    kinds: tuple = ("test",)
-    units: tuple = ("1",)
-    lines: np.ndarray = field(default_factory=lambda: np.arange(2))
-    series: np.ndarray = field(default_factory=lambda: np.zeros(2, int))
     searches: list = field(default_factory=list)
+
+    @property
+    def unknowns(self):
+        return FreeUnknowns(("p", "q")[: len(self.start)], np.array(self.start))
+
+    rows = DataRows(np.arange(2), np.zeros(2, int))
 
     def residual(self, theta):
         p = theta[0]
@@ -35,12 +35,6 @@ class TwoWells(BaseProblem):
         return Linearization(
             self.residual(theta), np.array([[self.weight * (2 * theta[0] - 3)], [self.miss]], dtype=float)
         )
-
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(len(theta))
 
 
 def test_two_exact_fits_are_found_and_refused():
@@ -80,9 +74,7 @@ def test_a_likelihood_ratio_rules_out_what_chi_square_alone_allows():
     """200 more residuals at their expected size: chi-square of the second answer is unremarkable, its excess of 25 is not."""
 
     class Many(TwoWells):
-        n_data = 202
-        lines = np.arange(202)
-        series = np.zeros(202, int)
+        rows = DataRows(np.arange(202), np.zeros(202, int))
 
         def residual(self, theta):
             return np.concatenate([super().residual(theta), np.ones(200)])
@@ -91,7 +83,7 @@ def test_a_likelihood_ratio_rules_out_what_chi_square_alone_allows():
             at = super().linearize(theta)
             return Linearization(self.residual(theta), np.concatenate([at.jacobian, np.zeros((200, 1))]))
 
-    problem = Many(5.0, n_data=202, lines=np.arange(202), series=np.zeros(202, int))
+    problem = Many(5.0)
     found = estimate(problem, search=Search(uniqueness_starts=8))
     assert len(found.answers) == 2
     assert found.answers[1].cost == pytest.approx(225.0, rel=1e-3)
@@ -108,7 +100,7 @@ def test_an_undetermined_direction_is_one_answer_and_not_many():
         def linearize(self, theta):
             return Linearization(self.residual(theta), np.array([[100.0, 100.0], [0.0, 0.0]]))
 
-    problem = Sum(theta_start=np.array([1.0, 1.0]), names=("p", "q"), kinds=("a", "a"), units=("1", "1"))
+    problem = Sum(start=(1.0, 1.0))
     found = estimate(problem, search=Search(uniqueness_starts=4))
     assert len(found.answers) == 1
     assert found.answers[0].n_searches == 5
@@ -136,7 +128,7 @@ def test_ways_that_are_functions_get_the_start_of_each_search():
     def way(number):
         return lambda theta: seen.append((number, float(theta[0]))) or ()
 
-    problem = TwoWells(miss=50.0, theta_start=np.array([1.9]))
+    problem = TwoWells(miss=50.0, start=(1.9,))
     method = LevenbergMarquardt(max_iterations=0)
     estimate(problem, method, plans=(way(1), way(2)), search=Search(restarts=3, uniqueness_starts=2))
     assert [number for number, _ in seen] == [1, 2, 1, 2, 1, 1]
@@ -170,10 +162,10 @@ def test_random_points_are_drawn_in_the_order_of_the_searches_that_count(good, n
 
 
 def test_restarts_take_the_ways_in_turn_and_then_random_starts():
-    stage = TwoWells(theta_start=np.array([1.4]))
+    stage = TwoWells(start=(1.4,))
     seen = []
     estimate(
-        TwoWells(miss=50.0, theta_start=np.array([1.9])),
+        TwoWells(miss=50.0, start=(1.9,)),
         LevenbergMarquardt(max_iterations=0),
         plans=((("first", stage),), (("second", stage),)),
         search=Search(restarts=3),
@@ -193,9 +185,7 @@ class MissedWells(TwoWells):
     """The same with a third datum that nothing explains."""
 
     miss: float = 30.0
-    n_data: int = 3
-    lines: np.ndarray = field(default_factory=lambda: np.arange(3))
-    series: np.ndarray = field(default_factory=lambda: np.zeros(3, int))
+    rows = DataRows(np.arange(3), np.zeros(3, int))
 
     def residual(self, theta):
         return np.append(super().residual(theta), 100.0)
@@ -207,7 +197,7 @@ class MissedWells(TwoWells):
 
 def test_searches_that_miss_the_noise_and_are_not_the_best_are_left_early():
     """Each search by itself goes on to its minimum; of several only the best does, to the same place."""
-    problem, method = MissedWells(theta_start=np.array([1.6])), LevenbergMarquardt()
+    problem, method = MissedWells(start=(1.6,)), LevenbergMarquardt()
     search = Search(restarts=7, seed=2)
     found = searched_minima(problem, method, (), search, lambda minimum: False)
     cost = np.array([minimum.costs[-1] for minimum, _ in found])

@@ -15,7 +15,7 @@ from structid.inversion.diagnostics.residual_tests import residual_tests, runs_t
 
 def looked_at(values, series=None):
     case = Case(
-        straight, straight_slope, np.arange(len(values), dtype=float), values, (1.0,), ("linear",), series=series
+        straight, straight_slope, np.arange(len(values), dtype=float), values, (1.0,), ("linear",), channel=series
     )
     return residual_tests(case, values, len(values))
 

@@ -19,7 +19,7 @@ from structid.dynamics.transient import sampled_transient
 from structid.forward import TimeOptions
 from structid.forward.time.identify_time import identify_time
 from structid.forward.time.output_error_search import _furthest, _Start, _tried
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.estimate import estimate
 from structid.inversion.intervals.nuts import begun, continued
 from structid.inversion.intervals.sampling import sample
@@ -131,26 +131,17 @@ def test_instruments_stopped_anywhere_go_on_to_the_same_bits(tmp_path, monkeypat
     assert len(made) <= n_steps + 3
 
 
-class Bowl(BaseProblem):
+class Bowl(Problem):
     """Two parameters of which one enters as its cube, so that the chains have something to turn."""
 
-    names, kinds, units = ("p", "q"), ("test", "test"), ("1", "1")
-    theta_start = np.array([0.5, 0.5])
-    n_data = 3
+    unknowns = FreeUnknowns(("p", "q"), np.array([0.5, 0.5]))
+    rows = DataRows(np.arange(3), np.zeros(3, dtype=int))
 
     def residual(self, theta):
         return np.array([theta[0] - 1.0, 2 * theta[1] - theta[0], 0.3 * theta[1] ** 3])
 
     def linearize(self, theta):
         return Linearization(self.residual(theta), np.array([[1.0, 0.0], [-1.0, 2.0], [0.0, 0.9 * theta[1] ** 2]]))
-
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(2)
-
-    lines, series = np.arange(3), np.zeros(3, dtype=int)
 
 
 def chains(work=None):

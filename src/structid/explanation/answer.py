@@ -257,7 +257,9 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
     base, before, after, target = explanation.base, explanation.base.values, fitted.values, fitted.trial.target
     candidate, _ = fitted.trial.changes[-1]
     added = tuple(
-        (name, after[name], unit) for name, unit in zip(target.names, target.units, strict=True) if name not in before
+        (name, after[name], unit)
+        for name, unit in zip(target.names, target.unknowns.units, strict=True)
+        if name not in before
     )
     changes = fitted.trial.changes
     first = base if len(changes) == 1 else explanation.causes[0]
@@ -287,7 +289,7 @@ def _moved(result: StudyResult, base: Fitted, fitted: Fitted) -> tuple[Moved, ..
     std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
     moved = (
         Moved(name, unit, before[name], after[name], ends[name], _distance(after[name] - before[name], std[name]))
-        for name, unit in zip(target.names, target.units, strict=True)
+        for name, unit in zip(target.names, target.unknowns.units, strict=True)
         if name in before
     )
     return tuple(sorted(moved, key=lambda one: -one.distance))

@@ -54,7 +54,7 @@ def held_values(ready: Start, found: Identification) -> tuple[HeldValue, ...]:
     columns = [place[name] for name in (*free, *names)]
     estimate = found.estimate
     scale = 1.0 if fits_noise(found) else np.nan  # what a wrong model pulls at says nothing of a held value
-    std = (estimate.std / target.sizes(target.physical(theta))[[place[name] for name in estimate.names]])[
+    std = (estimate.std / target.unknowns.sizes(target.physical(theta))[[place[name] for name in estimate.names]])[
         estimate.is_free
     ]
     fixed = estimate.fixed

@@ -24,6 +24,7 @@ from structid.explanation.time_budget import time_limit_callback
 from structid.forward import FrfProblem, ModalProblem, Models, RecordProblem
 from structid.forward.frf.continuation import LEVELS
 from structid.forward.frf.problem import smooth_stage
+from structid.forward.polarities import decide_polarities
 from structid.forward.scatter import ScatterProblem, scatter_problems
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
@@ -235,7 +236,7 @@ def read_study(
         is_same = _of_record(source.section.table) == _of_record(table)
         setups.append(loaded(source, models, measured if is_same else None))
     problems = alike([setup.prepared(edited.options).problem for setup in setups], titles(setups))
-    return tuple(problem.decided(problem.theta_start) for problem in problems), tuple(setups), edited
+    return tuple(decide_polarities(problem, problem.theta_start) for problem in problems), tuple(setups), edited
 
 
 def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:

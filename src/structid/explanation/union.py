@@ -66,7 +66,7 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
     many = "one change" if len(likely) == 1 else f"{len(likely)} changes"
     words = f"intervals and deviations hold with the model as it is and with {many} that would explain the misfit about as well"
     union = DenseCovariance(np.mean(squares, axis=0))
-    known = estimate.identified & ~(union.std > found.target.sizes(estimate.values))
+    known = estimate.identified & ~(union.std > found.target.unknowns.sizes(estimate.values))
     lost = [
         name for name, before, now in zip(estimate.names, estimate.identified, known, strict=True) if before and not now
     ]

@@ -18,7 +18,7 @@ from structid.forward.motion.stream import (
     motion_solution,
     reduced_by_chunks,
 )
-from structid.forward.record_problem import ParameterProblem, RecordProblem
+from structid.forward.record_problem import RecordProblem
 from structid.forward.time.identify_time import identify_time
 from structid.forward.time.options import Oscillation, TimeOptions
 from structid.forward.time.output_error import OutputErrorProblem
@@ -39,7 +39,6 @@ __all__ = [
     "MotionSolution",
     "Oscillation",
     "OutputErrorProblem",
-    "ParameterProblem",
     "RecordProblem",
     "RecursiveMotionFit",
     "Response",

@@ -68,7 +68,7 @@ class SearchOptions:
         Whether a search on easier forms of the residual comes first, for starts far from the answer.
     start : {"near", "continuation"}
         Which way the search comes first: by easier forms of the residual, for initial values that are near, or by
-        continuation from the right half-plane, which carries further (see `continuation_plan`). The other ways
+        continuation from the right half-plane, which carries further (see `decay_continuation`). The other ways
         follow in `restarts`.
     start_error : float
         Expected error of the initial values in the logarithm, for the continuation: 0.5 is a factor of 1.65.

@@ -12,9 +12,10 @@ from scipy import sparse
 from structid.core.arrays import FloatArray, locked
 from structid.core.display import listed
 from structid.forward import RecordProblem
+from structid.forward.polarities import decide_polarities
 from structid.forward.scatter import ScatterProblem, scatter_problems
 from structid.identification.options import IdentifyOptions
-from structid.identification.together import places, together
+from structid.identification.together import joint_schedules, places, together
 from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
 from structid.inversion import Estimate, JointProblem, Linearization, Method, Problem
 from structid.inversion.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
@@ -177,7 +178,7 @@ def _by_draws(
         held = [_held(term, part.target, s, True) for term, part, s in zip(terms, unit, strengths, strict=True)]
         return Regularized(held_by(strengths), tuple(held))
     if options.pole_free_start:
-        theta = _staged(made(strengths), method, theta, progress, work)
+        theta = _staged(held_by(strengths), method, theta, progress, work)
     told = named(progress, "strength of smoothness")
     found = settled_strengths(made, differences, given, strengths, theta, options.seed, told, work.minimize)
     held = [
@@ -195,11 +196,11 @@ def _by_local_models(
     work: Work,
 ) -> Regularized:
     """Strengths by fits and exact local models in turn; see `settled`."""
-    begun = tuple(problem.decided(problem.theta_start) for problem in problems)
+    begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
     if options.pole_free_start:
-        theta = _staged(search.with_strengths(search.start), method, theta, progress, work)
+        theta = _staged(search.held_by(begun, search.start), method, theta, progress, work)
     found = settled(search.refit, search.model, search.choose, theta, search.start)
     n_terms = len(search.terms)
     held = tuple(
@@ -216,10 +217,10 @@ def _by_local_models(
 
 
 def _staged(
-    problem: Problem, method: Method, theta: FloatArray, progress: StageProgress | None, work: Work
+    problems: Sequence[RecordProblem], method: Method, theta: FloatArray, progress: StageProgress | None, work: Work
 ) -> FloatArray:
-    """Where the easier forms of a problem lead to."""
-    for name, stage in next(iter(problem.stage_plans()), ()):
+    """Free variables at the end of the first schedule of the joint problem, from `theta`."""
+    for name, stage in next(iter(joint_schedules(problems)), ()):
         theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
     return theta
 

@@ -11,11 +11,19 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.forward import RecordProblem
+from structid.forward.polarities import decide_polarities, polarities, with_polarities
 from structid.identification.fixed_values import fixed_values, freed_problems
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held, regularized, takes_matrix_free
 from structid.identification.setups.setup import AnySetup
-from structid.identification.together import places, together
+from structid.identification.together import (
+    joint_obstacle,
+    joint_paths,
+    joint_sample,
+    joint_schedules,
+    places,
+    together,
+)
 from structid.identification.varying import Varied, varied, widened_estimate
 from structid.inversion import Estimate, MatrixFree, Method, Problem, Search, Status
 from structid.inversion.estimate import estimate
@@ -103,16 +111,15 @@ def answered(
         search = Search(seed=options.seed, start=regular.theta)
 
     def found(current: tuple[RecordProblem, ...]) -> Estimate:
-        problem = together(current)
-        plans = problem.stage_plans()[:1] if method.is_matrix_free else problem.ways()
+        paths = joint_schedules(current)[:1] if method.is_matrix_free else joint_paths(current)
         staged = options.pole_free_start and regular.theta is None and not local
         return estimate(
-            problem,
+            together(current),
             method,
-            plans if staged else (),
+            paths if staged else (),
             search,
             progress=progress,
-            sample=problem.thinned(),
+            sample=joint_sample(current),
             work=work,
             fixed=fixed_values(freed_problems(setups, current, options.tolerances)),
         )
@@ -152,7 +159,7 @@ def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -
 
 def matrix_free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOptions) -> str:
     """What a matrix-free search cannot do of this study; "" where nothing stands in its way."""
-    obstacle = together(problems).matrix_free_obstacle
+    obstacle = joint_obstacle(problems)
     if not obstacle and options.intervals != "laplace":
         return f"takes intervals 'laplace', got {options.intervals!r}"
     return obstacle or takes_matrix_free(options.regularization)
@@ -172,11 +179,11 @@ def searched(
     search : callable
         The estimate of such problems as one.
     """
-    current = tuple(problem.decided(problem.theta_start) for problem in problems)
+    current = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     found = search(current)
     tried = {_polarities(current): (found, current)}
     while True:
-        current = tuple(p.decided(found.theta[places(found.names, p.names)]) for p in current)
+        current = tuple(decide_polarities(p, found.theta[places(found.names, p.names)]) for p in current)
         if _polarities(current) in tried:
             break
         found = search(current)
@@ -228,10 +235,12 @@ def _as_searched(again: Estimate, first: Estimate) -> Estimate:
 
 
 def _polarities(problems: Sequence[RecordProblem]) -> tuple[float, ...]:
-    return tuple(float(sign) for problem in problems for sign in problem.polarities)
+    """Polarities of the channels of all records, +1 or -1."""
+    return tuple(sign for problem in problems for sign in polarities(problem))
 
 
 def _with_polarities(problems: Sequence[RecordProblem], signs: Sequence[float]) -> tuple[RecordProblem, ...]:
-    ends = np.cumsum([len(problem.polarities) for problem in problems])[:-1]
+    """Copies of the problems with the polarities `signs` of all records, one after another."""
+    ends = np.cumsum([len(polarities(problem)) for problem in problems])[:-1]
     parts = np.split(np.asarray(signs), ends)
-    return tuple(problem.with_polarities(own.tolist()) for problem, own in zip(problems, parts, strict=True))
+    return tuple(with_polarities(problem, part.tolist()) for problem, part in zip(problems, parts, strict=True))

@@ -1,4 +1,4 @@
-"""The problems of several records as one: what they share begins alike, and counts once."""
+"""The joint problem of several records: shared parameters have one start and one prior, and every record counts once."""
 
 from __future__ import annotations
 
@@ -10,17 +10,73 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError
 from structid.forward import RecordProblem
-from structid.forward.scatter import scatter_problems
+from structid.forward.scatter import ScatterProblem, scatter_problems
 from structid.identification.varying import varying
 from structid.inversion import JointProblem, Problem
+from structid.inversion.problem import ContinuationPath, Schedule
 from structid.unknowns.named_unknowns import N, NamedUnknowns
 from structid.unknowns.priors import Prior, priors_of
 
 
 def together(problems: Sequence[RecordProblem]) -> Problem:
-    """The one problem, or all in one; with the scatter of what differs from record to record."""
-    scatters = scatter_problems(problems)
-    return problems[0] if len(problems) == 1 and not scatters else JointProblem((*problems, *scatters))
+    """The joint problem of all records and of the scatters between them; the problem itself where there is one."""
+    parts = _parts(problems)
+    return parts[0] if len(parts) == 1 else JointProblem(parts)
+
+
+def joint_schedules(problems: Sequence[RecordProblem]) -> Sequence[Schedule]:
+    """Schedules of the joint problem: those of each problem, joined stage by stage.
+
+    A problem with fewer schedules or stages than another stays in its last one, and one without any is as it is.
+    """
+    parts = _parts(problems)
+    if len(parts) == 1:
+        return problems[0].schedules()
+    schedules = [part.schedules() if isinstance(part, RecordProblem) else () for part in parts]
+    joined = []
+    for number in range(max(map(len, schedules))):
+        chosen = [every[min(number, len(every) - 1)] if every else () for every in schedules]
+        joined.append(tuple(_joint_stage(parts, chosen, k) for k in range(max(map(len, chosen)))))
+    return tuple(joined)
+
+
+def joint_paths(problems: Sequence[RecordProblem]) -> Sequence[ContinuationPath]:
+    """Continuation paths of the joint problem: its schedules, and those made for a start where there is one problem."""
+    return problems[0].continuation_paths() if len(_parts(problems)) == 1 else joint_schedules(problems)
+
+
+def joint_sample(problems: Sequence[RecordProblem]) -> Problem | None:
+    """The joint problem with a part of the data, for searches; None where every problem is small enough."""
+    parts = _parts(problems)
+    samples = [part.subsampled() if isinstance(part, RecordProblem) else None for part in parts]
+    if all(sample is None for sample in samples):
+        return None
+    if len(parts) == 1:
+        return samples[0]
+    return JointProblem(tuple(sample or whole for sample, whole in zip(samples, parts, strict=True)))
+
+
+def joint_obstacle(problems: Sequence[RecordProblem]) -> str:
+    """What a matrix-free search cannot take in the joint problem; "" where nothing is."""
+    obstacles = [problem.matrix_free_obstacle for problem in problems]
+    if scatter_problems(problems):
+        obstacles.append("takes no unknown that varies from record to record")
+    return next(filter(None, obstacles), "")
+
+
+def _parts(problems: Sequence[RecordProblem]) -> tuple[RecordProblem | ScatterProblem, ...]:
+    """Problems of the records, then those of the scatters between them."""
+    return (*problems, *scatter_problems(problems))
+
+
+def _joint_stage(parts: Sequence[Problem], schedules: Sequence[Schedule], stage: int) -> tuple[str, JointProblem]:
+    """One stage of each schedule: its last one where it has fewer, or the whole problem where it has none."""
+    reached = [
+        schedule[min(stage, len(schedule) - 1)] if schedule else ("", part)
+        for part, schedule in zip(parts, schedules, strict=True)
+    ]
+    names = ", ".join(dict.fromkeys(name for name, _ in reached if name))
+    return names, JointProblem(tuple(problem for _, problem in reached), first_prior_counts=True)
 
 
 def places(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:

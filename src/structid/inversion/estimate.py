@@ -16,7 +16,7 @@ from structid.core.errors import InputError
 from structid.inversion.averaging import expected_square
 from structid.inversion.covariance import correlation_length
 from structid.inversion.diagnostics.residual_tests import ResidualTests, residual_tests
-from structid.inversion.problem import Problem, Way
+from structid.inversion.problem import ContinuationPath, Problem
 from structid.inversion.search.least_squares import Method
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import Minimum
@@ -333,7 +333,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
 
 def expected_per_row(problem: Problem) -> float:
     """Mean square of the whitened data rows where all is right: 1, and n / (n - 2) where n averages tell the noise."""
-    averages = problem.averages
+    averages = problem.rows.averages
     return 1.0 if averages is None else float(expected_square(averages).mean())
 
 
@@ -346,7 +346,7 @@ def require_level(level: float) -> None:
 def estimate(
     problem: Problem,
     method: Method | None = None,
-    plans: Sequence[Way] = (),
+    plans: Sequence[ContinuationPath] = (),
     search: Search | None = None,
     misfit_probability: float = 1e-3,
     progress: StageProgress | None = None,
@@ -389,12 +389,12 @@ def estimate(
     searched, chosen, search = sample or problem, method or LevenbergMarquardt(), search or Search()
 
     fixed = None if chosen.is_matrix_free else fixed
-    held = fixed.thinned() if fixed is not None and sample is not None else fixed
+    sampled = fixed.on_sample() if fixed is not None and sample is not None else fixed
 
     def fits(minimum: Minimum) -> bool:
         if not chosen.misfits(searched, minimum, misfit_probability):
             return True
-        return held is not None and not held.refit(searched.names, minimum.theta).misfits(misfit_probability)
+        return sampled is not None and not sampled.refit(searched.names, minimum.theta).misfits(misfit_probability)
 
     minima = searched_minima(searched, chosen, plans, search, fits, progress, work)
     answers = distinct_answers(searched, [minimum for minimum, _ in minima], fits, misfit_probability)
@@ -418,14 +418,14 @@ def estimate(
     data = residual[: problem.n_data]
     return Estimate(
         names=problem.names,
-        kinds=problem.kinds,
-        units=problem.units,
+        kinds=problem.unknowns.kinds,
+        units=problem.unknowns.units,
         initial=locked(problem.physical(np.asarray(problem.theta_start))),
         values=locked(problem.physical(theta)),
         theta=locked(theta),
         slope=locked(problem.slope(theta)),
         to_physical=problem.physical,
-        scale=locked(problem.sizes(np.zeros(len(theta)))),
+        scale=locked(problem.unknowns.sizes(np.zeros(len(theta)))),
         noise=found.noise,
         model_error=found.model_error,
         covariance_basis=found.covariance_basis,
@@ -438,7 +438,7 @@ def estimate(
         chi_square=float(data @ data),
         n_data=problem.n_data,
         degrees_of_freedom=found.freedom,
-        residual_correlation=correlation_length(data, problem.lines, problem.series),
+        residual_correlation=correlation_length(data, problem.rows.lines, problem.rows.series),
         residual_tests=residual_tests(problem, residual, found.freedom)
         if within is None
         else residual_tests(within.problem, within.at.residual, found.freedom),

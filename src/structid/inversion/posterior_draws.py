@@ -55,7 +55,7 @@ def drawn_uncertainty(
     generator = np.random.default_rng(seed)
     precondition = preconditioner(at, np.zeros(at.n_params)) if draws or places else None
     sampled, determined, missed = counted_draws(at, draws, generator, precondition)
-    (scale, share), few = row_law(problem.averages), few_averages(problem.averages)
+    (scale, share), few = row_law(problem.rows.averages), few_averages(problem.rows.averages)
     freedom = share * max(at.n_data - np.nan_to_num(determined), 1.0)
     misfit = misses_noise(problem, at.residual, scale, freedom, misfit_probability)
     wider = 1.0 if few is None else float(np.sqrt(score_factor(few).max()))
@@ -71,7 +71,7 @@ def drawn_uncertainty(
         model = drawn_covariance(problem, theta, at, sampled[np.isfinite(sampled).all(axis=1)])
         missed, used = missed + more, len(model.draws)
     words = [at.words, _std_words(used, 0 if misfit else len(places), missed), _MISFIT if misfit else ""]
-    identified = (model if misfit else noise).std <= problem.sizes(problem.physical(theta))
+    identified = (model if misfit else noise).std <= problem.unknowns.sizes(problem.physical(theta))
     return Uncertainty(
         noise=noise,
         model_error=model,
@@ -178,7 +178,7 @@ def error_draws(problem: Problem, at: OperatorLinearization) -> Callable[[np.ran
     Liang and Zeger (1986), Biometrika 73, Eq. (5); Wu (1986), Ann. Statist. 14, 1261, section 7, for the factors.
     """
     residual = at.residual[: at.n_data]
-    block = error_blocks(residual, problem.lines, problem.series)[0]
+    block = error_blocks(residual, problem.rows.lines, problem.rows.series)[0]
     count = int(block.max(initial=0)) + 1
     if count < 2:
         return lambda generator: np.full(at.n_data, np.nan)

@@ -18,7 +18,7 @@ def misses_noise(
     `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where it has an
     order that noise has not.
     """
-    data, (_, share) = residual[: problem.n_data], row_law(problem.averages)
+    data, (_, share) = residual[: problem.n_data], row_law(problem.rows.averages)
     chi_square, of_known = float(data @ data) + more, freedom / share
     if freedom <= 0 or is_misfit(chi_square / scale, freedom, probability):
         return freedom > 0

@@ -283,7 +283,7 @@ def dense_uncertainty(
         The values that the model holds; exact where none are given.
     """
     values, slope = problem.physical(theta), problem.slope(theta)
-    data, sizes = at.residual[: problem.n_data], problem.sizes(values)
+    data, sizes = at.residual[: problem.n_data], problem.unknowns.sizes(values)
     freedom = max(len(at.residual) - at.n_params - at.n_eliminated, 0)
     misfit, square, within = misfits(problem, theta, at, misfit_probability), float(data @ data), None
     if misfit and fixed is not None and fixed.within is not None:
@@ -341,5 +341,5 @@ def relative_jacobian(problem: Problem, theta: FloatArray, at: Linearization) ->
 
 def relative_steps(problem: Problem, theta: FloatArray) -> FloatArray:
     """Changes of the free variables that change each physical parameter by its size, (n_params,); 0 where none does."""
-    sizes, slope = problem.sizes(problem.physical(theta)), problem.slope(theta)
+    sizes, slope = problem.unknowns.sizes(problem.physical(theta)), problem.slope(theta)
     return np.divide(np.where(sizes != 0, sizes, 1.0), slope, out=np.zeros(len(slope)), where=slope != 0)

@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.arrays import FloatArray, locked
 from structid.forward.motion.equations import TimeEquations
-from structid.forward.record_problem import ParameterProblem
-from structid.inversion import DenseCovariance, Estimate, Linearization, Status
+from structid.inversion import DataRows, DenseCovariance, Estimate, FreeUnknowns, Linearization, Problem, Status
 from structid.inversion.covariance import correlation_length, inverse_information, model_error_covariance
 from structid.inversion.diagnostics.identifiability import identifiability
 from structid.unknowns import Parameters
@@ -20,8 +19,8 @@ _UNSOUND = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class WhitenedRows(ParameterProblem):
-    """Equations linear in the parameters, with rows of unit variance, and instruments for them; no variable is transformed.
+class WhitenedRows(Problem):
+    """Equations linear in the parameters, with rows of unit variance, and instruments for them.
 
     Attributes
     ----------
@@ -30,7 +29,7 @@ class WhitenedRows(ParameterProblem):
     right : (n_rows,) float array
     instruments : (n_rows, n_params) float array
         Regressors as far as they are free of the noise of the rows.
-    lines, series : (n_rows,) int arrays
+    labels : DataRows
         Instant (or window), and twice the degree of freedom, of each row.
     """
 
@@ -38,22 +37,16 @@ class WhitenedRows(ParameterProblem):
     regressors: FloatArray
     right: FloatArray
     instruments: FloatArray
-    lines: IntArray
-    series: IntArray
+    labels: DataRows
 
     @property
-    def theta_start(self) -> FloatArray:
-        return self.parameters.start
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        return theta
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        return np.ones(len(theta))
+    def rows(self) -> DataRows:
+        return self.labels
 
     @property
-    def n_data(self) -> int:
-        return len(self.right)
+    def unknowns(self) -> FreeUnknowns:
+        """Parameters as they are: no variable is transformed."""
+        return FreeUnknowns(self.parameters.names, self.parameters.start, self.parameters.kinds, self.parameters.units)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         return self.regressors @ theta - self.right
@@ -101,7 +94,8 @@ def whitened_rows(
     """The `WhitenedRows` of (n_times, n_dofs, n_params), (n_times, n_dofs) and (n_times, n_dofs, n_params)."""
     lines, series = np.divmod(np.arange(right.size), right.shape[1])
     flat = (right.size, unknown.n_params)
-    return WhitenedRows(unknown, regressors.reshape(flat), right.ravel(), instruments.reshape(flat), lines, 2 * series)
+    labels = DataRows(lines, 2 * series)
+    return WhitenedRows(unknown, regressors.reshape(flat), right.ravel(), instruments.reshape(flat), labels)
 
 
 def dense_rows(equations: TimeEquations, fields: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -166,7 +160,9 @@ def linear_estimate(
         n_data=rows.n_data,
         chi_square=chi_square if known_noise else float("nan"),
         degrees_of_freedom=freedom,
-        residual_correlation=correlation_length(residual, rows.lines, rows.series) if determined else float("nan"),
+        residual_correlation=correlation_length(residual, rows.labels.lines, rows.labels.series)
+        if determined
+        else float("nan"),
         n_iterations=len(history) - 1,
         n_starts=1,
         n_agreeing=1,

@@ -107,5 +107,5 @@ def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[
             rows = residual[(kinds == kind) & (residual != 0)]
             yield f"the {kind} of {f'record {name}' if name else 'the modes'}", rows, _OF_MODES
         return
-    few = 1.0 if problem.averages is None else float(expected_square(problem.averages).mean())
+    few = 1.0 if problem.rows.averages is None else float(expected_square(problem.rows.averages).mean())
     yield f"the values of record {name}", residual, _OF_LINES * few

@@ -65,7 +65,7 @@ class ResidualTests:
     Attributes
     ----------
     series : tuple of SeriesTest
-        One a channel (real and imaginary parts apart), in the order of `Problem.series`.
+        One a channel (real and imaginary parts apart), in the order of `DataRows.series`.
     chi_square_per_dof : float
     chi_square_probability : float
         Of a larger chi-square, if model and noise level were right. Where few averages tell the noise, by the law of
@@ -165,16 +165,16 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: f
     chi_square = float(data @ data)
     freedom = degrees_of_freedom
     tests = []
-    for number in np.unique(problem.series):
-        rows = np.flatnonzero(problem.series == number)
-        tests.append(_series_test(f"series {number}", data[rows[np.argsort(problem.lines[rows], kind="stable")]]))
+    for number in np.unique(problem.rows.series):
+        rows = np.flatnonzero(problem.rows.series == number)
+        tests.append(_series_test(f"series {number}", data[rows[np.argsort(problem.rows.lines[rows], kind="stable")]]))
     return ResidualTests(
         series=tuple(tests),
         chi_square_per_dof=chi_square / freedom if freedom > 0 else float("nan"),
         chi_square_probability=misfit_probability(problem, chi_square, freedom) if freedom > 0 else float("nan"),
         whiteness_probability=_smallest(tests, lambda test: test.whiteness_probability),
         runs_probability=_smallest(tests, lambda test: test.runs_probability),
-        normality_probability=_normality(data, few_averages(problem.averages)) if freedom > 0 else float("nan"),
+        normality_probability=_normality(data, few_averages(problem.rows.averages)) if freedom > 0 else float("nan"),
     )
 
 
@@ -186,7 +186,7 @@ def has_order(problem: Problem, residual: FloatArray, degrees_of_freedom: float)
 
 def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> float:
     """Of a larger sum of squares of the data: of the two laws that it may have, the one that doubts it less."""
-    scale, share = row_law(problem.averages)
+    scale, share = row_law(problem.rows.averages)
     known, few = (special.gammaincc(freedom * f / 2, chi_square / s / 2) for s, f in ((1.0, 1.0), (scale, share)))
     return float(sorted((known, 0.5, few))[1]) if share < 1 else float(known)
 

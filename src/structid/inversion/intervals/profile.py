@@ -14,7 +14,7 @@ from structid.inversion.averaging import few_averages
 from structid.inversion.covariance import fit_covariance
 from structid.inversion.estimate import Estimate, require_level
 from structid.inversion.problem import Problem
-from structid.inversion.problems.wrapped import Held
+from structid.inversion.problems.wrapped import FixedVariable
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import Stored
@@ -219,7 +219,7 @@ def _scale(problem: Problem, estimate: Estimate, index: int) -> float:
 
     For a parameter that is not identified these say nothing, and chi-square per degree of freedom stands for it.
     """
-    few = few_averages(problem.averages)
+    few = few_averages(problem.rows.averages)
     if estimate.covariance_basis == "noise" and few is None:
         return 1.0
     if not estimate.identified[index]:
@@ -315,13 +315,15 @@ class _Side:
     def _fitted(self, theta: FloatArray, at: float) -> tuple[FloatArray, float, float] | None:
         """The constrained minimum at `at` from the point `theta`: all variables, deviance and its slope."""
         others = np.delete(theta, self.index)
-        held = Held(self.problem, self.index, at)
+        others_free = FixedVariable(self.problem, self.index, at)
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 begin = others + self._tangent(theta) * (at - theta[self.index])
-                if not np.isfinite(held.residual(begin)).all():
+                if not np.isfinite(others_free.residual(begin)).all():
                     begin = others
-                whole = held.whole(minimize(held, _SEARCH, begin).theta) if len(others) else held.whole(others)
+                if len(others):
+                    others = minimize(others_free, _SEARCH, begin).theta
+                whole = others_free.whole(others)
                 reached = self.problem.linearize(whole)
                 cost = float(reached.residual @ reached.residual)
         except (SingularModelError, np.linalg.LinAlgError):

@@ -170,7 +170,7 @@ def sample(
         raise InputError(f"`sampler` must be 'nuts' or 'emcee', got {sampler!r}; take 'nuts'")
     if flat_in not in ("physical", "free"):
         raise InputError(f"`flat_in` must be 'physical' or 'free', got {flat_in!r}; take 'physical'")
-    few = few_averages(problem.averages)
+    few = few_averages(problem.rows.averages)
     factor = _whitening(estimate, None if few is None else fit_covariance(problem, estimate.theta))
     target, counts = _Target(problem, np.array(estimate.theta), factor, flat_in), (n_draws, n_chains, n_warmup)
     rng = rng or np.random.default_rng(0)
@@ -183,7 +183,7 @@ def sample(
     columns = [theta[:, :, j] for j in range(theta.shape[2])]
     r_hat, bulk, tail = (locked([f(c) for c in columns]) for f in (split_r_hat, bulk_sample_size, tail_sample_size))
     counted = drawn.n_divergent, drawn.n_evaluations
-    return Samples(problem.names, problem.units, locked(physical), stretched, r_hat, bulk, tail, *counted)
+    return Samples(problem.names, problem.unknowns.units, locked(physical), stretched, r_hat, bulk, tail, *counted)
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,7 +86,7 @@ class Damping:
     scale, limit : (n_params,) float arrays
         Recent largest lengths of the Jacobian's columns; most that each variable may change by in a step.
     reach : (n_params, 2) float array
-        Free variables between which the search stays (`Problem.reach`).
+        Free variables between which the search stays (`Unknowns.reach`).
     """
 
     factor: float
@@ -230,7 +230,9 @@ def minimize(
 
 def _reach(problem: Problem, start: FloatArray) -> FloatArray:
     """Between which free variables the search stays: the problem's, and its own start in any case."""
-    return np.stack([np.minimum(problem.reach[:, 0], start), np.maximum(problem.reach[:, 1], start)], axis=1)
+    return np.stack(
+        [np.minimum(problem.unknowns.reach[:, 0], start), np.maximum(problem.unknowns.reach[:, 1], start)], axis=1
+    )
 
 
 def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[float], inner: Sequence[int]) -> State:
@@ -250,7 +252,7 @@ def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[floa
 def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
     """`Point.size` at free variables."""
     slope = np.maximum(np.abs(problem.slope(theta)), 1e-100)  # 0 where a bounded parameter is at its bound
-    size: FloatArray = problem.sizes(problem.physical(theta)) / slope
+    size: FloatArray = problem.unknowns.sizes(problem.physical(theta)) / slope
     return size
 
 

@@ -14,7 +14,7 @@ from structid.core.arrays import FloatArray, locked
 from structid.core.errors import SingularModelError
 from structid.inversion.diagnostics.bounds import at_bounds
 from structid.inversion.linearization import Linearization
-from structid.inversion.problem import Problem, Stages, Way
+from structid.inversion.problem import ContinuationPath, Problem, Schedule
 from structid.inversion.search.least_squares import LEFT, Method, sizes_at
 from structid.inversion.search.minimum import Minimum, Progress, Stored, residual_at, squared
 from structid.inversion.search.work import (
@@ -93,7 +93,7 @@ class Search:
 def searched_minima(
     problem: Problem,
     method: Method,
-    ways: Sequence[Way],
+    ways: Sequence[ContinuationPath],
     search: Search,
     fits: Callable[[Minimum], bool],
     progress: StageProgress | None = None,
@@ -108,8 +108,8 @@ def searched_minima(
     Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
-    chosen: Sequence[Way] = ways or ((),)
-    spread = _SPREAD * problem.sizes(problem.physical(start)) / problem.slope(start)
+    chosen: Sequence[ContinuationPath] = ways or ((),)
+    spread = _SPREAD * problem.unknowns.sizes(problem.physical(start)) / problem.slope(start)
     rng = np.random.default_rng(search.seed)
     most = max(search.uniqueness_starts, search.doubt_starts)
     points = [spread * rng.standard_normal(len(start)) for _ in range(search.restarts + most)]
@@ -178,7 +178,9 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
     return any(one.is_pushed for one in at_bounds(problem, best.theta, cast(Linearization, best.linearization)))
 
 
-def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools) -> Stored:
+def _search(
+    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: Tools
+) -> Stored:
     """One of several searches, as a task: its number, its way and its start are the item."""
     (problem, method, ways), (number, which, theta) = shared, item
     way = ways[which]
@@ -201,7 +203,7 @@ def _found(problem: Problem, method: Method, task: Stored) -> tuple[Minimum, int
 def staged(
     problem: Problem,
     method: Method,
-    stages: Stages,
+    stages: Schedule,
     theta: FloatArray,
     progress: StageProgress | None,
     prefix: str = "",

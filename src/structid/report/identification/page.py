@@ -155,7 +155,7 @@ def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
 def _modal(identification: Identification, place: int) -> dict[str, object]:
     """What the page shows of a record of modes."""
     fit = identification.modal_fits[place]
-    is_unknown = any(kind == "mass" for kind in fit.problem.kinds)
+    is_unknown = any(kind == "mass" for kind in fit.problem.unknowns.kinds)
     return {
         "number": place + 1,
         "title": fit.name,

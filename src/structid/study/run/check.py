@@ -123,12 +123,12 @@ class Predicted:
 
     @property
     def units(self) -> tuple[str, ...]:
-        return self.problem.units
+        return self.problem.unknowns.units
 
     @property
     def sizes(self) -> FloatArray:
         """What each standard deviation is held against, (n_params,)."""
-        return self.problem.sizes(self.start)
+        return self.problem.unknowns.sizes(self.start)
 
     @property
     def std(self) -> FloatArray:
@@ -262,8 +262,8 @@ def _by_jacobian(ready: Start) -> Predicted:
         covariance, assumption = DenseCovariance(of_data.matrix + influence.covariance), f"± includes {influence.words}"
     relative = relative_jacobian(problem, theta, at)
     found = identifiability(relative, problem.physical(theta), problem.names)
-    identified = of_data.std <= problem.sizes(problem.physical(theta))
-    warnings = unused_damping(ready.problems, problem.names, problem.kinds, identified)
+    identified = of_data.std <= problem.unknowns.sizes(problem.physical(theta))
+    warnings = unused_damping(ready.problems, problem.names, problem.unknowns.kinds, identified)
     if not all(part.facts.measures_force for part in ready.problems):
         warnings += _ratio_warnings(problem, relative, identified)
     left = [term_name(term) for term in ready.study.options.regularization if term not in terms]
@@ -355,7 +355,7 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
 
 def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarray) -> list[str]:
     """That modes alone give no kilograms, where they do not."""
-    members = common_scale(jacobian, problem)
+    members = common_scale(jacobian, problem.unknowns.kinds)
     if members is None or identified[members].any():
         return []
     return [scale_words([problem.names[i] for i in members])]

@@ -153,7 +153,9 @@ def _staged(problems: Sequence[RecordProblem], level: float) -> list[RecordProbl
         assert isinstance(problem, FrfProblem)
         if not level:
             own_form = replace(problem, form="pole_free", model_error=_LINE_ERROR)
-            found.append(own_form.held(own_form.theta_start, start_deviation(own_form.unknowns, _START_ERROR)))
+            found.append(
+                own_form.with_free_prior(own_form.theta_start, start_deviation(own_form.unknowns, _START_ERROR))
+            )
             continue
         record = problem.record.lines(np.flatnonzero(problem.record.frequency > 0))
         at, weights = _averages(record.omega, level)
@@ -166,7 +168,7 @@ def _staged(problems: Sequence[RecordProblem], level: float) -> list[RecordProbl
         power = np.abs(record.laplace) ** DERIVATIVES[record.kind]
         mapped = runs.mapped(own.frequency, partial(_smoothed_lines, weights, lines, power))
         made = _with_runs(replace(problem, record=own, form="log", model_error=_LINE_ERROR), mapped)
-        found.append(made.held(made.theta_start, start_deviation(made.unknowns, _START_ERROR)))
+        found.append(made.with_free_prior(made.theta_start, start_deviation(made.unknowns, _START_ERROR)))
     return found
 
 
