@@ -66,8 +66,8 @@ def test_the_jacobian_gives_the_gradient_of_the_likelihood_in_gains_and_delays()
         [[np.sum(problem.residual(theta + k * step * e) ** 2) for k in (2, 1, -1, -2)] for e in np.eye(16)]
     )
     difference = costs @ [-1, 8, -8, 1] / (12 * step)
-    for kind in set(problem.kinds):  # of each kind: a second is as much as many newtons
-        own = [k for k, other in enumerate(problem.kinds) if other == kind]
+    for kind in set(problem.unknowns.kinds):  # of each kind: a second is as much as many newtons
+        own = [k for k, other in enumerate(problem.unknowns.kinds) if other == kind]
         np.testing.assert_allclose(gradient[own], difference[own], atol=1e-6 * np.abs(gradient[own]).max())
 
 
