@@ -9,6 +9,7 @@ from scipy import linalg
 from short_record_cases import RATE, chain, exact_motion, record, unknowns
 from structid import ChannelUnknown, IdentifyOptions, InputError, TimeRecord, channel_errors, identify_together
 from structid.forward import SpectraProblem
+from structid.forward.polarities import with_polarities
 from structid.identification.setups.time import TimeFit, TimeSetup
 from structid.records.transforms.finite_spectra import finite_spectra
 
@@ -32,7 +33,7 @@ def spectra_with(errors, decay=0.0, seed=2, **more):
 
 @pytest.mark.parametrize("decay", [0.0, 0.7])
 def test_the_likelihood_with_errors_of_channels_is_that_of_the_textbook(decay):
-    problem = spectra_with(EVERY, decay, order=2).with_polarities([-1.0])
+    problem = with_polarities(spectra_with(EVERY, decay, order=2), [-1.0])
     structure, spectra = problem.structure, problem.spectra
     values = problem.parameters.values(problem.parameters.start)
     mass, damping, stiffness = (structure.matrix(law, values).toarray() for law in ("inertia", "viscous", "elastic"))
