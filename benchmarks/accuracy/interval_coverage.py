@@ -126,7 +126,10 @@ def model_error(name, sensors, gains=0.0):
         error = error + gains * rng.standard_normal((n, 1))
         found = sid.estimate(sid.FrfProblem(structure, truth, replace(record, values=record.values * (1 + error))))
         bases = {f"{name}-noise": "noise", f"{name}-model": "model_error"}
-        ends = {row: replace(found, covariance_basis=basis).interval() for row, basis in bases.items()}
+        ends = {
+            row: replace(found, spread=replace(found.spread, covariance_basis=basis)).interval()
+            for row, basis in bases.items()
+        }
         return {row: inside(part, truth.start, found) for row, part in ends.items()}
 
     return repeat

@@ -57,7 +57,9 @@ def predictive(found: Answer, arrangements: Sequence[int], model: Model) -> tupl
         at = part.linearize(theta)
         rows = at.jacobian[: part.n_data]
         place = [found.estimate.names.index(name) for name in part.names]
-        free = found.estimate.covariance_noise[np.ix_(place, place)] / np.outer(part.slope(theta), part.slope(theta))
+        free = found.estimate.spread.covariance_noise[np.ix_(place, place)] / np.outer(
+            part.slope(theta), part.slope(theta)
+        )
         for name, std in scatter.items():
             free[part.names.index(name), part.names.index(name)] += std**2
         covariance = rows @ free @ rows.T + np.eye(part.n_data)

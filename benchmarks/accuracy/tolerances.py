@@ -352,7 +352,7 @@ def repeat(rig: Rig, kind: str, tolerance: float, seed: int, options: sid.Identi
     told.held.append((low <= true) & (true <= high))
     told.held_noise.append(np.abs(estimate.values - true) <= 1.96 * estimate.std_noise)
     told.verdicts.append(judged(found).verdict)
-    told.misfits.append(estimate.misfit)
+    told.misfits.append(estimate.goodness.misfit)
 
 
 def two_states(

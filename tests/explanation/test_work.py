@@ -38,7 +38,9 @@ def base(study):
     ready = started(study)
     estimate = run_started(ready).identification.estimate
     problems = tuple(decide_polarities(problem, problem.theta_start) for problem in ready.problems)
-    return Fitted(base_trial(study, ready.setups, problems, estimate.theta), estimate.theta, estimate.chi_square)
+    return Fitted(
+        base_trial(study, ready.setups, problems, estimate.theta), estimate.theta, estimate.goodness.chi_square
+    )
 
 
 def causes(study, run):

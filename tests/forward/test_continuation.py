@@ -150,7 +150,7 @@ def test_search_on_a_part_of_the_lines_ends_where_all_lines_lead(monkeypatch):
     whole = sid.estimate(problem, plans=problem.schedules()[:1])
     np.testing.assert_allclose(part.values, whole.values, atol=1e-3 * whole.std.min(), rtol=1e-6)
     np.testing.assert_allclose(part.std, whole.std, rtol=1e-6)
-    assert part.degrees_of_freedom == whole.degrees_of_freedom
+    assert part.goodness.degrees_of_freedom == whole.goodness.degrees_of_freedom
 
 
 def test_thinned_lines_are_spread_in_the_logarithm():
@@ -173,5 +173,5 @@ def test_identify_comes_by_continuation_where_asked():
         lambda name, iteration, cost: stages.append(name),
     ).estimate
     assert stages[0].startswith("decay")
-    assert found.n_starts == 1
+    assert found.search.n_starts == 1
     assert (np.abs(found.values - truth.start) < 5 * found.std).all()

@@ -105,7 +105,7 @@ def test_an_alias_is_told():
     record = record_of((TIP,), GRID)
     told = identified(start_of(0.20, 0), record, uniqueness_starts=3)
     assert told.estimate.status is sid.Status.NOT_IDENTIFIABLE
-    assert told.estimate.n_fitting > 1
-    assert max(rms(a.values / CASE_2.actual - 1) for a in told.estimate.answers if a.fits) > 0.1
-    assert min(a.distance for a in told.estimate.answers[1:]) > 1e6
+    assert told.estimate.search.n_fitting > 1
+    assert max(rms(a.values / CASE_2.actual - 1) for a in told.estimate.search.answers if a.fits) > 0.1
+    assert min(a.distance for a in told.estimate.search.answers[1:]) > 1e6
     assert any("distinct parameter sets fit the data equally well" in w for w in told.warnings)

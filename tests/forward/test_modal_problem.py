@@ -306,8 +306,8 @@ def test_modal_standard_deviations_are_those_of_repeated_measurements():
         record = measured(structure, truth.values(truth.start), ["1X", "2X", "3X", "4X", "5X"], 4, rng)
         found = estimate(ModalProblem(structure, truth, record))
         scores.append((found.values - truth.start) / found.std_noise)
-        chi.append(found.chi_square)
-    freedom = found.degrees_of_freedom
+        chi.append(found.goodness.chi_square)
+    freedom = found.goodness.degrees_of_freedom
     assert freedom == 4 * 5 - 6  # four frequencies and four shapes of five entries, less scale, less unknowns
     assert np.mean(chi) == pytest.approx(freedom, rel=0.15)  # standard deviation of the mean is 5 %
     assert np.mean(np.square(scores)) == pytest.approx(1.0, abs=0.25)
@@ -326,8 +326,8 @@ def test_modal_group_data_are_weighted_right(frequency_error, expected):
         record = measured(structure, truth.values(truth.start), channels, 4, rng, frequency_error)
         found = estimate(ModalProblem(structure, truth, record))
         scores.append((found.values - truth.start) / found.std_noise)
-        chi.append(found.chi_square)
-    assert found.degrees_of_freedom == 4 * 4 - 4
+        chi.append(found.goodness.chi_square)
+    assert found.goodness.degrees_of_freedom == 4 * 4 - 4
     assert np.mean(chi) == pytest.approx(expected, rel=0.16)  # standard deviation of the mean is 5 to 6 %
     assert np.mean(np.square(scores)) == pytest.approx(1.0, abs=0.35)
 
@@ -553,11 +553,11 @@ def test_covariance_counts_how_modes_vary_together():
         found = estimate(ModalProblem(structure, unknown, drawn))
         assert found.covariance_basis == "noise"
         answers.append(found.values)
-        predicted.append(np.diag(found.covariance_noise))
+        predicted.append(np.diag(found.spread.covariance_noise))
     ratio = np.std(answers, axis=0) / np.sqrt(np.mean(predicted, axis=0))
     assert ratio == pytest.approx(np.ones(5), abs=0.25)  # three standard errors of 80 repeats
     independent = estimate(ModalProblem(structure, unknown, replace(clean, changes=None)))
-    assert np.abs(np.log(np.diag(independent.covariance_noise) / np.mean(predicted, axis=0))).max() > 0.5
+    assert np.abs(np.log(np.diag(independent.spread.covariance_noise) / np.mean(predicted, axis=0))).max() > 0.5
 
 
 def test_joint_problem_counts_each_record_by_its_own_errors():
@@ -566,5 +566,5 @@ def test_joint_problem_counts_each_record_by_its_own_errors():
     record = with_changes(measured(structure, structure.values, ("1X", "2X", "4X", "5X"), 4), rng)
     alone = ModalProblem(structure, unknown, record)
     twice = JointProblem((alone, ModalProblem(structure, unknown, record)))
-    one, two = (estimate(problem).covariance_noise for problem in (alone, twice))
+    one, two = (estimate(problem).spread.covariance_noise for problem in (alone, twice))
     np.testing.assert_allclose(two, one / 2, rtol=1e-6)

@@ -107,7 +107,7 @@ def test_rows_are_those_of_known_entries_and_what_is_unknown_has_no_part():
     }
     assert pairs == {(m, c) for m in range(4) for c in range(5)} - {(0, 1), (2, 3), (2, 4)}
     assert pull(problem, problem.theta_start)["shapes"][0] == 17
-    freedom = estimate(problem).degrees_of_freedom
+    freedom = estimate(problem).goodness.degrees_of_freedom
     assert freedom == 4 + 17 - 4 - 5  # frequencies and entries, less scales, less unknowns
     noisy = problem_of(replace(record, shape_std=np.where(record.known, record.shape_std, 7.0)))
     assert np.array_equal(noisy.residual(problem.theta_start), problem.residual(problem.theta_start))
@@ -127,7 +127,7 @@ def test_a_channel_that_is_unknown_throughout_is_one_that_is_not_there(form, opt
     settings = ModalSettings(form=form, **options)
     setups = [ModalSetup(storeys(), one.parameters, each, settings) for each in (dead, less)]
     answers = [identify_together([setup]).estimate for setup in setups]
-    names = [[test.name for test in answer.residual_tests.series] for answer in answers]
+    names = [[test.name for test in answer.goodness.residual_tests.series] for answer in answers]
     assert names[0] == names[1]
     assert not any("3X" in name for name in names[0])
     assert answers[0].values == pytest.approx(answers[1].values, rel=1e-6)
@@ -138,7 +138,7 @@ def test_a_channel_that_no_group_of_modes_has_whole_has_no_row():
     problem = problem_of(record, closeness=0.5)
     assert [len(group.members) for group in problem.data.groups] == [1, 3]
     found = identify_together([ModalSetup(storeys(), problem.parameters, record, ModalSettings(closeness=0.5))])
-    named = [test.name for test in found.estimate.residual_tests.series]
+    named = [test.name for test in found.estimate.goodness.residual_tests.series]
     assert named == [*(f"shape at {c}X+" for c in (1, 2, 4, 5)), "mixing of close modes", "frequency"]
     assert pull(problem, problem.theta_start)["shapes"][0] == 4 * 4
 
@@ -168,7 +168,7 @@ def test_a_mode_without_a_shape_is_paired_by_its_frequency_and_counts_by_it():
     assert (problem.rows.series < 2 * 5).sum() == 15
     found = estimate(problem)
     assert found.status is Status.CONVERGED
-    assert found.degrees_of_freedom == 4 + 15 - 3 - 5
+    assert found.goodness.degrees_of_freedom == 4 + 15 - 3 - 5
     both = (problem, problem_of(record.some_modes([0, 1, 3])))
     more, less = (one.linearize(problem.theta_start).jacobian for one in both)
     gain = np.linalg.eigvalsh(more.T @ more - less.T @ less)

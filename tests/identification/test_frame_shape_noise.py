@@ -25,7 +25,7 @@ def test_twelve_stiffnesses_from_three_modes_are_right_to_their_deviations():
         found = identify_together([setup]).estimate
         errors.append((found.values - true) / found.std)
         assert found.status is (Status.NOT_IDENTIFIABLE if seed == 5 else Status.CONVERGED)
-        assert found.n_fitting == (2 if seed == 5 else 1)
+        assert found.search.n_fitting == (2 if seed == 5 else 1)
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.4
 
 

@@ -52,7 +52,7 @@ def test_smoothness_recovers_every_element_where_two_noisy_sensors_alone_do_not(
     if rule == "discrepancy":
         n = found.problem.n_data
         # the strength is chosen with the noise of the measured sizes, the last fit has it of the model's
-        assert found.estimate.chi_square == pytest.approx(n + np.sqrt(2 * n), abs=0.15 * np.sqrt(2 * n))
+        assert found.estimate.goodness.chi_square == pytest.approx(n + np.sqrt(2 * n), abs=0.15 * np.sqrt(2 * n))
     elif rule == 100.0:
         assert (held.strengths == 100.0).all()
 

@@ -132,10 +132,10 @@ def test_a_given_scatter_is_generalized_least_squares(seed):
     estimate = found.estimate
     assert estimate.names[:3] == ("mass[m]", "stiffness[a]", "stiffness[b]")
     assert estimate.theta[:3] == pytest.approx(beta, abs=1e-7)
-    free = estimate.covariance_noise[:3, :3] / np.outer(estimate.values[:3], estimate.values[:3])
+    free = estimate.spread.covariance_noise[:3, :3] / np.outer(estimate.values[:3], estimate.values[:3])
     assert free == pytest.approx(covariance, rel=1e-6)
-    assert estimate.chi_square == pytest.approx(chi_square, rel=1e-8)
-    assert estimate.degrees_of_freedom == N_RECORDS * N_ROWS - 3
+    assert estimate.goodness.chi_square == pytest.approx(chi_square, rel=1e-8)
+    assert estimate.goodness.degrees_of_freedom == N_RECORDS * N_ROWS - 3
     assert estimate.status is sid.Status.CONVERGED
     assert estimate.identifiability.rank == len(estimate.names)
     assert found.varied[0].rule == "given"
@@ -165,7 +165,7 @@ def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
         (beta - mean) * weight[:, None]
     )
     estimate = found.estimate
-    free = estimate.covariance_noise[:3, :3] / np.outer(estimate.values[:3], estimate.values[:3])
+    free = estimate.spread.covariance_noise[:3, :3] / np.outer(estimate.values[:3], estimate.values[:3])
     assert np.diag(free) == pytest.approx(np.diag(mixed), rel=0.03)
 
 
@@ -312,7 +312,7 @@ def test_of_changes_of_the_study_one_step_promises_most_of_a_value_of_each_recor
     ready = started(load_study(study(tmp_path, benchmark, benchmark.CLAMP * CLAMPS, "")))
     found = run_started(ready).identification
     trial = base_trial(ready.study, ready.setups, found.problems, found.estimate.theta)
-    base = Fitted(trial, found.estimate.theta, found.estimate.chi_square)
+    base = Fitted(trial, found.estimate.theta, found.estimate.goodness.chi_square)
     first = min(of_study(base, ALONE, "changes of the study"), key=lambda row: row.left)
     assert (first.candidate.kind, first.candidate.where) == ("varies", ("stiffness[clamp]",))
     assert first.left < 0.2 * base.cost

@@ -76,7 +76,7 @@ def test_between_and_within_are_those_of_fits_to_each_quantity():
         own += np.linalg.lstsq(at.jacobian[rows], at.residual[rows], rcond=None)[1][0]
     test = agreement(problem, at)
     assert (test.between, test.within) == (12, 25)
-    assert test.ratio == pytest.approx((found.chi_square - own) / 12 / (own / 25), rel=1e-9)
+    assert test.ratio == pytest.approx((found.goodness.chi_square - own) / 12 / (own / 25), rel=1e-9)
     assert test.probability == pytest.approx(stats.f.sf(test.ratio, 12, 25), rel=1e-9)
 
 
@@ -95,7 +95,7 @@ def test_quantities_left_out_are_fits_without_them(prior):
         moved.append(sid.estimate(sid.JointProblem(tuple(rest))).values - found.values)
     expected = 0.8 * np.array(moved).T @ np.array(moved)
     assert left_out_covariance(at, repeated_quantities(problem)) == pytest.approx(expected, rel=1e-6)
-    widest = np.linalg.eigvalsh(found.covariance_model_error - expected)
+    widest = np.linalg.eigvalsh(found.spread.covariance_model_error - expected)
     assert widest.min() > -1e-9 * np.abs(expected).max()
 
 
@@ -103,9 +103,9 @@ def test_disagreement_makes_the_deviations_where_chi_square_shows_nothing():
     """The noise is stated so large that chi-square is below one a degree of freedom."""
     problem = records(5, size=0.05, apart=0.4)
     found = sid.estimate(problem)
-    assert found.chi_square_probability > 0.5
+    assert found.goodness.chi_square_probability > 0.5
     assert found.covariance_basis == "model_error"
-    assert found.disagreement.probability < 1e-3
+    assert found.spread.disagreement.probability < 1e-3
     assert (
         found.std
         >= np.sqrt(np.diag(left_out_covariance(problem.linearize(found.theta), np.tile(np.arange(5), 8)))) * 0.999
@@ -115,7 +115,7 @@ def test_disagreement_makes_the_deviations_where_chi_square_shows_nothing():
     assert not any("does not fit to within the noise" in one for one in warnings)
     right = sid.estimate(records(5, size=0.05))
     assert right.covariance_basis == "noise"
-    assert right.disagreement is None
+    assert right.spread.disagreement is None
 
 
 def test_only_what_several_records_repeat_is_tested():
@@ -181,5 +181,5 @@ def test_modes_that_are_each_off_in_all_records_make_an_answer_approximate(size)
         assert "asks for other values" in verdict.words
         assert any("asks for other values" in one for one in found.warnings)
     else:
-        assert found.estimate.disagreement is None
+        assert found.estimate.spread.disagreement is None
         assert not any("asks for other values" in one for one in found.warnings)

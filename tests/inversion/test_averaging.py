@@ -93,7 +93,7 @@ def test_an_order_in_the_residual_is_model_error_where_the_size_is_that_of_few_a
     """A heavier mass, seed 3: chi-square is what 8 averages leave now and then, but signs go together."""
     found = [estimate(averaged(8, 3, lines=400, noise=0.1, heavier=h)) for h in (1.0, 1.009)]
     assert [one.covariance_basis for one in found] == ["noise", "model_error"]
-    assert found[1].chi_square_probability > 0.002
+    assert found[1].goodness.chi_square_probability > 0.002
 
 
 def test_every_kind_of_interval_knows_of_few_averages():

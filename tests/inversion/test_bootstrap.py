@@ -79,11 +79,13 @@ def test_bootstrap_of_repeats_has_the_variance_of_a_mean():
     """The average over 300 sets of five repeats of the bootstrap variance of their mean: 1/5 within 10 %."""
     base = estimate(mean_case([1.0, 2.0]))
     variances = []
+
+    def mean(chosen):
+        return replace(base, parameters=replace(base.parameters, values=np.array([np.mean(chosen)])))
+
     for seed in range(300):
         repeats = np.random.default_rng(seed).standard_normal(5)
-        boot = bootstrap_repeats(
-            repeats, lambda chosen: replace(base, values=np.array([np.mean(chosen)])), 60, np.random.default_rng(seed)
-        )
+        boot = bootstrap_repeats(repeats, mean, 60, np.random.default_rng(seed))
         variances.append(boot.covariance[0, 0])
     assert np.mean(variances) == pytest.approx(0.2, rel=0.1)
 
@@ -118,7 +120,7 @@ def test_failures_are_counted_and_many_of_them_refuse_the_interval():
 def test_search_that_does_not_converge_is_a_failure():
     case = decay_case(9)
     found = estimate(case)
-    far = replace(found, theta=found.theta + np.array([0.0, 40.0]))
+    far = replace(found, parameters=replace(found.parameters, theta=found.theta + np.array([0.0, 40.0])))
     boot = bootstrap(case, far, "noise", 5, np.random.default_rng(0))
     assert len(boot.values) + len(boot.failures) == 5
 

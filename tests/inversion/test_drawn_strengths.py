@@ -69,7 +69,7 @@ def test_counted_combinations_are_the_exact_trace():
     prior = found.strengths[0] * (held.matrix.T @ held.matrix).toarray()
     exact = np.trace(np.linalg.solve(jacobian.T @ jacobian + prior, jacobian.T @ jacobian)) - 1
     assert found.determined[0] == pytest.approx(exact, rel=0.35)  # eight draws, a strength from before the last change
-    assert estimate(at, MatrixFree(draws=300)).determined == pytest.approx(exact + 1, rel=0.1)
+    assert estimate(at, MatrixFree(draws=300)).spread.determined == pytest.approx(exact + 1, rel=0.1)
 
 
 def test_balance_has_equal_traces():

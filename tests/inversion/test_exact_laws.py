@@ -16,7 +16,7 @@ def test_chi_square_has_as_many_degrees_of_freedom_as_rows_beyond_parameters():
     assert chi_square_law(problem, problem.theta_start, at) == (1.0, 10.0)
     answer = estimate(problem)
     residual = problem.residual(answer.theta)
-    assert answer.degrees_of_freedom == 10
+    assert answer.goodness.degrees_of_freedom == 10
     assert answer.chi_square_per_dof == pytest.approx(residual @ residual / 10, rel=1e-12)
 
 

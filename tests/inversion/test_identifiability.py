@@ -144,7 +144,7 @@ def test_data_that_cannot_carry_a_parameter_are_refused_with_the_bound():
     assert "at the initial values the Cramér-Rao bound is 1800 % of the value (RMS of 2 parameters), 2600 % for q" in (
         found.message
     )
-    assert found.bound_initial == pytest.approx([1 / 50, 26], rel=1e-9)
+    assert found.spread.bound_initial == pytest.approx([1 / 50, 26], rel=1e-9)
 
 
 def test_value_that_wandered_off_does_not_hide_the_refusal():

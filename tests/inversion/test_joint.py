@@ -96,8 +96,8 @@ def test_a_joint_fit_is_the_least_squares_solution_of_all_rows_with_each_prior_o
     expected = np.linalg.lstsq(rows, target, rcond=None)[0]
     assert found.names == ("a", "b", "c")
     assert np.allclose(found.values, expected, atol=1e-8)
-    assert np.allclose(found.covariance_noise, np.linalg.inv(rows.T @ rows), rtol=1e-8)
-    assert found.degrees_of_freedom == 22 - 3 - 2  # each problem solved for one unknown inside
+    assert np.allclose(found.spread.covariance_noise, np.linalg.inv(rows.T @ rows), rtol=1e-8)
+    assert found.goodness.degrees_of_freedom == 22 - 3 - 2  # each problem solved for one unknown inside
 
 
 def test_rows_of_different_problems_are_never_neighbours_nor_one_channel():
@@ -280,6 +280,6 @@ def test_errors_of_joint_estimates_are_as_large_as_their_covariance_says():
         found = identify_together(setups, once).estimate
         error = found.values - [*start, gains["A"], gains["B"]]
         n_params = len(error)
-        distances.append(error @ np.linalg.solve(found.covariance_noise, error))
+        distances.append(error @ np.linalg.solve(found.spread.covariance_noise, error))
     low, high = special.chdtri(12 * n_params, [0.999, 0.001])
     assert low < sum(distances) < high

@@ -85,7 +85,7 @@ def test_standard_deviations_of_two_records_are_those_of_the_dense_covariance():
     jacobian = joint.linearize(found.theta).jacobian
     exact = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * found.values
     assert np.abs(found.std / exact - 1).max() < 4.5 / np.sqrt(800)
-    assert found.n_data == 50
+    assert found.goodness.n_data == 50
 
 
 def test_problem_without_such_a_form_is_named():

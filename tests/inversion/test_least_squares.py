@@ -68,7 +68,7 @@ def test_certified_values_and_standard_errors(start, method):
     assert found.status is Status.CONVERGED
     assert found.values == pytest.approx(MISRA_VALUES, rel=1e-8)
     assert found.std_noise == pytest.approx(MISRA_STD, rel=1e-8)
-    assert found.chi_square * MISRA_SSQ / 12 == pytest.approx(MISRA_SSQ, rel=1e-9)
+    assert found.goodness.chi_square * MISRA_SSQ / 12 == pytest.approx(MISRA_SSQ, rel=1e-9)
 
 
 def line(noise, n=400, names=("a", "b")):
@@ -95,7 +95,7 @@ def test_model_error_covariance_covers_correlated_error_and_noise_covariance_doe
         rng = np.random.default_rng(seed)
         error = np.convolve(rng.standard_normal(1000 + 120), kernel, mode="valid")
         found = estimate(line(error / np.linalg.norm(kernel), 1000))
-        hits_model += abs(found.values[0] - 2.0) <= 1.96 * found.std_model_error[0]
+        hits_model += abs(found.values[0] - 2.0) <= 1.96 * found.spread.std_model_error[0]
         hits_noise += abs(found.values[0] - 2.0) <= 1.96 * found.std_noise[0]
     assert hits_model / 400 >= 0.91
     assert hits_noise / 400 <= 0.60
@@ -144,8 +144,8 @@ def test_a_parameter_that_nothing_sees_leaves_the_others_their_standard_deviatio
     fit = Fit(lambda x, p: design @ p, lambda x, p: design, x, y, np.ones(3), ("a", "b", "c"))
     found = estimate(fit)
     assert np.isfinite(found.std_noise[:2]).all()
-    assert np.isfinite(found.std_model_error[:2]).all()
-    assert np.isnan([found.std_noise[2], found.std_model_error[2]]).all()
+    assert np.isfinite(found.spread.std_model_error[:2]).all()
+    assert np.isnan([found.std_noise[2], found.spread.std_model_error[2]]).all()
 
 
 def test_weakly_seen_direction_has_its_true_standard_deviation():
@@ -179,7 +179,7 @@ def test_priors_enter_the_covariance():
 
     found = estimate(WithPrior(None, None, np.zeros(1), np.zeros(1), np.zeros(1), ("a",)))
     assert found.values == pytest.approx([1.5])
-    assert found.covariance_noise == pytest.approx(np.array([[0.5]]))
+    assert found.spread.covariance_noise == pytest.approx(np.array([[0.5]]))
 
 
 def test_search_that_runs_out_of_iterations_says_so():

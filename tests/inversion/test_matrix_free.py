@@ -111,13 +111,13 @@ def test_standard_deviations_equal_the_dense_covariance(stored):
     off = found.std[rest] / exact[rest] - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(800)  # 4.5 of their own standard errors
     assert found.uncertainty.std_error[[3, 5]] == pytest.approx([0.0, 1 / np.sqrt(800)])
-    draws = found.uncertainty.draws / found.slope
+    draws = found.uncertainty.draws / found.parameters.slope
     sampled = draws.T @ draws / 400
     assert np.corrcoef(sampled.ravel(), covariance.ravel())[0, 1] > 0.9
     assert found.status is Status.CONVERGED
     assert "400 posterior draws" in found.message
     assert "no covariance matrix" in found.message
-    assert found.chi_square == pytest.approx((problem.residual(found.theta)[:25] ** 2).sum())
+    assert found.goodness.chi_square == pytest.approx((problem.residual(found.theta)[:25] ** 2).sum())
 
 
 def test_without_draws_and_without_convergence_nothing_is_zero():

@@ -58,7 +58,7 @@ def test_interval_allows_for_the_few_peaks_that_hold_a_parameter():
         at = case.linearize(found.theta)
         n_blocks = error_blocks(at.residual, case.rows.lines, case.rows.series)[0].max() + 1
         narrower = stats.t.ppf(0.975, n_blocks - 1) / stats.t.ppf(0.975, effective_blocks(case, at)[0] - 1)
-        error = abs(found.values[0] - 2) / found.std_model_error[0]
+        error = abs(found.values[0] - 2) / found.spread.std_model_error[0]
         hits.append(error <= 1.959964)
         by_count.append(error <= 1.959964 * narrower)
     assert 0.88 <= np.mean(hits) <= 0.98
@@ -77,7 +77,7 @@ def test_error_of_whole_channels_raises_the_variance_to_theirs():
     )
     found = estimate(case)
     means = noise.mean(axis=0)
-    assert found.std_model_error[0] == pytest.approx(means.std(ddof=1) / np.sqrt(5), rel=1e-6)
+    assert found.spread.std_model_error[0] == pytest.approx(means.std(ddof=1) / np.sqrt(5), rel=1e-6)
 
 
 def test_variance_is_never_below_that_of_independent_errors_as_large_as_the_residual():
@@ -89,7 +89,7 @@ def test_variance_is_never_below_that_of_independent_errors_as_large_as_the_resi
         at = case.linearize(found.theta)
         residual = at.residual[: case.n_data]
         least = np.linalg.inv(at.jacobian.T @ at.jacobian) * max(1.0, residual @ residual / (12 - 2))
-        ratio = found.std_model_error / np.sqrt(np.diag(least))
+        ratio = found.spread.std_model_error / np.sqrt(np.diag(least))
         assert (ratio > 1 - 1e-9).all()
         raised += (ratio < 1 + 1e-9).any()
     assert raised > 2

@@ -39,34 +39,34 @@ class TwoWells(Problem):
 
 def test_two_exact_fits_are_found_and_refused():
     found = estimate(TwoWells(), search=Search(uniqueness_starts=8))
-    assert found.n_starts == 9
-    assert found.n_fitting == len(found.answers) == 2
-    assert sorted(float(answer.values[0]) for answer in found.answers) == pytest.approx([1.0, 2.0])
-    assert sum(answer.n_searches for answer in found.answers) == 9
+    assert found.search.n_starts == 9
+    assert found.search.n_fitting == len(found.search.answers) == 2
+    assert sorted(float(answer.values[0]) for answer in found.search.answers) == pytest.approx([1.0, 2.0])
+    assert sum(answer.n_searches for answer in found.search.answers) == 9
     assert found.status is Status.NOT_IDENTIFIABLE
 
 
 def test_distance_is_counted_in_posterior_standard_deviations():
     """The derivative is 100 at both answers, hence a standard deviation of 0.01: they are 100 of them apart."""
     found = estimate(TwoWells(), search=Search(uniqueness_starts=8))
-    assert [answer.distance for answer in found.answers] == pytest.approx([0.0, 100.0])
+    assert [answer.distance for answer in found.search.answers] == pytest.approx([0.0, 100.0])
     near = estimate(TwoWells(weight=2.0), search=Search(uniqueness_starts=8))
-    assert len(near.answers) == 1
+    assert len(near.search.answers) == 1
 
 
 @pytest.mark.parametrize(("miss", "fits"), [(2.0, 2), (5.0, 1)])
 def test_an_answer_that_the_noise_does_not_allow_does_not_count(miss, fits):
     """At p = 2 chi-square is miss^2: 4 and 25 against 10.8, the 0.1 % point of one degree of freedom."""
     found = estimate(TwoWells(miss), search=Search(uniqueness_starts=8))
-    assert len(found.answers) == 2
-    assert found.n_fitting == fits
+    assert len(found.search.answers) == 2
+    assert found.search.n_fitting == fits
     assert found.values == pytest.approx([1.0])
     assert found.status is (Status.CONVERGED if fits == 1 else Status.NOT_IDENTIFIABLE)
 
 
 def test_without_more_starts_the_first_fit_ends_the_search():
     found = estimate(TwoWells(), search=Search(restarts=5))
-    assert (found.n_starts, found.n_agreeing, len(found.answers)) == (1, 1, 1)
+    assert (found.search.n_starts, found.search.n_agreeing, len(found.search.answers)) == (1, 1, 1)
     assert found.status is Status.CONVERGED
 
 
@@ -85,9 +85,9 @@ def test_a_likelihood_ratio_rules_out_what_chi_square_alone_allows():
 
     problem = Many(5.0)
     found = estimate(problem, search=Search(uniqueness_starts=8))
-    assert len(found.answers) == 2
-    assert found.answers[1].cost == pytest.approx(225.0, rel=1e-3)
-    assert found.n_fitting == 1
+    assert len(found.search.answers) == 2
+    assert found.search.answers[1].cost == pytest.approx(225.0, rel=1e-3)
+    assert found.search.n_fitting == 1
 
 
 def test_an_undetermined_direction_is_one_answer_and_not_many():
@@ -102,8 +102,8 @@ def test_an_undetermined_direction_is_one_answer_and_not_many():
 
     problem = Sum(start=(1.0, 1.0))
     found = estimate(problem, search=Search(uniqueness_starts=4))
-    assert len(found.answers) == 1
-    assert found.answers[0].n_searches == 5
+    assert len(found.search.answers) == 1
+    assert found.search.answers[0].n_searches == 5
 
 
 def test_distance_is_the_larger_of_those_seen_from_either_end():
@@ -118,7 +118,7 @@ def test_distance_is_the_larger_of_those_seen_from_either_end():
             return Linearization(self.residual(theta), np.array([[slope], [0.0]]))
 
     found = estimate(Uneven(), search=Search(uniqueness_starts=8))
-    assert found.answers[1].distance == pytest.approx(200.0)
+    assert found.search.answers[1].distance == pytest.approx(200.0)
 
 
 def test_ways_that_are_functions_get_the_start_of_each_search():
@@ -176,7 +176,7 @@ def test_restarts_take_the_ways_in_turn_and_then_random_starts():
 
 def test_the_same_seed_gives_the_same_answers():
     first, second = (estimate(TwoWells(), search=Search(uniqueness_starts=5, seed=3)) for _ in range(2))
-    assert [a.n_searches for a in first.answers] == [a.n_searches for a in second.answers]
+    assert [a.n_searches for a in first.search.answers] == [a.n_searches for a in second.search.answers]
     assert first.values == second.values
 
 

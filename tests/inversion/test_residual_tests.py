@@ -98,8 +98,8 @@ def test_two_series_share_the_name_of_their_channel():
 )
 def test_size_of_the_residual_is_told_both_ways(size, words):
     found = estimate(line_case(size * np.random.default_rng(8).standard_normal(400)))
-    assert [w for w in found.residual_tests.words if words in w]
-    assert estimate(line_case(np.random.default_rng(8).standard_normal(400))).residual_tests.words == ()
+    assert [w for w in found.goodness.residual_tests.words if words in w]
+    assert estimate(line_case(np.random.default_rng(8).standard_normal(400))).goodness.residual_tests.words == ()
 
 
 def test_heavy_tails_are_told():

@@ -160,7 +160,7 @@ def test_an_estimate_without_a_covariance_matrix_says_so(plate):
     assert found.prior_share is None
     assert found.estimate.interval().shape == (50, 2)
     assert (found.intervals.ends[:, 0] < found.estimate.values).all()
-    assert found.estimate.residual_tests.series[0].name == str(found.sensors[0])
+    assert found.estimate.goodness.residual_tests.series[0].name == str(found.sensors[0])
 
 
 @pytest.mark.long
@@ -206,7 +206,7 @@ def test_check_counts_smoothness_of_given_strength(plate, tmp_path):
         load_study(changed(tmp_path, ('search = "matrix_free"', 'search = "levenberg_marquardt"\nrestarts = 0')))
     )
     assert dense.covariance.has_matrix
-    off = free.of_data.std / dense.of_data.std - 1
+    off = free.spread.of_data.std / dense.spread.of_data.std - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(32)
     assert np.abs(off.mean()) < 0.1
     unheld = check_study(load_study(changed(tmp_path, ("strength = 150.0", 'strength = "discrepancy"'))))

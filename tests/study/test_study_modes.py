@@ -173,8 +173,8 @@ def test_modes_and_responses_are_fitted_together(tmp_path):
     (tmp_path / "one.toml").write_text(CHAIN, encoding="utf-8")
     alone = run_study(load_study(tmp_path / "one.toml")).identification.estimate
     assert (found.estimate.std <= 1.001 * alone.std).all()  # more data
-    assert found.estimate.degrees_of_freedom > alone.degrees_of_freedom
-    names = [test.name for test in found.estimate.residual_tests.series]
+    assert found.estimate.goodness.degrees_of_freedom > alone.goodness.degrees_of_freedom
+    names = [test.name for test in found.estimate.goodness.residual_tests.series]
     assert "ambient: shape at 1X+" in names
     assert NOISE == 0.01
     text = report_page(found).text
@@ -213,7 +213,7 @@ def test_modes_that_are_not_used_and_sensors_left_out_change_the_fit(tmp_path):
 def test_uniqueness_starts_search_modes_more_than_once(tmp_path):
     path = storeys(tmp_path, "[record]", "[method]\nuniqueness_starts = 2\n\n[record]")
     estimate = run_study(load_study(path)).identification.estimate
-    assert (estimate.n_starts, estimate.n_agreeing) == (3, 3)
+    assert (estimate.search.n_starts, estimate.search.n_agreeing) == (3, 3)
 
 
 def test_a_measured_mode_without_a_like_in_the_model_is_named(tmp_path):

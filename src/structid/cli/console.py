@@ -33,7 +33,7 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         return _changes_summary(result)
     table = new_table("parameter", "unit", "initial", "value", "std", "noise alone", "95 % interval", "")
     ends = found.intervals.ends
-    notes = {one.index: f"at its {one.side} bound" for one in estimate.at_bound}
+    notes = {one.index: f"at its {one.side} bound" for one in estimate.spread.at_bound}
     notes |= dict.fromkeys(found.ran_away, "ran away")
     for i in found.listed:
         name = estimate.names[i]
@@ -49,11 +49,12 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     for peak in found.resonances:
         peaks.add_row(figures(peak.measured), figures(peak.predicted))
     identifiability = estimate.identifiability
+    free = " free" if estimate.spread.at_bound else ""
     facts = [
-        f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
-        f"rank {identifiability.rank} of {identifiability.n_free}{' free' if estimate.at_bound else ''} parameters, condition"
+        f"status: {estimate.status.value} ({estimate.message}, {estimate.search.n_iterations} iterations)",
+        f"rank {identifiability.rank} of {identifiability.n_free}{free} parameters, condition"
         f" {figures(identifiability.condition, 3)}"
-        f"; {estimate.misfit_words}"
+        f"; {estimate.goodness.misfit_words}"
         f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}"
         f"; intervals: {found.intervals.kind}",
         *_fit_facts(found.fits),
@@ -105,9 +106,9 @@ def _changes_summary(result: StudyResult) -> list[RenderableType]:
     found = result.identification
     estimate = found.estimate
     facts = [
-        f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
-        f"{len(estimate.names)} parameters, the data determine {figures(estimate.determined, 3)} combinations of them;"
-        f" {estimate.misfit_words}; standard deviations from"
+        f"status: {estimate.status.value} ({estimate.message}, {estimate.search.n_iterations} iterations)",
+        f"{len(estimate.names)} parameters, the data determine {figures(estimate.spread.determined, 3)} combinations of them;"
+        f" {estimate.goodness.misfit_words}; standard deviations from"
         f" {estimate.covariance_basis.replace('_', ' ')}",
         *_fit_facts(found.fits),
     ]

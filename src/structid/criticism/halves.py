@@ -135,7 +135,7 @@ def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
     except (StructidError, np.linalg.LinAlgError):
         return {}
     changes = np.zeros((len(start), 1)) if found.fixed is None else found.fixed.changes
-    return {"values": found.values, "std": found.of_data.std, "changes": changes}
+    return {"values": found.values, "std": found.spread.of_data.std, "changes": changes}
 
 
 def is_damping(name: str) -> bool:

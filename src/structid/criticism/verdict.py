@@ -191,17 +191,17 @@ class Criticism:
 
 def noise_ratio(found: Identification) -> float | None:
     """The noise in parts of what the fit takes, where only it is wrong: the residual has no order in it, but another size."""
-    tests = found.estimate.residual_tests
+    tests = found.estimate.goodness.residual_tests
     is_normal = tests is not None and tests.normality_probability >= _DOUBT
     if tests is None or tests.not_white or tests.one_sided:
         return None
-    ratio = found.estimate.misfit
+    ratio = found.estimate.goodness.misfit
     is_of_size = tests.chi_square_probability >= _DOUBT and 1 - tests.chi_square_probability >= _DOUBT
     if is_of_size or 1 / _TOLERANCE < ratio < _TOLERANCE:
         return 1.0
     return (
-        float(np.sqrt(found.estimate.least_per_dof))
-        if found.fits and is_normal and found.estimate.n_data >= _MANY
+        float(np.sqrt(found.estimate.goodness.least_per_dof))
+        if found.fits and is_normal and found.estimate.goodness.n_data >= _MANY
         else None
     )
 
@@ -211,7 +211,7 @@ def fits_noise(found: Identification) -> bool:
     fixed = found.estimate.fixed
     if found.missed or (fixed is not None and fixed.beyond):
         return False
-    tests = found.estimate.residual_tests
+    tests = found.estimate.goodness.residual_tests
     if tests is None:
         return found.estimate.covariance_basis == "noise"
     return noise_ratio(found) == 1.0
@@ -229,7 +229,7 @@ def _is_quiet(found: Identification) -> bool:
 
 def _is_unforced(found: Identification) -> bool:
     """Whether the search ended in a place where nothing is at a bound that the data push at, or has run away."""
-    forced = found.ran_away or any(one.is_pushed for one in found.estimate.at_bound)
+    forced = found.ran_away or any(one.is_pushed for one in found.estimate.spread.at_bound)
     return found.estimate.status is Status.CONVERGED and not forced
 
 
@@ -348,10 +348,10 @@ def _judged(
     work: Work,
 ) -> Judgement:
     estimate = found.estimate
-    if found.target is not None and not estimate.degrees_of_freedom > 0 and not causes:
+    if found.target is not None and not estimate.goodness.degrees_of_freedom > 0 and not causes:
         return _untested(found)
-    if estimate.disagreement is not None and not causes and (is_sound(found) or _is_quiet(found)):
-        said = estimate.disagreement.words
+    if estimate.spread.disagreement is not None and not causes and (is_sound(found) or _is_quiet(found)):
+        said = estimate.spread.disagreement.words
         words = (
             f"Approximate: the misfit is no larger than the noise was stated, but {said}; {_INTERVALS['model_error']}."
         )
@@ -365,7 +365,7 @@ def _judged(
         return Judgement("approximate", words, told)
     if is_sound(found) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"
-        at_bound = "; ".join(one.words for one in estimate.at_bound)
+        at_bound = "; ".join(one.words for one in estimate.spread.at_bound)
         by_priors = _by_priors(found)
         if by_priors:
             words = (
@@ -374,14 +374,12 @@ def _judged(
             )
             return Judgement("approximate", words, (words,))
         words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
-        if estimate.degrees_of_freedom < _FEW:
-            words += (
-                f" But {counted(estimate.n_data, 'value')} hardly test {counted(len(estimate.names), 'parameter')}: a wrong model"
-                " may fit as well."
-            )
+        if estimate.goodness.degrees_of_freedom < _FEW:
+            values, parameters = counted(estimate.goodness.n_data, "value"), counted(len(estimate.names), "parameter")
+            words += f" But {values} hardly test {parameters}: a wrong model may fit as well."
         return Judgement("sound", words)
     away = tuple(ran_away_words(estimate, index) for index in found.ran_away)
-    pushed = tuple(one.words for one in estimate.at_bound if one.is_pushed)
+    pushed = tuple(one.words for one in estimate.spread.at_bound if one.is_pushed)
     also = f" But {pushed[0]}." if pushed else ""
     misfit = _misfit_words(found)
     cut = tuple(one.warning for one in found.truncations if one.warning)
@@ -394,7 +392,9 @@ def _judged(
         return Judgement("approximate", words, (causes[0].words,))
     if causes and not is_noise:
         best = causes[0]
-        is_small = best.share < _MOST and best.chi_square_per_dof < _TOLERANCE * found.estimate.expected_per_dof
+        is_small = (
+            best.share < _MOST and best.chi_square_per_dof < _TOLERANCE * found.estimate.goodness.expected_per_dof
+        )
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
             f" {'what goes beyond the noise' if is_small else f'{100 * best.share:.0f} % of it'}: {best.words}"
@@ -404,12 +404,12 @@ def _judged(
                 else "."
             )
         )
-        if best.chi_square_per_dof > _LEAVES * found.estimate.expected_per_dof:
+        if best.chi_square_per_dof > _LEAVES * found.estimate.goodness.expected_per_dof:
             words += f" It is not all: it leaves {np.sqrt(best.chi_square_per_dof):.2g} times the noise."
             words += _with_second(found, causes)
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(found) else _off(found)
-    is_far = estimate.misfit > FAR_BEYOND
+    is_far = estimate.goodness.misfit > FAR_BEYOND
     if away:
         if estimate.status is Status.CONVERGED or off or is_far:
             words = f"Wrong model: {misfit}, and {away[0]}: do not use the values. {_searched(n_tried)}"
@@ -514,7 +514,7 @@ def not_found(found: Identification, reached: float) -> Judgement:
 def _misfit_words(found: Identification) -> str:
     if found.missed and (found.missed[0].is_far or noise_ratio(found) == 1.0):
         return found.missed[0].words
-    size = float(np.sqrt(found.estimate.least_per_dof))
+    size = float(np.sqrt(found.estimate.goodness.least_per_dof))
     fixed = found.estimate.fixed
     if fixed is not None and fixed.beyond and size < _SHOWS:
         i = fixed.beyond[0]
@@ -536,7 +536,7 @@ def _misfit_words(found: Identification) -> str:
 
 def _is_below_noise(found: Identification) -> bool:
     """Whether what the model misses is less than the noise that is stated."""
-    return not found.missed and found.estimate.least_per_dof <= 1 / _SHOWS**2
+    return not found.missed and found.estimate.goodness.least_per_dof <= 1 / _SHOWS**2
 
 
 def _searched(n_tried: int) -> str:
@@ -553,7 +553,7 @@ def _apart(one: Disagreement) -> str:
 
 def _with_second(found: Identification, causes: Sequence[Cause]) -> str:
     """The second cause, where noise explains what both leave."""
-    second = _completing(causes, found.estimate.expected_per_dof)
+    second = _completing(causes, found.estimate.goodness.expected_per_dof)
     return "" if second is None else f" With a second change, noise explains the rest: {second.words}."
 
 

@@ -49,13 +49,13 @@ def held_values(ready: Start, found: Identification) -> tuple[HeldValue, ...]:
     theta = target.theta_start
     at = target.linearize(theta)
     place = {name: i for i, name in enumerate(target.names)}
-    free = [name for name, is_free in zip(found.estimate.names, found.estimate.is_free, strict=True) if is_free]
+    free = [name for name, is_free in zip(found.estimate.names, found.estimate.spread.is_free, strict=True) if is_free]
     names = [name for name in target.names if name not in known]
     columns = [place[name] for name in (*free, *names)]
     estimate = found.estimate
     scale = 1.0 if fits_noise(found) else np.nan  # what a wrong model pulls at says nothing of a held value
     std = (estimate.std / target.unknowns.sizes(target.physical(theta))[[place[name] for name in estimate.names]])[
-        estimate.is_free
+        estimate.spread.is_free
     ]
     fixed = estimate.fixed
     tolerances = {} if fixed is None else dict(zip(fixed.names, fixed.tolerance.tolist(), strict=True))

@@ -72,7 +72,7 @@ class Fitted:
     def covariance(self) -> FloatArray:
         """Of the physical values, (n_params, n_params): from noise, or where that is missed from model error."""
         target = self.trial.target
-        return dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT).covariance
+        return dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT).spread.covariance
 
 
 class Fit(TypedDict, total=False):

@@ -71,7 +71,10 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
         name for name, before, now in zip(estimate.names, estimate.identified, known, strict=True) if before and not now
     ]
     notes = (words, f"these disagree by more than the value about {listed(lost)}: not identified") if lost else (words,)
-    wider = replace(estimate, model_error=union, covariance_basis="model_error", identified=known)
+    wider = replace(
+        estimate,
+        spread=replace(estimate.spread, model_error=union, covariance_basis="model_error", identified=known),
+    )
     before, now = estimate_warnings(estimate), estimate_warnings(wider)
     kept = [one for one in found.warnings if one in now or one not in before]
     return replace(

@@ -112,9 +112,10 @@ def identify_together(
     answer = answered(setups, problems, chosen, progress, work)
     problems, target = answer.problems, answer.target
     freed = () if answer.estimate.fixed is None else freed_problems(setups, problems, chosen.tolerances)
-    found = replace(answer.estimate, initial=by_name(answer.estimate.names, initial, lambda part: part.start))
-    if found.residual_tests is not None and target is not None:
-        found = replace(found, residual_tests=found.residual_tests.named(_series_names(setups, problems)))
+    found = answer.estimate.with_initial(by_name(answer.estimate.names, initial, lambda part: part.start))
+    if found.goodness.residual_tests is not None and target is not None:
+        tests = found.goodness.residual_tests.named(_series_names(setups, problems))
+        found = replace(found, goodness=replace(found.goodness, residual_tests=tests))
     ends = intervals(target or problems[0], found, chosen.intervals, seed=chosen.seed, work=work)
     seen = list(zip(setups, titles(setups), problems, [_own(problem, found) for problem in problems], strict=True))
     fits = [setup.response_fit(title, problem, own, chosen) for setup, title, problem, own in seen]

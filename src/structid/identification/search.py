@@ -194,7 +194,7 @@ def searched(
             if signs not in tried:
                 current = _with_polarities(current, signs)
                 tried[signs] = (search(current), current)
-    return min(tried.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].chi_square))
+    return min(tried.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].goodness.chi_square))
 
 
 def reweighted(
@@ -208,7 +208,7 @@ def reweighted(
     regularizations stay as they were chosen.
     """
     for _ in range(_REWEIGHTED):
-        if not best.misfit < _REWEIGHTED_BELOW:
+        if not best.goodness.misfit < _REWEIGHTED_BELOW:
             break
         current = tuple(p.reweighted(best.theta[places(best.names, p.names)]) for p in problems)
         if all(one is other for one, other in zip(current, problems, strict=True)):
@@ -223,15 +223,12 @@ def reweighted(
 
 def _as_searched(again: Estimate, first: Estimate) -> Estimate:
     """A fit that went on from another, with the story of both searches."""
-    return replace(
-        again,
-        status=again.status if first.n_fitting < 2 else first.status,
-        n_iterations=first.n_iterations + again.n_iterations,
-        n_starts=first.n_starts,
-        n_agreeing=first.n_agreeing,
-        answers=first.answers,
-        history=np.concatenate([first.history, again.history[1:]]),
+    search = replace(
+        first.search,
+        n_iterations=first.search.n_iterations + again.search.n_iterations,
+        history=np.concatenate([first.search.history, again.search.history[1:]]),
     )
+    return replace(again, search=search, status=again.status if first.search.n_fitting < 2 else first.status)
 
 
 def _polarities(problems: Sequence[RecordProblem]) -> tuple[float, ...]:

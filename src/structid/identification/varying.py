@@ -183,14 +183,16 @@ def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> 
 
 def widened_estimate(found: Estimate, more: Sequence[FoundScatter]) -> Estimate:
     """The estimate with the covariance that not knowing scatters exactly adds."""
-    if not more or found.slope is None:
+    slope, spread = found.parameters.slope, found.spread
+    if not more or slope is None:
         return found
-    added = np.sum([one.more for one in more], axis=0) * np.outer(found.slope, found.slope)
-    return replace(
-        found,
-        noise=DenseCovariance(found.noise.matrix + added),
-        model_error=DenseCovariance(found.model_error.matrix + added),
+    added = np.sum([one.more for one in more], axis=0) * np.outer(slope, slope)
+    widened = replace(
+        spread,
+        noise=DenseCovariance(spread.noise.matrix + added),
+        model_error=DenseCovariance(spread.model_error.matrix + added),
     )
+    return replace(found, spread=widened)
 
 
 def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str, FoundScatter]) -> tuple[Varied, ...]:
@@ -215,7 +217,7 @@ def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str
     for group in groups:
         used = np.array([place[name] for name in group.names])
         residual, rows = group.coupling.rows(found.values[used])
-        covariance = found.covariance_noise[np.ix_(used, used)]
+        covariance = found.spread.covariance_noise[np.ix_(used, used)]
         left = np.einsum("kp,pq,kq->k", rows, covariance, rows)
         chances.append(_chances(residual, group.std, left, is_known=group.name not in more))
         own = [group.names[int(np.argmax(row))] for row in group.coupling.matrix]

@@ -33,7 +33,7 @@ def _scale_warnings(found: Estimate) -> list[str]:
 
 def _unidentified(found: Estimate) -> list[str]:
     """Each parameter that is not identified; very many of them together."""
-    lost = np.flatnonzero(~found.identified & found.is_free)
+    lost = np.flatnonzero(~found.identified & found.spread.is_free)
     if not found.uncertainty.has_matrix:
         words = (
             f"{len(lost)} of {len(found.names)} parameters are not identified: their standard deviations are larger than"
@@ -62,12 +62,13 @@ def unused_damping(
 
 
 def _several_fits(found: Estimate) -> str:
-    """That other parameters fit as well, and how far off the nearest of them is."""
-    best, other = [answer for answer in found.answers if answer.fits][:2]
+    """Warning that other parameters fit as well, with the nearest of them."""
+    search = found.search
+    best, other = [answer for answer in search.answers if answer.fits][:2]
     change = np.abs(other.values / best.values - 1)
     worst = int(np.argmax(change))
     return (
-        f"{found.n_fitting} distinct parameter sets fit the data equally well, among {found.n_starts} searches: in another"
+        f"{search.n_fitting} distinct parameter sets fit the data equally well, among {search.n_starts} searches: in another"
         f" one {found.names[worst]} is {other.values[worst]:.4g} instead of {best.values[worst]:.4g}; measure more lines"
         " or places, or give a prior"
     )
@@ -78,33 +79,33 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     warnings = []
     if found.status is not Status.CONVERGED:
         warnings.append(f"{found.status_words} ({found.message})")
-    warnings.extend(one.words for one in sorted(found.at_bound, key=lambda one: -one.push))
+    warnings.extend(one.words for one in sorted(found.spread.at_bound, key=lambda one: -one.push))
     warnings.extend(f"the data determine {direction.words}" for direction in found.identifiability.directions)
     warnings.extend(_scale_warnings(found))
     warnings.extend(_unidentified(found))
     absent = found.may_be_absent()
-    for i in np.flatnonzero(absent & found.is_free).tolist():
+    for i in np.flatnonzero(absent & found.spread.is_free).tolist():
         unit = "" if found.units[i] == "1" else f" {found.units[i]}"
         warnings.append(
             f"{found.names[i]} is not told from 0: its 95 % interval ends at {found.interval()[i, 1]:.2g}{unit}"
         )
-    tests = () if found.residual_tests is None else found.residual_tests.words
+    tests = () if found.goodness.residual_tests is None else found.goodness.residual_tests.words
     too_large = [w for w in tests if "larger than the noise allows" in w]  # told below, with what is done about it
     warnings.extend(w for w in tests if w not in too_large)
-    if found.n_fitting > 1:
+    if found.search.n_fitting > 1:
         warnings.append(_several_fits(found))
-    elif found.n_agreeing < found.n_starts:
+    elif found.search.n_agreeing < found.search.n_starts:
         warnings.append(
-            f"{found.n_agreeing} of {found.n_starts} searches ended at this minimum, the others at worse ones:"
+            f"{found.search.n_agreeing} of {found.search.n_starts} searches ended at this minimum, the others at worse ones:"
             " there may be a better one still; start closer, or try more `restarts`"
         )
     carried = "standard deviations are those that carry model error"
-    if found.disagreement is not None:
-        warnings.append(f"{found.disagreement.words}: {carried}, each mode left out in turn")
-    if found.covariance_basis == "model_error" and (too_large or found.disagreement is None):
+    if found.spread.disagreement is not None:
+        warnings.append(f"{found.spread.disagreement.words}: {carried}, each mode left out in turn")
+    if found.covariance_basis == "model_error" and (too_large or found.spread.disagreement is None):
         warnings.append(
-            f"the model does not fit to within the noise ({found.misfit_words}, residual correlated over"
-            f" {found.residual_correlation:.0f} lines): {carried}"
+            f"the model does not fit to within the noise ({found.goodness.misfit_words}, residual correlated over"
+            f" {found.goodness.residual_correlation:.0f} lines): {carried}"
         )
     return tuple(warnings)
 

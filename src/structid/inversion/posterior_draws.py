@@ -16,7 +16,7 @@ from structid.inversion.linearization import OperatorLinearization
 from structid.inversion.problem import Problem
 from structid.inversion.residual_law import misses_noise
 from structid.inversion.search.conjugate_gradients import Solver, conjugate_gradients, preconditioner
-from structid.inversion.uncertainty import DrawnCovariance, Uncertainty, basis
+from structid.inversion.uncertainty import DrawnCovariance, Spread, Uncertainty, basis
 
 _SOLVED, _MOST_INNER = 1e-5, 2000
 _MISFIT = "the fit misses the noise: standard deviations come from the residual, not from the noise"
@@ -72,17 +72,16 @@ def drawn_uncertainty(
         missed, used = missed + more, len(model.draws)
     words = [at.words, _std_words(used, 0 if misfit else len(places), missed), _MISFIT if misfit else ""]
     identified = (model if misfit else noise).std <= problem.unknowns.sizes(problem.physical(theta))
-    return Uncertainty(
+    spread = Spread(
         noise=noise,
         model_error=model,
         covariance_basis=basis(misfit),
-        identified=identified,
-        carried=np.ones(at.n_params, dtype=bool),
+        identified=locked(identified),
         identifiability=Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ()),
         determined=determined,
-        freedom=at.n_data - determined,
-        words=tuple(words),
     )
+    carried = np.ones(at.n_params, dtype=bool)
+    return Uncertainty(spread=spread, carried=carried, freedom=at.n_data - determined, words=tuple(words))
 
 
 def drawn_covariance(

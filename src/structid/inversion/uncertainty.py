@@ -237,11 +237,12 @@ class Spread:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Uncertainty(Spread):
-    """What a method knows of the parameters at a minimum.
+class Uncertainty:
+    """Uncertainty of the parameters at a minimum, with what decides about the status of the estimate.
 
     Attributes
     ----------
+    spread : Spread
     carried : (n_params,) bool array
         Those that the initial values do not refuse; see `diagnostics.refusal.carried`.
     freedom : float
@@ -250,6 +251,7 @@ class Uncertainty(Spread):
         How it was found, or why a parameter is refused.
     """
 
+    spread: Spread
     carried: np.ndarray
     freedom: float
     words: tuple[str, ...]
@@ -257,7 +259,7 @@ class Uncertainty(Spread):
     @property
     def misfit(self) -> bool:
         """Whether the fit misses the noise, so that `model_error` counts."""
-        return self.covariance_basis == "model_error"
+        return self.spread.covariance_basis == "model_error"
 
 
 def dense_uncertainty(
@@ -307,21 +309,19 @@ def dense_uncertainty(
     refused = not identified[free].all() and not stopped
     final = Bound(np.where(free, noise.std, 0.0), sizes, "the estimate")
     refusal = refusal_words(initial, final, at_start, problem.names) if refused else ""
-    return Uncertainty(
+    spread = Spread(
         noise=noise,
         model_error=model,
         covariance_basis=basis(is_doubted),
-        identified=identified,
-        carried=at_start,
+        identified=locked(identified),
         identifiability=found,
         determined=float(found.rank),
         bound_initial=initial.std,
-        freedom=freedom,
-        words=(refusal,),
         at_bound=held,
         disagreement=disagreement,
         fixed=None if fixed is None else fixed.influence(theta, at, slope),
     )
+    return Uncertainty(spread=spread, carried=at_start, freedom=freedom, words=(refusal,))
 
 
 def basis(misfit: bool) -> str:

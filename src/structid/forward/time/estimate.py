@@ -13,6 +13,8 @@ from structid.forward.motion.equations import TimeEquations
 from structid.inversion import DataRows, DenseCovariance, Estimate, FreeUnknowns, Linearization, Problem, Status
 from structid.inversion.covariance import correlation_length, inverse_information, model_error_covariance
 from structid.inversion.diagnostics.identifiability import identifiability
+from structid.inversion.estimate import Goodness, ParameterValues, SearchRecord
+from structid.inversion.uncertainty import Spread
 from structid.unknowns import Parameters
 
 _UNSOUND = 1e-10
@@ -118,10 +120,11 @@ def linear_estimate(
     message: str,
     known_noise: bool,
     misfit_probability: float,
+    n_starts: int = 1,
 ) -> Estimate:
-    """What `rows` say of the parameters, with covariance, status and identifiability.
+    """The estimate of a linear fit of `rows`, with covariance, status and identifiability.
 
-    `values` None stands for none found; `known_noise` False for rows whose unit
+    `values` are None where none were found; `known_noise` is False for rows whose unit
     variance is that of their own residual, so that chi-square says nothing.
     """
     unknown = rows.parameters
@@ -142,30 +145,34 @@ def linear_estimate(
     status = Status.CONVERGED if identified.all() else Status.NOT_IDENTIFIABLE
     if not converged and rows.determine_all:
         status = Status.NOT_CONVERGED
-    return Estimate(
+    parameters = ParameterValues(
         names=unknown.names,
         kinds=unknown.kinds,
         units=unknown.units,
         initial=locked(unknown.start),
         values=locked(found),
+        theta=locked(found),
+    )
+    spread = Spread(
         noise=DenseCovariance(noise),
         model_error=DenseCovariance(model),
         covariance_basis=basis,
         identified=locked(identified),
-        status=status,
-        message=message,
         identifiability=identifiability(
             rows.instruments * size, found, unknown.names, np.sqrt(chi_square / freedom) if misfit else 1.0
         ),
+    )
+    goodness = Goodness(
         n_data=rows.n_data,
         chi_square=chi_square if known_noise else float("nan"),
         degrees_of_freedom=freedom,
         residual_correlation=correlation_length(residual, rows.labels.lines, rows.labels.series)
         if determined
         else float("nan"),
-        n_iterations=len(history) - 1,
-        n_starts=1,
-        n_agreeing=1,
-        theta=locked(found),
-        history=locked(np.array(history)),
+    )
+    search = SearchRecord(
+        n_iterations=len(history) - 1, n_starts=n_starts, n_agreeing=1, history=locked(np.array(history))
+    )
+    return Estimate(
+        parameters=parameters, spread=spread, goodness=goodness, search=search, status=status, message=message
     )

@@ -181,8 +181,9 @@ def identified_by_instruments(
     elif end.values is None:
         message = "the samples do not determine the parameters"
     rows, known = end.rows or _plain_rows(fit), fit.noise is not None
-    found = linear_estimate(rows, end.values, end.history, end.converged, message, known, options.misfit_probability)
-    return replace(found, n_starts=len(ends))
+    return linear_estimate(
+        rows, end.values, end.history, end.converged, message, known, options.misfit_probability, len(ends)
+    )
 
 
 @dataclass(frozen=True, eq=False)

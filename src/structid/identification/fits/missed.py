@@ -78,7 +78,7 @@ def missed_parts(
         The problems with what their models hold among the unknowns; they are judged where that is within its tolerances.
     """
     is_whole = len(problems) == 1 and not isinstance(problems[0], ModalProblem)
-    if is_whole or not found.misfit < _HIDES:
+    if is_whole or not found.goodness.misfit < _HIDES:
         return ()
     parts = []
     all_names, theta = found.names, found.theta
@@ -95,7 +95,7 @@ def missed_parts(
     for what, rows, least in parts:
         square, n = float(rows @ rows), len(rows)
         if square > least * n and float(special.gammaincc(n / 2, square / 2)) * len(parts) < _RISK:
-            missed.append(Missed(what, n, found.n_data - n, square / n))
+            missed.append(Missed(what, n, found.goodness.n_data - n, square / n))
     return tuple(sorted(missed, key=lambda one: -one.chi_square_per_value))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy import special
@@ -189,14 +189,14 @@ def profiles(
 ) -> tuple[Profile, ...]:
     """`profile` of each of `parameters`, all by default, each a task of `work`."""
     chosen = range(len(estimate.names)) if parameters is None else parameters
-    shared = (problem, replace(estimate, to_physical=np.array), level, max_points)
+    shared = (problem, estimate.with_transform(np.array), level, max_points)
     return tuple(Profile(**found) for found in work.map("profiles", _profiled, shared, list(chosen)))
 
 
 def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: Tools) -> Stored:
     """`profile` as a task."""
     problem, estimate, level, max_points = shared
-    found = profile(problem, replace(estimate, to_physical=problem.physical), parameter, level, max_points)
+    found = profile(problem, estimate.with_transform(problem.physical), parameter, level, max_points)
     return {entry.name: getattr(found, entry.name) for entry in fields(found)}
 
 
@@ -225,7 +225,9 @@ def _scale(problem: Problem, estimate: Estimate, index: int) -> float:
     if not estimate.identified[index]:
         return max(estimate.chi_square_per_dof, 1.0)
     if few is None:
-        return float(estimate.covariance_model_error[index, index] / estimate.covariance_noise[index, index])
+        return float(
+            estimate.spread.covariance_model_error[index, index] / estimate.spread.covariance_noise[index, index]
+        )
     return float(estimate.std_free[index] ** 2 / fit_covariance(problem, estimate.theta)[index, index])
 
 

@@ -197,8 +197,8 @@ class _Drawn:
 
 def _whitening(estimate: Estimate, fitted: FloatArray | None = None) -> FloatArray:
     """Lower factor of the noise covariance of the free variables, or of that of the fit alone where it differs."""
-    slope = np.ones(len(estimate.names)) if estimate.slope is None else estimate.slope
-    covariance = estimate.covariance_noise / np.outer(slope, slope) if fitted is None else fitted
+    slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
+    covariance = estimate.spread.covariance_noise / np.outer(slope, slope) if fitted is None else fitted
     if not np.isfinite(covariance).all():
         lost = [n for n, v in zip(estimate.names, np.diag(covariance), strict=True) if not np.isfinite(v)]
         raise InputError(
@@ -248,7 +248,7 @@ def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
 
 def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
     """Symmetric root of the covariance that the estimate has, in coordinates in which that of `_whitening` is one."""
-    slope = np.ones(len(estimate.names)) if estimate.slope is None else estimate.slope
+    slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
     half = np.linalg.solve(factor, estimate.covariance / np.outer(slope, slope))
     values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))
     return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T

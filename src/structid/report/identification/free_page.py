@@ -73,16 +73,24 @@ def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
             f"{len(estimate.names)}",
             f"{int(estimate.identified.sum())} of them identified, priors included",
         ),
-        ("Combinations that the data determine", number(estimate.determined, 3), "what is left is held by priors"),
+        (
+            "Combinations that the data determine",
+            number(estimate.spread.determined, 3),
+            "what is left is held by priors",
+        ),
         (
             "Changed beyond chance",
             f"{lower} lower, {higher} higher",
             f"more than {number(limit, 3)} standard deviations: 5 % risk of any by chance",
         ),
-        ("Misfit over what is expected", number(float(np.sqrt(estimate.misfit)), 3), f"{estimate.n_data} data"),
+        (
+            "Misfit over what is expected",
+            number(float(np.sqrt(estimate.goodness.misfit)), 3),
+            f"{estimate.goodness.n_data} data",
+        ),
         ("Median relative FRF error", error, f"initial model {before}"),
         ("Total mass", mass, f"standard deviations {basis}"),
-        ("Search", counted(estimate.n_iterations, "iteration"), search_reason(estimate)),
+        ("Search", counted(estimate.search.n_iterations, "iteration"), search_reason(estimate)),
     )
 
 

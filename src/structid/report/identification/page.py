@@ -127,7 +127,7 @@ def report_page(
         "intervals": tables.interval_words(identification),
         "interval_notes": (identification.assumption, *identification.intervals.notes),
         "residual_tests": tables.residual_table(found),
-        "residual_words": () if found.residual_tests is None else found.residual_tests.words,
+        "residual_words": () if found.goodness.residual_tests is None else found.goodness.residual_tests.words,
         "modes": tables.mode_table(rows, band) if len(rows.frequency) else None,
         "resonances": tables.resonance_table(identification.resonances) if identification.resonances else None,
         "provenance": provenance_facts(provenance),

@@ -48,7 +48,7 @@ def parameter_states(identification: Identification) -> tuple[str, ...]:
     for direction in found.identifiability.directions:
         weak |= np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
     has_prior = bool(np.isfinite(identification.prior_std).any())
-    held = {one.index: f"at its {one.side} bound" for one in found.at_bound}
+    held = {one.index: f"at its {one.side} bound" for one in found.spread.at_bound}
     states = []
     for i, (identified, doubtful) in enumerate(zip(found.identified, weak, strict=True)):
         if i in identification.ran_away:
@@ -74,7 +74,7 @@ def parameter_table(identification: Identification) -> Table:
         "95\u00a0% interval", "Change", "Std (noise)", "Std (model error)", "State",
     )  # fmt: skip
     states = parameter_states(identification)
-    ends, held = identification.intervals.ends, {one.index for one in found.at_bound}
+    ends, held = identification.intervals.ends, {one.index for one in found.spread.at_bound}
     rows = []
     for i in identification.listed:
         name = found.names[i]
@@ -92,7 +92,7 @@ def parameter_table(identification: Identification) -> Table:
                 span_text(float(ends[i, 0]) / factor, float(ends[i, 1]) / factor),
                 percent(value / initial - 1) if initial else NOTHING,
                 number(float(found.std_noise[i]) / factor, 2),
-                number(float(found.std_model_error[i]) / factor, 2),
+                number(float(found.spread.std_model_error[i]) / factor, 2),
                 states[i],
             )
         )
@@ -136,7 +136,7 @@ def interval_words(identification: Identification) -> str:
 
 def residual_table(found: Estimate) -> Table | None:
     """Tests of every channel's residual; real and imaginary parts have a row each. None where nothing was tested."""
-    tests = found.residual_tests
+    tests = found.goodness.residual_tests
     if tests is None:
         return None
     header = (
@@ -268,8 +268,9 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     rank, n = found.identifiability.rank, found.identifiability.n_free
     of = f"{n} free ones" if n < len(found.names) else str(n)
     basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
-    chance = f"{found.degrees_of_freedom} degrees of freedom, probability {number(found.chi_square_probability, 2)}"
-    steps = f"{counted(found.n_iterations, 'iteration')}; {found.message}"
+    fit = found.goodness
+    chance = f"{fit.degrees_of_freedom} degrees of freedom, probability {number(fit.chi_square_probability, 2)}"
+    steps = f"{counted(found.search.n_iterations, 'iteration')}; {found.message}"
     remark = "; an error of 1 % in the force is one of 1 % here" if identification.rests_on_force else ""
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")
@@ -280,7 +281,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
         ("Total mass", *weighed),
         ("Status", found.status.value.replace("_", " "), steps),
         ("Rank", f"{rank} of {of}", f"condition {number(found.identifiability.condition, 2)}"),
-        ("Misfit over what is expected", number(float(np.sqrt(found.misfit)), 3), chance),
+        ("Misfit over what is expected", number(float(np.sqrt(found.goodness.misfit)), 3), chance),
         *(_frf_cards(identification) if identification.fits else ()),
     )
 

@@ -112,19 +112,19 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **({} if has_matrix else search_summary(estimate)),
         "rank": identifiability.rank,
         "n_parameters": len(estimate.names),
-        "n_free_parameters": int(estimate.is_free.sum()),
+        "n_free_parameters": int(estimate.spread.is_free.sum()),
         "condition": identifiability.condition,
-        "misfit": np.sqrt(estimate.misfit),
-        "misfit_text": estimate.misfit_words,
+        "misfit": np.sqrt(estimate.goodness.misfit),
+        "misfit_text": estimate.goodness.misfit_words,
         "assumption": found.assumption,
         "chi_square_per_dof": estimate.chi_square_per_dof,
-        "chi_square_probability": estimate.chi_square_probability,
-        "degrees_of_freedom": estimate.degrees_of_freedom,
+        "chi_square_probability": estimate.goodness.chi_square_probability,
+        "degrees_of_freedom": estimate.goodness.degrees_of_freedom,
         "covariance_basis": estimate.covariance_basis,
-        "residual_correlation_lines": estimate.residual_correlation,
-        "n_iterations": estimate.n_iterations,
-        "n_starts": estimate.n_starts,
-        "n_agreeing_starts": estimate.n_agreeing,
+        "residual_correlation_lines": estimate.goodness.residual_correlation,
+        "n_iterations": estimate.search.n_iterations,
+        "n_starts": estimate.search.n_starts,
+        "n_agreeing_starts": estimate.search.n_agreeing,
         "fit": fit_summary(found.fits[0]) if found.fits else None,
         **record_summaries(found.fits),
         **modal_summary(found),
@@ -147,13 +147,13 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
             {"words": g.words, "members": g.members, "relative_std_alone": g.alone, "relative_std_together": g.together}
             for g in identifiability.groups
         ],
-        **({"correlation": estimate.correlation} if has_matrix else {}),
+        **({"correlation": estimate.spread.correlation} if has_matrix else {}),
         "modes": [
             {"frequency_hz": frequency, "damping_ratio": ratio}
             for frequency, ratio in zip(found.modes.frequency, found.modes.damping_ratio, strict=True)
         ],
         "resonances": [{"measured_hz": r.measured, "predicted_hz": r.predicted} for r in found.resonances],
-        "residual_tests": None if estimate.residual_tests is None else asdict(estimate.residual_tests),
+        "residual_tests": None if estimate.goodness.residual_tests is None else asdict(estimate.goodness.residual_tests),
         "intervals": {"kind": found.intervals.kind, "level": found.intervals.level, "notes": found.intervals.notes},
         "warnings": found.warnings,
         **reduction_summary(found),
@@ -295,7 +295,7 @@ def _parameters(identification: Identification) -> list[dict[str, Entry]]:
     found = identification.estimate
     parts = [problem.parameters for problem in identification.problems]
     share = np.full(len(found.names), np.nan) if identification.prior_share is None else identification.prior_share
-    bounds = {one.index: one for one in found.at_bound}
+    bounds = {one.index: one for one in found.spread.at_bound}
     n = len(found.names)
     tolerances = np.zeros(n) if found.fixed is None else np.sqrt(np.diag(found.fixed.covariance))
     elements = {name: own for part in parts for name, own in zip(part.names, part.elements, strict=True)}
@@ -309,7 +309,7 @@ def _parameters(identification: Identification) -> list[dict[str, Entry]]:
             "value": found.values[i],
             "std": found.std[i],
             "std_noise": found.std_noise[i],
-            "std_model_error": found.std_model_error[i],
+            "std_model_error": found.spread.std_model_error[i],
             "std_tolerances": tolerances[i],
             "interval_95": identification.intervals.ends[i],
             "initial": found.initial[i],

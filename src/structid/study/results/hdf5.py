@@ -81,9 +81,9 @@ def _parameters(group: h5py.Group, found: Estimate) -> None:
     _put(group, "values", found.values, note)
     _put(group, "std", found.std, note)
     if found.uncertainty.has_matrix:
-        _put(group, "covariance_noise", found.covariance_noise, "products of units")
-        _put(group, "covariance_model_error", found.covariance_model_error, "products of units")
-        _put(group, "correlation", found.correlation, "1")
+        _put(group, "covariance_noise", found.spread.covariance_noise, "products of units")
+        _put(group, "covariance_model_error", found.spread.covariance_model_error, "products of units")
+        _put(group, "correlation", found.spread.correlation, "1")
         if found.fixed is not None:
             _texts(group, "fixed_names", found.fixed.change_names)
             _put(group, "fixed_changes", found.fixed.changes, "as in units, by one tolerance of each held value")
@@ -95,7 +95,7 @@ def _parameters(group: h5py.Group, found: Estimate) -> None:
     _put(group, "singular_values", found.identifiability.singular_values, "1")
     directions = [item.vector for item in found.identifiability.directions]
     _put(group, "unidentifiable_directions", np.array(directions).reshape(len(directions), len(found.names)), "1")
-    _put(group, "history", found.history, note)
+    _put(group, "history", found.search.history, note)
 
 
 def _frf(group: h5py.Group, fit: RecordFit) -> None:

@@ -115,7 +115,7 @@ def from_nominal(result: StudyResult) -> StudyResult:
     fits = found.fits
     if isinstance(study.solved, SolvedFrfs):  # about the answer, its model says nothing of where the search began
         fits = tuple(_begun_at(fit, before) for fit, before in zip(fits, study_problems(first), strict=True))
-    return replace(result, identification=replace(found, estimate=replace(found.estimate, initial=initial), fits=fits))
+    return replace(result, identification=replace(found, estimate=found.estimate.with_initial(initial), fits=fits))
 
 
 def _begun_at(fit: RecordFit, before: RecordProblem) -> RecordFit:
