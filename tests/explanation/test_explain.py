@@ -243,7 +243,7 @@ def test_few_values_are_said_to_test_little(tmp_path):
         goodness = replace(estimate.goodness, degrees_of_freedom=freedom)
         other = replace(found, estimate=replace(estimate, goodness=goodness))
         assert ("hardly test" in judged(other).words) == hardly
-    assert judged(few).verdict == "sound"
+    assert judged(other).verdict == "sound"
 
 
 def test_of_many_lines_some_are_named():

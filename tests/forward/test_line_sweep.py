@@ -342,7 +342,7 @@ def test_products_without_a_jacobian_equal_those_with_it(form, stored):
     theta = problem.theta_start + 0.1 * rng.standard_normal(len(problem.names))
     at, free = problem.linearize(theta), problem.linearize_operator(theta, stored)
     v, u = rng.standard_normal(len(theta)), rng.standard_normal(len(at.residual))
-    assert free.goodness.n_data == problem.n_data
+    assert free.n_data == problem.n_data
     assert free.residual == pytest.approx(at.residual, rel=1e-9)
     assert free.product(v) == pytest.approx(at.jacobian @ v, rel=1e-9, abs=1e-9 * np.abs(at.jacobian @ v).max())
     assert free.transposed(u) == pytest.approx(at.jacobian.T @ u, rel=1e-9, abs=1e-9 * np.abs(at.jacobian.T @ u).max())
