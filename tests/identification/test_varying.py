@@ -352,5 +352,5 @@ def test_one_value_for_all_is_what_a_vanishing_scatter_gives(benchmark):
     n = len(one.estimate.names)
     assert held.estimate.values[:n] == pytest.approx(one.estimate.values, rel=1e-6)
     assert held.estimate.std_noise[:n] == pytest.approx(one.estimate.std_noise, rel=1e-3)
-    assert one.varied == ()
+    assert one.priors.varied == ()
     assert judged(one).verdict == "sound"

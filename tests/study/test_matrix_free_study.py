@@ -109,10 +109,10 @@ def test_answer_is_that_of_the_dense_search_at_the_same_strength(plate, tmp_path
     off = free.estimate.std / dense.estimate.std_noise - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(64)
     assert np.abs(off.mean()) < 0.06
-    assert free.held[0].rule == "given"
-    assert np.isnan(free.held[0].determined)
-    assert free.total_mass == pytest.approx(dense.total_mass)
-    assert free.total_mass_std == 0
+    assert free.priors.regularizations[0].rule == "given"
+    assert np.isnan(free.priors.regularizations[0].determined)
+    assert free.mass.total == pytest.approx(dense.mass.total)
+    assert free.mass.std == 0
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_an_estimate_without_a_covariance_matrix_says_so(plate):
     found = run_study(load_study(folder / "study.toml")).identification
     with pytest.raises(InputError, match="no covariance matrix of its 50 parameters"):
         _ = found.estimate.covariance
-    assert found.prior_share is None
+    assert found.priors.share is None
     assert found.estimate.interval().shape == (50, 2)
     assert (found.intervals.ends[:, 0] < found.estimate.values).all()
     assert found.estimate.goodness.residual_tests.series[0].name == str(found.sensors[0])
@@ -206,7 +206,7 @@ def test_check_counts_smoothness_of_given_strength(plate, tmp_path):
         load_study(changed(tmp_path, ('search = "matrix_free"', 'search = "levenberg_marquardt"\nrestarts = 0')))
     )
     assert dense.covariance.has_matrix
-    off = free.spread.of_data.std / dense.spread.of_data.std - 1
+    off = free.of_data.std / dense.of_data.std - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(32)
     assert np.abs(off.mean()) < 0.1
     unheld = check_study(load_study(changed(tmp_path, ("strength = 150.0", 'strength = "discrepancy"'))))

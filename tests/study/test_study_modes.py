@@ -53,7 +53,7 @@ def test_ambient_storeys_example_gives_the_true_stiffnesses_within_their_interva
     np.testing.assert_array_less(np.abs(estimate.values - TRUTH), 4 * estimate.std)
     assert (estimate.std_noise < 0.005 * TRUTH).all()
     np.testing.assert_allclose(estimate.values[0], 2.398e6, rtol=1e-3)  # pinned
-    assert found.ratios is None
+    assert found.mass.ratios is None
     assert not found.warnings
 
 
@@ -81,7 +81,7 @@ def test_a_prior_on_the_mass_fixes_the_scale(tmp_path):
     prior = FREE.replace("\n\n[record]", "\nprior = { mean = 1.0, std = 0.05 }\n\n[record]")
     found = run_study(load_study(storeys(tmp_path, "[record]", prior))).identification
     assert found.estimate.status.value == "converged"
-    assert found.ratios is None
+    assert found.mass.ratios is None
     relative = found.estimate.std / found.estimate.values
     np.testing.assert_allclose(relative, 0.05, rtol=0.05)  # of the prior, in everything
 
@@ -320,7 +320,7 @@ def test_eighteen_story_frame_as_a_study_says_what_is_not_determined(tmp_path):
     assert found.estimate.identifiability.rank <= 12
     told = [words for words in found.warnings if words.startswith("the data determine stiffness[story")]
     assert len(told) == 18 - found.estimate.identifiability.rank
-    assert found.ratios is None  # masses are weighed
+    assert found.mass.ratios is None  # masses are weighed
 
 
 def as_uff(folder, keys):

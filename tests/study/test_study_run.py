@@ -40,7 +40,7 @@ def test_a_study_finds_the_values_that_made_its_record(tmp_path):
         value, std = estimate[name].value, float(estimate.std_noise[estimate.names.index(name)])
         assert abs(value - true) < 5 * std, name  # 8 Gaussian parameters: a false alarm in 2e5 seeds
         assert 0 < std < 0.01 * true, name  # 1 % noise on 230 lines
-    assert result.identification.total_mass == pytest.approx(6.0, abs=5 * result.identification.total_mass_std)
+    assert result.identification.mass.total == pytest.approx(6.0, abs=5 * result.identification.mass.std)
 
 
 def physical_jacobian(values: np.ndarray, frequency: np.ndarray) -> np.ndarray:

@@ -62,16 +62,16 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     facts += found.intervals.notes
     facts += [
         words
-        for one in found.varied
+        for one in found.priors.varied
         for words in (f"{one.words}; each record's own in the results", *one.outlying_words)
     ]
-    mass = f"total mass: {figures(found.total_mass)} kg, standard deviation {figures(found.total_mass_std, 2)} kg"
+    mass = f"total mass: {figures(found.mass.total)} kg, standard deviation {figures(found.mass.std, 2)} kg"
     tables = ([modes] if modes.row_count else []) + ([peaks] if found.resonances else [])
     shown = [*_pairs(found), *tables]
     together = groups(identifiability)
     head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
-    after = [found.assumption, *([mass] if found.total_mass > 0 else [])]
-    after += [ON_FORCE] if found.rests_on_force else []
+    after = [found.assumption, *([mass] if found.mass.total > 0 else [])]
+    after += [ON_FORCE] if found.mass.rests_on_force else []
     after += [words] if (words := resting_words(() if result.criticism is None else result.criticism.held)) else []
     if result.solver is not None:
         after.append(f"{result.solver.check}; the updated deck is in {UPDATED}")
@@ -116,7 +116,7 @@ def _changes_summary(result: StudyResult) -> list[RenderableType]:
     for i in largest_changes(estimate, _MOST_CHANGES):
         numbers = (figures(estimate.initial[i]), figures(estimate.values[i]), figures(estimate.std[i], 2))
         table.add_row(estimate.names[i], estimate.units[i], *numbers)
-    mass = f"total mass: {figures(found.total_mass)} kg, standard deviation {figures(found.total_mass_std, 2)} kg"
+    mass = f"total mass: {figures(found.mass.total)} kg, standard deviation {figures(found.mass.std, 2)} kg"
     rest = f"all of them in {PARAMETERS}"
     head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
     return [*head, *map(Text, facts), table, Text(found.assumption), Text(rest), Text(mass)]
@@ -151,11 +151,17 @@ def _pairs(found: Identification) -> list[RenderableType]:
                 figures(fit.initial.mac[i], 3),
             )
         shown.append(table)
-    if found.ratios is not None:
+    if found.mass.ratios is not None:
         table = new_table("ratio", "value", "std", "95 % interval")
-        rows = zip(found.ratios.names, found.ratios.values, found.ratios.std, found.ratios.ends, strict=True)
+        rows = zip(
+            found.mass.ratios.names,
+            found.mass.ratios.values,
+            found.mass.ratios.std,
+            found.mass.ratios.ends,
+            strict=True,
+        )
         for name, value, std, ends in rows:
             span = f"{figures(ends[0])} to {figures(ends[1])}"
-            table.add_row(f"{name} / {found.ratios.reference}", figures(value), figures(std, 2), span)
+            table.add_row(f"{name} / {found.mass.ratios.reference}", figures(value), figures(std, 2), span)
         shown.append(table)
     return [*shown]

@@ -323,7 +323,9 @@ def judged(
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
         )
-    return replace(given, reasons=(*given.reasons, *(words for one in found.varied for words in one.outlying_words)))
+    return replace(
+        given, reasons=(*given.reasons, *(words for one in found.priors.varied for words in one.outlying_words))
+    )
 
 
 def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
@@ -482,10 +484,10 @@ def _untested(found: Identification) -> Judgement:
 
 def _by_priors(found: Identification) -> list[str]:
     """Parameters of which their own priors know more than the data."""
-    share = found.prior_share
+    share = found.priors.share
     if share is None:
         return []
-    pairs = zip(found.estimate.names, share, np.isfinite(found.prior_std), strict=True)
+    pairs = zip(found.estimate.names, share, np.isfinite(found.priors.std), strict=True)
     return [name for name, part, has_prior in pairs if has_prior and part > _MOSTLY]
 
 

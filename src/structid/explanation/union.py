@@ -77,10 +77,11 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
     )
     before, now = estimate_warnings(estimate), estimate_warnings(wider)
     kept = [one for one in found.warnings if one in now or one not in before]
+    _, std = total_mass(found.problems[0], wider, direction, found.freed[0] if found.freed else None)
     return replace(
         found,
         estimate=wider,
         warnings=(*(one for one in now if one not in kept), *kept),
         intervals=replace(own, ends=ends, notes=(*own.notes, *notes)),
-        total_mass_std=total_mass(found.problems[0], wider, direction, found.freed[0] if found.freed else None)[1],
+        mass=replace(found.mass, std=std),
     )

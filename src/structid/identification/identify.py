@@ -16,7 +16,7 @@ from structid.identification.fits.missed import missed_parts
 from structid.identification.fits.ratios import ratios, rests_on_force
 from structid.identification.fits.record_fit import Own
 from structid.identification.fixed_values import freed_problems
-from structid.identification.identified import Identification
+from structid.identification.identified import Identification, MassEstimate, PriorSummary
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import answered
@@ -142,23 +142,28 @@ def identify_together(
     warnings += unused_damping(problems, found.names, found.kinds, found.identified)
     warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
     mass, std = total_mass(problems[0], found, chosen.direction, freed[0] if freed else None)
+    priors = PriorSummary(
+        mean=by_name(found.names, problems, lambda part: part.priors.mean),
+        std=by_name(found.names, problems, lambda part: part.priors.std),
+        share=share,
+        regularizations=answer.held,
+        varied=answer.varied,
+    )
     return Identification(
         estimate=found,
         fits=tuple(fit for fit in fits if fit is not None),
         modal_fits=tuple(fit for fit in modal_fits if fit is not None),
         problems=problems,
         target=target,
-        prior_mean=by_name(found.names, problems, lambda part: part.priors.mean),
-        prior_std=by_name(found.names, problems, lambda part: part.priors.std),
-        prior_share=share,
-        held=answer.held,
-        varied=answer.varied,
-        total_mass=mass,
-        total_mass_std=std,
+        priors=priors,
+        mass=MassEstimate(
+            total=mass,
+            std=std,
+            ratios=scale_free,
+            rests_on_force=target is not None and rests_on_force(problems, found),
+        ),
         warnings=tuple(warnings),
         intervals=ends,
-        ratios=scale_free,
-        rests_on_force=target is not None and rests_on_force(problems, found),
         ran_away=away,
         truncations=truncations,
         missed=missed_parts(titles(setups) if len(setups) > 1 else [""], problems, found, freed),

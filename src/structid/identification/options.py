@@ -15,8 +15,8 @@ from structid.unknowns.tolerances import Tolerances
 
 
 @dataclass(frozen=True, kw_only=True)
-class LineOptions:
-    """Which lines count.
+class IdentifyOptions:
+    """Options of an identification: which lines count, what is minimized, how it is searched for, and what is shown.
 
     Parameters
     ----------
@@ -27,19 +27,6 @@ class LineOptions:
     evaluation_band : (float, float), optional
         Where the fit is judged and drawn, Hz; the lines that were used by default. A wider one shows how the model
         does on lines that had no part in the fit.
-    """
-
-    band: tuple[float, float] | None = None
-    exclude: Sequence[tuple[float, float]] = ()
-    evaluation_band: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResidualOptions:
-    """What is minimized.
-
-    Parameters
-    ----------
     residual : Form
         Residual of the last stage; see `FrfProblem`.
     model_error : float
@@ -50,20 +37,6 @@ class ResidualOptions:
         of 20 lines or more; 0 solves for every line.
     regularization : sequence of Smoothness or Sparsity
         What holds parameters that the data alone do not determine.
-    """
-
-    residual: Literal["output", "log", "pole_free"] = "output"
-    model_error: NotNegative = 0.0
-    reduced: Annotated[float, Limits(least=0, most=0.01)] | None = None
-    regularization: Sequence[Regularization] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class SearchOptions:
-    """How the minimum is searched for.
-
-    Parameters
-    ----------
     pole_free_start : bool
         Whether a search on easier forms of the residual comes first, for starts far from the answer.
     start : {"near", "continuation"}
@@ -80,29 +53,11 @@ class SearchOptions:
         fit the data as well. There are four at least where a fit is to be doubted: the data push a parameter beyond its
         bound, or an answer from modes alone is more than a factor of two away from its start.
     seed : int
-        Of those starts, and of posterior draws.
+        Seed of random starts and of posterior draws.
     method : Method
         Search of the last stage.
     matrix_free : bool, optional
         Whether the parameters are searched for without a Jacobian; by default where one is too large.
-    """
-
-    pole_free_start: bool = True
-    start: Literal["near", "continuation"] = "near"
-    start_error: Positive = START_ERROR
-    restarts: int = 2
-    uniqueness_starts: int = 0
-    seed: int = 0
-    method: Method = field(default_factory=LevenbergMarquardt)
-    matrix_free: bool | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class IdentifyOptions(SearchOptions, ResidualOptions, LineOptions):
-    """How an identification is done; further options are those of `LineOptions`, `ResidualOptions` and `SearchOptions`.
-
-    Parameters
-    ----------
     intervals : {"laplace", "profile", "bootstrap", "sampling"}
         How the 95 % interval of each parameter is found, in rising order of cost; see
         `structid.inversion.intervals.intervals`.
@@ -115,6 +70,21 @@ class IdentifyOptions(SearchOptions, ResidualOptions, LineOptions):
         simulated ones. Intervals and verdicts allow for them.
     """
 
+    band: tuple[float, float] | None = None
+    exclude: Sequence[tuple[float, float]] = ()
+    evaluation_band: tuple[float, float] | None = None
+    residual: Literal["output", "log", "pole_free"] = "output"
+    model_error: NotNegative = 0.0
+    reduced: Annotated[float, Limits(least=0, most=0.01)] | None = None
+    regularization: Sequence[Regularization] = ()
+    pole_free_start: bool = True
+    start: Literal["near", "continuation"] = "near"
+    start_error: Positive = START_ERROR
+    restarts: int = 2
+    uniqueness_starts: int = 0
+    seed: int = 0
+    method: Method = field(default_factory=LevenbergMarquardt)
+    matrix_free: bool | None = None
     intervals: IntervalKind = "laplace"
     direction: Literal["X", "Y", "Z"] | None = None
     n_modes: Count = 12

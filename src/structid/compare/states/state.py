@@ -113,7 +113,7 @@ def state_of(result: StudyResult) -> State:
     found = result.identification
     drawn = Drawn(found.structure, found.parameters, found.sensors, found.loads)
     study = result.study
-    held = tuple(item.name for item in found.held)
+    held = tuple(item.name for item in found.priors.regularizations)
     judgement = judged(found, untried=NOT_TRIED)
     return State(study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn, judgement)
 

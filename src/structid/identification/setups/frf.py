@@ -18,7 +18,7 @@ from structid.forward.channel_unknowns import channel_errors
 from structid.identification.before.reduction import Truncation, frf_truncation
 from structid.identification.checks import record_warnings
 from structid.identification.fits.record_fit import Own, RecordFit, record_fit
-from structid.identification.options import IdentifyOptions, LineOptions
+from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
 from structid.records import FrfRecord
 from structid.records.quality.findings import Finding
@@ -172,13 +172,13 @@ def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptio
     return _USUAL_ERROR if is_worth else None
 
 
-def used_lines(record: FrfRecord, options: LineOptions) -> FrfRecord:
+def used_lines(record: FrfRecord, options: IdentifyOptions) -> FrfRecord:
     """The lines of `record` inside the band and outside the excluded stretches."""
     keep = inside(record.frequency, options)
     return record if keep.all() else record.lines(np.flatnonzero(keep))
 
 
-def inside(frequency: FloatArray, options: LineOptions) -> np.ndarray:
+def inside(frequency: FloatArray, options: IdentifyOptions) -> np.ndarray:
     """Which frequencies lie inside the band and outside the excluded stretches, (n_frequencies,) bool."""
     low, high = options.band or (-np.inf, np.inf)
     in_band = (frequency >= low) & (frequency <= high)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -55,34 +55,7 @@ class Prepared(Generic[P]):
     of_structure: tuple[str, ...] = ()
 
 
-class ShownBeside(ABC, Generic[P]):
-    """How the model, and the answer, are seen beside a record; what a kind of record does not show has a default here."""
-
-    def looked_at(self, prepared: Prepared[P], options: IdentifyOptions) -> Look:
-        """The initial model evaluated, and the record beside it.
-
-        Raises
-        ------
-        SingularModelError, InputError
-            If it cannot be evaluated.
-        """
-        return Look()
-
-    def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:
-        """What components of the structure leave out, seen by this record; None where it has none."""
-        values = problem.property_values(problem.physical(theta))
-        return modes_truncation(problem.structure, values, float(problem.frequency.max()))
-
-    def response_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> RecordFit | None:
-        """The answer beside its responses, where it has some."""
-        return None
-
-    def modal_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> ModalFit | None:
-        """The answer beside its modes, where it has some."""
-        return None
-
-
-class RecordSetup(ShownBeside[P]):
+class RecordSetup(Generic[P], metaclass=ABCMeta):
     """One record of any kind and what it was measured on; what it does not say has a default here.
 
     Attributes
@@ -154,6 +127,29 @@ class RecordSetup(ShownBeside[P]):
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
         """The estimate by `own_estimator`."""
         raise TypeError("the record has no estimator of its own; search its problem")
+
+    def looked_at(self, prepared: Prepared[P], options: IdentifyOptions) -> Look:
+        """The initial model evaluated, and the record beside it.
+
+        Raises
+        ------
+        SingularModelError, InputError
+            If it cannot be evaluated.
+        """
+        return Look()
+
+    def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:
+        """What components of the structure leave out, seen by this record; None where it has none."""
+        values = problem.property_values(problem.physical(theta))
+        return modes_truncation(problem.structure, values, float(problem.frequency.max()))
+
+    def response_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> RecordFit | None:
+        """The answer beside its responses, where it has some."""
+        return None
+
+    def modal_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> ModalFit | None:
+        """The answer beside its modes, where it has some."""
+        return None
 
 
 def look(problem: FrfProblem, predicted: ComplexArray) -> Look:

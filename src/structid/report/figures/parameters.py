@@ -30,7 +30,7 @@ def parameters_figure(identification: Identification) -> plot.Figure:
     one_std, normal = (ratio[:, None] + reach * std[:, None] * _BOTH for reach in (1.0, NORMAL_95))
     given = np.sort(identification.intervals.ends / scale[:, None], axis=1)
     interval = np.where(np.isfinite(given), given, normal)
-    prior = (identification.prior_mean / scale)[:, None] + (identification.prior_std / np.abs(scale))[:, None] * _BOTH
+    prior = (identification.priors.mean / scale)[:, None] + (identification.priors.std / np.abs(scale))[:, None] * _BOTH
     low, high, log = _ratio_limits(ratio, interval, prior, sure)
     shown, below, above = np.clip(ratio, low, high), ratio < low, ratio > high
     floor = low / 10 if log else None

@@ -62,8 +62,8 @@ def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
         percent(float(np.median(np.concatenate([part.ravel() for part in parts]))), 3, signed=False)
         for parts in ([f.relative_error for f in found.fits], [f.initial_relative_error for f in found.fits])
     )
-    has_mass = np.isfinite(found.total_mass) and found.total_mass > 0
-    mass = f"{with_std(found.total_mass, found.total_mass_std)} kg" if has_mass else NOTHING
+    has_mass = np.isfinite(found.mass.total) and found.mass.total > 0
+    mass = f"{with_std(found.mass.total, found.mass.std)} kg" if has_mass else NOTHING
     beyond, limit = estimate.beyond_chance()
     lower, higher = (int((beyond & (sense * estimate.distance > 0)).sum()) for sense in (-1, 1))
     basis = "from the residual" if estimate.covariance_basis == "model_error" else "from the noise"

@@ -122,7 +122,8 @@ def report_page(
         "elements": tables.element_table(structure),
         "parameters": tables.parameter_table(identification),
         "varied": [
-            (one.words, one.outlying_words, tables.varied_table(identification, one)) for one in identification.varied
+            (one.words, one.outlying_words, tables.varied_table(identification, one))
+            for one in identification.priors.varied
         ],
         "intervals": tables.interval_words(identification),
         "interval_notes": (identification.assumption, *identification.intervals.notes),

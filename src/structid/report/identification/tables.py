@@ -47,7 +47,7 @@ def parameter_states(identification: Identification) -> tuple[str, ...]:
     weak = np.zeros(len(found.names), dtype=bool)
     for direction in found.identifiability.directions:
         weak |= np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
-    has_prior = bool(np.isfinite(identification.prior_std).any())
+    has_prior = bool(np.isfinite(identification.priors.std).any())
     held = {one.index: f"at its {one.side} bound" for one in found.spread.at_bound}
     states = []
     for i, (identified, doubtful) in enumerate(zip(found.identified, weak, strict=True)):
@@ -80,13 +80,13 @@ def parameter_table(identification: Identification) -> Table:
         name = found.names[i]
         factor, unit = prefixed(found.units[i], float(found.values[i]), float(found.initial[i]))
         value, initial, std = (float(own[i]) / factor for own in (found.values, found.initial, found.std))
-        prior = with_std(float(identification.prior_mean[i]) / factor, float(identification.prior_std[i]) / factor)
+        prior = with_std(float(identification.priors.mean[i]) / factor, float(identification.priors.std[i]) / factor)
         rows.append(
             (
                 name,
                 unit or "1",
                 exact(initial),
-                prior if np.isfinite(identification.prior_std[i]) else NOTHING,
+                prior if np.isfinite(identification.priors.std[i]) else NOTHING,
                 exact(value) if i in held else with_std(value, std),
                 percent(std / abs(value), 2, signed=False, most_decimals=6) if value else NOTHING,
                 span_text(float(ends[i, 0]) / factor, float(ends[i, 1]) / factor),
@@ -263,7 +263,7 @@ def element_table(structure: Structure) -> Table:
 def summary_facts(identification: Identification) -> tuple[tuple[str, str, str], ...]:
     """The answer in a line: label, value and a remark."""
     found = identification.estimate
-    mass, std = identification.total_mass, identification.total_mass_std
+    mass, std = identification.mass.total, identification.mass.std
     has_mass = np.isfinite(mass) and mass > 0
     rank, n = found.identifiability.rank, found.identifiability.n_free
     of = f"{n} free ones" if n < len(found.names) else str(n)
@@ -271,7 +271,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     fit = found.goodness
     chance = f"{fit.degrees_of_freedom} degrees of freedom, probability {number(fit.chi_square_probability, 2)}"
     steps = f"{counted(found.search.n_iterations, 'iteration')}; {found.message}"
-    remark = "; an error of 1 % in the force is one of 1 % here" if identification.rests_on_force else ""
+    remark = "; an error of 1 % in the force is one of 1 % here" if identification.mass.rests_on_force else ""
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")
         if has_mass

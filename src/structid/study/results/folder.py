@@ -128,15 +128,15 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         "fit": fit_summary(found.fits[0]) if found.fits else None,
         **record_summaries(found.fits),
         **modal_summary(found),
-        "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
-        "rests_on_force": found.rests_on_force,
+        "total_mass": {"value": found.mass.total, "std": found.mass.std, "unit": "kg"},
+        "rests_on_force": found.mass.rests_on_force,
         **_held(() if result.criticism is None else result.criticism.held),
         **_tolerances(estimate),
         **({"parameters": _parameters(found)} if has_matrix else changes_summary(estimate)),
         "regularization": [
             {"name": item.name, "rule": item.rule, **_strengths(item, has_matrix), "text": item.words,
              "settled": item.converged}
-            for item in found.held
+            for item in found.priors.regularizations
         ],
         **varied_summary(found),
         "unidentifiable_directions": [
@@ -200,7 +200,7 @@ def reduction_summary(found: Identification) -> dict[str, Entry]:
 
 def varied_summary(found: Identification) -> dict[str, Entry]:
     """What differs from record to record, where something does."""
-    if not found.varied:
+    if not found.priors.varied:
         return {}
     place = {name: i for i, name in enumerate(found.estimate.names)}
     return {
@@ -215,7 +215,7 @@ def varied_summary(found: Identification) -> dict[str, Entry]:
                     for record, _, own, deviation, p, outlying in one.parts
                 ],
             }
-            for one in found.varied
+            for one in found.priors.varied
         ]
     }  # fmt: skip
 
@@ -294,7 +294,7 @@ def _at_bound(one: AtBound | None) -> dict[str, Entry] | None:
 def _parameters(identification: Identification) -> list[dict[str, Entry]]:
     found = identification.estimate
     parts = [problem.parameters for problem in identification.problems]
-    share = np.full(len(found.names), np.nan) if identification.prior_share is None else identification.prior_share
+    share = np.full(len(found.names), np.nan) if identification.priors.share is None else identification.priors.share
     bounds = {one.index: one for one in found.spread.at_bound}
     n = len(found.names)
     tolerances = np.zeros(n) if found.fixed is None else np.sqrt(np.diag(found.fixed.covariance))
@@ -316,8 +316,8 @@ def _parameters(identification: Identification) -> list[dict[str, Entry]]:
             "identified": bool(found.identified[i]),
             "at_bound": _at_bound(bounds.get(i)),
             "ran_away": i in identification.ran_away,
-            "prior_mean": identification.prior_mean[i],
-            "prior_std": identification.prior_std[i],
+            "prior_mean": identification.priors.mean[i],
+            "prior_std": identification.priors.std[i],
             "prior_share": share[i],
         }
         for i, name in enumerate(found.names)

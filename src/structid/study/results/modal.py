@@ -13,7 +13,7 @@ def modal_summary(found: Identification) -> dict[str, Entry]:
     """The entries ``modal_records`` and ``ratios``; nothing where no record holds modes."""
     if not found.modal_fits:
         return {}
-    ratios = found.ratios
+    ratios = found.mass.ratios
     if ratios is None:
         return {"modal_records": [_record(fit) for fit in found.modal_fits], "ratios": None}
     rows = zip(ratios.names, ratios.values, ratios.std, ratios.ends, strict=True)
