@@ -21,8 +21,8 @@ from scipy import linalg
 
 import structid as sid
 from structid.forward import RecordProblem
+from structid.identification.joint_problem import harmonize_shared_parameters
 from structid.identification.search import Answer, answered
-from structid.identification.together import alike
 from structid.inversion import Linearization
 from structid.inversion.comparison.comparison import Comparison, compare_jointly
 from structid.inversion.comparison.states import LATER, states_problem
@@ -250,7 +250,7 @@ def fitted(state: str, arrangements: Iterable[int], model: Model) -> sid.Estimat
 def answer(parts: Sequence[ResonanceProblem], titles: Sequence[str]) -> Answer:
     """All of them in one fit, with what varies among them."""
     options = sid.IdentifyOptions(restarts=0, pole_free_start=False)
-    return answered((), alike(parts, titles), options, None, ALONE)
+    return answered((), harmonize_shared_parameters(parts, titles), options, None, ALONE)
 
 
 def scatter(found: sid.Estimate, state: str, arrangements: Iterable[int], model: Model) -> np.ndarray:

@@ -21,8 +21,8 @@ from structid.explanation.suggestions import suggestion_text
 from structid.explanation.trial import base_trial
 from structid.forward import RecordProblem
 from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
+from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.search import answered
-from structid.identification.together import alike, together
 from structid.identification.varying import _chances
 from structid.inversion.problem import DataRows
 from structid.inversion.search.work import ALONE
@@ -100,7 +100,12 @@ def toy(seed, varies, scatter=0.08):
     for r in range(N_RECORDS):
         z[r * N_ROWS : (r + 1) * N_ROWS, r] = designs[r][:, 1]
     titles = [f"record {k}" for k in range(1, N_RECORDS + 1)]
-    return alike(parts, titles), (designs.reshape(-1, 3), z, np.concatenate(y), np.repeat(ERRORS, N_ROWS))
+    return harmonize_shared_parameters(parts, titles), (
+        designs.reshape(-1, 3),
+        z,
+        np.concatenate(y),
+        np.repeat(ERRORS, N_ROWS),
+    )
 
 
 def textbook(x, z, y, errors, std):
@@ -190,7 +195,9 @@ def test_the_jacobian_is_that_of_differences(benchmark):
     setups = benchmark.setups(
         benchmark.CLAMP * np.array([0.9, 1.0, 1.1]), np.random.default_rng(0), benchmark.declared(0.05)
     )
-    problem = together(alike([one.prepared(sid.IdentifyOptions()).problem for one in setups], ["a", "b", "c"]))
+    problem = joint_problem(
+        harmonize_shared_parameters([one.prepared(sid.IdentifyOptions()).problem for one in setups], ["a", "b", "c"])
+    )
     theta = problem.theta_start + 0.02 * np.arange(len(problem.names))
     steps = 1e-5 * np.eye(len(theta))
     numbers = np.stack([(problem.residual(theta + e) - problem.residual(theta - e)) / 2e-5 for e in steps], axis=1)

@@ -26,7 +26,7 @@ from structid import (
     parameters,
     with_declared_noise,
 )
-from structid.identification.together import joint_schedules
+from structid.identification.joint_problem import joint_schedules
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.covariance import correlation_length
 from structid.unknowns.tolerances import EXACT

@@ -33,7 +33,7 @@ from structid.explanation.trial import are_small, base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
 from structid.forward import FrfProblem
-from structid.forward.frf.lines.solved import NO_MATRICES
+from structid.forward.frf.solvers.tabulated import NO_MATRICES
 from structid.identification.identified import Identification
 from structid.inversion.search.work import ALONE, Work
 from structid.study.results.result import StudyResult

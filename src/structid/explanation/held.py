@@ -18,7 +18,7 @@ from structid.explanation.edits import edit
 from structid.explanation.trial import read_study, started_at, weighed_like
 from structid.forward.scatter import scatter_problems
 from structid.identification.identified import Identification
-from structid.identification.together import together
+from structid.identification.joint_problem import joint_problem
 from structid.inversion import Problem
 from structid.inversion.uncertainty import relative_steps
 from structid.study.run.start import Start
@@ -73,6 +73,6 @@ def _freed(ready: Start, found: Identification, held: Sequence[Candidate], known
             edit(tables, candidate, 1.0)
         problems, _, _ = read_study(ready.study, tables, before)
         problems = weighed_like(problems, found.problems, scatter_problems(found.problems))
-        return together([started_at(one, known) for one in problems])
+        return joint_problem([started_at(one, known) for one in problems])
     except (StructidError, np.linalg.LinAlgError):
         return None  # some property has no place among the unknowns

@@ -5,7 +5,7 @@ from structid.forward.channel_unknowns import ChannelUnknown, channel_errors
 from structid.forward.frf.equations import measures_everything, one_step_values
 from structid.forward.frf.forms import Form
 from structid.forward.frf.problem import FrfProblem, frequency_continuation
-from structid.forward.frf.response import Models, Response, response
+from structid.forward.frf.response import Response, ResponseCache, response
 from structid.forward.frf.simulation import simulated_record
 from structid.forward.modal.problem import ModalProblem
 from structid.forward.modal.settings import ModalForm, ModalSettings, ShapeForm
@@ -34,7 +34,6 @@ __all__ = [
     "ModalForm",
     "ModalProblem",
     "ModalSettings",
-    "Models",
     "Motion",
     "MotionSolution",
     "Oscillation",
@@ -42,6 +41,7 @@ __all__ = [
     "RecordProblem",
     "RecursiveMotionFit",
     "Response",
+    "ResponseCache",
     "ShapeForm",
     "SpectraProblem",
     "TimeOptions",

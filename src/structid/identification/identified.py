@@ -16,8 +16,8 @@ from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.ratios import Ratios
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import Resonance
+from structid.identification.joint_problem import indices_of
 from structid.identification.regularizing import Held
-from structid.identification.together import places
 from structid.identification.varying import Varied
 from structid.inversion import Estimate, Problem
 from structid.inversion.intervals.intervals import Intervals
@@ -200,4 +200,4 @@ class Identification(Shown, IdentificationPlots):
     @property
     def own_index(self) -> IntArray:
         """Indices of `parameters` among all."""
-        return places(self.estimate.names, self.parameters.names)
+        return indices_of(self.estimate.names, self.parameters.names)

@@ -17,12 +17,12 @@ from structid.identification.fits.ratios import ratios, rests_on_force
 from structid.identification.fits.record_fit import Own
 from structid.identification.fixed_values import freed_problems
 from structid.identification.identified import Identification, MassEstimate, PriorSummary
+from structid.identification.joint_problem import first_values, harmonize_shared_parameters, indices_of
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import answered
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.setup import AnySetup, prefixes, prepared_warnings, titles
-from structid.identification.together import alike, by_name, places
 from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_words, unused_damping
 from structid.inversion import Covariance, Estimate
 from structid.inversion.fixed_values import FIXED, FixedValueInfluence
@@ -106,13 +106,13 @@ def identify_together(
     if not setups:
         raise InputError("`setups` must hold at least one set-up, got none; give one for each record")
     prepared = [setup.prepared(chosen) for setup in setups]
-    problems = initial = alike([ready.problem for ready in prepared], titles(setups))
+    problems = initial = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
     if len(setups) == 1:
         problems = (setups[0].begun(problems[0]),)
     answer = answered(setups, problems, chosen, progress, work)
     problems, target = answer.problems, answer.target
     freed = () if answer.estimate.fixed is None else freed_problems(setups, problems, chosen.tolerances)
-    found = answer.estimate.with_initial(by_name(answer.estimate.names, initial, lambda part: part.start))
+    found = answer.estimate.with_initial(first_values(answer.estimate.names, initial, lambda part: part.start))
     if found.goodness.residual_tests is not None and target is not None:
         tests = found.goodness.residual_tests.named(_series_names(setups, problems))
         found = replace(found, goodness=replace(found.goodness, residual_tests=tests))
@@ -143,8 +143,8 @@ def identify_together(
     warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
     mass, std = total_mass(problems[0], found, chosen.direction, freed[0] if freed else None)
     priors = PriorSummary(
-        mean=by_name(found.names, problems, lambda part: part.priors.mean),
-        std=by_name(found.names, problems, lambda part: part.priors.std),
+        mean=first_values(found.names, problems, lambda part: part.priors.mean),
+        std=first_values(found.names, problems, lambda part: part.priors.std),
         share=share,
         regularizations=answer.held,
         varied=answer.varied,
@@ -180,7 +180,7 @@ def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem])
 
 def _own(problem: RecordProblem, found: Estimate) -> Own:
     """What was found of the problem's own parameters."""
-    place = places(found.names, problem.names)
+    place = indices_of(found.names, problem.names)
     return Own(found.theta[place], found.values[place], found.initial[place])
 
 
@@ -198,7 +198,7 @@ def total_mass(
         The problem with what its model holds among the unknowns; masses that are held err within their tolerances then.
     """
     unknown, row = problem.parameters, np.zeros((1, len(found.names)))
-    index = places(found.names, unknown.names)
+    index = indices_of(found.names, unknown.names)
     values = unknown.values(found.values[index])
     gradient = problem.structure.mass_gradient(direction, values)
     row[0, index] = gradient @ unknown.design

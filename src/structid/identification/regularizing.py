@@ -14,8 +14,8 @@ from structid.core.display import listed
 from structid.forward import RecordProblem
 from structid.forward.polarities import decide_polarities
 from structid.forward.scatter import ScatterProblem, scatter_problems
+from structid.identification.joint_problem import indices_of, joint_problem, joint_schedules
 from structid.identification.options import IdentifyOptions
-from structid.identification.together import joint_schedules, places, together
 from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
 from structid.inversion import Estimate, JointProblem, Linearization, Method, Problem
 from structid.inversion.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
@@ -167,7 +167,7 @@ def _by_draws(
         return coupled(problems, [c.scaled(s) for c, s in zip(unit, strengths, strict=True)])
 
     def made(strengths: Sequence[float]) -> Problem:
-        return together(held_by(strengths))
+        return joint_problem(held_by(strengths))
 
     given = tuple(term.given for term in terms)
     unheld = made([1.0] * len(terms))
@@ -277,7 +277,7 @@ class _Search:
         names = self.problem.names
         return (
             *(coupling.among(len(names), 0) for coupling in self.unit),
-            *(one.coupling.at(places(names, one.names), len(names)) for one in self.scatters),
+            *(one.coupling.at(indices_of(names, one.names), len(names)) for one in self.scatters),
         )
 
     @cached_property
@@ -295,7 +295,7 @@ class _Search:
         return coupled(made, [c.scaled(s) for c, s in zip(self.unit, strengths[:n_terms], strict=True)])
 
     def with_strengths(self, strengths: Strengths) -> Problem:
-        return together(self.held_by(self.problems, strengths))
+        return joint_problem(self.held_by(self.problems, strengths))
 
     def refit(self, strengths: Strengths, theta: FloatArray) -> FloatArray:
         return self.work.minimize(self.with_strengths(strengths), self.method, theta).theta

@@ -13,17 +13,17 @@ from structid.core.errors import InputError
 from structid.forward import RecordProblem
 from structid.forward.polarities import decide_polarities, polarities, with_polarities
 from structid.identification.fixed_values import fixed_values, freed_problems
+from structid.identification.joint_problem import (
+    indices_of,
+    joint_obstacle,
+    joint_paths,
+    joint_problem,
+    joint_sample,
+    joint_schedules,
+)
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held, regularized, takes_matrix_free
 from structid.identification.setups.setup import AnySetup
-from structid.identification.together import (
-    joint_obstacle,
-    joint_paths,
-    joint_sample,
-    joint_schedules,
-    places,
-    together,
-)
 from structid.identification.varying import Varied, varied, widened_estimate
 from structid.inversion import Estimate, MatrixFree, Method, Problem, Search, Status
 from structid.inversion.estimate import estimate
@@ -114,7 +114,7 @@ def answered(
         paths = joint_schedules(current)[:1] if method.is_matrix_free else joint_paths(current)
         staged = options.pole_free_start and regular.theta is None and not local
         return estimate(
-            together(current),
+            joint_problem(current),
             method,
             paths if staged else (),
             search,
@@ -127,12 +127,12 @@ def answered(
     def found_near(current: tuple[RecordProblem, ...], theta: FloatArray) -> Estimate:
         near = Search(seed=options.seed, start=theta)
         fixed = fixed_values(freed_problems(setups, current, options.tolerances))
-        return estimate(together(current), method, (), near, progress=progress, work=work, fixed=fixed)
+        return estimate(joint_problem(current), method, (), near, progress=progress, work=work, fixed=fixed)
 
     best, problems = reweighted(*searched(regular.problems, found), found_near)
     differing = varied(problems, best, regular.scatters)
     best = widened_estimate(best, tuple(regular.scatters.values()))
-    return Answer(best, problems, together(problems), regular.held, differing)
+    return Answer(best, problems, joint_problem(problems), regular.held, differing)
 
 
 def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -> Method:
@@ -151,7 +151,7 @@ def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -
     obstacle = matrix_free_obstacle(problems, options)
     if obstacle and options.matrix_free:
         raise InputError(f"search 'matrix_free' {obstacle}; leave it out, or choose 'levenberg_marquardt'")
-    whole = together(problems)
+    whole = joint_problem(problems)
     if not options.matrix_free and (obstacle or dense_search_fits(len(whole.names), whole.n_data)[0]):
         return dense
     return MatrixFree(max_iterations=options.method.max_iterations, gain_tolerance=_GAIN_TOLERANCE)
@@ -183,7 +183,7 @@ def searched(
     found = search(current)
     tried = {_polarities(current): (found, current)}
     while True:
-        current = tuple(decide_polarities(p, found.theta[places(found.names, p.names)]) for p in current)
+        current = tuple(decide_polarities(p, found.theta[indices_of(found.names, p.names)]) for p in current)
         if _polarities(current) in tried:
             break
         found = search(current)
@@ -210,7 +210,7 @@ def reweighted(
     for _ in range(_REWEIGHTED):
         if not best.goodness.misfit < _REWEIGHTED_BELOW:
             break
-        current = tuple(p.reweighted(best.theta[places(best.names, p.names)]) for p in problems)
+        current = tuple(p.reweighted(best.theta[indices_of(best.names, p.names)]) for p in problems)
         if all(one is other for one, other in zip(current, problems, strict=True)):
             break
         again = search(current, best.theta)

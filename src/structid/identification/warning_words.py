@@ -8,7 +8,7 @@ import numpy as np
 
 from structid.core.display import listed
 from structid.forward import RecordProblem
-from structid.identification.together import by_name
+from structid.identification.joint_problem import first_values
 from structid.inversion import Estimate, Status
 from structid.unknowns.named_unknowns import DAMPING, MAY_VANISH
 
@@ -116,8 +116,8 @@ def ran_away(found: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, .
     Those that the data determine in a fit to within the noise were only started far off, and a damping that goes to nothing
     is absent; these have not run away.
     """
-    has_prior = by_name(found.names, problems, lambda part: part.priors.stated)
-    positive = by_name(found.names, problems, lambda part: np.array(part.transforms.kinds, dtype=object) == "log")
+    has_prior = first_values(found.names, problems, lambda part: part.priors.stated)
+    positive = first_values(found.names, problems, lambda part: np.array(part.transforms.kinds, dtype=object) == "log")
     unsure = ~found.identified | (found.covariance_basis == "model_error")
     candidates = positive.astype(bool) & ~has_prior.astype(bool) & unsure & (found.initial > 0)
     ratio = np.divide(found.values, found.initial, out=np.ones(len(candidates)), where=candidates)

@@ -17,7 +17,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Entry
 from structid.core.provenance import Provenance
-from structid.forward import Models
+from structid.forward import ResponseCache
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import Own
 from structid.identification.identified import Identification
@@ -76,8 +76,8 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
         If the model has a mechanism.
     """
     known = {} if at is None else stored_values(at)
-    models = Models()
-    setups = [loaded(source, models) for source in study.setups]
+    cache = ResponseCache()
+    setups = [loaded(source, cache) for source in study.setups]
     names = titles(setups) if len(setups) > 1 else [""] * len(setups)
     modal: list[ModesCorrelation] = []
     responses: list[ResponsesCorrelation] = []

@@ -16,7 +16,7 @@ from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Plain, plain_table
 from structid.forward import RecordProblem
 from structid.identification.fixed_values import tolerances_of
-from structid.identification.together import together
+from structid.identification.joint_problem import joint_problem
 from structid.inversion import Estimate, Problem, Status
 from structid.inversion.comparison.comparison import Comparison, compare_jointly, compare_states
 from structid.inversion.comparison.multiple_tests import Correction, require_levels
@@ -157,7 +157,7 @@ def _held_in_both(
     """The held values of both states, those of one name the same in both; None where nothing that is held may be wrong."""
     if not baseline or not later:
         return None
-    first, second = together(baseline), together(later)
+    first, second = joint_problem(baseline), joint_problem(later)
     names = [*shared, *(name for name in second.names if name.startswith(FIXED) and name in first.names)]
     known = {**tolerances_of(baseline), **tolerances_of(later)}
     known |= {name + LATER: std for name, std in tolerances_of(later).items() if name not in names}
@@ -205,7 +205,7 @@ def _problem(state: State, fallback: State | None = None) -> Problem:
     found = state.result.identification
     if found.target is None:
         raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
-    return together([one.with_parameters(begun_at(one.parameters, known)) for one in found.problems])
+    return joint_problem([one.with_parameters(begun_at(one.parameters, known)) for one in found.problems])
 
 
 def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ...]:

@@ -10,9 +10,9 @@ from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.fem.measured import MeasuredComponent
-from structid.forward.frf.lines.coupled import CoupledLines
 from structid.forward.frf.products import Whitening
 from structid.forward.frf.response import Response
+from structid.forward.frf.solvers.coupling import SubstructureCoupling
 from structid.inversion.problem import RowNoise
 
 #: Rows of the covariance that are made at most, in entries.
@@ -43,13 +43,13 @@ def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsO
 
     With g and q the forces at the interface under a unit force at a sensor and under the load, dH = g' dY q.
     """
-    lines, structure = model.lines, model.slopes.structure
-    if not isinstance(lines, CoupledLines) or all(one.variance is None for one in structure.measured):
+    solver, structure = model.solver, model.slopes.structure
+    if not isinstance(solver, SubstructureCoupling) or all(one.variance is None for one in structure.measured):
         return
-    forces = lines.forces(physical, model.fixed_coefficients)
+    forces = solver.forces(physical, model.fixed_coefficients)
     sides = model.channels
     g, q = sides.under_sensors(forces)[..., : sides.n_outputs], sides.under_loads(forces)
-    first = lines.n_driven
+    first = solver.n_driven
     for one in structure.measured:
         n = len(one.interface)
         if one.variance is not None:

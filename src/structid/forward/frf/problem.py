@@ -25,7 +25,7 @@ from structid.forward.frf.forms import Form, WhitenedFrf
 from structid.forward.frf.leakage import LeakedFrf, leaking_lines, require_leaking
 from structid.forward.frf.observed import ObservedFrf
 from structid.forward.frf.products import STORED_BYTES, response_products
-from structid.forward.frf.response import Models, Response, response
+from structid.forward.frf.response import Response, ResponseCache, response
 from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
 from structid.forward.record_problem import RecordFacts, RecordProblem, complex_rows
 from structid.inversion.linearization import Linearization, OperatorLinearization
@@ -85,8 +85,8 @@ class FrfProblem(RecordProblem):
     reduced : float, optional
         Largest error of values, in parts of the largest of their line, that a large model may find from few
         factorizations; derivatives to ten times that. It pays for solids and many lines; see `FieldSweep`.
-    models : Models
-        What it has in common with the problems that are made from it, and the factorizer of large models.
+    cache : ResponseCache
+        Cache that it shares with the problems that are made from it; it names the factorizer of large models.
     """
 
     structure: Structure
@@ -98,11 +98,11 @@ class FrfProblem(RecordProblem):
     channels: ChannelErrors | None = None
     start_error: float | None = None
     reduced: float | None = None
-    models: Models = field(default_factory=Models, repr=False)
+    cache: ResponseCache = field(default_factory=ResponseCache, repr=False)
 
     def __new__(cls, *given: object, **named: object) -> Self:
         if "factorizer" in named:
-            raise InputError(f"`factorizer` is said in `models`: write models=Models({named['factorizer']!r})")
+            raise InputError(f"`factorizer` is said in `cache`: write cache=ResponseCache({named['factorizer']!r})")
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
@@ -211,7 +211,7 @@ class FrfProblem(RecordProblem):
         return self._response(self.record, self.measured_sliding)
 
     def _response(self, record: FrfRecord, measured_sliding: bool) -> Response:
-        return response(self.structure, self.parameters, record, measured_sliding, self.reduced, self.models)
+        return response(self.structure, self.parameters, record, measured_sliding, self.reduced, self.cache)
 
     @cached_property
     def _observed(self) -> ObservedFrf | LeakedFrf:

@@ -12,7 +12,7 @@ from structid.core.dof import Dof
 from structid.dynamics.modes import modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
-from structid.forward.latest import Latest
+from structid.forward.last_evaluation import LastEvaluation
 from structid.forward.modal.matrix_slopes import MatrixSlopes
 from structid.forward.modal.output import ModelState
 from structid.unknowns import Parameters
@@ -60,7 +60,7 @@ class ModalModel:
 
     def state(self, physical: FloatArray) -> ModelState:
         """Matrices and modes of the model, with sensors in standard deviations of no group in particular."""
-        return self._latest.at(physical, self._state_at)
+        return self._last.at(physical, self._state_at)
 
     def _state_at(self, physical: FloatArray) -> ModelState:
         own, values = physical[: self.parameters.n_params], self.parameters.values(physical[: self.parameters.n_params])
@@ -80,5 +80,5 @@ class ModalModel:
         return self.errors.readings(errors, still)[0][0].real, self.errors.output_slopes(errors, still)[0].real
 
     @cached_property
-    def _latest(self) -> Latest[ModelState]:
-        return Latest()
+    def _last(self) -> LastEvaluation[ModelState]:
+        return LastEvaluation()

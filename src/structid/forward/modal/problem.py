@@ -15,7 +15,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
-from structid.forward.latest import Latest
+from structid.forward.last_evaluation import LastEvaluation
 from structid.forward.modal.dynamic import dynamic_rows
 from structid.forward.modal.measured import FewSensorsError, MeasuredModes
 from structid.forward.modal.model import DENSE_UP_TO, ModalModel
@@ -172,7 +172,7 @@ class ModalProblem(RecordProblem):
         return schedules
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        known = self.linearize(theta) if self.settings.form == "dynamic" else self._latest.known(theta)
+        known = self.linearize(theta) if self.settings.form == "dynamic" else self._last.known(theta)
         if known is not None:
             return known.residual
         data, _, eliminated = output_rows(self.data, self.model, self.physical(theta), self.in_order, with_slopes=False)
@@ -180,8 +180,8 @@ class ModalProblem(RecordProblem):
         return linearization_with_priors(self.unknowns, theta, data, none, eliminated).residual
 
     @cached_property
-    def _latest(self) -> Latest[Linearization]:
-        return Latest()
+    def _last(self) -> LastEvaluation[Linearization]:
+        return LastEvaluation()
 
     def linearize(self, theta: FloatArray) -> Linearization:
         def found(theta: FloatArray) -> Linearization:
@@ -192,7 +192,7 @@ class ModalProblem(RecordProblem):
                 data, change, eliminated = output_rows(self.data, self.model, physical, self.in_order)
             return linearization_with_priors(self.unknowns, theta, data, change * self.slope(theta), eliminated)
 
-        return self._latest.at(theta, found)
+        return self._last.at(theta, found)
 
     def noise_law(self, theta: FloatArray) -> NoiseLaw:
         if self.settings.form == "dynamic":

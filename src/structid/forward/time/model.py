@@ -15,7 +15,7 @@ from structid.core.errors import InputError, SingularModelError
 from structid.dynamics.exact_discretization import Step, exact_step, stepped
 from structid.fem import Base, Structure
 from structid.forward.sensitive import require_laws_in_time, weight_slope
-from structid.forward.time.drive import Drive
+from structid.forward.time.input_hold import InputHold
 from structid.unknowns import Parameters
 
 _MOST_DOFS = 200
@@ -32,7 +32,7 @@ class TimeModel:
     ----------
     structure : Structure
     unknown : Parameters
-    drive : Drive
+    drive : InputHold
     loads : tuple of Dof
         Of forces, or where `bases` drive supports, whose accelerations take the place of forces.
     sensors : tuple of Dof
@@ -44,7 +44,7 @@ class TimeModel:
 
     structure: Structure
     unknown: Parameters
-    drive: Drive
+    drive: InputHold
     loads: tuple[Dof, ...]
     sensors: tuple[Dof, ...]
     orders: IntArray

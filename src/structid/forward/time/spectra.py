@@ -13,7 +13,7 @@ from structid.core.errors import InputError
 from structid.fem import Friction, Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.continuation import thinned_lines
-from structid.forward.frf.response import Models
+from structid.forward.frf.response import ResponseCache
 from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
 from structid.forward.record_problem import RecordFacts, RecordProblem, complex_rows
 from structid.forward.time.spectra_model import SpectraModel
@@ -77,7 +77,7 @@ class SpectraProblem(RecordProblem):
         What the spectra were made from; its ways to the answer start from it, see `damped_stages`.
     channels : ChannelErrors, optional
         Errors of the record's channels; their parameters follow those of the structure.
-    models : Models
+    cache : ResponseCache
         What it has in common with the problems that are made from it.
 
     Raises
@@ -99,7 +99,7 @@ class SpectraProblem(RecordProblem):
     order: int = _ORDER
     record: TimeRecord | None = None
     channels: ChannelErrors | None = None
-    models: Models = field(default_factory=Models, repr=False)
+    cache: ResponseCache = field(default_factory=ResponseCache, repr=False)
     tones: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -158,7 +158,7 @@ class SpectraProblem(RecordProblem):
     def model(self) -> SpectraModel:
         """What the structure makes of forces and of the transient."""
         return SpectraModel(
-            self.structure, self.parameters, self.spectra, self.channels, self.models,
+            self.structure, self.parameters, self.spectra, self.channels, self.cache,
             self.order if self.transient else None, self.tones,
         )  # fmt: skip
 

@@ -13,8 +13,8 @@ from structid.dynamics.modes import modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.channels import read as readings_of
-from structid.forward.frf.response import Models, Response, response
-from structid.forward.latest import Latest
+from structid.forward.frf.response import Response, ResponseCache, response
+from structid.forward.last_evaluation import LastEvaluation
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
 from structid.records.transforms.finite_spectra import FiniteSpectra
@@ -173,7 +173,7 @@ class SpectraModel:
     parameters: Parameters
     spectra: FiniteSpectra
     errors: ChannelErrors | None
-    models: Models
+    cache: ResponseCache
     order: int | None
     tones: tuple[float, ...]
 
@@ -207,21 +207,21 @@ class SpectraModel:
         """All that is known at these parameters, kept for `changes` where it is small."""
         at = self._found(physical)
         if at.is_small:
-            self._latest.keep(physical, at)
+            self._last.keep(physical, at)
         return at
 
     def changes(self, physical: FloatArray) -> tuple[Evaluation, ComplexArray]:
         """That, and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params)."""
-        at, own = self._latest.taken(physical) or self._found(physical), physical[: self.parameters.n_params]
+        at, own = self._last.taken(physical) or self._found(physical), physical[: self.parameters.n_params]
         change = self.response.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
         if self.spectra.straight:
             change = change + np.einsum("foi,oip->fop", at.aliased, self.mass_line.change(own))
         return at, at.whitening @ np.concatenate([change, self._channel_changes(physical, at)], axis=2)
 
     @cached_property
-    def _latest(self) -> Latest[Evaluation]:
+    def _last(self) -> LastEvaluation[Evaluation]:
         """The derivative is asked for where a step was tried."""
-        return Latest()
+        return LastEvaluation()
 
     def _state(
         self, own: FloatArray, read: ComplexArray, stated: ComplexArray
@@ -296,7 +296,7 @@ def _response(model: SpectraModel, frequency: FloatArray) -> Response:
     decay = np.full(shape[0], model.spectra.decay)
     kind: FrfKind = "transmissibility" if model.spectra.driven.any() else "receptance"
     place = FrfRecord(frequency, np.zeros(shape, complex), distinct, model.spectra.inputs, kind, decay=decay)
-    return response(model.structure, model.parameters, place, models=model.models)
+    return response(model.structure, model.parameters, place, cache=model.cache)
 
 
 def _forces(model: SpectraModel) -> FloatArray:

@@ -12,7 +12,7 @@ from structid.core.arrays import FloatArray
 from structid.core.display import counted
 from structid.forward import ModalProblem, RecordProblem
 from structid.forward.modal.problem import row_kinds
-from structid.identification.together import places
+from structid.identification.joint_problem import indices_of
 from structid.inversion import Estimate
 from structid.inversion.averaging import expected_square
 from structid.inversion.fixed_values import FIXED
@@ -87,7 +87,7 @@ def missed_parts(
         all_names = (*all_names, *(FIXED + name for name in found.fixed.names))
         theta = np.concatenate([found.fixed.theta, asked])
     for name, problem in zip(names, problems, strict=True):
-        residual = problem.residual(theta[places(all_names, problem.names)])[: problem.n_data]
+        residual = problem.residual(theta[indices_of(all_names, problem.names)])[: problem.n_data]
         parts += [(what, rows, least) for what, rows, least in _parts(name, problem, residual) if len(rows)]
     if len(parts) < 2:
         return ()

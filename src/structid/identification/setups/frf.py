@@ -12,7 +12,7 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.dynamics.reduced_sweep import FEWEST_LINES
 from structid.fem import Structure
-from structid.forward import ChannelUnknown, FrfProblem, Models, measures_everything, one_step_values
+from structid.forward import ChannelUnknown, FrfProblem, ResponseCache, measures_everything, one_step_values
 from structid.forward.channel_errors import ChannelErrors, Measured
 from structid.forward.channel_unknowns import channel_errors
 from structid.identification.before.reduction import Truncation, frf_truncation
@@ -45,7 +45,7 @@ class Setup(RecordSetup[FrfProblem]):
     channel_unknowns : sequence of ChannelUnknown
         Errors of this record's sensors and loads that are identified too.
     name : str
-    models : Models
+    cache : ResponseCache
         What its problems have in common, and those of other records of the same structure.
     faults : tuple of Finding
         What the histories behind the record show by themselves of single channels.
@@ -59,7 +59,7 @@ class Setup(RecordSetup[FrfProblem]):
     channel_unknowns: Sequence[ChannelUnknown] = ()
     name: str = ""
     time: InitVar[object] = None
-    models: Models = field(default_factory=Models, repr=False)
+    cache: ResponseCache = field(default_factory=ResponseCache, repr=False)
     faults: tuple[Finding, ...] = ()
     calibration: float | None = None
 
@@ -88,7 +88,7 @@ class Setup(RecordSetup[FrfProblem]):
             channels=self.channel_errors(self.channel_unknowns, used),
             start_error=options.start_error if options.start == "continuation" else None,
             reduced=_sweep_error(self.structure, used, options),
-            models=self.models,
+            cache=self.cache,
         )
         return Prepared(problem, tuple(warnings), tuple(_measured_warnings(self.structure, options)))
 

@@ -17,9 +17,9 @@ from structid.identification.fits.model_modes import rounding_warnings, structur
 from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.fixed_values import fixed_values, freed_problems
 from structid.identification.identify import mass_deviation
+from structid.identification.joint_problem import first_values, indices_of, joint_problem
 from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups.setup import AnySetup, prefixes
-from structid.identification.together import by_name, places, together
 from structid.identification.warning_words import unused_damping
 from structid.inversion import Covariance, DenseCovariance, Identifiability, Linearization, Problem
 from structid.inversion.covariance import inverse_information
@@ -204,7 +204,7 @@ def check_study(study: Study) -> CheckResult:
     coarse = None if isinstance(mesh, str) else coarse_elements(own, values, mesh)
     row = np.zeros((1, len(problem.names)))
     gradient = study.structure.mass_gradient(options.direction, values)
-    row[0, places(problem.names, study.parameters.names)] = gradient @ study.parameters.design
+    row[0, indices_of(problem.names, study.parameters.names)] = gradient @ study.parameters.design
     held = fixed_properties(study.structure, study.parameters, options.tolerances)
     changes = gradient @ relative_sensitivities(values, held)
     held_masses = dict(zip((item.label for item in held), changes, strict=True))
@@ -246,7 +246,7 @@ def check_study(study: Study) -> CheckResult:
 def _with_strengths(ready: Start, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:
     """All of the problems, with these regularizations."""
     rows = unit_penalties(ready.problems, terms)
-    return together(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
+    return joint_problem(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
 
 
 def _by_jacobian(ready: Start) -> Predicted:
@@ -293,7 +293,7 @@ def _by_draws(ready: Start) -> Predicted:
 
 
 def _start(problem: Problem, ready: Start) -> FloatArray:
-    return by_name(problem.names, ready.problems, lambda part: part.start)
+    return first_values(problem.names, ready.problems, lambda part: part.start)
 
 
 def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:

@@ -8,8 +8,8 @@ import numpy as np
 
 from structid.core.errors import NoAnswerError, SingularModelError
 from structid.identification.identify import identify_together
+from structid.identification.joint_problem import indices_of
 from structid.identification.search import chosen_method
-from structid.identification.together import places
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.before import mesh_warnings
@@ -72,7 +72,7 @@ def run_started(ready: Start, progress: StageProgress | None = None, work: Work 
             f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"
             " the band"
         ) from error
-    own = [found.estimate.theta[places(found.estimate.names, one.names)] for one in found.problems]
+    own = [found.estimate.theta[indices_of(found.estimate.names, one.names)] for one in found.problems]
     off = mesh_warnings(ready.setups, found.problems, own)
     found = replace(found, warnings=(*ready.fault_warnings, *off, *ready.channel_warnings, *found.warnings))
     return StudyResult(study, found, provenance(study))

@@ -12,13 +12,13 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.external.model import SolverModel
 from structid.fem import Structure
-from structid.forward import Models, RecordProblem
+from structid.forward import RecordProblem, ResponseCache
 from structid.identification.checks import require_sound_model
+from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.modal import ModalSetup
 from structid.identification.setups.setup import AnySetup, Look, Prepared, prefixes, prepared_warnings, titles
 from structid.identification.setups.time import TimeSetup
-from structid.identification.together import alike, together
 from structid.records import FrfRecord, TimeRecord
 from structid.study.schema.records.record import faults, load_histories, load_record, read_files
 from structid.study.schema.records.setups import SetupSource
@@ -79,14 +79,14 @@ def started(study: Study) -> Start:
     SingularModelError
         If an initial model has a mechanism; with the place of the structure.
     """
-    models = Models()
-    setups = tuple(loaded(source, models) for source in study.setups)
+    cache = ResponseCache()
+    setups = tuple(loaded(source, cache) for source in study.setups)
     records = zip(prefixes(setups), setups, study.setups, strict=True)
     pairs = [_prepared(study, source, setup, name) for name, setup, source in records]
     prepared, looks = [ready for ready, _ in pairs], tuple(look for _, look in pairs)
     with study.root.located():
-        same = alike([ready.problem for ready in prepared], titles(setups))
-        together(same)
+        same = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
+        joint_problem(same)
     return Start(study, setups, same, tuple(prepared_warnings(setups, prepared)), looks)
 
 
@@ -98,18 +98,18 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
     InputError
         If a record, its sensors or the band cannot be used.
     """
-    models = Models()
-    setups = [loaded(source, models) for source in study.setups]
-    return alike([setup.prepared(study.options).problem for setup in setups], titles(setups))
+    cache = ResponseCache()
+    setups = [loaded(source, cache) for source in study.setups]
+    return harmonize_shared_parameters([setup.prepared(study.options).problem for setup in setups], titles(setups))
 
 
-def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None) -> AnySetup:
+def loaded(source: SetupSource, cache: ResponseCache, measured: AnySetup | None = None) -> AnySetup:
     """The set-up that a source describes, its channels part of the structure.
 
     Parameters
     ----------
     source : SetupSource
-    models : Models
+    cache : ResponseCache
         The same for all of a study.
     measured : RecordSetup, optional
         One with the same record, which is then not read again.
@@ -122,7 +122,7 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
         modes = source.record.modes
         setup = ModalSetup(structure, parameters, modes.load(), modes.settings, name, source.channel_unknowns)
     else:
-        setup = _measured_setup(source, read_files(source.record), models)
+        setup = _measured_setup(source, read_files(source.record), cache)
     if measured is None:
         source.require_channels(setup)
     for role, dofs in setup.channels:
@@ -131,7 +131,7 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
     return setup
 
 
-def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], models: Models) -> AnySetup:
+def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], cache: ResponseCache) -> AnySetup:
     """The set-up of histories or FRFs, as `read` from its files."""
     record, time, told = source.record, source.record.time, faults(read)
     common = (source.structure, source.parameters)
@@ -142,7 +142,7 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], mod
             frfs,
             source.channel_unknowns,
             source.name,
-            models=models,
+            cache=cache,
             faults=told,
             calibration=record.calibration,
         )
@@ -150,7 +150,7 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], mod
     histories = load_histories(record, time, read)
     settings, unknowns = time.settings, source.channel_unknowns
     return TimeSetup(
-        *common, histories, settings, unknowns, source.name, shown, models, told, calibration=record.calibration
+        *common, histories, settings, unknowns, source.name, shown, cache, told, calibration=record.calibration
     )
 
 

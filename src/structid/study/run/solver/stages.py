@@ -22,7 +22,7 @@ from structid.external.runs import RunFailedError
 from structid.fem import Structure
 from structid.forward import FrfProblem, RecordProblem
 from structid.forward.frf.continuation import level_frequencies, start_deviation
-from structid.identification.together import together
+from structid.identification.joint_problem import joint_problem
 from structid.inversion import LevenbergMarquardt
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.minimum import residual_at, squared
@@ -57,7 +57,7 @@ def led_near(ready: Start, work: Work) -> Start:
             continue
         ready = started(_again(ready, step, work))
         for _ in range(_ROUNDS_OF_LEVEL):
-            here = together(_staged(ready.problems, level))
+            here = joint_problem(_staged(ready.problems, level))
             end = minimize(here, LevenbergMarquardt()).theta
             moved = confirmed(ready, partial(_staged, level=level), end, work, step)
             if moved is None:
@@ -106,7 +106,7 @@ def confirmed(
     """
     solved = ready.study.solved
     assert isinstance(solved, SolvedFrfs)
-    here = together(form(ready.problems))
+    here = joint_problem(form(ready.problems))
     failed: RunFailedError | None = None
     begin, cost = here.theta_start, squared(residual_at(here, here.theta_start))
     for _ in range(_HALVINGS):
@@ -118,7 +118,7 @@ def confirmed(
         except RunFailedError as error:  # a solver may have no answer there, and one nearer
             failed, end = error, (begin + end) / 2
             continue
-        there = together(form([_with_runs(problem, run) for problem in ready.problems]))
+        there = joint_problem(form([_with_runs(problem, run) for problem in ready.problems]))
         if squared(residual_at(there, end)) < cost:
             known = dict(zip(here.names, values.tolist(), strict=True))
             return end, started(about(ready.study, goal, known, work, step))

@@ -13,12 +13,12 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.dense_fields import DenseFields
 from structid.dynamics.receptance import single_blas
 from structid.forward.frf.channels import Channels
-from structid.forward.frf.lines.protocol import LineDerivatives
 from structid.forward.frf.slopes import StiffnessSlopes
+from structid.forward.frf.solvers.solver import LineDerivatives
 
 
 @dataclass(frozen=True, eq=False)
-class SmallLines:
+class DenseSolver:
     """The lines of a small model; see `Response`.
 
     Attributes

@@ -12,7 +12,7 @@ from structid.forward.time.options import Hold, Oscillation
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class InputHold:
     """What drives a structure, as the outputs of a linear system of its own.
 
     Parameters

@@ -13,7 +13,7 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.core.errors import InputError
 from structid.external.frfs.model import SolverFrfs
 from structid.fem import Structure
-from structid.forward.frf.lines.protocol import LineDerivatives
+from structid.forward.frf.solvers.solver import LineDerivatives
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
 
@@ -25,8 +25,8 @@ NO_MATRICES = (
 
 
 @dataclass(frozen=True, eq=False)
-class SolvedLines:
-    """FRFs that a solver gave, between and beside the values of its runs; see `Lines`.
+class TabulatedFrf:
+    """FRFs that a solver gave, between and beside the values of its runs; see `FrfSolver`.
 
     Attributes
     ----------

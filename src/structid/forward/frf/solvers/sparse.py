@@ -15,8 +15,8 @@ from structid.dynamics.receptance import DynamicStiffness, single_blas
 from structid.dynamics.reduced_sweep import FEWEST_LINES, ErrorOf, FieldSweep, reading_error, reduced_sweep
 from structid.forward.contraction import ParameterForces
 from structid.forward.frf.channels import Channels
-from structid.forward.frf.lines.protocol import LineDerivatives
 from structid.forward.frf.slopes import StiffnessSlopes
+from structid.forward.frf.solvers.solver import LineDerivatives
 
 #: Readings of so many sets of parameters are kept, sweeps, and derivatives up to so many bytes.
 _MOST_READINGS, _KEPT, _MOST_BYTES = 40, 2, 2e8
@@ -52,7 +52,7 @@ class Pattern:
 
 
 @dataclass(frozen=True, eq=False)
-class LargeLines:
+class SparseSolver:
     """The lines of a large model; see `Response`.
 
     Attributes

@@ -18,7 +18,7 @@ from structid.unknowns.named_unknowns import N, NamedUnknowns
 from structid.unknowns.priors import Prior, priors_of
 
 
-def together(problems: Sequence[RecordProblem]) -> Problem:
+def joint_problem(problems: Sequence[RecordProblem]) -> Problem:
     """The joint problem of all records and of the scatters between them; the problem itself where there is one."""
     parts = _parts(problems)
     return parts[0] if len(parts) == 1 else JointProblem(parts)
@@ -79,13 +79,13 @@ def _joint_stage(parts: Sequence[Problem], schedules: Sequence[Schedule], stage:
     return names, JointProblem(tuple(problem for _, problem in reached), first_prior_counts=True)
 
 
-def places(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
+def indices_of(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
     """Positions among `names` of those `wanted`."""
     place = {name: i for i, name in enumerate(names)}
     return np.array([place[name] for name in wanted], dtype=int)
 
 
-def by_name(
+def first_values(
     names: tuple[str, ...], problems: Sequence[RecordProblem], values: Callable[[NamedUnknowns], FloatArray]
 ) -> FloatArray:
     """An array of the unknowns for all parameters, each from the first problem that has it."""
@@ -96,7 +96,7 @@ def by_name(
     return np.array([known[name] for name in names])
 
 
-def alike(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[RecordProblem, ...]:
+def harmonize_shared_parameters(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[RecordProblem, ...]:
     """The same problems, with parameters of the same name begun alike and with the prior that any of them states.
 
     What varies from record to record has a value of its own in each of them.
