@@ -172,14 +172,14 @@ def identify_together(
 
 
 def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem]) -> list[str]:
-    """What each channel of the residual is called, with its record where there are several."""
+    """Name of each channel of the residual, with its record where there are several."""
     pairs = zip(prefixes(setups), problems, strict=True)
     own = [prefix + name for prefix, problem in pairs for name in problem.rows.names]
     return own + [f"scatter of {one.name}" for one in scatter_problems(problems)]
 
 
 def _own(problem: RecordProblem, found: Estimate) -> Own:
-    """What was found of the problem's own parameters."""
+    """Values of the problem's own parameters in the estimate."""
     place = indices_of(found.names, problem.names)
     return Own(found.theta[place], found.values[place], found.initial[place])
 

@@ -57,7 +57,7 @@ def joint_sample(problems: Sequence[RecordProblem]) -> Problem | None:
 
 
 def joint_obstacle(problems: Sequence[RecordProblem]) -> str:
-    """What a matrix-free search cannot take in the joint problem; "" where nothing is."""
+    """Obstacle to a matrix-free search of the joint problem, in words; "" where there is none."""
     obstacles = [problem.matrix_free_obstacle for problem in problems]
     if scatter_problems(problems):
         obstacles.append("takes no unknown that varies from record to record")
@@ -80,7 +80,7 @@ def _joint_stage(parts: Sequence[Problem], schedules: Sequence[Schedule], stage:
 
 
 def indices_of(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
-    """Positions among `names` of those `wanted`."""
+    """Indices in `names` of the names `wanted`."""
     place = {name: i for i, name in enumerate(names)}
     return np.array([place[name] for name in wanted], dtype=int)
 
@@ -88,7 +88,7 @@ def indices_of(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
 def first_values(
     names: tuple[str, ...], problems: Sequence[RecordProblem], values: Callable[[NamedUnknowns], FloatArray]
 ) -> FloatArray:
-    """An array of the unknowns for all parameters, each from the first problem that has it."""
+    """Values of all parameters `names`, each from the first problem that has it."""
     known: dict[str, float] = {}
     for problem in problems:
         for name, value in zip(problem.names, values(problem.unknowns), strict=True):
@@ -97,7 +97,7 @@ def first_values(
 
 
 def harmonize_shared_parameters(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[RecordProblem, ...]:
-    """The same problems, with parameters of the same name begun alike and with the prior that any of them states.
+    """Copies of the problems in which parameters of one name have one start and the prior that any of them states.
 
     What varies from record to record has a value of its own in each of them.
 
@@ -129,7 +129,7 @@ def harmonize_shared_parameters(problems: Sequence[RecordProblem], titles: Seque
 
 
 def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, Prior]) -> N:
-    """The same with start and scale of each as the unknowns that `first` names by it, and with these `priors`."""
+    """A copy with start and scale of each unknown from where `first` has it, and with these `priors`."""
     if not unknowns.names:
         return unknowns
     origin = [first[name] for name in unknowns.names]

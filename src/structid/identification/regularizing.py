@@ -40,7 +40,7 @@ _SMOOTHING = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """One regularization as it was used.
+    """A regularization with the strength that was used.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Held:
 
     @property
     def words(self) -> str:
-        """What it is and how strong, in one sentence."""
+        """The regularization and its strength, in one sentence."""
         how = "as given" if self.rule == "given" else f"chosen by {self.rule.replace('_', ' ')}"
         if self.n_free is not None:
             text = f"{self.name}, {how}: {self.n_free} of {len(self.strengths)} parameters leave their start"
@@ -132,7 +132,7 @@ def regularized(
 
 
 def takes_matrix_free(terms: Sequence[Regularization]) -> str:
-    """What a matrix-free search cannot do with these terms; "" where nothing stands in its way."""
+    """Obstacle of these terms to a matrix-free search, in words; "" where there is none."""
     for term in terms:
         if term.is_sparse:
             return f"takes smoothness as the only regularization, got {term_name(term)}"
@@ -247,7 +247,7 @@ def _held(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What `settled` needs of problems with terms."""
+    """Fits and local models of problems with regularization terms, as `settled` needs them."""
 
     problems: tuple[RecordProblem, ...]
     terms: tuple[Regularization, ...]
@@ -256,7 +256,7 @@ class _Search:
 
     @cached_property
     def scatters(self) -> tuple[ScatterProblem, ...]:
-        """Those from record to record whose size the data choose."""
+        """Scatters from record to record whose size the data choose."""
         return free_scatters(self.problems)
 
     @cached_property
@@ -360,7 +360,7 @@ def shares(problem: Problem | None, found: Estimate) -> FloatArray | None:
 def regularization_warnings(
     problems: Sequence[RecordProblem], found: Estimate, held: Sequence[Held], share: FloatArray | None
 ) -> tuple[str, ...]:
-    """What was used, and which parameters owe more than half of their variance to priors."""
+    """Warnings on the regularizations used, and on parameters that owe more than half of their variance to priors."""
     warnings = [item.words for item in held]
     owing = [] if share is None else [name for name, part in zip(found.names, share, strict=True) if part > 0.5]
     if owing:

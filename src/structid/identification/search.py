@@ -42,7 +42,7 @@ _GAIN_TOLERANCE = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a search gave.
+    """Result of the search over the problems of all records.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ def answered(
     progress: StageProgress | None,
     work: Work,
 ) -> Answer:
-    """The answer of the search that the set-ups ask for.
+    """Search for the parameters by the method that set-ups and options ask for.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -
 
 
 def matrix_free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOptions) -> str:
-    """What a matrix-free search cannot do of this study; "" where nothing stands in its way."""
+    """Obstacle to a matrix-free search of this study, in words; "" where there is none."""
     obstacle = joint_obstacle(problems)
     if not obstacle and options.intervals != "laplace":
         return f"takes intervals 'laplace', got {options.intervals!r}"

@@ -78,7 +78,7 @@ class Varied:
 
     @property
     def words(self) -> str:
-        """How much it differs, in a sentence."""
+        """The scatter in a sentence."""
         many = len(dict.fromkeys(self.records))
         size = f"{100 * self.scatter:.2g} %"
         if self.rule == "given":
@@ -148,13 +148,13 @@ def with_scatters(problems: Sequence[RecordProblem], std: Mapping[str, float]) -
 
 
 def free_scatters(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ...]:
-    """Those whose size the data choose."""
+    """Scatters whose size the data choose."""
     given = {scatter.name for p in problems for scatter in p.parameters.scatters if scatter.given is not None}
     return tuple(one for one in scatter_problems(problems) if one.name not in given)
 
 
 def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> FoundScatter:
-    """What the data say of the scatter whose rows are penalty `index`, near the answer.
+    """Scatter that the data choose near the answer, for the rows of penalty `index`.
 
     The restricted likelihood of the scatter times a uniform prior on it, on a grid; the mean and covariance of the free
     variables at each of its points give what not knowing it adds.
@@ -196,7 +196,7 @@ def widened_estimate(found: Estimate, more: Sequence[FoundScatter]) -> Estimate:
 
 
 def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str, FoundScatter]) -> tuple[Varied, ...]:
-    """What differs from record to record, with the records that stand out.
+    """Parameters that differ from record to record, with the records that stand out.
 
     A value's deviation over its standard deviation under the scatter is Student's t once the scatter is that of the
     others (Grubbs, 1950, Eq. (1)); the p-values of all values are corrected together.

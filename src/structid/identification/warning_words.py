@@ -1,4 +1,4 @@
-"""What the reader of an identification should know first, in sentences."""
+"""Warnings of an identification, in sentences."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FAR = 1e3
 
 
 def _scale_warnings(found: Estimate) -> list[str]:
-    """Whether a gain leaves the absolute size of masses and stiffnesses open."""
+    """True where a gain leaves the absolute size of masses and stiffnesses open."""
     kinds = np.array(found.kinds)
     for direction in found.identifiability.directions:
         part = np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
@@ -50,7 +50,7 @@ def _unidentified(found: Estimate) -> list[str]:
 def unused_damping(
     problems: Sequence[RecordProblem], names: Sequence[str], kinds: Sequence[str], is_determined: np.ndarray
 ) -> list[str]:
-    """That measured damping ratios are left out, where dampings are not determined."""
+    """Warning that measured damping ratios are left out, where dampings are not determined."""
     open_ones = np.flatnonzero(~is_determined & np.isin(kinds, DAMPING)).tolist()
     if not open_ones or not any(problem.facts.leaves_damping_out for problem in problems):
         return []
@@ -75,7 +75,7 @@ def _several_fits(found: Estimate) -> str:
 
 
 def estimate_warnings(found: Estimate) -> tuple[str, ...]:
-    """What the estimate gives to warn of, the most important first."""
+    """Warnings of an estimate, the most important first."""
     warnings = []
     if found.status is not Status.CONVERGED:
         warnings.append(f"{found.status_words} ({found.message})")

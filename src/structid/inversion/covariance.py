@@ -38,7 +38,7 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
 
 
 def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
-    """Of the free variables, from the noise alone: A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, P the priors' rows.
+    """Covariance of the free variables from the noise alone: A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, P the priors' rows.
 
     With rows of independent unit errors it is A^-1; where n averages tell their variances, Sigma is n / (n - 3). NaN where the
     data do not tell.
@@ -97,7 +97,7 @@ def fit_covariance(problem: Problem, theta: FloatArray) -> FloatArray:
 
 
 def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) -> float:
-    """How many neighbouring lines a residual stays correlated over: 1 + 2 sum of its autocorrelations.
+    """Correlation length of a residual in lines: 1 + 2 sum of its autocorrelations.
 
     The sum runs over lags up to the first autocorrelation below 0.05, on the mean over all channels.
     """
@@ -242,7 +242,7 @@ def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tup
 
 
 def effective_blocks(problem: Problem, at: Linearization) -> FloatArray:
-    """How many stretches of lines each parameter rests on, (n_params,): (sum a)^2 / sum a^2 of their shares a.
+    """Effective number of blocks of lines that determine each parameter, (n_params,): (sum a)^2 / sum a^2 of their shares a.
 
     The share of a block in the variance of parameter j is (A^-1 J_b' J_b A^-1)_jj; NaN where it is not seen.
     """

@@ -36,7 +36,7 @@ _DOUBTFUL = 0.3
 
 
 class Status(Enum):
-    """How an identification ended; the value is what files and reports show."""
+    """End of an identification; files and reports show its value."""
 
     CONVERGED = "converged"
     NOT_CONVERGED = "not_converged"
@@ -44,7 +44,7 @@ class Status(Enum):
 
     @property
     def words(self) -> str:
-        """What happened, and what helps."""
+        """The status in a sentence, with remedies."""
         return _STATUS_WORDS[self]
 
 
@@ -311,7 +311,7 @@ class Estimate(Shown):
 
     @property
     def status_words(self) -> str:
-        """What happened, and what helps."""
+        """The status in a sentence, with remedies."""
         few = self.uncertainty.has_matrix
         if self.status is Status.CONVERGED and self.spread.at_bound:
             at_bound = ", ".join(one.name for one in self.spread.at_bound)

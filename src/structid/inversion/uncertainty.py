@@ -1,4 +1,4 @@
-"""What is known of the parameters at a minimum: a covariance, as a matrix or by draws, and which of them the data carry."""
+"""Uncertainty of the parameters at a minimum: covariance as a matrix or by draws, and which ones the data determine."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Covariance(Protocol):
         ...
 
     def variance(self, rows: Rows) -> FloatArray:
-        """Of combinations of parameters (n_rows, n_params), (n_rows,); NaN where nothing is known of what takes part."""
+        """Variances of combinations of parameters (n_rows, n_params), (n_rows,); NaN where that of a parameter in them is."""
         ...
 
 
@@ -139,7 +139,7 @@ class DrawnCovariance:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Spread:
-    """How well the parameters are known.
+    """Spread of the parameters: covariances from noise and model error, and identifiability.
 
     Attributes
     ----------
@@ -258,7 +258,7 @@ class Uncertainty:
 
     @property
     def misfit(self) -> bool:
-        """Whether the fit misses the noise, so that `model_error` counts."""
+        """True where the fit misses the noise, so that `model_error` counts."""
         return self.spread.covariance_basis == "model_error"
 
 
@@ -330,7 +330,7 @@ def basis(misfit: bool) -> str:
 
 
 def misfits(problem: Problem, theta: FloatArray, at: Linearization, probability: float) -> bool:
-    """Whether chi-square is larger than noise alone would make it with this probability."""
+    """True where a larger chi-square has less than this probability by noise alone."""
     return misses_noise(problem, at.residual, *chi_square_law(problem, theta, at), probability)
 
 

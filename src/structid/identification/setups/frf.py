@@ -152,7 +152,7 @@ class Setup(RecordSetup[FrfProblem]):
 
 
 def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[str]:
-    """What is to be said of measured components, whatever the lines."""
+    """Warnings on measured components, whatever the lines."""
     words = [text for one in structure.measured for text in one.warnings]
     if structure.measured and options.start == "continuation":
         words.append(

@@ -54,7 +54,7 @@ _LEAST_NOISE = 1e-6
 
 @dataclass(frozen=True)
 class TimeFit:
-    """How time histories are fitted.
+    """Options of the fit of time histories.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class TimeFit:
 
     @property
     def runs_straight(self) -> bool:
-        """Whether forces of ``spectra`` run straight between samples."""
+        """True where forces of ``spectra`` run straight between samples."""
         return self.hold == "first"
 
 
@@ -259,7 +259,7 @@ def _spectra(setup: TimeSetup, options: IdentifyOptions) -> SpectraProblem:
 
 
 def _options(settings: TimeFit, options: IdentifyOptions) -> TimeOptions:
-    """Those of `identify_time`."""
+    """Estimate by `identify_time`."""
     if settings.fit == "spectra":
         raise InputError("`fit` must be a method of `identify_time`, got 'spectra'; search its problem")
     return TimeOptions(

@@ -56,12 +56,12 @@ class AtBound:
 
     @property
     def push(self) -> float:
-        """How far beyond the bound the best value lies, to first order, in standard deviations (those of the fit)."""
+        """Distance of the best value beyond the bound, to first order, in standard deviations of the fit."""
         return self.multiplier * self.std / self.noise_scale
 
     @property
     def is_pushed(self) -> bool:
-        """Whether the data push it beyond by more than chance."""
+        """True where the data push it beyond the bound by more than chance."""
         return self.push > _HARD
 
     @property

@@ -1,4 +1,4 @@
-"""What data cannot carry: the Cramer-Rao bound where a search starts and where it ends, and the refusal that follows."""
+"""Refusal of parameters that the data cannot determine, by the Cramer-Rao bound at the start and the end of a search."""
 
 from __future__ import annotations
 

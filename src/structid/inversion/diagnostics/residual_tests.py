@@ -1,4 +1,4 @@
-"""Whether a residual looks like the noise it should be: its size, its whiteness, its signs and its shape."""
+"""Tests that a residual is noise: its size, whiteness, signs and distribution."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class ResidualTests:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What the tests say against the fit; empty where they say nothing."""
+        """Objections of the tests to the fit; empty where there are none."""
         said = []
         if self.chi_square_probability < _DOUBT:
             said.append(
@@ -130,7 +130,7 @@ class ResidualTests:
         return tuple(said)
 
     def named(self, names: Sequence[str]) -> ResidualTests:
-        """The same tests with the names of their channels, one a series."""
+        """A copy with the names of the channels, one for each series."""
         series = [replace(test, name=name) for test, name in zip(self.series, names, strict=True)]
         return replace(self, series=tuple(series))
 
@@ -179,13 +179,13 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: f
 
 
 def has_order(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> bool:
-    """Whether a channel's residual is correlated along its axis, or its signs are."""
+    """True where a channel's residual, or its signs, are correlated along its axis."""
     tests = residual_tests(problem, residual, degrees_of_freedom)
     return bool(tests.not_white or tests.one_sided)
 
 
 def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> float:
-    """Of a larger sum of squares of the data: of the two laws that it may have, the one that doubts it less."""
+    """Probability of a larger sum of squares of the data, by the one of its two possible laws that gives more."""
     scale, share = row_law(problem.rows.averages)
     known, few = (special.gammaincc(freedom * f / 2, chi_square / s / 2) for s, f in ((1.0, 1.0), (scale, share)))
     return float(sorted((known, 0.5, few))[1]) if share < 1 else float(known)
@@ -243,7 +243,7 @@ def _smallest(tests: Sequence[SeriesTest], probability: Callable[[SeriesTest], f
 
 
 def _normality(values: FloatArray, averages: FloatArray | None) -> float:
-    """Of normal values, or of those that `normal_values` makes of them."""
+    """Probability by the test of normality, of the values or of those that `normal_values` makes of them."""
     own = _jarque_bera(values)
     return own if averages is None else max(own, _jarque_bera(normal_values(values, averages)))
 

@@ -63,12 +63,12 @@ class Bootstrap:
 
     @property
     def is_reliable(self) -> bool:
-        """Whether at most 5 % of the replicates failed, and there are 40 at least."""
+        """True where at most 5 % of the replicates failed, and there are 40 at least."""
         return len(self.values) >= 40 and len(self.failures) <= _MOST_FAILURES * self.n_replicates
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the replicates, about their mean; NaN where they are not reliable."""
+        """Covariance of the replicates about their mean; NaN where they are not reliable."""
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, n_params), np.nan)
@@ -106,7 +106,7 @@ class Bootstrap:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What the reader should know; empty where all is well."""
+        """Warnings on the replicates; empty where all is well."""
         said = []
         if self.failures:
             said.append(

@@ -94,7 +94,7 @@ class Profile:
 
     @property
     def words(self) -> str:
-        """What the profile says against the Laplace interval."""
+        """Comparison of the profile with the Laplace interval, in words."""
         if self.better < -_LOWER_BY:
             return f"{self.name}: the profile found a better fit; the estimate is not the minimum, search again"
         if all(self.is_open):
@@ -288,7 +288,7 @@ class _Side:
         return sorted(points, key=lambda p: self.sign * p[0]), self.sign * np.inf
 
     def _is_linear(self) -> bool:
-        """Whether the physical value has no end; a log or interval variable of 40 is at an end for all purposes."""
+        """True where the physical value has no limit; a log or interval variable of 40 is at its limit for all purposes."""
         ends = [
             self.problem.physical(_with(self.estimate.theta, self.index, end))[self.index] for end in (-np.inf, np.inf)
         ]
@@ -341,7 +341,7 @@ class _Side:
         return float(residual @ residual)
 
     def _tangent(self, theta: FloatArray) -> FloatArray:
-        """How the other variables move with this one along the constrained minima, to first order."""
+        """Derivative of the other variables with respect to this one along the constrained minima, (n_params - 1,)."""
         jacobian = self.problem.linearize(theta).jacobian
         column = jacobian[:, self.index]
         return -np.linalg.lstsq(np.delete(jacobian, self.index, axis=1), column, rcond=None)[0]

@@ -89,12 +89,12 @@ class Samples:
 
     @property
     def is_reliable(self) -> bool:
-        """Whether R-hat is at most 1.01, 400 draws are effective and at most 1 % of the trajectories broke down."""
+        """True where R-hat is at most 1.01, 400 draws are effective and at most 1 % of the trajectories broke down."""
         return not self.words
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the draws, physical units; NaN where they are not reliable."""
+        """Covariance of the draws, physical units; NaN where they are not reliable."""
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, n_params), np.nan)

@@ -61,7 +61,7 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """How often and from where is searched.
+    """Number of searches and their starts.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
 
 
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
-    """Whether an answer asks for others beside it; see `Search`."""
+    """True where an answer is doubtful enough for more searches; see `Search`."""
     if not search.doubt_starts or method.is_matrix_free:
         return False
     moved = np.abs(best.theta - start)
@@ -181,7 +181,7 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
 def _search(
     shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: Tools
 ) -> Stored:
-    """One of several searches, as a task: its number, its way and its start are the item."""
+    """One of several searches, as a task; the item is its number, the index of its path and its start."""
     (problem, method, ways), (number, which, theta) = shared, item
     way = ways[which]
     stages = way(theta) if callable(way) else way
@@ -194,7 +194,7 @@ def _search(
 
 
 def _found(problem: Problem, method: Method, task: Stored) -> tuple[Minimum, int]:
-    """What the task found; its failure counts when its turn comes, as if it had run then."""
+    """Minimum and iterations of a task; its failure is raised when its turn comes, as if it had run then."""
     if "failed" in task:
         raise SingularModelError(task["failed"])
     return restored_minimum(problem, method, task), int(task["iterations"])

@@ -97,7 +97,7 @@ def _drawn(
 
 
 def _line(draws: FloatArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of every row over the draws: value in the middle, slopes as far as they are more than chance, variance left."""
+    """Linear regression of every row on the draws: value in the middle, significant slopes, variance that is left."""
     n_draws, n_params = draws.shape
     design = np.column_stack([np.ones(n_draws), draws])
     fitted = np.linalg.lstsq(design, residuals, rcond=None)[0]
