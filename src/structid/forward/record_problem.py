@@ -112,17 +112,17 @@ class RecordProblem(Problem):
 
     @property
     def is_large(self) -> bool:
-        """Whether a few lines are enough to measure the cost of all of them."""
+        """True where a few lines are enough to measure the cost of all of them."""
         return False
 
     @property
     def is_reduced(self) -> bool:
-        """Whether predictions come from a reduced basis, with a small error of their own."""
+        """True where predictions come from a reduced basis, with a small error of their own."""
         return False
 
     @property
     def matrix_free_obstacle(self) -> str:
-        """What a matrix-free search cannot take in the problem, as in "takes no errors of channels"; "" where nothing is."""
+        """Obstacle to a matrix-free search, in words such as "takes no errors of channels"; "" where there is none."""
         return "takes FRFs, not time histories that are fitted themselves"
 
     def schedules(self) -> Sequence[Schedule]:

@@ -1,4 +1,4 @@
-"""What errors of a measured component's FRFs do to the FRFs of the structure that it is coupled to."""
+"""Noise of FRFs of a structure from errors of the measured FRFs of its components."""
 
 from __future__ import annotations
 

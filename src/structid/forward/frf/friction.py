@@ -118,7 +118,7 @@ class Sliding:
         return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
 
     def _free(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """What sensors and contacts read under the drive, and under unit forces at the contacts, without their friction."""
+        """Readings of sensors and contacts under the load, and under unit forces at the contacts, without their friction."""
         (load, load_sign), n_outputs = self.channels.inputs, self.channels.n_outputs
         columns, signs = self.channels.outputs[0][n_outputs:], self.channels.outputs[1][n_outputs:]
         used, place = np.unique(np.concatenate([load, columns]), return_inverse=True)

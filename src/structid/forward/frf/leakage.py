@@ -1,4 +1,4 @@
-"""What averages of Hann-windowed segments read of FRFs: each line with what leaks from its neighbours.
+"""FRFs from averages of Hann-windowed segments: each line with leakage from its neighbours.
 
 Under a stationary random force the expected cross spectrum of windowed segments is that of the force times the FRF,
 averaged over the lines around with the power spectrum of the window (Bendat and Piersol 2010, section 11.5). In time the

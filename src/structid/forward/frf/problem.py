@@ -188,7 +188,7 @@ class FrfProblem(RecordProblem):
 
     @property
     def has_component_errors(self) -> bool:
-        """Whether errors of measured components enter the intervals: variances are stated, and data rows are of FRFs."""
+        """True where errors of measured components enter the intervals: variances are stated, and data rows are of FRFs."""
         return self.form != "equation" and any(one.variance is not None for one in self.structure.measured)
 
     def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:

@@ -1,4 +1,4 @@
-"""What a structure with given parameters answers at the sensors, and how the answer changes with each parameter."""
+"""FRFs of a structure at its sensors, with their derivatives with respect to each parameter."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Response:
 
     @property
     def is_large(self) -> bool:
-        """Whether lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
+        """True where lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
         return self.solver.is_large
 
     def values_at(self, physical: FloatArray) -> ComplexArray:
@@ -111,7 +111,7 @@ class Response:
         return gram
 
     def _coefficients(self, physical: FloatArray) -> ComplexArray:
-        """How each law enters the dynamic stiffness, with the sliding amplitudes of `contacts` in balance."""
+        """Coefficients of the matrices in the dynamic stiffness, with the sliding amplitudes of `contacts` in balance."""
         return self._sliding.at(physical)[0] if self.contacts else self.fixed_coefficients
 
     @cached_property

@@ -90,11 +90,11 @@ class MatrixSlopes:
 
     @cached_property
     def elements(self) -> tuple[SensitiveElements, ...]:
-        """What the parameters weigh, of larger models."""
+        """Element matrices that the parameters weigh, for larger models."""
         return sensitive_elements(self.structure, self.parameters)
 
     def _weight_slopes(self, physical: FloatArray) -> dict[_Member, Slope]:
-        """How the weights of each group's members change, by group and member: found once at each point, for all modes."""
+        """Derivatives of the weights of each group's members, by group and member: found once at each point, for all modes."""
         return self._last.at(physical, self._weight_slopes_at)
 
     def _weight_slopes_at(self, physical: FloatArray) -> dict[_Member, Slope]:

@@ -55,7 +55,7 @@ class ModalModel:
 
     @property
     def n_params(self) -> int:
-        """Of the structure and of the errors."""
+        """Number of parameters of the structure and of the channel errors."""
         return self.parameters.n_params + (0 if self.errors is None else self.errors.n_params)
 
     def state(self, physical: FloatArray) -> ModelState:
@@ -73,7 +73,7 @@ class ModalModel:
         return ModelState(mass, damping, stiffness, structural, found, sensors, self.slopes, own, change)
 
     def readings(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What sensors read over the truth, (n_channels,), and its logarithm's slope, (n_channels, n_errors)."""
+        """Readings of sensors over the true motion, (n_channels,), and the slope of their logarithm, (n_channels, n_errors)."""
         if self.errors is None:
             return np.ones(self.sensors.shape[1]), np.zeros((self.sensors.shape[1], 0))
         errors, still = physical[self.parameters.n_params :], np.zeros(1, dtype=np.complex128)

@@ -130,7 +130,7 @@ class ModalProblem(RecordProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Of each mode, which is their line and quantity: its known channels; frequencies, damping ratios and mixing have own ones.
+        """Rows of each mode, its line and quantity: known channels; other values have channels of their own.
 
         Channels without a row have no name: those that are unknown in all modes, or in one of every group.
         """
@@ -201,13 +201,13 @@ class ModalProblem(RecordProblem):
 
 
 def row_kinds(problem: ModalProblem) -> NDArray[np.str_]:
-    """What kind of value each data row is of, (n_data,): frequencies, damping ratios, shapes."""
+    """Kind of value of each data row, (n_data,): frequencies, damping ratios, shapes."""
     kinds = np.array([_kind_of(name) for name in problem.rows.names])
     return kinds[np.unique(problem.rows.series, return_inverse=True)[1]]
 
 
 def _kind_of(row: str) -> str:
-    """What kind of value the data rows of this name are."""
+    """Kind of value of the data rows of this name."""
     first = row.partition(" ")[0]
     return {"shape": "shapes", "mixing": row, "frequency": "frequencies", "force": "forces"}.get(
         first, "damping ratios"
@@ -215,7 +215,7 @@ def _kind_of(row: str) -> str:
 
 
 def of_form(problem: ModalProblem, form: ModalForm) -> ModalProblem:
-    """The same with a residual of another form."""
+    """A copy with a residual of another form."""
     return replace(problem, settings=replace(problem.settings, form=form))
 
 
@@ -226,7 +226,7 @@ def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
 
 
 def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
-    """Of each kind of value: how many, how many parameters they determine, and their part of the misfit.
+    """Count, number of determined parameters and part of the misfit of each kind of value.
 
     Parameters determined are the trace of (J'J)^-1 J_k'J_k, J_k being the rows of the kind: kinds and priors together
     give the number of parameters. Empty where the data do not determine all.

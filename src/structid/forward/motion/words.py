@@ -1,4 +1,4 @@
-"""What a fit of measured motion tells its reader: an `Estimate` with what is missing and what would supply it."""
+"""The `Estimate` of a fit of measured motion, with words on what is missing and what would supply it."""
 
 from __future__ import annotations
 
@@ -73,13 +73,13 @@ def motion_estimate(
 
 
 def _words(equations: TimeEquations, found: LinearFit, n_samples: int, bias: FloatArray | None) -> list[str]:
-    """What the reader should know, the most important first."""
+    """Words for the reader, the most important first."""
     words = solution_words(equations.unknown, found, equations.n_dofs * n_samples, n_samples)
     return [*words[:-1], *_bias_words(equations, found, bias), words[-1]]
 
 
 def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int, n_samples: int) -> list[str]:
-    """What is missing and what would supply it, then the quality of the fit in one part."""
+    """Words on what is missing and what would supply it, then on the quality of the fit."""
     n_params, n = unknown.n_params, n_rows // max(1, n_samples)
     words = []
     if n_rows < n_params:

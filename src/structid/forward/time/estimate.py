@@ -71,7 +71,7 @@ class WhitenedRows(Problem):
 
     @property
     def determine_all(self) -> bool:
-        """Whether there is one solution."""
+        """True where there is one solution."""
         return self._system is not None
 
     def solution(self) -> FloatArray | None:

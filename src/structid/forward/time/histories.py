@@ -13,7 +13,7 @@ from structid.forward.time.input_hold import InputHold
 
 @dataclass(frozen=True, eq=False)
 class Histories:
-    """What a time record says, held against what a model says in its place.
+    """Measured histories beside predicted ones.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Histories:
 
     @cached_property
     def waveforms(self) -> FloatArray:
-        """Of an oscillation; see `InputHold.waveforms`."""
+        """Waveforms of an oscillation; see `InputHold.waveforms`."""
         return self.drive.waveforms(self.n_times)
 
     def errors(self, predicted: FloatArray, force: FloatArray) -> FloatArray:

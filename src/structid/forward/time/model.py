@@ -1,4 +1,4 @@
-"""What sensors of a structure read at the samples of a record, and its derivatives, without discretization error."""
+"""Readings of a structure's sensors at the samples of a record, and their derivatives, without discretization error."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class TimeModel:
 
     @cached_property
     def sensor_columns(self) -> FloatArray:
-        """What each sensor reads, (n_free, n_sensors).
+        """Reading of each sensor as a combination of the motion, (n_free, n_sensors).
 
         Raises
         ------
@@ -101,7 +101,7 @@ class TimeModel:
         return columns[self.free]
 
     def readings(self, values: FloatArray, force: FloatArray, initial: FloatArray | None, n_times: int) -> FloatArray:
-        """What the sensors read, (n_times, n_sensors).
+        """Readings of the sensors, (n_times, n_sensors).
 
         Parameters
         ----------

@@ -27,7 +27,7 @@ _SEEN = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Incidental:
-    """What is unknown besides the parameters, as the data have it for given parameters.
+    """Incidental unknowns by least squares at given parameters.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Incidental:
 
 @dataclass(frozen=True, eq=False)
 class Incidentals:
-    """Whatever is unknown besides the parameters, all of which is linear: state at the start, noisy forces.
+    """Incidental unknowns besides the parameters, all of them linear: state at the start, noisy forces.
 
     Attributes
     ----------
@@ -160,12 +160,12 @@ class OutputErrorProblem(RecordProblem):
 
     @cached_property
     def histories(self) -> Histories:
-        """What the record says."""
+        """Measured readings and forces with their noise."""
         return Histories(self.model.drive, self.measured, self.deviation, self.force, self.force_deviation)
 
     @cached_property
     def incidentals(self) -> Incidentals:
-        """What else is unknown."""
+        """Unknowns besides the parameters."""
         return Incidentals(self.model, self.histories, self.free_start)
 
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> OutputErrorProblem:

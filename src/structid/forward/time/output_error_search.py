@@ -104,7 +104,7 @@ def _tried(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[tuple[_Way, int]]:
-    """What became of each start in turn, and the iterations spent; `rounds` is asked for more when these are taken."""
+    """Result of each start in turn with the iterations spent; `rounds` is asked for more when these are taken."""
     count = 0
     for starts in rounds:
         for first in range(0, len(starts), work.n_workers):

@@ -50,7 +50,7 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
 
 
 def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[Base, ...]:
-    """What drives the structure by motion of supports; () where forces do."""
+    """Supports whose motion drives the structure; () where forces do."""
     moved = [i for i in loads if record.quantities[i] == "support_acceleration"]
     bases = structure.driven(record.channels[i] for i in loads) if moved else ()
     if moved and not bases:

@@ -156,7 +156,7 @@ class SpectraProblem(RecordProblem):
 
     @cached_property
     def model(self) -> SpectraModel:
-        """What the structure makes of forces and of the transient."""
+        """Model of the spectra under forces and the transient."""
         return SpectraModel(
             self.structure, self.parameters, self.spectra, self.channels, self.cache,
             self.order if self.transient else None, self.tones,

@@ -34,7 +34,7 @@ _KEPT_BYTES, _BLOCK_ROWS = 2e8, 1024
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What is known of a `SpectraProblem` at one point, its linear unknowns solved for.
+    """Evaluation of a `SpectraProblem` at one point, with its linear unknowns solved for.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Evaluation:
 
     @property
     def is_small(self) -> bool:
-        """Whether it may be kept."""
+        """True where it is small enough to be kept."""
         return self.basis.nbytes + self.y.nbytes < _KEPT_BYTES
 
 
@@ -113,7 +113,7 @@ class MassLine:
 
 @dataclass(frozen=True, eq=False)
 class Transient:
-    """What motions hold that no force of the record made: linear unknowns, of which only the shapes are known.
+    """Part of the motions that no force of the record made: linear unknowns with known shapes.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Transient:
         return self.spectra.laplace / abs(self.spectra.laplace[-1])
 
     def reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
-        """How the transient's forces show in the motions, (n_frequencies, n_outputs, n_forces)."""
+        """Motions by unit forces of the transient, as sensors read them, (n_frequencies, n_outputs, n_forces)."""
         return np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
 
     def columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
@@ -152,7 +152,7 @@ class Transient:
 
     @cached_property
     def _own_shapes(self) -> ComplexArray:
-        """What each output may hold of its own, (n_frequencies, n_shapes): a polynomial in s, and tones."""
+        """Shapes of the part that each output has of its own, (n_frequencies, n_shapes): a polynomial in s, and tones."""
         s = self.relative_laplace
         powers = [s**k for k in range(0 if self.order is None else self.order + 1)]
         for tone in self.tones:
@@ -164,7 +164,7 @@ class Transient:
 
 @dataclass(frozen=True, eq=False)
 class SpectraModel:
-    """What a `SpectraProblem` predicts at any values of its parameters; see there.
+    """Predictions of a `SpectraProblem` at any values of its parameters.
 
     `errors` are those of its channels, whose parameters follow those of the structure; `order` is None without a transient.
     """
@@ -211,7 +211,7 @@ class SpectraModel:
         return at
 
     def changes(self, physical: FloatArray) -> tuple[Evaluation, ComplexArray]:
-        """That, and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params)."""
+        """The evaluation and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params)."""
         at, own = self._last.taken(physical) or self._found(physical), physical[: self.parameters.n_params]
         change = self.response.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
         if self.spectra.straight:
@@ -319,7 +319,7 @@ def _forces(model: SpectraModel) -> FloatArray:
 
 
 def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexArray) -> ComplexArray:
-    """What multiplies the response far above all modes in H, errors of channels included."""
+    """Factor of the response far above all modes in H, errors of channels included."""
     of_sensors = spectra.straight_aliases * read / spectra.output_powers
     return of_sensors[:, :, None] * (spectra.input_powers / stated)[:, None, :]
 

@@ -86,7 +86,7 @@ class SubstructureCoupling:
             )
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns).
+        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns).
 
         Small models solve for all columns, as derivatives do, so that the two share their poles.
         """

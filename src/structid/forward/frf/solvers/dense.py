@@ -44,7 +44,7 @@ class DenseSolver:
         return at.stretches(coefficients, np.arange(at.loads.shape[1]))
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
+        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns)."""
         with single_blas():
             read = [of for _, of in self.at(physical, coefficients).stretches(coefficients, columns, self._reader)]
         return np.concatenate(read)

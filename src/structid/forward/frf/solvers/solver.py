@@ -36,7 +36,7 @@ class FrfSolver(Protocol):
 
     @property
     def is_large(self) -> bool:
-        """Whether lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
+        """True where lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
         ...
 
     def fields(
