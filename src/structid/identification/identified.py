@@ -10,6 +10,7 @@ from structid.core.dof import Dof
 from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.forward import FrfProblem, RecordProblem
+from structid.identification.alternatives import Alternatives
 from structid.identification.before.reduction import Truncation
 from structid.identification.fits.missed import Missed
 from structid.identification.fits.modal_fit import ModalFit
@@ -103,6 +104,10 @@ class Identification(Shown, IdentificationPlots):
         Records, or kinds of values of modes, that the answer misses beyond their errors, the worst first.
     freed : tuple of RecordProblem
         The problems with the fixed values of their models among the unknowns, within tolerances; () where these are exact.
+    alternatives : Alternatives or None
+        Sets of values that fit the data equally well; None where one only was found.
+    mesh : str
+        Into how many pieces beams were cut by what the mesh moves values by, in words; "" where the study says the number.
     """
 
     estimate: Estimate
@@ -118,6 +123,8 @@ class Identification(Shown, IdentificationPlots):
     truncations: tuple[Truncation, ...] = ()
     missed: tuple[Missed, ...] = ()
     freed: tuple[RecordProblem, ...] = ()
+    alternatives: Alternatives | None = None
+    mesh: str = ""
 
     @property
     def first(self) -> RecordFit | ModalFit:
@@ -174,7 +181,11 @@ class Identification(Shown, IdentificationPlots):
 
     @property
     def assumption(self) -> str:
-        """The errors of fixed values that standard deviations and intervals include, in words."""
+        """The errors of fixed values that standard deviations and intervals include, and the choice of the mesh, in words."""
+        return "; ".join(words for words in (self._assumed, self.mesh) if words)
+
+    @property
+    def _assumed(self) -> str:
         fixed = self.estimate.fixed
         if fixed is not None:
             return f"± includes {fixed.words}"

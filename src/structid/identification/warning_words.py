@@ -61,19 +61,6 @@ def unused_damping(
     ]
 
 
-def _several_fits(found: Estimate) -> str:
-    """Warning that other parameters fit as well, with the nearest of them."""
-    search = found.search
-    best, other = [answer for answer in search.answers if answer.fits][:2]
-    change = np.abs(other.values / best.values - 1)
-    worst = int(np.argmax(change))
-    return (
-        f"{search.n_fitting} distinct parameter sets fit the data equally well, among {search.n_starts} searches: in another"
-        f" one {found.names[worst]} is {other.values[worst]:.4g} instead of {best.values[worst]:.4g}; measure more lines"
-        " or places, or give a prior"
-    )
-
-
 def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     """Warnings of an estimate, the most important first."""
     warnings = []
@@ -92,9 +79,8 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     tests = () if found.goodness.residual_tests is None else found.goodness.residual_tests.words
     too_large = [w for w in tests if "larger than the noise allows" in w]  # told below, with what is done about it
     warnings.extend(w for w in tests if w not in too_large)
-    if found.search.n_fitting > 1:
-        warnings.append(_several_fits(found))
-    elif found.search.n_agreeing < found.search.n_starts:
+    search = found.search
+    if search.n_fitting < 2 and search.n_agreeing < search.n_starts and not search.is_exhaustive:
         warnings.append(
             f"{found.search.n_agreeing} of {found.search.n_starts} searches ended at this minimum, the others at worse ones:"
             " there may be a better one still; start closer, or try more `restarts`"
