@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.inversion.linearization import triangle_of
 
 #: Chance that any held value of a right model is doubted.
@@ -112,7 +112,7 @@ def resting_words(held: Sequence[HeldValue]) -> str:
     if not most:
         return ""
     first = most[0]
-    others = f" ({counted(len(most) - 1, 'other')} of this kind on the page)" if len(most) > 1 else ""
+    others = f" ({plural(len(most) - 1, 'other')} of this kind on the page)" if len(most) > 1 else ""
     return (
         f"what the model holds matters: {first.moved_words}{others}; state its `tolerance`, 0 where it is exact, or make it an"
         " unknown with a prior"

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.core.display import counted, listed
+from structid.core.display import join_words, plural
 from structid.criticism.data import DATA_KINDS, misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.criticism.held import MATTERS, SHIFTS, HeldValue, doubted
@@ -377,12 +377,12 @@ def _judged(
         if by_priors:
             words = (
                 "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
-                f" {listed(by_priors, 4)}: the record cannot test what they say."
+                f" {join_words(by_priors, 4)}: the record cannot test what they say."
             )
             return Judgement("approximate", words, (words,))
         words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
         if estimate.goodness.degrees_of_freedom < _FEW:
-            values, parameters = counted(estimate.goodness.n_data, "value"), counted(len(estimate.names), "parameter")
+            values, parameters = plural(estimate.goodness.n_data, "value"), plural(len(estimate.names), "parameter")
             words += f" But {values} hardly test {parameters}: a wrong model may fit as well."
         return Judgement("sound", words)
     away = tuple(ran_away_words(estimate, index) for index in found.ran_away)

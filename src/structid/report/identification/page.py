@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.criticism.held import HeldValue, resting
 from structid.criticism.verdict import Cause, Criticism
 from structid.identification.identified import Identification
@@ -211,7 +211,7 @@ def verdict_words(criticism: Criticism | None) -> dict[str, object]:
             "mark": _MARKS[judgement.verdict],
             "reasons": judgement.reasons[1:],
             "heading": "What explains the misfit" if criticism.causes else "What would lower the misfit",
-            "tried": f"{counted(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
+            "tried": f"{plural(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
             "causes": Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None,
             "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
         },

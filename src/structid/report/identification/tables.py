@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
 from structid.identification.alternatives import Alternatives
@@ -288,7 +288,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
     fit = found.goodness
     chance = f"{fit.degrees_of_freedom} degrees of freedom, probability {number(fit.chi_square_probability, 2)}"
-    steps = f"{counted(found.search.n_iterations, 'iteration')}; {found.message}"
+    steps = f"{plural(found.search.n_iterations, 'iteration')}; {found.message}"
     remark = "; an error of 1 % in the force is one of 1 % here" if identification.mass.rests_on_force else ""
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")
