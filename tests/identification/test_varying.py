@@ -143,7 +143,7 @@ def test_a_given_scatter_is_generalized_least_squares(seed):
     assert estimate.goodness.degrees_of_freedom == N_RECORDS * N_ROWS - 3
     assert estimate.status is sid.Status.CONVERGED
     assert estimate.identifiability.rank == len(estimate.names)
-    assert found.varied[0].rule == "given"
+    assert found.priors.varied[0].rule == "given"
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -156,7 +156,7 @@ def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
         method="bounded",
         options={"xatol": 1e-8},
     )
-    (varied,) = found.varied
+    (varied,) = found.priors.varied
     assert varied.scatter == pytest.approx(np.exp(best.x), rel=2e-3)
     # posterior of the scatter under a uniform prior, and what not knowing it adds to the common values
     grid = np.linspace(1e-4, 1.0, 4001)
@@ -181,7 +181,7 @@ def test_deviations_are_the_best_linear_predictions():
     beta = textbook(*dense, 0.08)[0]
     v = np.diag(errors**2) + 0.08**2 * z @ z.T
     predicted = 0.08**2 * z.T @ np.linalg.solve(v, y - x @ beta)
-    (varied,) = found.varied
+    (varied,) = found.priors.varied
     assert 0.08 * varied.deviations == pytest.approx(predicted, abs=1e-7)
     assert varied.records == tuple(f"record {k}" for k in range(1, N_RECORDS + 1))
     inverse = np.linalg.inv(v)
@@ -295,9 +295,7 @@ def test_a_study_reports_the_common_value_the_scatter_and_who_stands_out(benchma
     assert ran.exit_code == 0, ran.output
     assert "stiffness[clamp] differs among 8 records by" in ran.output
     assert "mount 3 stands out: its stiffness[clamp] is" in ran.output
-    assert (
-        "stiffness[clamp] @ mount 5 " not in ran.output.partition("parameter ")[2].partition("move together")[0][:600]
-    )
+    assert "stiffness[clamp] @ mount 5 " not in ran.output.partition("parameter ")[2][:600]
     told = json.loads((tmp_path / "out" / "estimate.json").read_text())
     (varied,) = told["varied"]
     assert varied["rule"] == "marginal_likelihood"

@@ -234,7 +234,7 @@ def _like_damper(cause: Cause) -> tuple[Cause, ...]:
     """Friction beside a damper to the ground: at one level of a broad-band drive nothing tells them apart."""
     if cause.kind != "dashpot" or len(cause.where) > 1:
         return ()
-    words = f"something rubs at {cause.where[0]}: one level of the drive does not tell it from a damper"
+    words = f"something rubs at {cause.where[0]}: one level of the force cannot distinguish it from a damper"
     return (replace(cause, kind="friction", words=words, is_alike=True, study="", lines=()),)
 
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from importlib import import_module
+
+import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import Overview, Shown
@@ -25,6 +28,9 @@ from structid.inversion.intervals.intervals import Intervals
 from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
+
+#: Part of a variance from which on it is owed to priors, and of a direction's largest entry from which on a parameter is in it.
+_MOSTLY, _TAKES_PART = 0.5, 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -198,6 +204,11 @@ class Identification(Shown, IdentificationPlots):
         """Overview of the estimate."""
         return self.estimate.overview()
 
+    def summary(self) -> str:
+        """Verdict, next step, and a row for each parameter: what `print` shows."""
+        view: Shown = import_module("structid.study.results.view").results_view(self)
+        return view.summary()
+
     @property
     def listed(self) -> tuple[int, ...]:
         """Indices of all parameters but the values of single records of what varies."""
@@ -207,6 +218,18 @@ class Identification(Shown, IdentificationPlots):
     def seen_from(self, number: int) -> Identification:
         """A copy with the record of responses at position `number` (from 0) as the only one."""
         return replace(self, fits=(self.fits[number],))
+
+    @property
+    def by_prior(self) -> tuple[int, ...]:
+        """Indices of parameters that their priors determine more than the data, alone or in a combination the data do not see."""
+        if self.priors.share is None:
+            return ()
+        is_open = np.zeros(len(self.priors.share), dtype=bool)
+        for direction in self.estimate.identifiability.directions:
+            size = np.abs(direction.vector)
+            is_open |= size > _TAKES_PART * size.max()
+        is_by_prior = np.isfinite(self.priors.std) & ((self.priors.share > _MOSTLY) | is_open)
+        return tuple(np.flatnonzero(is_by_prior).tolist())
 
     @property
     def own_index(self) -> IntArray:

@@ -27,6 +27,8 @@ class IdentifyOptions:
     evaluation_band : (float, float), optional
         Where the fit is judged and drawn, Hz; the lines that were used by default. A wider one shows how the model
         does on lines that had no part in the fit.
+    every : int
+        Only every so many of the remaining lines is used: 4 leaves a quarter of a long record, for a first look.
     residual : Form
         Residual of the last stage; see `FrfProblem`.
     model_error : float
@@ -78,6 +80,7 @@ class IdentifyOptions:
     band: tuple[float, float] | None = None
     exclude: Sequence[tuple[float, float]] = ()
     evaluation_band: tuple[float, float] | None = None
+    every: Count = 1
     residual: Literal["output", "log", "pole_free"] = "output"
     model_error: NotNegative = 0.0
     reduced: Annotated[float, Limits(least=0, most=0.01)] | None = None
