@@ -50,14 +50,16 @@ def predictive(found: Answer, arrangements: Sequence[int], model: Model) -> tupl
     The covariance of an arrangement's errors is that of its frequencies plus what its own clamp and the parameters add.
     """
     known = dict(zip(found.estimate.names, found.estimate.values, strict=True))
-    scatter = {one.name: one.scatter for one in found.varied}
+    scatter = {one.name: one.scatter for one in found.priors.varied}
     errors, density, n = [], 0.0, 0
     for part in problems("healthy", arrangements, model):
         theta = part.unknowns.transforms.free(np.array([known[name] for name in part.names]))
         at = part.linearize(theta)
         rows = at.jacobian[: part.n_data]
         place = [found.estimate.names.index(name) for name in part.names]
-        free = found.estimate.covariance_noise[np.ix_(place, place)] / np.outer(part.slope(theta), part.slope(theta))
+        free = found.estimate.spread.covariance_noise[np.ix_(place, place)] / np.outer(
+            part.slope(theta), part.slope(theta)
+        )
         for name, std in scatter.items():
             free[part.names.index(name), part.names.index(name)] += std**2
         covariance = rows @ free @ rows.T + np.eye(part.n_data)
@@ -86,8 +88,8 @@ def report_choices(arrangements: Sequence[int], names: Sequence[str], model: Mod
             density.append(part[1])
         of = found.estimate
         masses = " ".join(f"{100 * of[f'mass[{one}]'][0] / LENGTH:.2f}" for one in MASSES)
-        words = "; ".join(one.words for one in found.varied)
-        outlying = [words for one in found.varied for words in one.outlying_words]
+        words = "; ".join(one.words for one in found.priors.varied)
+        outlying = [words for one in found.priors.varied for words in one.outlying_words]
         rms = np.sqrt((np.concatenate(errors) ** 2).mean())
         print(
             f"  {name:32s} error {100 * fitted.error:.3f} % | held out {rms:.3f} %, density {np.mean(density):+.3f}"
@@ -114,11 +116,12 @@ def report_losses(arrangements: Sequence[int], model: Model) -> None:
         found = both(state, arrangements, model)
         share, std, _ = loss(found.estimate, accelerometer=False)
         low, high = share - 1.96 * std, share + 1.96 * std
+        varied = found.priors.varied
         print(
             f"  {state}: lost {share:.2f} +- {std:.2f} % [{low:.2f}, {high:.2f}], reference {reference:.2f}"
             f" {'inside' if low <= reference <= high else 'OUTSIDE'}; chi2/dof {found.estimate.chi_square_per_dof:.2f},"
             f" {found.estimate.status.value}, std from {found.estimate.covariance_basis};"
-            f" {'; '.join(one.words for one in found.varied)}; {[w for one in found.varied for w in one.outlying_words]}",
+            f" {'; '.join(one.words for one in varied)}; {[w for one in varied for w in one.outlying_words]}",
             flush=True,
         )
 

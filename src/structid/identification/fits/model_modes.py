@@ -29,7 +29,7 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
 
 
 def rounding_warnings(rounding: FloatArray) -> list[str]:
-    """Whether the relative errors `Modes.rounding` of the lowest modes are worth a word."""
+    """True where the relative errors `Modes.rounding` of the lowest modes are worth a warning."""
     worst = float(rounding.max(initial=0.0))
     if worst <= _ROUNDING:
         return []
