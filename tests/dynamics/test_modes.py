@@ -7,7 +7,7 @@ from scipy.sparse.linalg import eigsh
 
 from structid.core.errors import SingularModelError
 from structid.dynamics.factorization import installed_factorizers
-from structid.dynamics.modes import _low_shift, modes
+from structid.dynamics.normal_modes import _low_shift, modes
 from structid.fem import Beam, Plate, Structure
 
 

@@ -20,7 +20,7 @@ from structid import (
     estimate,
     parameters,
 )
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward import ModalProblem, ModalSettings
 from structid.forward.frf.response import response
 from structid.forward.sensitive import require_linear_weights

@@ -15,7 +15,7 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import listed
 from structid.core.errors import InputError
 from structid.dynamics import Modes
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.forward import ModalSettings
 from structid.modal import ModalRecord

@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.latest import Latest

@@ -6,7 +6,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.dynamics import Modes
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.external.model import SolverModel
 from structid.fem import Structure
 

@@ -23,7 +23,7 @@ from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord, by_frequency, joined
 from structid.modal.poles.poles import Poles
 from structid.modal.poles.stabilization import Cluster
-from structid.modal.subspace.modes import picked_poles
+from structid.modal.subspace.subspace_modes import picked_poles
 from structid.records.record import FrfRecord
 
 _MOST_OUTSIDE = 6  # steps of `_outside` below the band, and above
