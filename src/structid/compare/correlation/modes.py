@@ -265,7 +265,7 @@ def correlated_modes(
         structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
     )
     count = None if structure.n_dofs <= _DENSE_UP_TO else 2 * record.n_modes + 10
-    model = modes(mass, stiffness, damping, structural, count)
+    model = modes(mass, stiffness, damping, structural, count, structure.strain_operator)
     seen, shapes = np.asarray(sensors.T @ model.mode_shapes), most_real(record.mode_shapes)
     pairing = pair_modes(
         record.frequency,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -67,7 +67,7 @@ class ModalModel:
         laws = ("inertia", "viscous", "elastic", "structural")
         mass, damping, stiffness, structural = (self.structure.matrix(law, values) for law in laws)
         count = None if self.structure.n_dofs <= DENSE_UP_TO else 3 * self.n_modes + 10
-        found = modes(mass, stiffness, n_modes=count)
+        found = modes(mass, stiffness, n_modes=count, strains=partial(self.structure.strain_operator, values))
         gains, change = self.readings(physical)
         sensors = self.sensors * gains
         return ModelState(mass, damping, stiffness, structural, found, sensors, self.slopes, own, change)
