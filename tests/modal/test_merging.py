@@ -96,7 +96,8 @@ def test_merging_keeps_a_mode_that_two_of_three_set_ups_have_and_leaves_unmeasur
         place = [str(dof) for dof in merging.modes.channels].index("3X+")
         assert (~merging.modes.known).nonzero() == ([place], [2])
         assert np.isnan(merging.modes.shape_std).nonzero() == ([place], [2])
-        assert (merging.members == -1).sum() == 1 and merging.members[setups.index(lacking), 2] == -1
+        assert (merging.members == -1).sum() == 1
+        assert merging.members[setups.index(lacking), 2] == -1
         np.testing.assert_allclose(merging.modes.frequency, omega)
         known = [i for i in range(4) if i != place]
         order = [int(str(merging.modes.channels[i])[0]) - 1 for i in known]

@@ -142,7 +142,7 @@ def _large_modes(
     mass: sparse.csc_array, stiffness: sparse.csc_array, n_modes: int, strains: Strains | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Circular frequencies, shapes and rounding of a model that is too large to be solved densely."""
-    n, n_heavy = mass.shape[0], int((mass.diagonal() > 0).sum())
+    n_heavy = int((mass.diagonal() > 0).sum())
     if _MOST_BY_LANCZOS * n_modes >= n_heavy:
         eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
         error = _DENSE_ROUNDINGS * np.finfo(np.float64).eps * float(eigenvalues[-1])

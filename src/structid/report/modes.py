@@ -49,7 +49,7 @@ def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
             str(k + 1),
             value_words(modes.frequency[k], modes.std[k]),
             value_words(100 * modes.damping_ratio[k], 100 * modes.std[n + k]),
-            ", ".join("–" if np.isnan(f) else f"{f:.5g}" for f in merging.frequency[:, k]),
+            ", ".join("-" if np.isnan(f) else f"{f:.5g}" for f in merging.frequency[:, k]),
         )
         for k in range(n)
     ]
