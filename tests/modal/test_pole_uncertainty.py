@@ -17,6 +17,7 @@ from structid.modal.subspace.pole_uncertainty import (
     piece_deviations,
     pole_deviations,
 )
+from structid.records import TimeRecord
 from structid.reproduce.chapter_5.simple_beam import beam_omega
 
 

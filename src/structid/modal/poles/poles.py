@@ -23,6 +23,8 @@ class Poles:
         Motion of every channel, in the unit of the channel.
     order : int
         States of the model that the poles come from.
+    energy : (n_poles,) float array, optional
+        Size of the part of each pole in what the model was fitted to, over that of the whole; unknown by default.
 
     Raises
     ------
@@ -33,14 +35,22 @@ class Poles:
     poles: ComplexArray
     shapes: ComplexArray
     order: int
+    energy: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "poles", locked(self.poles, np.complex128))
+        energy = np.full(len(self.poles), np.nan) if self.energy is None else self.energy
+        object.__setattr__(self, "energy", locked(energy, np.float64))
+        require_shape("energy", np.asarray(self.energy), (len(self.poles),), "one for each pole")
         object.__setattr__(self, "shapes", locked(self.shapes, np.complex128))
         require_shape("poles", self.poles, (None,))
         require_shape("shapes", self.shapes, (None, len(self.poles)), "one column a pole")
         require_finite("poles", self.poles)
         require_finite("shapes", self.shapes)
+
+    def select(self, indices: IntArray | NDArray[np.bool_]) -> Poles:
+        """The poles at `indices`, or where a mask of them is true."""
+        return Poles(self.poles[indices], self.shapes[:, indices], self.order, np.asarray(self.energy)[indices])
 
     @property
     def omega(self) -> FloatArray:
@@ -131,7 +141,9 @@ def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
     return slope
 
 
-def state_poles(transition: FloatArray, output: FloatArray, sampling_rate: float) -> Poles:
+def state_poles(
+    transition: FloatArray, output: FloatArray, sampling_rate: float, sizes: FloatArray | None = None
+) -> Poles:
     """Poles of x(k+1) = A x(k), y(k) = C x(k).
 
     Parameters
@@ -142,10 +154,17 @@ def state_poles(transition: FloatArray, output: FloatArray, sampling_rate: float
         C.
     sampling_rate : float
         Hz.
+    sizes : (order,) float array, optional
+        Singular values of the block Hankel matrix, where the states are those of its left singular vectors: they give the
+        energy of each pole, |v| |w S| over |S| for the right and left eigenvectors v and w with w v = 1.
     """
     values, vectors = np.linalg.eig(transition)
     kept = oscillating(values, sampling_rate)
-    return Poles(np.log(values[kept]) * sampling_rate, output @ vectors[:, kept], len(transition))
+    energy = None
+    if sizes is not None:
+        duals = np.linalg.inv(vectors)[kept]
+        energy = np.linalg.norm(vectors[:, kept], axis=0) * np.linalg.norm(duals * sizes, axis=1) / np.linalg.norm(sizes)
+    return Poles(np.log(values[kept]) * sampling_rate, output @ vectors[:, kept], len(transition), energy)
 
 
 def oscillating(values: ComplexArray, sampling_rate: float) -> IntArray:

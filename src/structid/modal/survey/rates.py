@@ -14,8 +14,6 @@ from structid.modal.correlations import outputs
 from structid.modal.method import ModalIdentification
 from structid.modal.modal_record import ModalRecord
 from structid.modal.modal_record import joined as joined_modes
-from structid.modal.poles.poles import Poles
-from structid.modal.poles.stabilization import Cluster
 from structid.modal.spectral.peaks import singular_spectrum
 from structid.records import TimeRecord
 
@@ -78,7 +76,7 @@ def joined(low: ModalIdentification, high: ModalIdentification, frequency: float
 def _limited(found: ModalIdentification, least: float, greatest: float) -> ModalIdentification:
     """The modes, poles and clusters from `least` to below `greatest`, Hz."""
     inside = [(poles.frequency >= least) & (poles.frequency < greatest) for poles in found.sweep]
-    sweep = tuple(Poles(p.poles[keep], p.shapes[:, keep], p.order) for p, keep in zip(found.sweep, inside, strict=True))
+    sweep = tuple(poles.select(keep) for poles, keep in zip(found.sweep, inside, strict=True))
     clusters = []
     for cluster in found.clusters:
         if not least <= cluster.frequency[cluster.chosen] < greatest:
@@ -87,8 +85,12 @@ def _limited(found: ModalIdentification, least: float, greatest: float) -> Modal
         pairs = zip(cluster.number[keep].tolist(), cluster.index[keep].tolist(), strict=True)
         index = np.array([int(inside[number][:i].sum()) for number, i in pairs])
         chosen = int(np.flatnonzero(keep == cluster.chosen)[0])
-        kept = cluster.number[keep], index, cluster.frequency[keep], cluster.damping_ratio[keep]
-        clusters.append(Cluster(*kept, chosen))
+        clusters.append(
+            replace(
+                cluster, number=cluster.number[keep], index=index, frequency=cluster.frequency[keep],
+                damping_ratio=cluster.damping_ratio[keep], chosen=chosen,
+            )
+        )  # fmt: skip
     modes = found.modes
     own = np.flatnonzero((modes.frequency >= least) & (modes.frequency < greatest))
     return replace(found, modes=modes.some_modes(own), sweep=sweep, clusters=tuple(clusters))
