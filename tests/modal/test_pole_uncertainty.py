@@ -12,6 +12,7 @@ from structid.modal.poles.poles import frequency_damping_slope
 from structid.modal.subspace.kernel import poles_of_orders, shift_invariant
 from structid.modal.subspace.methods import pencil, ssi_cov, ssi_data
 from structid.modal.subspace.pole_uncertainty import (
+    _decay_share,
     free_decay,
     overlapping_batches,
     piece_deviations,

@@ -11,7 +11,8 @@ from rich.text import Text
 
 from structid.core.display import counted, first_warnings
 from structid.modal.merging import Merging
-from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult
+from structid.modal.poles.poles import modal_phase_deviation
+from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult, dies_out
 from structid.records import FrfRecord
 from structid.report.figures.shapes import shapes_figure
 from structid.report.figures.survey import (
@@ -27,7 +28,11 @@ from structid.report.tables import Table, printed, provenance_facts
 from structid.report.text import exact, percent, value_words, with_std
 from structid.similarity import mac
 
-_HEADER = ("mode", "frequency (Hz)", "damping ratio (%)", "MPC", "poles in the cluster", "cluster (Hz)", "remarks")
+_HEADER = (
+    "mode", "frequency (Hz)", "damping ratio (%)", "MPC", "MPD (deg)", "probability", "poles in the cluster",
+    "cluster (Hz)", "remarks",
+)  # fmt: skip
+_LEFT_OUT_HEADER = ("left out (Hz)", "damping ratio (%)", "poles", "probability", "reason")
 _ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
 
 
@@ -36,7 +41,9 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
     parts: list[RenderableType] = [Text(f"{result.title}: {counted(result.modes.n_modes, 'mode')}", style="bold")]
     parts += [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
-    return [*parts, printed(mode_table(result)), Text(scale_sentence(result))]
+    left_out = left_out_table(result)
+    tables = [printed(mode_table(result))] if left_out is None else [printed(mode_table(result)), printed(left_out)]
+    return [*parts, *tables, Text(scale_sentence(result))]
 
 
 def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
@@ -59,11 +66,31 @@ def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
     return [Text(heading, style="bold"), *warnings, printed(table), *left_out]
 
 
+def left_out_table(result: ModesResult) -> Table | None:
+    """Stable poles that were not taken for modes, with the reason; None where there are none."""
+    rows = tuple(
+        (
+            exact(float(f"{part.frequency:.4g}")),
+            f"{100 * part.damping_ratio:.2g}",
+            str(part.n_poles) if part.n_poles else "",
+            _probability_words(part.probability),
+            part.reason,
+        )
+        for part in result.identification.left_out
+    )
+    return Table(_LEFT_OUT_HEADER, rows, (0, 1, 2, 3)) if rows else None
+
+
+def _probability_words(probability: float) -> str:
+    return "" if np.isnan(probability) else f"{min(probability, 0.99):.2f}"
+
+
 def mode_table(result: ModesResult) -> Table:
     """Values with one standard deviation, how real the shape is, and the poles behind it; doubtful rows are marked."""
     modes, std, n = result.modes, result.std, result.modes.n_modes
     clusters = result.identification.clusters
-    collinearity, notes = mpc(result), remarks(result)
+    collinearity, notes, probability = mpc(result), remarks(result), result.identification.probability
+    deviation = modal_phase_deviation(modes.mode_shapes.astype(complex))
     rows: list[tuple[str, ...]] = []
     for k in range(n):
         count, spread = "", ""
@@ -76,6 +103,8 @@ def mode_table(result: ModesResult) -> Table:
                 value_words(modes.frequency[k], std[k]),
                 value_words(100 * modes.damping_ratio[k], 100 * std[n + k]),
                 f"{collinearity[k]:.3f}",
+                f"{deviation[k]:.1f}",
+                _probability_words(probability[k]),
                 count,
                 spread,
                 "; ".join(notes[k]),
@@ -91,14 +120,14 @@ def remarks(result: ModesResult) -> list[list[str]]:
     modes, n = result.modes, result.modes.n_modes
     found: list[list[str]] = [[] for _ in range(n)]
     alike = mac(modes.mode_shapes)
-    collinearity = mpc(result)
+    collinearity, decaying = mpc(result), dies_out(result.identification)
     for k in range(n):
         ratio, std = modes.damping_ratio[k], result.std[n + k]
         if ratio <= 0:
             found[k].append("damping is not positive: noise, a tone, or motion that grows")
         elif std > ratio / 2:
             found[k].append("damping is not told apart from 0")
-        if ratio < HARDLY_DAMPED and not isinstance(result.record, FrfRecord):
+        if ratio < HARDLY_DAMPED and not isinstance(result.record, FrfRecord) and not decaying[k]:
             found[k].append(_tone_words(float(result.kurtosis[k])))
         if len(modes.channels) > 1 and collinearity[k] < _COMPLEX:
             found[k].append("complex shape: damping, noise, or two modes in one")
@@ -186,6 +215,7 @@ def modes_page(result: ModesResult) -> Page:
         "facts": (record_words(result), method_words(result)),
         "steps": result.steps,
         "modes": mode_table(result),
+        "left_out": left_out_table(result),
         "provenance": provenance_facts(asdict(result.provenance)),
     }
     return Page(

@@ -131,6 +131,25 @@ def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:
     return np.asarray(((xx - yy) ** 2 + 4 * xy**2) / np.where(total == 0, 1.0, total) ** 2)
 
 
+def modal_phase_deviation(shapes: ComplexArray) -> FloatArray:
+    """Mean phase deviation of each column from the straight line that fits it best, weighted by size, deg, (n_modes,).
+
+    0 for a real shape in any phase, 45 for a circular one. Unknown entries (NaN) have no part; NaN where all are unknown.
+
+    References
+    ----------
+    Heylen, Lammens and Sas (1997), Modal Analysis Theory and Testing, section A.4 (MPD); the line by total least squares,
+    as Reynders, Houbrechts and De Roeck (2012), Mech. Syst. Signal Process. 29, Eq. (10).
+    """
+    x, y = shapes.real, shapes.imag
+    xx, yy, xy = (np.nansum(a * b, axis=0) for a, b in ((x, x), (y, y), (x, y)))
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+    turned, size = shapes * np.exp(-1j * angle), np.abs(shapes)
+    deviation = np.degrees(np.arctan2(np.abs(turned.imag), np.abs(turned.real)))
+    total = np.where(np.isnan(shapes).all(axis=0), np.nan, np.nansum(size, axis=0))
+    return np.asarray(np.nansum(deviation * size, axis=0) / np.where(total == 0, 1.0, total))
+
+
 def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
     """Derivative of all |s| / 2 pi, then -Re s / |s|, by all Re s, then Im s, (2 n_poles, 2 n_poles)."""
     size = np.abs(poles)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from structid._version import __version__
 from structid.core.arrays import FloatArray
@@ -25,9 +26,10 @@ from structid.modal.merging import merged_setups
 from structid.modal.method import ModalIdentification
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles.window_damping import without_window_damping
-from structid.modal.spectral.peaks import singular_spectrum
+from structid.modal.spectral.peaks import singular_spectrum, unexplained_peaks
+from structid.modal.subspace.close_modes import NOT_TOLD_APART
 from structid.modal.survey.options import ModesOptions
-from structid.modal.survey.rates import join_frequency, joined, lower_rate
+from structid.modal.survey.rates import FLAT, join_frequency, joined, look_rates
 from structid.plotting import ModesPlots
 from structid.records import (
     Finding,
@@ -53,6 +55,8 @@ _SHORTEST_SEGMENT, _LONGEST_SEGMENT, _SEGMENTS = 512, 4096, 8
 _RATE_OVER_BAND, _FEWEST_SAMPLES = 4.0, 500
 #: Channels from which on those are looked at that they share, and how many of these at most.
 _MANY_CHANNELS, _SHARED = 200, 40
+#: Peaks that no mode explains, as many as are named.
+_MOST_PEAKS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +70,15 @@ class ModeSpectra:
     values : (n_lines, n_values) float array
         Singular values, greatest first.
     name, unit : str
+    is_power : bool
+        Whether they are powers, as of spectra of motion; else amplitudes, as of FRFs.
     """
 
     frequency: FloatArray
     values: FloatArray
     name: str
     unit: str
+    is_power: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +189,9 @@ def _modes_of_file(
     steps = (f"read: {understood}", *steps) if understood else steps
     looked_at, motions = _shared(ready)
     identification, more = _identified(looked_at, options)
-    kurtosis = _tone_kurtosis(looked_at, identification.modes)
+    spectra = mode_spectra(looked_at)
+    identification = _with_unexplained_peaks(identification, spectra)
+    kurtosis = _tone_kurtosis(looked_at, identification)
     if motions is not None and isinstance(ready, TimeRecord):
         identification = at_all_channels(identification, motions, ready.channels)
     if options.window is not None and isinstance(ready, TimeRecord):
@@ -192,7 +201,7 @@ def _modes_of_file(
         title=path.name,
         record=ready,
         identification=identification,
-        spectra=mode_spectra(looked_at),
+        spectra=spectra,
         geometry=places,
         provenance=_provenance((path, geometry), options, read),
         steps=(*numbered, *steps, *more),
@@ -301,43 +310,79 @@ def _rate(record: TimeRecord, options: ModesOptions) -> float | None:
 
 
 def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentification, tuple[str, ...]]:
-    """The modes, and words on a second look at a lower rate."""
+    """The modes, and words on further looks at lower rates."""
     settings = options.modal
     asked = (options.method, options.rate, options.band, options.frequencies)
     if isinstance(record, FrfRecord) or any(given is not None for given in asked):
         return modal_identification(record, options.method, settings), ()
-    rate = lower_rate(record)
-    if rate is None:
-        return modal_identification(record, None, settings), ()
-    slow = prepare(record, Preparation(detrend="none", sampling_rate=rate))
-    low = modal_identification(slow.record, None, settings)
-    if not low.sweep:  # the method looks at frequencies one by one, where the rate does not matter
-        return modal_identification(record, None, settings), ()
+    best, steps = None, []
     try:
-        high = modal_identification(record, None, settings)
+        best = modal_identification(record, None, settings)
     except NoModesError:
-        return low, slow.steps
-    split = join_frequency(low.modes, high.modes, rate)
-    words = f"modes below {split:.4g} Hz from a second look: {'; '.join(slow.steps)}"
-    return joined(low, high, split), (words,)
+        if not look_rates(record):
+            raise
+    for rate in look_rates(record) if best is None or best.sweep else ():
+        slow = prepare(record, Preparation(detrend="none", sampling_rate=rate))
+        try:
+            low = modal_identification(slow.record, None, settings)
+        except NoModesError:
+            continue
+        if best is None:
+            best = low
+            steps += slow.steps
+            continue
+        split = join_frequency(low.modes, best.modes, rate)
+        steps.append(f"modes below {split:.4g} Hz from a further look, the surer of both: {'; '.join(slow.steps)}")
+        best = joined(low, best, split, FLAT * rate)
+    return (modal_identification(record, None, settings) if best is None else best), tuple(steps)
 
 
-def _tone_kurtosis(record: Record, modes: ModalRecord) -> FloatArray:
-    """`harmonic_indicator` of the modes with hardly any damping."""
-    found = np.full(modes.n_modes, np.nan)
-    if isinstance(record, TimeRecord):
-        for k in np.flatnonzero(modes.damping_ratio < HARDLY_DAMPED):
-            f = float(modes.frequency[k])
-            if f > 0 and 1.25 * f < record.sampling_rate / 2:
-                found[k] = np.nanmedian(harmonic_indicator(record, f))
-    return found
+def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSpectra) -> ModalIdentification:
+    """`identification` with a warning that names peaks of the first singular value that no mode explains."""
+    low, high = identification.options.criteria.frequency
+    level = spectra.values[:, 0] if spectra.is_power else spectra.values[:, 0] ** 2
+    peaks = unexplained_peaks(spectra.frequency, level, identification.modes)
+    peaks = peaks[(peaks >= low) & (peaks <= high)]
+    if not len(peaks) or identification.options.frequencies is not None:
+        return identification
+    words = (
+        f"the first singular value of the spectra peaks at {', '.join(f'{f:.4g}' for f in peaks[:_MOST_PEAKS])} Hz"
+        f"{' and elsewhere' if len(peaks) > _MOST_PEAKS else ''}, where no mode was found: look at the spectrum, and ask for"
+        " these by `frequencies`, or in a narrower band"
+    )
+    modes = identification.modes
+    return replace(identification, modes=replace(modes, warnings=(*modes.warnings, words)))
+
+
+def _tone_kurtosis(record: Record, identification: ModalIdentification) -> FloatArray:
+    """`harmonic_indicator` of the modes with hardly any damping.
+
+    NaN for modes of a free decay whose damping is told from 0: no tone dies out.
+    """
+    modes = identification.modes
+    kurtosis = np.full(modes.n_modes, np.nan)
+    if not isinstance(record, TimeRecord):
+        return kurtosis
+    suspect = (modes.damping_ratio < HARDLY_DAMPED) & ~dies_out(identification)
+    for k in np.flatnonzero(suspect):
+        f = float(modes.frequency[k])
+        if f > 0 and 1.25 * f < record.sampling_rate / 2:
+            kurtosis[k] = np.nanmedian(harmonic_indicator(record, f))
+    return kurtosis
+
+
+def dies_out(identification: ModalIdentification) -> NDArray[np.bool_]:
+    """Whether each mode is one of a free decay with a damping ratio that is told from 0, (n_modes,)."""
+    modes = identification.modes
+    damping_std = modes.std[modes.n_modes :]
+    return np.asarray(identification.is_free_decay & (modes.damping_ratio > NOT_TOLD_APART * damping_std))
 
 
 def mode_spectra(record: Record) -> ModeSpectra:
     """Singular values of the spectral matrix of motion, or of the FRF matrix, line by line."""
     if isinstance(record, FrfRecord):
         values = np.linalg.svd(record.values, compute_uv=False)
-        return ModeSpectra(record.frequency, values, "singular values of the FRF matrix", record.unit)
+        return ModeSpectra(record.frequency, values, "singular values of the FRF matrix", record.unit, is_power=False)
     n = len(record.values)
     segment = min(n, 2 ** int(np.log2(np.clip(n // _SEGMENTS, _SHORTEST_SEGMENT, _LONGEST_SEGMENT))))
     found = singular_spectrum(outputs(record), segment)
