@@ -14,7 +14,8 @@ from structid.core.errors import InputError
 from structid.modal.formats.files import read_modes
 from structid.modal.merging import merged_setups
 from structid.modal.survey.options import ModesOptions
-from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
+from structid.modal.survey.setups import modes_of_setups
+from structid.modal.survey.survey import MODES_PAGE, modes_of_file
 from structid.records.formats import ReadOptions, read_geometry
 from structid.report.modes import merged_text, modes_page, modes_text
 from structid.study.results.folder import staged_folder

@@ -182,7 +182,9 @@ def state_poles(
     energy = None
     if sizes is not None:
         duals = np.linalg.inv(vectors)[kept]
-        energy = np.linalg.norm(vectors[:, kept], axis=0) * np.linalg.norm(duals * sizes, axis=1) / np.linalg.norm(sizes)
+        energy = (
+            np.linalg.norm(vectors[:, kept], axis=0) * np.linalg.norm(duals * sizes, axis=1) / np.linalg.norm(sizes)
+        )
     return Poles(np.log(values[kept]) * sampling_rate, output @ vectors[:, kept], len(transition), energy)
 
 

@@ -301,7 +301,9 @@ def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOption
         places = [(0, int(i)) for i in criteria.indices(sweep[0])]
         if frequencies is not None:
             f = sweep[0].frequency
-            places = sorted({min(places, key=lambda p: abs(f[p[1]] - wanted)) for wanted in frequencies}) if places else []
+            places = (
+                sorted({min(places, key=lambda p: abs(f[p[1]] - wanted)) for wanted in frequencies}) if places else []
+            )
         return PickedPoles(places)
     every = clusters(sweep, scale, criteria, keep_all=True)
     chosen = every if frequencies is not None else clusters(sweep, scale, criteria)

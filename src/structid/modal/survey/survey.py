@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from structid._version import __version__
 from structid.core.arrays import FloatArray
-from structid.core.display import file_names
 from structid.core.dof import Dof
 from structid.core.errors import InputError, NoModesError, UnnamedChannelsError
 from structid.core.provenance import Provenance
@@ -22,7 +21,6 @@ from structid.files.uff import dataset_lines
 from structid.modal.correlations import outputs
 from structid.modal.full_field import SharedMotions, at_all_channels, shared_motions
 from structid.modal.identification import modal_identification
-from structid.modal.merging import merged_setups
 from structid.modal.method import ModalIdentification
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles.window_damping import without_window_damping
@@ -176,18 +174,19 @@ def modes_of_file(
     InputError
         If a file or an option cannot be used.
     """
-    return _modes_of_file(Path(path), options or ModesOptions(), read, geometry, alone=True)
+    return read_and_identify(Path(path), options or ModesOptions(), read, geometry, alone=True)
 
 
-def _modes_of_file(
+def read_and_identify(
     path: Path, options: ModesOptions, read: ReadOptions | None, geometry: str | Path | None, alone: bool
 ) -> ModesResult:
+    """`modes_of_file`; columns without names are numbered only where the record stands `alone`."""
     record, read, numbered = _read(path, read or ReadOptions(), alone)
     places = record_geometry(path, record, None if geometry is None else Path(geometry))
     ready, steps, findings = _prepared(record, options)
     understood = how_read(record.source, path)
     steps = (f"read: {understood}", *steps) if understood else steps
-    looked_at, motions = _shared(ready)
+    looked_at, motions = shared_or_whole(ready)
     identification, more = _identified(looked_at, options)
     spectra = mode_spectra(looked_at)
     identification = _with_unexplained_peaks(identification, spectra)
@@ -203,7 +202,7 @@ def _modes_of_file(
         identification=identification,
         spectra=spectra,
         geometry=places,
-        provenance=_provenance((path, geometry), options, read),
+        provenance=modes_provenance((path, geometry), options, read),
         steps=(*numbered, *steps, *more),
         findings=findings,
         options=options,
@@ -223,37 +222,6 @@ def _read(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptio
     return read_record(path, numbered), numbered, (words,)
 
 
-def modes_of_setups(
-    paths: Sequence[str | Path],
-    options: ModesOptions | None = None,
-    read: ReadOptions | None = None,
-    geometry: str | Path | None = None,
-) -> ModesResult:
-    """The modes of one structure from several set-ups with common reference sensors, each as `modes_of_file`, merged.
-
-    The record and the spectra of the result are those of the first set-up.
-
-    Raises
-    ------
-    InputError
-        As `modes_of_file` does, or if set-ups have no sensor or no mode in common.
-    """
-    each = [_modes_of_file(Path(path), options or ModesOptions(), read, geometry, alone=False) for path in paths]
-    first, merging = each[0], merged_setups([one.modes for one in each], names=file_names(paths))
-    found = ModalIdentification(merging.modes, first.identification.method, options=first.identification.options)
-    return replace(
-        first,
-        title=", ".join(one.title for one in each),
-        identification=found,
-        spectra=replace(first.spectra, name=f"{first.spectra.name}, of {first.title}"),
-        geometry=next((one.geometry for one in each if one.geometry is not None), None),
-        provenance=_provenance((*paths, geometry), first.options, read),
-        steps=tuple(f"{one.title}: {words}" for one in each for words in (*one.steps, f"{one.modes.n_modes} modes")),
-        findings=tuple(replace(f, words=f"{one.title}: {f.words}") for one in each for f in one.findings),
-        kurtosis=np.full(merging.modes.n_modes, np.nan),
-    )
-
-
 def _prepared(record: Record, options: ModesOptions) -> tuple[Record, tuple[str, ...], tuple[Finding, ...]]:
     """The record made ready, what was done, and what is doubtful about it."""
     steps: list[str] = []
@@ -270,11 +238,11 @@ def _prepared(record: Record, options: ModesOptions) -> tuple[Record, tuple[str,
             kept = replace(kept, decay=np.full(len(kept.frequency), 1 / options.window))
         return kept, tuple(steps), ()
     _require_below_nyquist(record, options)
-    ready = prepare(record, Preparation(detrend=options.detrend, sampling_rate=_rate(record, options)))
+    ready = prepare(record, Preparation(detrend=options.detrend, sampling_rate=rate_for(record, options)))
     return ready.record, (*ready.steps, *steps), ready.findings
 
 
-def _shared(record: Record) -> tuple[Record, SharedMotions | None]:
+def shared_or_whole(record: Record) -> tuple[Record, SharedMotions | None]:
     """The motions that very many channels share, in the place of the record."""
     if not isinstance(record, TimeRecord) or len(record.channels) <= min(_MANY_CHANNELS, len(record.values)):
         return record, None
@@ -298,7 +266,7 @@ def _require_below_nyquist(record: TimeRecord, options: ModesOptions) -> None:
         )
 
 
-def _rate(record: TimeRecord, options: ModesOptions) -> float | None:
+def rate_for(record: TimeRecord, options: ModesOptions) -> float | None:
     """The sampling rate to decimate to: as given, or by the highest frequency that is asked for."""
     if options.rate is not None:
         return options.rate
@@ -390,7 +358,7 @@ def mode_spectra(record: Record) -> ModeSpectra:
     return ModeSpectra(found.frequency[1:], found.values[1:], name, "1/Hz")
 
 
-def _provenance(paths: Sequence[str | Path | None], options: ModesOptions, read: ReadOptions | None) -> Provenance:
+def modes_provenance(paths: Sequence[str | Path | None], options: ModesOptions, read: ReadOptions | None) -> Provenance:
     inputs = {Path(path).name: digest(path) for path in paths if path is not None}
     given: dict[str, object] = {} if read is None else {name: getattr(read, name) for name in read.given()}
     return Provenance(
