@@ -64,7 +64,8 @@ def test_merging_says_that_set_ups_disagree_and_widens_the_interval():
     assert "temperature" in note
     variance = np.diag(found.modes.covariance)[:4]
     np.testing.assert_allclose(variance[[0, 1, 3]], 0.5e-4)
-    np.testing.assert_allclose(variance[2], 0.5e-4 * found.chi_square[2])
+    unsure = (12.7062 / 1.95996) ** 2  # 97.5 % points of Student's t with one degree of freedom, and of the normal law
+    np.testing.assert_allclose(variance[2], 0.5e-4 * (1 + unsure * (found.chi_square[2] - 1)), rtol=1e-4)
     np.testing.assert_allclose(found.chi_square[2], 50.0)
 
 
@@ -119,7 +120,10 @@ def test_scatter_between_set_ups_is_a_random_effect():
     merging = merged_setups(setups)
     np.testing.assert_allclose(merging.scatter[:4], np.sqrt(scatter))
     np.testing.assert_allclose(merging.modes.frequency, f + w @ y / w.sum())
-    np.testing.assert_allclose(merging.modes.frequency_std, 1 / np.sqrt(w.sum()))
+    unsure = (3.18245 / 1.95996) ** 2  # Student's t with three degrees of freedom
+    squares = (w / w.sum()) ** 2
+    expected = np.sqrt(squares @ np.square(stds) + unsure * squares.sum() * scatter)
+    np.testing.assert_allclose(merging.modes.frequency_std, expected, rtol=1e-4)
     np.testing.assert_allclose(merging.scatter[4:], 0.0)
 
 
