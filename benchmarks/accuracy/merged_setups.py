@@ -67,9 +67,15 @@ def main() -> None:
             fit = (x.conj() @ y) / (x.conj() @ x)
             off.append(np.sqrt(np.mean(np.abs(x * fit - y).real ** 2) / 2) / np.abs(fit))
             stated.append(np.sqrt(np.mean(std[known] ** 2)))
-    print(f"{chosen.campaigns} campaigns of {N_SETUPS} set-ups; modes found: {sorted(set(counts))}, {counts.count(N_MODES)} times 10")
-    print(f"z rms: frequency {np.sqrt(np.mean(np.square(scores))):.3f}, damping {np.sqrt(np.mean(np.square(damping))):.3f}")
-    print(f"shape error {np.sqrt(np.mean(np.square(off))):.4f} a part, noise of one entry {SHAPE_STD}, stated {np.mean(stated):.4f}")
+    print(
+        f"{chosen.campaigns} campaigns of {N_SETUPS} set-ups; modes found: {sorted(set(counts))}, {counts.count(N_MODES)} times 10"
+    )
+    print(
+        f"z rms: frequency {np.sqrt(np.mean(np.square(scores))):.3f}, damping {np.sqrt(np.mean(np.square(damping))):.3f}"
+    )
+    print(
+        f"shape error {np.sqrt(np.mean(np.square(off))):.4f} a part, noise of one entry {SHAPE_STD}, stated {np.mean(stated):.4f}"
+    )
 
 
 if __name__ == "__main__":

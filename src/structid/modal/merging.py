@@ -172,7 +172,7 @@ def _rows(setup: ModalRecord, dofs: Sequence[Dof]) -> ComplexArray:
     return np.asarray(setup.mode_shapes[rows] * sign[:, None], dtype=np.complex128)
 
 
-def _worth(
+def pair_worth(
     first: ModalRecord, second: ModalRecord, shared: Sequence[Dof], guard: float
 ) -> tuple[FloatArray, FloatArray]:
     """MAC at the references, and what the pair of two modes is worth, (n_modes of first, n_modes of second) each."""
@@ -182,7 +182,7 @@ def _worth(
 
 def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float) -> IntArray:
     """Numbers of the modes that two set-ups or more have, -1 where one lacks it, (n_setups, n_modes), by frequency."""
-    worth = {(a, b): _worth(setups[a], setups[b], shared, guard)[1] for a, b in permutations(range(len(setups)), 2)}
+    worth = {(a, b): pair_worth(setups[a], setups[b], shared, guard)[1] for a, b in permutations(range(len(setups)), 2)}
     order = sorted(range(len(setups)), key=lambda number: -setups[number].n_modes)
     groups: list[dict[int, int]] = []
     for _ in range(_GROUPINGS):
@@ -239,7 +239,7 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
     for other, setup in enumerate(setups):
         if other == number or not setup.n_modes:
             continue
-        likeness, worth = (part[mode] for part in _worth(setups[number], setup, shared, guard))
+        likeness, worth = (part[mode] for part in pair_worth(setups[number], setup, shared, guard))
         best = int(worth.argmax())
         if worth[best] < _LEAST_WORTH:
             near = f"nearest {setup.frequency[best]:.4g} Hz with a MAC of {likeness[best]:.2f} at the references"

@@ -13,6 +13,7 @@ from structid.core.display import counted, first_warnings
 from structid.modal.merging import Merging
 from structid.modal.poles.poles import modal_phase_deviation
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult, dies_out
+from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord
 from structid.report.figures.shapes import shapes_figure
 from structid.report.figures.survey import (
@@ -23,6 +24,7 @@ from structid.report.figures.survey import (
     spectra_figure,
     stabilization_figure,
 )
+from structid.report.figures.tracks import tracks_figure
 from structid.report.page import Page
 from structid.report.tables import Table, printed, provenance_facts
 from structid.report.text import exact, percent, value_words, with_std
@@ -83,6 +85,58 @@ def left_out_table(result: ModesResult) -> Table | None:
 
 def _probability_words(probability: float) -> str:
     return "" if np.isnan(probability) else f"{min(probability, 0.99):.2f}"
+
+
+def tracks_table(tracks: ModeTracks) -> Table:
+    """One row a mode: in how many records it is, its first and last frequency, its change, damping and least MAC."""
+    rows = []
+    for k in range(tracks.n_tracks):
+        seen = np.flatnonzero(tracks.members[:, k] >= 0)
+        first, last = (value_words(tracks.frequency[i, k], tracks.frequency_std[i, k]) for i in (seen[0], seen[-1]))
+        rows.append(
+            (
+                str(k + 1), f"{len(seen)} of {len(tracks.names)}", first, last,
+                f"{100 * tracks.change[seen[-1], k]:+.2f}", f"{100 * np.nanmedian(tracks.damping_ratio[:, k]):.2g}",
+                f"{np.nanmin(tracks.likeness[:, k]):.3f}",
+            )
+        )  # fmt: skip
+    header = (
+        "mode",
+        "records",
+        "first (Hz)",
+        "last (Hz)",
+        "change (%)",
+        "damping ratio, median (%)",
+        "least MAC with the last",
+    )
+    return Table(header, tuple(rows), tuple(range(len(header))))
+
+
+def tracks_text(tracks: ModeTracks) -> list[RenderableType]:
+    """Heading, the table of modes that are followed, and those that one record alone shows."""
+    heading = f"{counted(tracks.n_tracks, 'mode')} followed over {counted(len(tracks.names), 'record')}"
+    return [
+        Text(heading, style="bold"),
+        printed(tracks_table(tracks)),
+        *(Text(words) for words in _alone_words(tracks)),
+    ]
+
+
+def _alone_words(tracks: ModeTracks) -> tuple[str, ...]:
+    by_record = {n: [f for number, f in tracks.alone if number == n] for n, _ in tracks.alone}
+    return tuple(
+        f"{tracks.names[n]} alone shows {', '.join(f'{f:.4g}' for f in values)} Hz" for n, values in by_record.items()
+    )
+
+
+def tracks_page(tracks: ModeTracks) -> Page:
+    """The page of modes that are followed over records."""
+    words = {
+        "title": f"{tracks.names[0]} to {tracks.names[-1]}",
+        "tracks": tracks_table(tracks),
+        "alone": _alone_words(tracks),
+    }
+    return Page(MODES_PAGE, "tracks.html.j2", {"tracks": tracks_figure(tracks)}, words)
 
 
 def mode_table(result: ModesResult) -> Table:

@@ -12,6 +12,7 @@ from structid.modal.formats.files import modal_fields, write_modes
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles.poles import modal_phase_deviation
 from structid.modal.survey.survey import ModesResult
+from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord, Geometry
 
 
@@ -105,3 +106,18 @@ def _record(result: ModesResult) -> dict[str, Entry]:
         "duration_s": len(record.values) / record.sampling_rate,
         "channels": [str(dof) for dof in record.channels], "quantities": record.quantities,
     }  # fmt: skip
+
+
+def write_tracks(tracks: ModeTracks, folder: Path) -> None:
+    """Write tracks.json into the existing `folder`: frequencies and damping ratios by record and mode, null where unseen."""
+    content: dict[str, Entry] = {
+        "records": list(tracks.names),
+        "members": tracks.members,
+        "frequency_hz": tracks.frequency,
+        "frequency_std_hz": tracks.frequency_std,
+        "damping_ratio": tracks.damping_ratio,
+        "damping_std": tracks.damping_std,
+        "mac_with_the_last": tracks.likeness,
+        "in_one_record_only": [{"record": tracks.names[n], "frequency_hz": f} for n, f in tracks.alone],
+    }
+    (folder / "tracks.json").write_text(json_text(content), encoding="utf-8")
