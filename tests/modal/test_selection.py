@@ -1,5 +1,7 @@
 """What is taken for a mode, what is left out and why, and peaks that no mode explains."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from modal_cases import ambient_chain, chain_modes, decay
@@ -92,3 +94,15 @@ def test_phase_deviation_is_0_on_a_line_and_45_on_a_circle():
     bent = np.array([1.0, np.exp(1j * np.radians(10.0))])
     assert modal_phase_deviation(bent[:, None]) == pytest.approx([5.0])
     assert np.isnan(modal_phase_deviation(np.full((2, 1), np.nan + 0j))).all()
+
+
+def test_a_weak_steady_tone_in_a_decay_is_left_out_and_named():
+    """Mains of 0.3 % of each channel beside four modes that die out."""
+    omega, shapes = chain_modes()
+    record = decay(omega, shapes, 100.0, 0.05, velocity=shapes[0], damping_ratio=0.01, noise=0.005)
+    hum = 0.003 * record.values.std(axis=0) * np.sin(2 * np.pi * 5.0 * np.arange(len(record.values))[:, None] * 0.05)
+    found = modal_identification(replace(record, values=record.values + hum))
+    np.testing.assert_allclose(found.modes.omega, omega, rtol=1e-3)
+    (tone,) = (part for part in found.left_out if "tone" in part.reason)
+    assert tone.frequency == pytest.approx(5.0, rel=1e-3)
+    assert any("tone" in words for words in found.modes.warnings)

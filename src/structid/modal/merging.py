@@ -416,7 +416,7 @@ def _shapes(
     shapes, stds = [], []
     bare = np.zeros(members.shape, dtype=bool)
     for mode, own in enumerate(members.T):
-        parts, errors, places, numbers = [], [], [], np.flatnonzero(own >= 0)
+        parts, errors, places, numbers = [], [], [], np.flatnonzero(own >= 0).tolist()
         for setup, m, place in ((setups[number], int(own[number]), index[number]) for number in numbers):
             here = setup.known[:, m]
             parts.append(_rows(setup, [dof.unsigned for dof in setup.channels])[here, m])

@@ -109,14 +109,14 @@ def track_modes(
     kept.sort(key=lambda i: np.mean([records[n].frequency[m] for n, m in tracks[i].items()]))
     members = np.array([[tracks[i].get(n, -1) for i in kept] for n in range(len(records))], dtype=int)
     alone = [(n, float(records[n].frequency[m])) for t in tracks if len(t) < _LEAST_RECORDS for n, m in t.items()]
-    columns = [
-        np.array([np.append(values(record), np.nan)[row] for record, row in zip(records, members, strict=True)])
-        for values in (
-            lambda record: record.frequency,
-            lambda record: record.frequency_std,
-            lambda record: record.damping_ratio,
-            lambda record: record.std[record.n_modes :],
+    frequency, frequency_std, damping, damping_std = (
+        np.array([np.append(values, np.nan)[row] for values, row in zip(every, members, strict=True)])
+        for every in (
+            [record.frequency for record in records],
+            [record.frequency_std for record in records],
+            [record.damping_ratio for record in records],
+            [record.std[record.n_modes :] for record in records],
         )
-    ]
+    )
     mac_of = np.array([[alike[i].get(n, np.nan) for i in kept] for n in range(len(records))])
-    return ModeTracks(called, members, *columns, mac_of, tuple(sorted(alone)))
+    return ModeTracks(called, members, frequency, frequency_std, damping, damping_std, mac_of, tuple(sorted(alone)))

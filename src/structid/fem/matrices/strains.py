@@ -42,7 +42,8 @@ def strain_operator(contributions: Sequence[Contribution], values: FloatArray, n
             continue
         if not isinstance(part.blocks, Blocks):
             return None
-        dofs, local = part.blocks.dofs, part.blocks.local * part.weights(values)[:, None, None]
+        dofs = part.blocks.dofs
+        local: FloatArray = part.blocks.local * part.weights(values)[:, None, None]
         key = (dofs.shape, dofs.tobytes())
         summed[key] = (dofs, local + summed[key][1] if key in summed else local)
     row, column, entry, n_strains = [], [], [], 0

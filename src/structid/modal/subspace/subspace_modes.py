@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.errors import InputError, NoModesError
@@ -14,7 +15,7 @@ from structid.modal.method import LeftOut, ModalIdentification, ModalOptions, by
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles.poles import Poles, frequency_damping_slope, modal_phase_collinearity
 from structid.modal.poles.stabilization import Cluster, clusters
-from structid.modal.subspace.close_modes import close_mode_notes, repeated_modes
+from structid.modal.subspace.close_modes import NOT_TOLD_APART, close_mode_notes, repeated_modes
 from structid.modal.subspace.decay_fit import (
     decay_fit,
     decay_modes,
@@ -48,6 +49,10 @@ _LOST = 0.1  # of the noise left: amplitude of a free decay below which it tells
 _TRIES = 4  # poles in a row that explain a free decay no better, after which no more are tried
 _ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
 _PERHAPS = 0.3  # probability of being a mode from which on poles that are none are listed
+_STEADY, _FEWEST_DYING = (
+    0.1,
+    3,
+)  # of the usual damping ratio, that of a tone at most; modes that die out and tell the usual
 _STRONG = 0.01  # of the energy of a free decay: part from which on a mode is kept, however uncertain
 
 
@@ -245,7 +250,22 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
         f"modes of the decay with a standard deviation of frequency above {100 * _CERTAIN:g} % and less than"
         f" {100 * _STRONG:g} % of the energy"
     )
-    return found.kept(~weak, words)
+    found = found.kept(~weak, words)
+    return found.kept(
+        ~_is_steady(data, found.modes),
+        "weak poles that stay while other modes die out, as the tone of a machine or the mains,",
+    )
+
+
+def _is_steady(data: Outputs, modes: ModalRecord) -> NDArray[np.bool_]:
+    """Which modes of a free decay are tones: weak, and of a damping ratio far below that of the modes that die out."""
+    ratio, std = modes.damping_ratio, np.nan_to_num(modes.std[modes.n_modes :])
+    dying = ratio > NOT_TOLD_APART * std
+    steady = np.zeros(modes.n_modes, dtype=bool)
+    if dying.sum() >= _FEWEST_DYING:
+        usual = float(np.median(ratio[dying]))
+        steady = (np.abs(ratio) + NOT_TOLD_APART * std < _STEADY * usual) & (energy_shares(data, modes.poles) < _STRONG)
+    return steady
 
 
 def _block_rows(data: Outputs, given: int | None) -> int:

@@ -25,7 +25,7 @@ _LEAST, _SEGMENTS = 2000, 8
 _DECADES = 1.0  # by which a peak of the spectrum must stand out
 _SPLIT = (0.30, 0.38)  # parts of the lower rate between which the two looks are joined
 #: Part of the lower rate up to which the filter of the decimation is flat, and factor from one look to the next.
-FLAT, _STEP = 0.4, 4.0
+FLAT, _STEP = 0.4, 3.0
 _ONE_SHAPE = 0.8  # MAC from which on two looks see one mode
 _OF_TWO = "come from the record at two sampling rates"
 

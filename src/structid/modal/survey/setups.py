@@ -121,7 +121,7 @@ def _wanted_modes(again: ModalRecord, merged: ModalRecord, lost: IntArray, prese
         is_new = np.ones(again.n_modes, dtype=bool)
         if present.n_modes:
             same = np.abs(again.frequency[:, None] - present.frequency) <= 0.5 * width[:, None]
-            is_new = ~(same & (mac(seen, present.mode_shapes) > _ONE_SHAPE)).any(axis=1)
+            is_new &= ~(same & (mac(seen, present.mode_shapes) > _ONE_SHAPE)).any(axis=1)
         good = np.flatnonzero((near <= _NEAR) & (likeness >= _ONE_SHAPE) & is_sure & is_new)
         if len(good):
             kept.append(int(good[likeness[good].argmax()]))

@@ -283,7 +283,8 @@ def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentificat
     asked = (options.method, options.rate, options.band, options.frequencies)
     if isinstance(record, FrfRecord) or any(given is not None for given in asked):
         return modal_identification(record, options.method, settings), ()
-    best, steps = None, []
+    best: ModalIdentification | None = None
+    steps: list[str] = []
     try:
         best = modal_identification(record, None, settings)
     except NoModesError:
