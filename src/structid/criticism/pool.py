@@ -312,7 +312,7 @@ class _Column(NamedTuple):
 def _joints(fields: Fields) -> Iterator[Candidate]:
     """Ends of elements that turn against their nodes."""
     ends: dict[tuple[str, int, int], list[_Column]] = {}
-    for one in fields.elements(("mass", "rotary_inertia", "viscous_damping", "stiffness")):
+    for one in fields.elements(("mass", "rotary_inertia", "viscous_damping", "stiffness", "axial_force")):
         for j, code in enumerate(one.codes.tolist()):
             if code >= 0 and dof_of_code(code).is_rotation:
                 part = _Column(one.codes, one.matrix[:, j], float(one.matrix[j, j]), one.kind, one.loss)

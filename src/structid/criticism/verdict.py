@@ -12,6 +12,7 @@ from structid.core.display import counted, listed
 from structid.criticism.data import DATA_KINDS, misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.criticism.held import MATTERS, SHIFTS, HeldValue, doubted
+from structid.identification.alternatives import Alternatives
 from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
@@ -319,7 +320,8 @@ def judged(
         given = _asked_for(suggestions)
     else:
         given = _judged(found, causes, n_tried, suggestions, doubted(held), work)
-    if untried and not fits_noise(found):
+    is_open = found.alternatives is not None or given.verdict == "untested"
+    if untried and not is_open and not fits_noise(found):
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
         )
@@ -348,7 +350,10 @@ def _judged(
     work: Work,
 ) -> Judgement:
     estimate = found.estimate
-    if found.target is not None and not estimate.degrees_of_freedom > 0 and not causes:
+    if found.alternatives is not None:
+        return _several(found.alternatives)
+    is_untested = not estimate.degrees_of_freedom > 0 and estimate.covariance_basis == "noise"
+    if found.target is not None and is_untested and not causes:
         return _untested(found)
     if estimate.disagreement is not None and not causes and (is_sound(found) or _is_quiet(found)):
         said = estimate.disagreement.words
@@ -468,6 +473,12 @@ def _judged(
             f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
         )
     return Judgement("approximate", words, (misfit, *pushed, *map(_apart, apart)))
+
+
+def _several(sets: Alternatives) -> Judgement:
+    """The verdict where several sets of values fit the data equally well."""
+    words = f"Undetermined: {sets.words}. Measure that, or give a prior."
+    return Judgement("undetermined", words, (sets.words, sets.search_words))
 
 
 def _untested(found: Identification) -> Judgement:

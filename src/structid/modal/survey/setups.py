@@ -24,7 +24,7 @@ from structid.modal.survey.survey import (
     read_and_identify,
     shared_or_whole,
 )
-from structid.records import Preparation, ReadOptions, TimeRecord, prepare
+from structid.records import FrfRecord, Preparation, ReadOptions, Record, TimeRecord, prepare
 from structid.similarity import mac
 
 _NEAR = 0.02  # of a frequency: how far from the other set-ups' a mode is looked for again
@@ -86,10 +86,10 @@ def recovered_modes(result: ModesResult, merging: Merging, number: int) -> Modal
     lost = np.flatnonzero(merging.members[number] < 0)
     limits = result.identification.options.criteria.frequency
     lost = lost[(merging.modes.frequency[lost] > limits[0]) & (merging.modes.frequency[lost] < limits[1])]
-    if not len(lost):
+    if not len(lost) or not isinstance(result.record, TimeRecord | FrfRecord):
         return None
     wanted = tuple(merging.modes.frequency[lost].tolist())
-    record = result.record
+    record: Record = result.record
     if isinstance(record, TimeRecord):
         rate = rate_for(record, ModesOptions(frequencies=wanted))
         record = prepare(record, Preparation(detrend="none", sampling_rate=rate)).record
