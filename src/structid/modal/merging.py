@@ -290,10 +290,15 @@ def _covariance(setup: ModalRecord, row: IntArray) -> FloatArray:
     return covariance
 
 
+def _inverse_variances(variance: FloatArray, counts: NDArray[np.bool_]) -> FloatArray:
+    """1 / variance, 0 where a measurement does not count."""
+    return np.where(counts, 1 / np.where(counts, variance, 1.0), 0.0)
+
+
 def _scatter(values: FloatArray, variance: FloatArray) -> FloatArray:
     """Variance between set-ups beyond what each states, (n_quantities,): DerSimonian and Laird (1986), Eq. (8)."""
     counts = _stated(variance) & ~np.isnan(values)
-    weight = np.where(counts, 1 / np.where(counts, variance, 1.0), 0.0)
+    weight = _inverse_variances(variance, counts)
     total = np.maximum(weight.sum(axis=0), np.finfo(np.float64).tiny)
     mean = (weight * np.nan_to_num(values)).sum(axis=0) / total
     surplus = (weight * np.where(counts, values - mean, 0.0) ** 2).sum(axis=0) - (counts.sum(axis=0) - 1)
@@ -314,7 +319,7 @@ def _weighted_mean(
     """
     counts = _stated(variance) & ~np.isnan(values)
     weighed = counts.any(axis=0)
-    weight = np.where(counts, 1 / np.where(counts, variance + scatter, 1.0), 0.0)
+    weight = _inverse_variances(variance + scatter, counts)
     weight = np.where(weighed, weight, ~np.isnan(values))
     weight = weight / np.where(weight.any(axis=0), weight.sum(axis=0), np.nan)
     mean = np.where(weight.any(axis=0), (weight * np.nan_to_num(values)).sum(axis=0), np.nan)
@@ -349,7 +354,7 @@ def _agreement(frequency: FloatArray, variance: FloatArray) -> tuple[FloatArray,
 
     counts = _stated(variance)
     freedom = np.where(counts.sum(axis=0) > 1, counts.sum(axis=0) - 1.0, np.nan)
-    weight = np.where(counts, 1 / np.where(counts, variance, 1.0), 0.0)
+    weight = _inverse_variances(variance, counts)
     mean = (weight * np.nan_to_num(frequency)).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
     chi_square = (weight * np.where(counts, frequency - mean, 0.0) ** 2).sum(axis=0)
     chi_square = np.where(np.isnan(freedom), np.nan, chi_square)
