@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy import integrate, linalg
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 
 from structid import Bar, Beam, InputError, Joint, SpaceBeam, Structure, Unknown, parameters
 from structid.unknowns.tolerances import Tolerances, fixed_properties

@@ -8,7 +8,7 @@ happens at the buckling load.
 """
 
 import numpy as np
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 
 import structid as sid
 

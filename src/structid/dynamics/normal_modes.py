@@ -124,7 +124,7 @@ def _small_modes(
     error = _DENSE_ROUNDINGS * np.finfo(np.float64).eps * float(eigenvalues[-1])
     eigenvalues, shapes = eigenvalues[:n_modes], shapes[:, :n_modes]
     omega = np.sqrt(np.maximum(eigenvalues, 0.0))
-    rounding = _rounding(stiffness, omega, shapes, error)
+    rounding = _rounding_errors(stiffness, omega, shapes, error)
     if rounding.max(initial=0.0) <= _ROUGH:
         return omega, shapes, rounding
     clear = eigenvalues[eigenvalues > 2 * eigenvalues * rounding]
@@ -134,7 +134,7 @@ def _small_modes(
     if root is None:
         return omega, shapes, rounding
     omega, shapes = (part[..., : len(omega)] for part in _modes_of_root(*root, shift))
-    exact = _rounding(stiffness, omega, shapes, 0.0)
+    exact = _rounding_errors(stiffness, omega, shapes, 0.0)
     return omega, shapes, exact if operator is None else np.minimum(exact, _root_rounding(stiffness, omega, shapes))
 
 
@@ -147,11 +147,11 @@ def _large_modes(
         eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
         error = _DENSE_ROUNDINGS * np.finfo(np.float64).eps * float(eigenvalues[-1])
         omega, shapes = np.sqrt(np.maximum(eigenvalues[:n_modes], 0.0)), shapes[:, :n_modes]
-        return omega, shapes, _rounding(stiffness, omega, shapes, error)
-    shift, inverse = _low_shift(stiffness, mass)
+        return omega, shapes, _rounding_errors(stiffness, omega, shapes, error)
+    shift, inverse = _shift_below(stiffness, mass)
     eigenvalues, shapes = _lanczos_modes(mass, stiffness, n_modes, shift, inverse, _energy_of(stiffness))
     omega = np.sqrt(np.maximum(eigenvalues, 0.0))
-    rounding = _rounding(stiffness, omega, shapes, 0.0)
+    rounding = _rounding_errors(stiffness, omega, shapes, 0.0)
     operator = strains() if strains is not None and rounding.max(initial=0.0) > _ROUGH else None
     if operator is None:
         return omega, shapes, rounding
@@ -184,7 +184,11 @@ def _lanczos_modes(
     eigenvalues, shapes = eigsh(stiffness, n_modes, mass, sigma=shift, which="LM", v0=start, OPinv=inverse)
     order = np.argsort(eigenvalues)
     eigenvalues, shapes = eigenvalues[order], shapes[:, order]
-    return (eigenvalues, shapes) if inverse is None else _completed(energy, mass, shift, inverse, eigenvalues, shapes)
+    return (
+        (eigenvalues, shapes)
+        if inverse is None
+        else _add_missed_modes(energy, mass, shift, inverse, eigenvalues, shapes)
+    )
 
 
 def _strain_inverse(operator: sparse.csr_array, mass: sparse.csc_array, shift: float, scale: float) -> LinearOperator:
@@ -248,7 +252,7 @@ def _root_rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: Float
     return np.asarray(errors / np.maximum(omega, clear.min() if len(clear) else np.inf))
 
 
-def _rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray, error: float) -> FloatArray:
+def _rounding_errors(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray, error: float) -> FloatArray:
     """Relative errors of frequencies by rounding of the stiffness matrix, and `error` of the eigenvalues beside it."""
     size = np.abs(shapes)
     errors = error + np.finfo(np.float64).eps * np.einsum("ij,ij->j", size, abs(stiffness) @ size)
@@ -256,7 +260,7 @@ def _rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray
     return np.asarray(errors / (2 * np.maximum(omega, clear.min() if len(clear) else np.inf) ** 2))
 
 
-def _low_shift(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:
+def _shift_below(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:
     """A shift just below the lowest eigenvalues, and the inverse of the stiffness so shifted.
 
     A mean of all eigenvalues is a safe shift, also for a structure that can move freely, but on a fine mesh it lies
@@ -278,7 +282,7 @@ def _low_shift(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[flo
         shift = min(-low, least)
 
 
-def _completed(
+def _add_missed_modes(
     energy: _Energy,
     mass: sparse.csc_array,
     shift: float,

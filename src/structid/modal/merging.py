@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries, unscaled_shape_std
@@ -156,7 +156,7 @@ def common_sensors(
                 lacking = next(name for name, part in zip(called, own, strict=True) if dof not in part)
                 raise InputError(f"`references` must be in all set-ups; {dof} is not in {lacking}")
     if not wanted:
-        sensors = "; ".join(f"{name} has {listed(part)}" for name, part in zip(called, channels, strict=True))
+        sensors = "; ".join(f"{name} has {join_words(part)}" for name, part in zip(called, channels, strict=True))
         raise InputError(
             f"set-ups must have a sensor in common, and none is in all of them: {sensors}; keep references at the same"
             " places, and call them alike in all files"

@@ -8,11 +8,12 @@ from contextlib import closing
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from structid.cli.base import (
+    CHECKPOINT_SECONDS,
     INTERRUPTED,
     NOT_DETERMINED,
     WRONG_MODEL,
@@ -27,21 +28,12 @@ from structid.cli.base import (
     results_folder,
     say,
 )
-from structid.cli.console import identification_summary
-from structid.cli.progress import ProgressFile, run_progress
-from structid.cli.tables import show
-from structid.explanation.answer import criticized, time_for_causes, write_suggestions
-from structid.explanation.refits import Fitted
-from structid.explanation.time_budget import TimeBudget
-from structid.inversion import Status
-from structid.study.results.folder import staged_folder, write_results
-from structid.study.results.result import StudyResult
-from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
-from structid.study.run.long_run import LongRun
-from structid.study.run.run import run_from_start
-from structid.study.run.start_workers import start_workers
-from structid.study.run.workers import WorkersLostError
-from structid.study.schema.study import load_study
+
+if TYPE_CHECKING:
+    from structid.explanation.refits import Fitted
+    from structid.study.results.result import StudyResult
+    from structid.study.run.checkpoint import Checkpoint
+    from structid.study.run.long_run import LongRun
 
 Seconds = Annotated[
     float, typer.Option("--checkpoint", metavar="SECONDS", min=0, help="Least time between checkpoints; 0: all.")
@@ -64,6 +56,7 @@ CauseSeconds = Annotated[
         help="Processor time for the search for causes [default: three times the identification and 5 s].",
     ),
 ]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print warnings, statistics, causes and modes too.")]
 #: The words of each choice.
 _EXPLAIN: dict[bool | None, list[str]] = {None: [], True: ["--explain"], False: ["--no-explain"]}
 
@@ -80,6 +73,7 @@ def identify(
     checkpoint: Seconds = CHECKPOINT_SECONDS,
     progress_file: Watched = None,
     seconds: CauseSeconds = None,
+    verbose: Verbose = False,
 ) -> None:
     """Identify the unknowns of a study and write estimate.json, estimate.h5, study.toml and report.html.
 
@@ -93,6 +87,21 @@ def identify(
       structid identify frame.toml --resume
       structid identify frame.toml --workers 8 --png
     """
+    from structid.cli.console import identification_summary  # the help needs none of these
+    from structid.cli.progress import ProgressFile, run_progress
+    from structid.cli.tables import show
+    from structid.core.isolation import paths_as_called
+    from structid.explanation.answer import criticized, time_for_causes, write_suggestions
+    from structid.explanation.time_budget import TimeBudget
+    from structid.inversion.estimate import Status
+    from structid.study.results.folder import staged_folder
+    from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
+    from structid.study.run.long_run import LongRun
+    from structid.study.run.run import run_from_start
+    from structid.study.run.start_workers import start_workers
+    from structid.study.run.workers import WorkersLostError
+    from structid.study.schema.study import load_study
+
     check_png(report, png)
     crew = start_workers(workers, scheduler)
     read = load_study(study, work=LongRun(crew))
@@ -136,7 +145,7 @@ def identify(
         finally:
             run.close()
         kept.remove()
-    show(identification_summary(result))
+    show(identification_summary(result, verbose, paths_as_called(str(folder))))
     say(folder / name)
     estimate = result.identification.estimate
     verdict = result.criticism.judgement.verdict if result.criticism is not None else ""
@@ -150,6 +159,8 @@ def identify(
 
 def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
     """The name of what to read first in `folder`; drawing is imported here, so that nothing else waits for it."""
+    from structid.study.results.folder import write_results
+
     write_results(result, folder)
     if not report:
         return "estimate.json"

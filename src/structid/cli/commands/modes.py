@@ -8,20 +8,9 @@ from typing import Annotated
 import typer
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, beside_call, check_png, fail, results_folder, say
-from structid.cli.tables import show
-from structid.core.display import file_names
 from structid.core.errors import InputError
-from structid.modal.formats.files import read_modes
-from structid.modal.formats.recognition import holds_modes
-from structid.modal.merging import merged_setups
 from structid.modal.survey.options import ModesOptions
-from structid.modal.survey.setups import modes_of_setups
-from structid.modal.survey.survey import MODES_PAGE, modes_of_file
-from structid.modal.tracking import track_modes
-from structid.records.formats import ReadOptions, read_geometry
-from structid.report.modes import merged_text, modes_page, modes_text, tracks_page, tracks_text
-from structid.study.results.folder import staged_folder
-from structid.study.results.modes import write_merged, write_modes_results, write_tracks
+from structid.records.formats.options import ReadOptions
 
 
 def modes(
@@ -70,6 +59,13 @@ def modes(
       structid modes year_2026 --track --out followed
       structid modes modes_of_a.uff modes_of_b.uff --merge --out tower
     """
+    from structid.cli.tables import show  # the help needs none of these
+    from structid.modal.survey.setups import modes_of_setups
+    from structid.modal.survey.survey import MODES_PAGE, modes_of_file
+    from structid.report.modes import modes_page, modes_text
+    from structid.study.results.folder import staged_folder
+    from structid.study.results.modes import write_modes_results
+
     check_png(report, png)
     if merge and track:
         raise InputError("`--merge` puts set-ups together and `--track` follows records; give one of them")
@@ -104,6 +100,16 @@ def _track(
     png: bool,
 ) -> None:
     """Modes followed over records, or over files of modes, in the order given; those of a folder by name."""
+    from structid.cli.tables import show  # the help needs none of these
+    from structid.core.display import file_names
+    from structid.modal.formats.files import read_modes
+    from structid.modal.formats.recognition import holds_modes
+    from structid.modal.survey.survey import MODES_PAGE, modes_of_file
+    from structid.modal.tracking import track_modes
+    from structid.report.modes import tracks_page, tracks_text
+    from structid.study.results.folder import staged_folder
+    from structid.study.results.modes import write_tracks
+
     paths = [path for place in given for path in (_files_of(place) if place.is_dir() else [place])]
     modes = [
         read_modes(path) if holds_modes(path) else modes_of_file(path, options, read, geometry).modes for path in paths
@@ -127,6 +133,16 @@ def _merge(
     paths: list[Path], options: ModesOptions, read: ReadOptions, geometry: Path | None, out: Path | None
 ) -> None:
     """Modes of set-ups from files that hold modes, merged and written as files that a study takes as a record."""
+    from structid.cli.tables import show
+    from structid.core.display import file_names
+    from structid.modal.formats.files import read_modes
+    from structid.modal.merging import merged_setups
+    from structid.modal.survey.survey import MODES_PAGE
+    from structid.records.formats import read_geometry
+    from structid.report.modes import merged_text
+    from structid.study.results.folder import staged_folder
+    from structid.study.results.modes import write_merged
+
     if options != ModesOptions() or read != ReadOptions():
         raise InputError(
             "`--merge` takes files of modes as they are; leave the options of reading and identification out"

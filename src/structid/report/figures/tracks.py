@@ -7,7 +7,7 @@ import numpy as np
 from structid.modal.tracking import ModeTracks
 from structid.report.drawing import palette
 from structid.report.rendering import plot
-from structid.report.text import value_words
+from structid.core.quantities import value_words
 
 _COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
 

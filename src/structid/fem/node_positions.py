@@ -1,4 +1,4 @@
-"""Nodes that slide along the straight line of the bars and beams that meet there: their places as properties."""
+"""Nodes whose position along the straight line of the bars and beams that meet there is a property."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError
-from structid.fem.elements.element import ElementSet, Layer, Positions, Term
+from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Positions, Term
 
 #: Powers of its length that a matrix of a bar or beam has.
 _POWERS = range(-3, 4)
@@ -22,16 +22,16 @@ _SHORTEST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Slide:
-    """Where a node slides.
+class NodePosition:
+    """The line on which a node of variable position lies, and where on it the node is nominally.
 
     Attributes
     ----------
     node : int
     start : int
-        The neighbour that its place is measured from.
+        The neighbouring node that its position is measured from.
     direction : (n_coordinates,) float array
-        From there to the node, of length 1.
+        Unit vector from `start` to the node.
     position : float
         Distance from `start`, m.
     limit : float
@@ -46,12 +46,12 @@ class Slide:
 
     @property
     def name(self) -> str:
-        """What stands for it where properties name element sets."""
+        """The name that the position has where properties are named by element set, such as ``node 2``."""
         return f"node {self.node}"
 
     @property
     def term(self) -> Term:
-        """Its place as a property, no nearer to its neighbours than an element can be short."""
+        """The position as a property, m, no nearer to its neighbours than an element can be short."""
         beyond = self.limit - self.position
         shortest = _SHORTEST * (self.limit if np.isfinite(self.limit) else self.position)
         limits = min(shortest, 0.5 * self.position), self.limit - min(shortest, 0.5 * beyond)
@@ -59,20 +59,20 @@ class Slide:
 
 
 @dataclass(frozen=True, eq=False)
-class Lengthening:
-    """How the lengths of the elements of a set change with the places of nodes.
+class LengthDependence:
+    """How the lengths of the elements of a set depend on the variable positions of nodes.
 
     Attributes
     ----------
     lengths : (n_elements,) float array
         Nominal, m.
     at : tuple of (n_elements,) int arrays
-        For each end that slides somewhere: where its place stands among the values of the structure; any of them where it
-        does not slide.
+        For each end with a variable position in some element: index of the position among the values of the structure;
+        any index in an element where that end is fixed.
     slopes : tuple of (n_elements,) float arrays
-        Change of the length with that place: 1, -1, or 0 where the end does not slide.
+        Derivative of the length by that position: 1, -1, or 0 where the end is fixed.
     nominal : tuple of (n_elements,) float arrays
-        The nominal places, m.
+        Nominal positions, m.
     """
 
     lengths: FloatArray
@@ -81,25 +81,28 @@ class Lengthening:
     nominal: tuple[FloatArray, ...]
 
     def ratio(self, values: FloatArray) -> FloatArray:
-        """Lengths over the nominal ones, (n_elements,)."""
-        found = np.ones_like(self.lengths)
-        for at, slope, nominal in zip(self.at, self.slopes, self.nominal, strict=True):
-            found = found + slope * (values[at] - nominal) / self.lengths
-        return found
+        """Length of each element over its nominal length, (n_elements,), at the property `values`."""
+        ratio = np.ones_like(self.lengths)
+        for rows, slope, nominal in zip(self.at, self.slopes, self.nominal, strict=True):
+            ratio = ratio + slope * (values[rows] - nominal) / self.lengths
+        return ratio
 
 
-def slides(nodes: Sequence[int], elements: Sequence[ElementSet], positions: Positions) -> tuple[Slide, ...]:
-    """Where `nodes` slide.
+def node_positions(
+    nodes: Sequence[int], elements: Sequence[ElementSet], positions: Positions
+) -> tuple[NodePosition, ...]:
+    """The line and nominal position of each of the `nodes` whose position is a property, in that order, each once.
 
     Raises
     ------
     InputError
         If one is not there, has no bar or beam, is a corner of cells, or lines that meet there are not straight.
     """
-    return tuple(_slide(node, elements, positions) for node in dict.fromkeys(nodes))
+    return tuple(_make_node_position(node, elements, positions) for node in dict.fromkeys(nodes))
 
 
-def _slide(node: int, elements: Sequence[ElementSet], positions: Positions) -> Slide:
+def _make_node_position(node: int, elements: Sequence[ElementSet], positions: Positions) -> NodePosition:
+    """The line along which `node` may move, from the bars and beams that end there; `InputError` if they are not on a line."""
     if node not in positions:
         raise InputError(f"`sliding` names node {node}, which the structure does not have")
     for element in elements:
@@ -112,12 +115,12 @@ def _slide(node: int, elements: Sequence[ElementSet], positions: Positions) -> S
     others = before + [row[1] for row in rows if row[0] == node]
     if not others:
         raise InputError(f"node {node} of `sliding` is no end of a bar or beam; name one that is")
-    here, start = positions[node], others[0]
-    length = float(np.linalg.norm(here - positions[start]))
-    direction = (here - positions[start]) / length
+    position, start = positions[node], others[0]
+    length = float(np.linalg.norm(position - positions[start]))
+    direction = (position - positions[start]) / length
     limit = np.inf
     for other in others:
-        away = here - positions[other]
+        away = position - positions[other]
         along = float(away @ direction)
         if np.linalg.norm(away - along * direction) > _STRAIGHT * np.linalg.norm(away):
             raise InputError(
@@ -130,18 +133,20 @@ def _slide(node: int, elements: Sequence[ElementSet], positions: Positions) -> S
             raise InputError(
                 f"node {node} of `sliding` has two neighbours on one side, {start} and {other}; join it to the nearer"
             )
-    return Slide(node, start, direction, length, limit)
+    return NodePosition(node, start, direction, length, limit)
 
 
-def stretched(name: str, terms_of: Callable[[Positions], Sequence[Term]], positions: Positions) -> tuple[Term, ...]:
-    """Terms of bars or beams whose layers each go with one power of the length of their element.
+def split_by_length_power(
+    name: str, terms_of: Callable[[Positions], Sequence[Term]], positions: Positions
+) -> tuple[Term, ...]:
+    """Terms of bars or beams, with each matrix term split by the power of the element length that it is proportional to.
 
     Matrices are sums of such powers; they are told apart by lengths that are all twice, four times, half as large and so on.
 
     Parameters
     ----------
     name : str
-        Of the set.
+        Name of the element set.
     terms_of : callable
         The terms on nodes at given positions.
     positions : mapping of int to position
@@ -149,26 +154,33 @@ def stretched(name: str, terms_of: Callable[[Positions], Sequence[Term]], positi
     scales = [2.0**k for k in _POWERS]
     made = [terms_of({label: scale * place for label, place in positions.items()}) for scale in scales]
     nominal = made[scales.index(1.0)]
-    if any(layer.shear is not None for term in nominal for layer in term.layers):
+    if any(matrix_term.shear is not None for term in nominal for matrix_term in term.matrix_terms):
         raise InputError(f"beams of {name!r} shear, so that no end of theirs can be in `sliding`; leave the shear out")
-    split: dict[int, list[Layer]] = {}
+    split: dict[int, list[ElementMatrixTerm]] = {}
     for number, term in enumerate(nominal):
-        for place, layer in enumerate(term.layers):
-            if id(layer) not in split:
-                split[id(layer)] = _powers(layer, np.array([terms[number].layers[place].local for terms in made]))
-    return tuple(replace(term, layers=[part for layer in term.layers for part in split[id(layer)]]) for term in nominal)
+        for place, matrix_term in enumerate(term.matrix_terms):
+            if id(matrix_term) not in split:
+                split[id(matrix_term)] = _split_by_power(
+                    matrix_term, np.array([terms[number].matrix_terms[place].local for terms in made])
+                )
+    return tuple(
+        replace(term, matrix_terms=[part for matrix_term in term.matrix_terms for part in split[id(matrix_term)]])
+        for term in nominal
+    )
 
 
-def _powers(layer: Layer, local: FloatArray) -> list[Layer]:
-    """The parts of a layer by powers of the length, from its matrices at every scale (n_scales, n_elements, n, n)."""
+def _split_by_power(matrix_term: ElementMatrixTerm, local: FloatArray) -> list[ElementMatrixTerm]:
+    """The parts of a matrix term by powers of the length, from its matrices at every scale (n_scales, n_elements, n, n)."""
     parts = np.einsum("pk,kenm->penm", _WEIGHTS, local)
-    least = _ROUNDING * np.abs(layer.local).max(axis=(1, 2), keepdims=True)
-    found = [np.where(np.abs(part) > least, part, 0.0) for part in parts]
-    return [replace(layer, local=part, stretch=p) for p, part in zip(_POWERS, found, strict=True) if part.any()]
+    least = _ROUNDING * np.abs(matrix_term.local).max(axis=(1, 2), keepdims=True)
+    cleaned = [np.where(np.abs(part) > least, part, 0.0) for part in parts]
+    return [
+        replace(matrix_term, local=part, length_power=p) for p, part in zip(_POWERS, cleaned, strict=True) if part.any()
+    ]
 
 
-def _inverse() -> FloatArray:
-    """What makes powers of matrices at all scales: the inverse of 2^(k p), exactly, then rounded."""
+def _power_weights() -> FloatArray:
+    """Weights that turn matrices at all scales into parts by powers: the inverse of 2^(k p), exact, then rounded."""
     n = len(_POWERS)
     rows = [[*(Fraction(2) ** (k * p) for p in _POWERS), *(Fraction(int(k == j)) for j in _POWERS)] for k in _POWERS]
     for i in range(n):
@@ -181,23 +193,23 @@ def _inverse() -> FloatArray:
     return np.array([[float(x) for x in row[n:]] for row in rows])
 
 
-_WEIGHTS = _inverse()
+_WEIGHTS = _power_weights()
 
 
-def lengthening(
-    element: ElementSet, slides_of: Mapping[int, Slide], positions: Positions, places: Mapping[str, int]
-) -> Lengthening:
-    """The `Lengthening` of a set; `places` says where the place of each slide stands among the values of the structure."""
+def length_dependence(
+    element: ElementSet, position_of_node: Mapping[int, NodePosition], positions: Positions, places: Mapping[str, int]
+) -> LengthDependence:
+    """The change of lengths of a set with positions of nodes; `places` maps the name of each to the index of its value."""
     ends = np.array([[positions[int(n)] for n in row] for row in element.nodes])
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    sliding = [end for end in (0, 1) if np.isin(element.nodes[:, end], list(slides_of)).any()]
-    at = np.full((len(sliding), len(lengths)), next(iter(places.values())))
-    slope, nominal = np.zeros(at.shape), np.zeros(at.shape)
-    for k, end in enumerate(sliding):
+    moving_ends = [end for end in (0, 1) if np.isin(element.nodes[:, end], list(position_of_node)).any()]
+    value_index = np.full((len(moving_ends), len(lengths)), next(iter(places.values())))
+    slope, nominal = np.zeros(value_index.shape), np.zeros(value_index.shape)
+    for k, end in enumerate(moving_ends):
         for e, node in enumerate(element.nodes[:, end].tolist()):
-            if node in slides_of:
-                slide = slides_of[node]
+            if node in position_of_node:
+                node_position = position_of_node[node]
                 away = ends[e, end] - ends[e, 1 - end]
-                at[k, e], nominal[k, e] = places[slide.name], slide.position
-                slope[k, e] = np.sign(away @ slide.direction)
-    return Lengthening(lengths, tuple(at), tuple(slope), tuple(nominal))
+                value_index[k, e], nominal[k, e] = places[node_position.name], node_position.position
+                slope[k, e] = np.sign(away @ node_position.direction)
+    return LengthDependence(lengths, tuple(value_index), tuple(slope), tuple(nominal))
