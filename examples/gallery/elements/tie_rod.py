@@ -8,9 +8,9 @@ happens at the buckling load.
 """
 
 import numpy as np
-from structid.dynamics.normal_modes import modes
 
 import structid as sid
+from structid.dynamics.normal_modes import modes
 
 LENGTH, MASS, BENDING, TENSION = 6.0, 3.55, 3.34e3, 40e3
 k = np.pi * np.arange(1, 6) / LENGTH

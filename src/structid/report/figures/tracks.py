@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from structid.core.quantities import value_words
 from structid.modal.tracking import ModeTracks
 from structid.report.drawing import palette
 from structid.report.rendering import plot
-from structid.core.quantities import value_words
 
 _COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
 
