@@ -27,7 +27,7 @@ import numpy as np
 
 import structid as sid
 from structid.compare.states.state import carried, unchanged_parameters
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.inversion.comparison.comparison import Comparison, compare_states
 from structid.inversion.comparison.multiple_tests import detectable
 from structid.inversion.covariance import inverse_information

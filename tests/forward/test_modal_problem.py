@@ -24,7 +24,7 @@ from structid import (
     parameters,
     simulated_record,
 )
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward import FrfProblem, ModalProblem, ModalSettings
 from structid.forward.modal.paired import pairing
 from structid.forward.modal.problem import of_form, pull, shape_residual

@@ -19,7 +19,7 @@ from structid import (
     parameters,
 )
 from structid.dynamics import harmonic_transient
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward import Motion, identify_motion, least_squares_bias
 from structid.forward.motion.equations import time_equations
 from structid.forward.motion.fit import motion_fit

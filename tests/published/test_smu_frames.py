@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from structid import ModalRecord, PointMass, Spring, Structure, Unknown, estimate, parameters
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward import ModalProblem, ModalSettings
 
 FRAMES = Path(__file__).parents[3] / "shared" / "data" / "smu_shear_frames"

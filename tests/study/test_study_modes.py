@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from structid import InputError, ModalRecord
 from structid.cli import app as cli
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.modal.formats.files import read_modes, write_modes
 from structid.records.formats import write_record
 from structid.report.identification.modal_tables import modal_facts

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.last_evaluation import LastEvaluation
@@ -67,7 +67,7 @@ class ModalModel:
         laws = ("inertia", "viscous", "elastic", "structural")
         mass, damping, stiffness, structural = (self.structure.matrix(law, values) for law in laws)
         count = None if self.structure.n_dofs <= DENSE_UP_TO else 3 * self.n_modes + 10
-        found = modes(mass, stiffness, n_modes=count)
+        found = modes(mass, stiffness, n_modes=count, strains=partial(self.structure.strain_operator, values))
         gains, change = self.readings(physical)
         sensors = self.sensors * gains
         return ModelState(mass, damping, stiffness, structural, found, sensors, self.slopes, own, change)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, stack_real
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.channels import read as readings_of
