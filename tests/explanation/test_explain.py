@@ -13,13 +13,13 @@ from structid.core.dof import parse_dof
 from structid.criticism.candidate import Candidate
 from structid.criticism.data import scaled_misfit
 from structid.criticism.verdict import Cause, Moved, are_causes, judged
+from structid.diagnose.checks.channels import ChannelWarnings
 from structid.explanation.answer import criticized
 from structid.explanation.refits import Fitted
 from structid.explanation.screening import _faulty, _told
 from structid.explanation.suggestions import suggestion_text
 from structid.explanation.trial import base_trial
 from structid.explanation.words import cause_kind, cause_words
-from structid.identification.before.channels import ChannelWarnings
 from structid.records.formats import read_record, write_record
 from structid.study.run.run import run_started
 from structid.study.run.start import started
@@ -367,7 +367,7 @@ def test_a_sound_answer_drops_what_sensors_looked_like_beside_its_start(tmp_path
     """Beside a start far off, a right sensor looked wrong; once the model explains it, nothing is said of it."""
     ready = started(load_study(written(tmp_path, off())))
     doubts = ChannelWarnings((), ("sensor 3X does not go with the model as the others do",), ("reciprocity: as it is",))
-    ready = replace(ready, looks=tuple(replace(look, warnings=doubts) for look in ready.looks))
+    ready = replace(ready, comparisons=tuple(replace(one, warnings=doubts) for one in ready.comparisons))
     result = run_started(ready)
     assert any("sensor 3X" in one for one in result.identification.warnings)
     answer, _ = criticized(ready, result)

@@ -10,12 +10,12 @@ from structid.core.dof import Dof
 from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.forward import FrfProblem, RecordProblem
-from structid.identification.before.reduction import Truncation
 from structid.identification.fits.missed import Missed
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.ratios import Ratios
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import Resonance
+from structid.identification.fits.truncation import Truncation
 from structid.identification.regularizing import Held
 from structid.identification.together import places
 from structid.identification.varying import Varied

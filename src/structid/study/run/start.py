@@ -10,13 +10,14 @@ import numpy as np
 
 from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
+from structid.diagnose.checks.initial_comparison import InitialComparison, compare_with_initial_model
 from structid.external.model import SolverModel
 from structid.fem import Structure
 from structid.forward import Models, RecordProblem
 from structid.identification.checks import require_sound_model
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.modal import ModalSetup
-from structid.identification.setups.setup import AnySetup, Look, Prepared, prefixes, prepared_warnings, titles
+from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
 from structid.identification.setups.time import TimeSetup
 from structid.identification.together import alike, together
 from structid.records import FrfRecord, TimeRecord
@@ -38,7 +39,7 @@ class Start:
     problems : tuple of RecordProblem
         Of the lines in the band, one a record.
     warnings : tuple of str
-    looks : tuple of Look
+    comparisons : tuple of InitialComparison
         Each record beside its initial model.
     """
 
@@ -46,17 +47,17 @@ class Start:
     setups: tuple[AnySetup, ...]
     problems: tuple[RecordProblem, ...]
     warnings: tuple[str, ...]
-    looks: tuple[Look, ...]
+    comparisons: tuple[InitialComparison, ...]
 
     @property
     def channel_warnings(self) -> tuple[str, ...]:
         """Those that only a comparison with the initial models gives."""
-        return self._titled(look.warnings.words for look in self.looks)
+        return self._titled(comparison.warnings.words for comparison in self.comparisons)
 
     @property
     def sensor_warnings(self) -> tuple[str, ...]:
         """Those of them that a sound answer proves wrong."""
-        return self._titled(look.warnings.of_sensors for look in self.looks)
+        return self._titled(comparison.warnings.of_sensors for comparison in self.comparisons)
 
     @property
     def fault_warnings(self) -> tuple[str, ...]:
@@ -83,11 +84,11 @@ def started(study: Study) -> Start:
     setups = tuple(loaded(source, models) for source in study.setups)
     records = zip(prefixes(setups), setups, study.setups, strict=True)
     pairs = [_prepared(study, source, setup, name) for name, setup, source in records]
-    prepared, looks = [ready for ready, _ in pairs], tuple(look for _, look in pairs)
+    prepared, comparisons = [ready for ready, _ in pairs], tuple(comparison for _, comparison in pairs)
     with study.root.located():
         same = alike([ready.problem for ready in prepared], titles(setups))
         together(same)
-    return Start(study, setups, same, tuple(prepared_warnings(setups, prepared)), looks)
+    return Start(study, setups, same, tuple(prepared_warnings(setups, prepared)), comparisons)
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
@@ -175,7 +176,9 @@ def _channel_key(section: Section, key: str) -> str:
     return key
 
 
-def _prepared(study: Study, source: SetupSource, setup: AnySetup, name: str) -> tuple[Prepared[RecordProblem], Look]:
+def _prepared(
+    study: Study, source: SetupSource, setup: AnySetup, name: str
+) -> tuple[Prepared[RecordProblem], InitialComparison]:
     """The problem of one record, its model looked at first, and the record beside it; `name` stands before words about it."""
     method, structure, options = study.section("method"), study.section("structure"), study.options
     place = source.section.section("modes") or source.section
@@ -188,7 +191,7 @@ def _prepared(study: Study, source: SetupSource, setup: AnySetup, name: str) -> 
         require_sound_model(setup.structure, values, min(used[0], judged[0]))
     with placed_mechanism(structure), place.located():
         prepared = setup.prepared(options)
-        return prepared, setup.looked_at(prepared, options)
+        return prepared, compare_with_initial_model(setup, prepared.problem, options)
 
 
 @contextmanager

@@ -11,9 +11,9 @@ from scipy.sparse.csgraph import connected_components
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import listed
+from structid.diagnose.checks.mesh import MeshErrors
 from structid.fem import Structure
 from structid.fem.matrices.assembly import structure_laws
-from structid.identification.before.mesh import MeshErrors
 from structid.identification.fits.model_modes import structure_modes
 
 #: Energy of a rigid motion, in parts of what the stiffness could take, below which nothing holds against it.

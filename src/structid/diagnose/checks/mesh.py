@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
+from structid.diagnose.checks.refined_mesh import Refined, n_split, obstacle, refined, split_power
 from structid.dynamics import Modes
 from structid.fem import Structure
-from structid.identification.before.refining import Refined, n_split, obstacle, refined, split_power
 from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.similarity.pairing import assigned

@@ -16,7 +16,7 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import Dof
 from structid.core.units import MISTAKEN_FORCES, STANDARD_GRAVITY, mistaken_motions, mistaken_unit
-from structid.identification.before.aligned import Aligned, accord, median
+from structid.diagnose.checks.aligned_responses import Aligned, accord, median
 from structid.records import FrfRecord
 
 #: Accord that the others must reach, and well; below which a channel is turned round, or does not go with the model.
