@@ -10,7 +10,7 @@ from rich.text import Text
 
 from structid.cli.tables import groups, heading, new_table
 from structid.core.display import MOST_WARNINGS, figures
-from structid.criticism.held import resting_words
+from structid.diagnose.fixed_value_influence import resting_words
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
@@ -71,7 +71,9 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
     after = [found.assumption, *([mass] if found.total_mass > 0 else [])]
     after += [ON_FORCE] if found.rests_on_force else []
-    after += [words] if (words := resting_words(() if result.criticism is None else result.criticism.held)) else []
+    after += (
+        [words] if (words := resting_words(() if result.diagnosis is None else result.diagnosis.sensitivities)) else []
+    )
     if result.solver is not None:
         after.append(f"{result.solver.check}; the updated deck is in {UPDATED}")
     return [*head, *map(Text, facts), table, Text(after[0]), *together, *map(Text, after[1:]), *shown]
@@ -79,15 +81,15 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
 
 def _verdict(result: StudyResult) -> list[RenderableType]:
     """The verdict, and the causes of a misfit."""
-    if result.criticism is None:
+    if result.diagnosis is None:
         return []
-    judgement = result.criticism.judgement
-    causes = result.criticism.named
+    judgement = result.diagnosis.judgement
+    causes = result.diagnosis.named
     style = {"sound": "bold green", "approximate": "bold yellow"}.get(judgement.verdict, "bold red")
     shown: list[RenderableType] = [Text(judgement.words, style=style)]
     if causes:
         table = new_table(
-            "cause" if result.criticism.causes else "change that lowers the misfit",
+            "cause" if result.diagnosis.causes else "change that lowers the misfit",
             "misfit removed",
             "chi-square per dof left",
             "study ready to run",

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib import import_module
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import Overview, Shown
@@ -16,7 +18,9 @@ from structid.identification.fits.ratios import Ratios
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import Resonance
 from structid.identification.fits.truncation import Truncation
+from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held
+from structid.identification.setups.setup import AnySetup
 from structid.identification.together import places
 from structid.identification.varying import Varied
 from structid.inversion import Estimate, Problem
@@ -163,6 +167,9 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
         Records, or kinds of values of modes, that the answer misses beyond their errors, the worst first.
     freed : tuple of RecordProblem
         The problems with what their models hold among the unknowns, within its tolerances; () where that is taken as exact.
+    setups : tuple of RecordSetup
+        Those that it was made from.
+    options : IdentifyOptions or None
     """
 
     estimate: Estimate
@@ -174,6 +181,8 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     truncations: tuple[Truncation, ...] = ()
     missed: tuple[Missed, ...] = ()
     freed: tuple[RecordProblem, ...] = ()
+    setups: tuple[AnySetup, ...] = ()
+    options: IdentifyOptions | None = None
 
     @property
     def assumption(self) -> str:
@@ -187,8 +196,16 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
         )
 
     def overview(self) -> Overview:
-        """What its estimate shows."""
-        return self.estimate.overview()
+        """The verdict, and what its estimate shows."""
+        shown = self.estimate.overview()
+        return replace(shown, words=f"{self.verdict_words} {shown.words}")
+
+    @cached_property
+    def verdict_words(self) -> str:
+        """Whether the answer is to be trusted, in a sentence or two; `structid.explain` tells why where it is not."""
+        verdict = import_module("structid.diagnose.verdict")
+        words: str = verdict.judged(self, untried=verdict.NOT_TRIED_HERE).words
+        return words
 
     @property
     def listed(self) -> tuple[int, ...]:

@@ -71,6 +71,8 @@ class RecordSetup(ShownBeside[P]):
         What its histories show by themselves of single channels.
     calibration : float or None
         Standard deviation of the common gain of its channels, a part; that of the options' tolerances where None.
+    channel_unknowns : sequence of ChannelUnknown
+        Errors of its sensors and loads that are identified too.
     """
 
     structure: Structure
@@ -79,6 +81,7 @@ class RecordSetup(ShownBeside[P]):
     name: str
     faults: tuple[Finding, ...] = ()
     calibration: float | None = None
+    channel_unknowns: Sequence[ChannelUnknown] = ()
 
     @abstractmethod
     def prepared(self, options: IdentifyOptions) -> Prepared[P]:

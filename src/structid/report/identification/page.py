@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from structid.core.display import counted
-from structid.criticism.held import HeldValue, resting
-from structid.criticism.verdict import Cause, Criticism
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity, resting
+from structid.diagnose.verdict import Cause, Diagnosis
 from structid.identification.identified import Identification
 from structid.inversion import Status
 from structid.report.correlation import side_by_side_chapter
@@ -45,7 +45,7 @@ def write_report(
     title: str = "",
     provenance: Mapping[str, object] | None = None,
     png: bool = False,
-    criticism: Criticism | None = None,
+    diagnosis: Diagnosis | None = None,
 ) -> Path:
     """Path of ``report.html`` in `folder`.
 
@@ -61,7 +61,7 @@ def write_report(
         Versions, digests of input files, settings: shown as they are at the end.
     png : bool
         Whether the figures are written as PNG files too, in ``figures``.
-    criticism : Criticism, optional
+    diagnosis : Diagnosis, optional
         Whether the answer is to be trusted, and what would explain a misfit.
 
     Returns
@@ -74,14 +74,14 @@ def write_report(
     FileError
         If a file cannot be written.
     """
-    return report_page(identification, title, provenance, criticism).write(folder, png)
+    return report_page(identification, title, provenance, diagnosis).write(folder, png)
 
 
 def report_page(
     identification: Identification,
     title: str = "",
     provenance: Mapping[str, object] | None = None,
-    criticism: Criticism | None = None,
+    diagnosis: Diagnosis | None = None,
 ) -> Page:
     """The page and its figures."""
     found, structure = identification.estimate, identification.structure
@@ -103,7 +103,7 @@ def report_page(
     }
     words = {
         "title": title or "Structural identification",
-        **verdict_words(criticism),
+        **verdict_words(diagnosis),
         "status": found.status.value,
         "status_words": _status_warning(identification),
         "is_good": found.status is Status.CONVERGED and not identification.warnings,
@@ -196,31 +196,31 @@ def _status_warning(identification: Identification) -> str:
     return f"{found.status_words} ({found.message})"
 
 
-def verdict_words(criticism: Criticism | None) -> dict[str, object]:
+def verdict_words(diagnosis: Diagnosis | None) -> dict[str, object]:
     """What the template shows of the verdict."""
-    if criticism is None:
+    if diagnosis is None:
         return {"verdict": None, "held": None}
-    judgement, causes = criticism.judgement, criticism.named
+    judgement, causes = diagnosis.judgement, diagnosis.named
     return {
         "verdict": {
             "words": judgement.words,
             "mark": _MARKS[judgement.verdict],
             "reasons": judgement.reasons[1:],
-            "heading": "What explains the misfit" if criticism.causes else "What would lower the misfit",
-            "tried": f"{counted(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
+            "heading": "What explains the misfit" if diagnosis.causes else "What would lower the misfit",
+            "tried": f"{counted(diagnosis.n_tried, 'change')} of model and record tried" if diagnosis.n_tried else "",
             "causes": Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None,
             "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
         },
-        "held": held_table(criticism.held) if criticism.held else None,
+        "held": held_table(diagnosis.sensitivities) if diagnosis.sensitivities else None,
     }
 
 
-def held_table(held: Sequence[HeldValue]) -> Table:
+def held_table(held: Sequence[FixedValueSensitivity]) -> Table:
     """What the model holds, that which moves a value farthest first."""
     return Table(_HELD, tuple(_held_row(one) for one in resting(held)), (2, 3, 4))
 
 
-def _held_row(one: HeldValue) -> tuple[str, ...]:
+def _held_row(one: FixedValueSensitivity) -> tuple[str, ...]:
     at = one.most_moved
     pull = f"{percent(one.pull, 2)} ± {percent(one.pull_std, 2, signed=False)}" if one.pull_std > 0 else NOTHING
     return one.name, one.parameters[at], percent(0.01 * one.influence[at], 2), number(abs(one.distance[at]), 2), pull

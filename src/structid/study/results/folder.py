@@ -13,8 +13,8 @@ import numpy as np
 
 from structid.core.errors import FileError
 from structid.core.json_types import Entry, json_text
-from structid.criticism.held import HeldValue
-from structid.criticism.verdict import Criticism
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity
+from structid.diagnose.verdict import Diagnosis
 from structid.files import claimed, require_no_file
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
@@ -104,7 +104,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
     estimate, identifiability = found.estimate, found.estimate.identifiability
     has_matrix = estimate.uncertainty.has_matrix
     return {
-        **_verdict(result.criticism),
+        **_verdict(result.diagnosis),
         "title": result.study.title,
         "status": estimate.status.value,
         "status_text": estimate.status_words,
@@ -130,7 +130,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **modal_summary(found),
         "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
         "rests_on_force": found.rests_on_force,
-        **_held(() if result.criticism is None else result.criticism.held),
+        **_held(() if result.diagnosis is None else result.diagnosis.sensitivities),
         **_tolerances(estimate),
         **({"parameters": _parameters(found)} if has_matrix else changes_summary(estimate)),
         "regularization": [
@@ -162,7 +162,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _held(held: Sequence[HeldValue]) -> dict[str, Entry]:
+def _held(held: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
     """What the values rest on, where that was looked at."""
     if not held:
         return {}
@@ -220,18 +220,18 @@ def varied_summary(found: Identification) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _verdict(criticism: Criticism | None) -> dict[str, Entry]:
+def _verdict(diagnosis: Diagnosis | None) -> dict[str, Entry]:
     """The verdict and the causes of a misfit."""
-    if criticism is None:
+    if diagnosis is None:
         return {}
     causes, suggestions = (
         [{**asdict(one), "where": one.where[0] if len(one.where) == 1 else one.where} for one in told]
-        for told in (criticism.causes, criticism.suggestions)
+        for told in (diagnosis.causes, diagnosis.suggestions)
     )
-    judgement = criticism.judgement
+    judgement = diagnosis.judgement
     return {
         "verdict": judgement.verdict, "verdict_text": judgement.words, "verdict_reasons": judgement.reasons,
-        "causes": causes, "suggestions": suggestions, "n_changes_tried": criticism.n_tried,
+        "causes": causes, "suggestions": suggestions, "n_changes_tried": diagnosis.n_tried,
     }  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import scipy
 from structid._version import __version__
 from structid.core.display import Overview, Shown
 from structid.core.provenance import Provenance
-from structid.criticism.verdict import Criticism
+from structid.diagnose.verdict import Diagnosis
 from structid.dynamics.receptance import factorizer_words
 from structid.identification.identified import Identification
 from structid.inversion import Estimate
@@ -28,7 +28,7 @@ class StudyResult(Shown):
     study : Study
     identification : Identification
     provenance : Provenance
-    criticism : Criticism, optional
+    diagnosis : Diagnosis, optional
         Whether the answer is to be trusted, and what would explain a misfit.
     solver : SolverAnswer, optional
         The study's solver at the answer.
@@ -37,7 +37,7 @@ class StudyResult(Shown):
     study: Study
     identification: Identification
     provenance: Provenance
-    criticism: Criticism | None = None
+    diagnosis: Diagnosis | None = None
     solver: SolverAnswer | None = None
 
     @property
@@ -47,8 +47,8 @@ class StudyResult(Shown):
 
     def overview(self) -> Overview:
         """Title and verdict, and the parameters."""
-        shown = self.estimate.overview()
-        words = shown.words if self.criticism is None else self.criticism.judgement.words
+        shown = self.identification.overview()
+        words = shown.words if self.diagnosis is None else self.diagnosis.judgement.words
         return replace(shown, words=f"{self.study.title}: {words}")
 
 

@@ -1,0 +1,57 @@
+"""The diagnosis of a study: its verdict, and its causes as studies ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from structid.diagnose.explain import diagnose
+from structid.diagnose.refits import Fitted
+from structid.diagnose.tested_model import TestedModel
+from structid.diagnose.time_budget import TimeBudget
+from structid.diagnose.verdict import Diagnosis, is_sound
+from structid.inversion.search.work import ALONE, Work
+from structid.study.results.result import StudyResult
+from structid.study.results.suggestions import with_suggestions
+from structid.study.run.start import Start
+from structid.study.run.workers import threads_for
+
+
+def diagnose_study(
+    ready: Start,
+    result: StudyResult,
+    explain: bool | None = None,
+    work: Work = ALONE,
+    budget: Callable[[], TimeBudget] = TimeBudget,
+    before_search: Callable[[StudyResult], None] | None = None,
+) -> tuple[StudyResult, tuple[Fitted, ...]]:
+    """The result with its diagnosis, and the fits behind its causes.
+
+    Parameters
+    ----------
+    ready : Start
+        The study with its records.
+    result : StudyResult
+    explain : bool, optional
+        Whether causes are looked for; by default where the answer is not sound.
+    work : Work
+        Where candidates are looked at and refitted.
+    budget : callable
+        The processor time that the search for causes may take, asked for when it begins; without a limit by default.
+    before_search : callable, optional
+        Takes the result as it is before causes are looked for, which may take long.
+    """
+    identification = result.identification
+    if is_sound(identification):
+        kept = tuple(one for one in identification.warnings if one not in ready.sensor_warnings)
+        identification = replace(identification, warnings=kept)
+
+    def show(diagnosis: Diagnosis) -> None:
+        if before_search is not None:
+            before_search(replace(result, identification=identification, diagnosis=diagnosis))
+
+    model = TestedModel(ready.setups, ready.study.options)
+    with threads_for(identification.problems):
+        diagnosed = diagnose(model, identification, explain, work, budget, show)
+    diagnosis = with_suggestions(ready.study, diagnosed.diagnosis, diagnosed.fits)
+    return replace(result, identification=diagnosed.identification, diagnosis=diagnosis), diagnosed.fits
