@@ -45,15 +45,24 @@ def kinds(fits):
 def test_the_price_of_a_parameter_is_the_logarithm_of_the_number_of_data(base, trials):
     assert (base.modified.target.n_data, len(base.modified.target.names)) == (N_DATA, N_PARAMS)
     assert len(trials["appendage"].target.names) == N_PARAMS + 3
-    found = weighed(base, trials, 5000.0, [("appendage", 1500.0, 0.0), ("mass", 1500.0, 0.0), ("inertia", 1520.0, 0.0)])
-    assert kinds(found.causes) == ["mass", "inertia", "appendage"]
-    scale = 1500.0 / (N_DATA - N_PARAMS - 1)  # of the best of all models, by its degrees of freedom
+    found = weighed(base, trials, 5000.0, [("appendage", 1482.0, 0.0), ("mass", 1500.0, 0.0), ("inertia", 1520.0, 0.0)])
+    assert kinds(found.causes) == ["mass", "appendage", "inertia"]
+    scale = 1482.0 / (N_DATA - N_PARAMS - 3)  # of the best of all models, by its degrees of freedom
     assert found.criteria == pytest.approx(
-        [1500.0 / scale + 4 * np.log(N_DATA), 1520.0 / scale + 4 * np.log(N_DATA), 1500.0 / scale + 6 * np.log(N_DATA)]
+        [1500.0 / scale + 4 * np.log(N_DATA), 1482.0 / scale + 6 * np.log(N_DATA), 1520.0 / scale + 4 * np.log(N_DATA)]
     )
+    scale = 1500.0 / (N_DATA - N_PARAMS - 1)
     near = 1500.0 + (ALIKE - 0.01) * scale, 1500.0 + (ALIKE + 0.01) * scale
     for cost, likely in zip(near, (["mass", "inertia"], ["mass"]), strict=True):
         assert kinds(weighed(base, trials, 5000.0, [("mass", 1500.0, 0.0), ("inertia", cost, 0.0)]).near) == likely
+
+
+def test_a_local_resonance_gives_way_to_the_mass_that_it_holds_as_a_limit_by_a_likelihood_ratio(base, trials):
+    scale = 1500.0 / (N_DATA - N_PARAMS - 1)
+    edge = stats.chi2.isf(0.01, 2) * scale
+    for drop, is_dropped in ((edge - 0.5, True), (edge + 0.5, False)):
+        fits = [("appendage", 1500.0 - drop, 0.0), ("mass", 1500.0, 0.0)]
+        assert ("appendage" not in kinds(weighed(base, trials, 5000.0, fits).causes)) is is_dropped
 
 
 @pytest.mark.parametrize(

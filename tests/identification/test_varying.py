@@ -319,7 +319,9 @@ def test_of_changes_of_the_study_one_step_promises_most_of_a_value_of_each_recor
     first = min(screen_sets(base, ALONE, "changes of the study"), key=lambda row: row.left)
     assert (first.candidate.kind, first.candidate.where) == ("varies", ("stiffness[clamp]",))
     assert first.left < 0.2 * base.cost
-    assert suggestion_text(ready.study, [(first.candidate, first.strength)])[1] == ("+ varies = true",)
+    assert suggestion_text(ready.study, trial.changed(first.candidate, first.strength).changes)[1] == (
+        "+ varies = true",
+    )
 
 
 @pytest.mark.long

@@ -309,11 +309,13 @@ def _cause(identification: Identification, explanation: Explanation, fit: Fitted
     first = base if len(fit.modified.changes) == 1 else explanation.causes[0]
     own = [value for name, value, _ in added if name not in first.values]
     value = own[0] if own and not candidate.leaves_data_out else None
+    if value is None and candidate.other_strengths:
+        value = fit.modified.changes[-1].strength
     return Cause(
         kind=candidate.named_kind(value),
         where=candidate.places,
         words=candidate.sentence(value),
-        share=max(0.0, 1 - fit.misfit / first.misfit),
+        share=max(0.0, 1 - fit.misfit / first.misfit, 1 - fit.cost / first.cost),
         chi_square_per_dof=fit.misfit / max(base.modified.target.n_data - len(target.names), 1),
         rest_per_dof=(fit.misfit - fit.aside) / max(target.n_data - len(target.names), 1),
         found=added,

@@ -15,6 +15,9 @@ from structid.identification.identify import total_mass
 from structid.identification.warning_words import estimate_warnings
 from structid.inversion.uncertainty import DenseCovariance
 
+#: Ends of intervals below it are 0: the smallest numbers of the machine.
+_NOTHING = 1e-300
+
 Ends = dict[str, tuple[float, float]]
 
 
@@ -25,6 +28,7 @@ def intervals_of(fitted: Fitted, level: float) -> Ends:
         std = np.sqrt(np.diag(fitted.covariance_with_tolerances)) / np.abs(target.slope(theta))
         half = float(special.ndtri(0.5 + level / 2)) * std
         ends = np.sort([target.physical(theta + side * half) for side in (-1, 1)], axis=0)
+    ends = np.where(np.abs(ends) < _NOTHING, 0.0, ends)
     return dict(zip(target.names, zip(*ends.tolist(), strict=True), strict=True))
 
 

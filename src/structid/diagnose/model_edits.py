@@ -30,7 +30,8 @@ from structid.fem.places import AimedSensor, unit_direction
 from structid.forward import ChannelUnknown
 from structid.identification.setups.modal import ModalSetup, chosen_modes
 from structid.identification.setups.time import TimeSetup
-from structid.records import FrfRecord
+from structid.modal import ModalRecord
+from structid.records import FrfRecord, TimeRecord
 from structid.records.corrections import segment_duration
 from structid.unknowns import Unknown
 
@@ -374,6 +375,49 @@ class AverageSegments:
     def write(self, study: Tables) -> None:
         for record in record_tables(study):
             record["leakage"] = "hann"
+
+
+@dataclass(frozen=True)
+class ScaleAxis:
+    """All frequencies of all records times a factor, those of the band too."""
+
+    factor: float
+
+    def apply(self, draft: ModelDraft) -> None:
+        for record in draft.records:
+            record.set("record", self._scaled(record.get("record")))
+            if isinstance(record.setup, TimeSetup):
+                shown, settings = record.get("shown"), record.get("settings")
+                record.set("shown", None if shown is None else self._scaled(shown))
+                record.set("settings", replace(settings, tones=tuple(self.factor * tone for tone in settings.tones)))
+        options = draft.options
+        bands = {name: self._span(getattr(options, name)) for name in ("band", "evaluation_band")}
+        draft.options = replace(options, exclude=tuple(map(self._span, options.exclude)), **bands)
+
+    def _span(self, span: tuple[float, float] | None) -> Any:
+        return None if span is None else (self.factor * span[0], self.factor * span[1])
+
+    def _scaled(self, record: FrfRecord | TimeRecord | ModalRecord) -> FrfRecord | TimeRecord | ModalRecord:
+        if isinstance(record, TimeRecord):
+            return replace(record, sampling_rate=self.factor * record.sampling_rate)
+        if isinstance(record, FrfRecord):
+            segment = None if record.segment is None else record.segment / self.factor
+            return replace(record, frequency=self.factor * record.frequency, segment=segment)
+        sizes = np.repeat([self.factor, 1.0], record.n_modes)
+        covariance = None if record.covariance is None else record.covariance * np.outer(sizes, sizes)
+        return replace(record, frequency=self.factor * record.frequency, covariance=covariance)
+
+    def write(self, study: Tables) -> None:
+        for record in record_tables(study):
+            if "sampling_rate" not in record:
+                raise NoStudyTextError("the record file says its axis; correct it there")
+            record["sampling_rate"] = rounded(self.factor * float(record["sampling_rate"]))
+        method = study.get("method", {})
+        for key in ("band", "evaluation_band"):
+            if key in method:
+                method[key] = [rounded(self.factor * end) for end in method[key]]
+        if "exclude" in method:
+            method["exclude"] = [[rounded(self.factor * end) for end in span] for span in method["exclude"]]
 
 
 @dataclass(frozen=True)

@@ -291,6 +291,8 @@ def _same_view(problem: RecordProblem, setup: AnySetup, before: AnySetup, view: 
         known = view.problem.record
         if _is_same(problem.record, known):
             return View(replace(problem, record=known), view.smooth, view.near)
+        if len(problem.frequency) == len(view.problem.frequency):  # the lines may have other frequencies
+            return View(problem, chosen=problem.frequency[np.isin(view.problem.frequency, view.near)])
         return View(problem, chosen=view.near)
     if setup.record is before.record:
         return view.of(problem)

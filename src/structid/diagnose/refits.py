@@ -103,10 +103,10 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, cost: float, aside: fl
 
 
 def is_beyond_noise(fitted: Fitted) -> bool:
-    """Whether a fit leaves more than chance makes of noise, fixed values as they are."""
+    """Whether a fit leaves more than chance makes of noise, fixed values as they are; data that are left out aside."""
     target = fitted.modified.target
     dof = target.n_data - n_parameters(fitted.modified)
-    return dof > 0 and misfit_probability(target, fitted.cost, dof) < MISFIT
+    return dof > 0 and misfit_probability(target, fitted.cost - fitted.aside, dof) < MISFIT
 
 
 def n_parameters(modified: ModifiedModel) -> int:
@@ -232,7 +232,10 @@ def load_fit(base: Fitted, candidate: Candidate, stored: Fit) -> Fitted:
 
 def _finally(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> Fitted:
     """The fit as the options ask for; of outlying lines those that stand out from it once more."""
-    found = modified.fitted([theta, modified.theta_of(base.values)])
+    starts = [theta, modified.theta_of(base.values)]
+    if modified.changes[-1].candidate.begins_at_start:
+        starts.append(np.asarray(modified.target.theta_start))
+    found = modified.fitted(starts)
     modified, found = _stronger(base, modified, found)
     for _ in range(_MOST_PASSES):
         again = _other_lines(base, modified, found.theta)

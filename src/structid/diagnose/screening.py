@@ -30,6 +30,7 @@ from structid.diagnose.causes import (
 )
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.friction import FORCES
+from structid.diagnose.causes.gain import LoadGain
 from structid.diagnose.data_rows import rows_of, scaled_misfit
 from structid.diagnose.modified_model import QUICK
 from structid.diagnose.refits import Fitted, Sized
@@ -220,7 +221,7 @@ def _feet(several: Iterable[Candidate], left: float) -> list[Screened]:
 
 
 def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
-    """Channels that the initial model shows to be exchanged or turned: a model bent to them is far from the right one."""
+    """Channels that the initial model shows to be exchanged, turned or of another gain: a model bent to them is far off."""
     modified = base.modified
     if modified.is_of_modes:
         return set()
@@ -230,7 +231,7 @@ def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
         if modified.is_large
         else modified.point_at(modified.anchored_views(), np.asarray(modified.target.theta_start))
     )
-    rows = point.screened(exchanged_channels(point.records))
+    rows = point.screened([*exchanged_channels(point.records), *LoadGain.from_receptances(point.records, ("",))])
     return {row.candidate.key for row in rows if row.left < _TOLD * point.left}
 
 
@@ -240,6 +241,7 @@ def _faulty(base: Fitted) -> set[Hashable]:
         FaultyChannel(where=(parse_dof(fault.channel.split()[0]).place,), record=number).key
         for number, setup in enumerate(base.modified.setups)
         for fault in setup.faults
+        if not fault.channel.endswith("force")
     }
     return shown | _outstanding(base)
 

@@ -75,6 +75,8 @@ ALIKE = 6.0
 #: Loss factor at which a spring's own damping is looked for.
 _LOSS = 0.02
 _LEAST_SHARE, _RISK = 0.10, 0.01
+#: Chance that a local resonance fits so much better than the simpler cause that it holds as a limit.
+_NESTED_RISK = 0.01
 #: Frequency of something that swings of its own over the highest of the data, from which on it is a mass; and so far below the
 #: lowest it stands still.
 _FAR = 3.0
@@ -555,6 +557,7 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     """Which refitted changes are causes, and which may be the truth."""
     scale = _scale(base, fits)
+    fits = [one for one in fits if not _has_simpler(one, fits, scale)]
     priced = sorted(
         ((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1] + pair[0].cause.handicap
     )
@@ -564,6 +567,21 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     likeliest = min([_criterion(base, base, scale), *(criterion for _, criterion in priced)])
     likely = tuple(one for one, criterion in priced if criterion - likeliest < ALIKE)
     return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, likely)
+
+
+def _has_simpler(one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
+    """Whether a local resonance is no better than the mass or spring that it holds as a limit, by a likelihood ratio."""
+    if not isinstance(one.cause, Appendage):
+        return False
+    dof = parse_dof(one.cause.where[0])
+    limits = {("mass", (str(dof.node),)), ("inertia", (dof.place,)), ("spring", (dof.place,))}
+    for other in fits:
+        more = n_parameters(one.modified) - n_parameters(other.modified)
+        if other.cause.place in limits and more > 0:
+            ratio = max(other.misfit - one.misfit, 0.0) / scale
+            if float(special.gammaincc(more / 2, ratio / 2)) > _NESTED_RISK:
+                return True
+    return False
 
 
 def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:

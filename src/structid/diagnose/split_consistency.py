@@ -43,6 +43,7 @@ class Disagreement:
         Its difference in standard deviations of the difference.
     share : float
         Part of the parameters, those of damping aside, that differ beyond chance.
+    unit : str
     """
 
     parts: tuple[str, str]
@@ -50,6 +51,7 @@ class Disagreement:
     values: tuple[float, float]
     distance: float
     share: float
+    unit: str = ""
 
     @property
     def is_gross(self) -> bool:
@@ -115,7 +117,9 @@ def disagreements(
             share = float(beyond[stiff].mean()) if stiff.any() else 1.0
             worst = int(np.argmax(np.where(stiff & beyond, distance + distance.max(), distance)))
             pair = float(values[0][worst]), float(values[1][worst])
-            found.append(Disagreement((first[0], second[0]), shared[worst], pair, float(distance[worst]), share))
+            unit = first[1].units[mine[worst]]
+            distance_of_worst = float(distance[worst])
+            found.append(Disagreement((first[0], second[0]), shared[worst], pair, distance_of_worst, share, unit))
     return tuple(found)
 
 

@@ -256,10 +256,11 @@ def _is_unforced(found: Identification) -> bool:
 def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
     """Whether changes are the causes of a misfit, not only such that lower it.
 
-    The first is where it removes most of the misfit, or nearly all of what goes beyond the noise and moves a value by more
-    than its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. So
-    is a pair that leaves noise alone. Data that are left out are no cause where the rest misses the noise as well: beside a wrong
-    model any sensor looks wrong. One element that differs from its group by no more than elements do is not.
+    The first is where it leaves no more than noise and tolerances do, and removes most of the misfit or moves a value by more
+    than its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. A change
+    that explains most but leaves more is no cause: what it adds takes the part of what is missing. A pair that leaves noise alone
+    is one. Data that are left out are no cause where the rest misses the noise as well: beside a wrong model any sensor looks
+    wrong. One element that differs from its group by no more than elements do is not.
 
     Parameters
     ----------
@@ -280,9 +281,11 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 
 
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
-    if cause.leaves_data_out and cause.rest_per_dof > _LEAVES * expected:
+    left = cause.rest_per_dof if cause.leaves_data_out else cause.chi_square_per_dof
+    if not cause.leaves_noise and left > _TOLERANCE * expected:
         return False
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
+    beyond = 1.0 if cause.leaves_noise else beyond
     matters = is_hidden or any(map(_matters, cause.moved))
     return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and matters)
 
@@ -343,7 +346,21 @@ def judged(
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
         )
+    faults = record_faults(found)
+    if faults and given.verdict not in ("sound", "untested"):
+        given = replace(
+            given, words=f"{given.words} The record itself shows: {faults[0]}.", reasons=(*given.reasons, *faults)
+        )
     return replace(given, reasons=(*given.reasons, *(words for one in found.varied for words in one.outlying_words)))
+
+
+def record_faults(found: Identification) -> tuple[str, ...]:
+    """Faults of single channels that the histories of the records show by themselves, loads first: dead, clipped, spikes."""
+    faults: list[tuple[bool, str]] = []
+    for setup in found.setups:
+        loads = {str(dof) for role, dofs in setup.channels if role == "input" for dof in dofs}
+        faults += [(fault.channel.split()[0] not in loads, fault.words) for fault in setup.faults]
+    return tuple(words for _, words in sorted(faults))
 
 
 def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
@@ -430,6 +447,16 @@ def _judged(
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(found) else _off(found)
     is_far = estimate.misfit > FAR_BEYOND
+    moving = None if fits_noise(found) else _moving(suggestions)
+    if moving is not None:
+        change, shift = moving
+        words = (
+            f"Wrong model: {misfit}, and the change that lowers it most would move {shift.name} by {shift.distance:.2g} of its"
+            f" deviations: {change.words}. It removes {100 * change.share:.0f} % and leaves"
+            f" {np.sqrt(change.chi_square_per_dof):.2g} times the noise, so that it is not the cause, or not alone: do not use"
+            f" the values.{also}"
+        )
+        return Judgement("wrong_model", words, (misfit, *off, *away, *pushed))
     if away:
         if estimate.status is Status.CONVERGED or off or is_far:
             words = f"Wrong model: {misfit}, and {away[0]}: do not use the values. {_searched(n_tried)}"
@@ -454,6 +481,9 @@ def _judged(
     if off:
         words = f"Wrong model: {off[0]}: do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words, (*off, *pushed))
+    if estimate.status is not Status.CONVERGED and is_far:
+        words = f"Wrong model: {misfit}, and the search did not end ({estimate.message}): do not use the values."
+        return Judgement("wrong_model", words, (misfit, *pushed))
     if estimate.status is not Status.CONVERGED:
         return Judgement(
             "undetermined", f"Undetermined: {misfit}, and the search did not end ({estimate.message}).", (misfit,)
@@ -488,6 +518,15 @@ def _judged(
             f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
         )
     return Judgement("approximate", words, (misfit, *pushed, *map(_apart, apart)))
+
+
+def _moving(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
+    """The first of the likeliest changes that moves a value beyond its interval, and the value that it moves farthest."""
+    for change in (one for k, one in enumerate(changes) if k == 0 or one.is_alike):
+        shift = next((shift for shift in change.moved if _matters(shift)), None)
+        if shift is not None:
+            return change, shift
+    return None
 
 
 def _untested(found: Identification) -> Judgement:
@@ -565,8 +604,9 @@ def _searched(n_tried: int) -> str:
 
 def _apart(one: Disagreement) -> str:
     first, second = (f"{float(f'{value:.3g}'):.9g}" for value in one.values)
+    unit = "" if one.unit in ("", "1") else f" {one.unit}"
     return (
-        f"{one.name} is {first} from {one.parts[0]} and {second} from {one.parts[1]},"
+        f"{one.name} is {first}{unit} from {one.parts[0]} and {second}{unit} from {one.parts[1]},"
         f" {one.distance:.0f} standard deviations apart"
     )
 

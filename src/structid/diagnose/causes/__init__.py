@@ -15,6 +15,7 @@ from structid.diagnose.causes.appendage import Appendage
 from structid.diagnose.causes.between import LoadBetween, SensorBetween
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.channel_left_out import FaultyChannel
+from structid.diagnose.causes.clock import Clock
 from structid.diagnose.causes.damping_law import DampingLaw
 from structid.diagnose.causes.dashpot import Dashpot
 from structid.diagnose.causes.delay import LoadDelay, SensorDelay
@@ -60,7 +61,7 @@ OF_CHANNELS: tuple[type[Candidate], ...] = (
 OF_PLACES: tuple[type[Candidate], ...] = (SensorDirection, LoadDirection, SensorBetween, LoadBetween)
 #: Changes whose effect is that of the changed model itself.
 OF_SETS: tuple[type[Candidate], ...] = (
-    CoarseMesh, ShearFlexibility, DampingLaw, FixedValue, RecordVariation, ExponentialWindow, Leakage,
+    CoarseMesh, ShearFlexibility, DampingLaw, FixedValue, RecordVariation, ExponentialWindow, Leakage, Clock,
 )  # fmt: skip
 #: Data that are left out, or have a part that no force made.
 OF_DATA = (FaultyChannel, OtherState)

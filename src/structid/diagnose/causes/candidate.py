@@ -42,6 +42,8 @@ class Candidate:
     is_damping: ClassVar[bool] = False
     leaves_data_out: ClassVar[bool] = False
     is_always_fitted: ClassVar[bool] = False
+    #: Whether its fit also begins at the initial values: where it drags all values along, their fit is far from the truth.
+    begins_at_start: ClassVar[bool] = False
     #: Parameters that a fit of it determines beside those of the changed model.
     n_hidden: ClassVar[int] = 0
     #: Factors on the strength of kinds whose strength is no parameter, or has far minima.

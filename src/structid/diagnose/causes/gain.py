@@ -67,6 +67,7 @@ class LoadGain(Candidate):
     """A load whose measurement reads too much or too little; the strength is minus the logarithm of its gain."""
 
     kind: ClassVar[str] = "load_gain"
+    begins_at_start: ClassVar[bool] = True
     record: int | None = 0
 
     @classmethod

@@ -159,9 +159,12 @@ def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterat
     for o, fault, size in _faults(level, agreement):
         sensor = record.outputs[o]
         if fault == "turned":
+            remedy = f'write relabel = {{"{sensor.place}" = "{sensor.place}-"}}'
+            if sensor.sign < 0:
+                remedy += ", or take that line out where the study has it"
             yield (
                 f"sensor {sensor} reads with the opposite sense (beside the model and the other sensors); check its sign, or"
-                f' write relabel = {{"{sensor.place}" = "{sensor.place}{"-" if sensor.sign > 0 else "+"}"}}'
+                f" {remedy}"
             )
         elif fault == "level":
             table = mistaken_motions(sensor.is_rotation, record.kind in _ACCELERATIONS)

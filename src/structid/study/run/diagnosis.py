@@ -9,10 +9,11 @@ from structid.diagnose.explain import diagnose
 from structid.diagnose.refits import Fitted
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.time_budget import TimeBudget
-from structid.diagnose.verdict import Diagnosis, is_sound
+from structid.diagnose.verdict import Diagnosis, Judgement, is_sound
 from structid.inversion.search.work import ALONE, Work
 from structid.study.results.result import StudyResult
 from structid.study.results.suggestions import with_suggestions
+from structid.study.run.before import window_warnings
 from structid.study.run.start import Start
 from structid.study.run.workers import threads_for
 
@@ -54,4 +55,14 @@ def diagnose_study(
     with threads_for(identification.problems):
         diagnosed = diagnose(model, identification, explain, work, budget, show)
     diagnosis = with_suggestions(ready.study, diagnosed.diagnosis, diagnosed.fits)
+    if diagnosis.judgement.verdict in ("approximate", "wrong_model"):
+        diagnosis = replace(diagnosis, judgement=_with_findings(diagnosis.judgement, window_warnings(ready)))
     return replace(result, identification=diagnosed.identification, diagnosis=diagnosis), diagnosed.fits
+
+
+def _with_findings(judgement: Judgement, findings: tuple[str, ...]) -> Judgement:
+    """The verdict with what a check of the record shows besides."""
+    if not findings:
+        return judgement
+    words = f"{judgement.words} The record itself shows: {findings[0]}."
+    return replace(judgement, words=words, reasons=(*judgement.reasons, *findings))

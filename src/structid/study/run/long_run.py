@@ -48,6 +48,11 @@ class Reached:
             return self.tasks
         return f"{self.search}, iteration {self.iteration}, sum of squares {self.cost:.5g}"
 
+    def take(self, name: str, problem: Problem, minimum: Minimum) -> None:
+        """Where a search has ended, now or before an interruption."""
+        self.search, self.iteration, self.cost = name, len(minimum.costs) - 1, float(minimum.costs[-1])
+        self.problem, self.theta = problem, minimum.theta
+
     def summary(self) -> dict[str, Entry]:
         """The values reached, as plain values; no uncertainty belongs to them."""
         found: dict[str, Entry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
@@ -124,8 +129,11 @@ class LongRun:
         if kept is None:
             return minimize(aim, method, theta, progress, _Keeper(name, problem, self.reached, None))
         if name in kept.entries:
-            return restored_minimum(problem, method, kept.entries[name])
+            found = restored_minimum(problem, method, kept.entries[name])
+            self.reached.take(name, problem, found)
+            return found
         found = minimize(aim, method, theta, progress, _Keeper(name, problem, self.reached, kept))
+        self.reached.take(name, problem, found)
         kept.finished(name, stored_minimum(found))
         return found
 
