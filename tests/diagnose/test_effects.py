@@ -17,6 +17,7 @@ from structid.diagnose.receptances import receptances_at
 from structid.diagnose.refits import Fitted
 from structid.diagnose.score_test import point_at
 from structid.diagnose.search import _simpler
+from structid.diagnose.study_tables import NoStudyTextError
 from structid.diagnose.tested_model import TestedModel
 from structid.forward import FrfProblem, SpectraProblem
 from structid.records.formats import read_record, write_record
@@ -484,7 +485,11 @@ def test_edits_of_a_model_are_those_written_into_its_study(trial):
             changed = trial.changed(one, q)
         except StructidError:
             continue
-        text, lines = suggestion_text(trial.study, changed.changes)
+        try:
+            text, lines = suggestion_text(trial.study, changed.changes)
+        except NoStudyTextError:
+            assert one.kind == "clock"  # the record file says its axis
+            continue
         path = source.with_name("edited.toml")
         path.write_text(text, encoding="utf-8")
         again = started(load_study(path))

@@ -10,7 +10,8 @@ from test_each_cause import begun
 
 from structid.diagnose.causes import Appendage, FaultyChannel, Mass
 from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
-from structid.diagnose.search import ALIKE, _weighed, is_misfit
+from structid.diagnose.search import _weighed, is_misfit
+from structid.diagnose.thresholds import ALIKE
 
 SWINGING = Appendage(where=("4Y",), frequency=25.0)
 MASS, INERTIA = Mass(where=("4",)), AddedRotaryInertia(where=("4RZ",))

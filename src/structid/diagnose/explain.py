@@ -10,13 +10,21 @@ import numpy as np
 from structid.core.display import counted
 from structid.core.errors import InputError, StructidError
 from structid.diagnose.causes import MOST_DOFS
-from structid.diagnose.fixed_value_influence import MATTERS, FixedValueSensitivity, doubted, is_clear
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted, is_clear
 from structid.diagnose.freed_model import fixed_value_sensitivities
 from structid.diagnose.model_averaging import intervals_of, widened
 from structid.diagnose.modified_model import are_small, base_model
 from structid.diagnose.refits import Fitted
-from structid.diagnose.search import ALIKE, Explanation, is_misfit, requested_changes, search_causes, with_freed
+from structid.diagnose.search import Explanation, is_misfit, requested_changes, search_causes, with_freed
 from structid.diagnose.tested_model import TestedModel
+from structid.diagnose.thresholds import (
+    ALIKE,
+    IDENTIFICATIONS,
+    MATTERS,
+    MOST_ALIKE,
+    MOST_FREED,
+    SEARCH_SECONDS,
+)
 from structid.diagnose.time_budget import TimeBudget
 from structid.diagnose.verdict import (
     NOT_TRIED,
@@ -35,11 +43,6 @@ from structid.forward.frf.lines.solved import NO_MATRICES
 from structid.identification.identified import Identification
 from structid.inversion.search.work import ALONE, Work
 
-_MOST, _MOST_ALIKE = 4, 4
-#: Fixed values at most that a sound answer is fitted without.
-_MOST_FREED = 3
-#: The search for causes may take so many identifications, and so many seconds of a processor more.
-_IDENTIFICATIONS, _SECONDS = 3.0, 5.0
 #: The verdict of an answer that is written while causes are still looked for.
 _SEARCHING = "the search for causes had not ended when this was written"
 _NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
@@ -67,7 +70,7 @@ class DiagnosedIdentification:
 
 def time_for_causes(identification_seconds: float) -> TimeBudget:
     """The processor time that causes are looked for by default, from now on, after an identification that took so long."""
-    return TimeBudget(_IDENTIFICATIONS * identification_seconds + _SECONDS)
+    return TimeBudget(IDENTIFICATIONS * identification_seconds + SEARCH_SECONDS)
 
 
 def explain(identification: Identification, seconds: float | None = None) -> Diagnosis:
@@ -190,7 +193,7 @@ def _diagnose_sound(
     is_asked: bool,
 ) -> DiagnosedIdentification:
     """A sound answer, but where the record asks for other fixed values, or for another single change: then with these fitted."""
-    doubts = doubted(sensitivities)[:_MOST_FREED]
+    doubts = doubted(sensitivities)[:MOST_FREED]
     if doubts:
         try:
             names = [one.name for one in doubts]
@@ -293,11 +296,11 @@ def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
         (one, criterion - explanation.criteria[0] < ALIKE)
         for one, criterion in zip(explanation.causes, explanation.criteria, strict=True)
     ]
-    first = [pair for pair in marked if pair[1]][:_MOST_ALIKE]
+    first = [pair for pair in marked if pair[1]][:MOST_ALIKE]
     others = [pair for pair in marked if not pair[1]]
     further = explanation.further
-    second = [] if further is None else [(one, False) for one in further.causes[:_MOST_ALIKE]]
-    return [*first[:2], *second[:2], *first[2:], *others][: max(_MOST, len(first) + len(second[:2]))]
+    second = [] if further is None else [(one, False) for one in further.causes[:MOST_ALIKE]]
+    return [*first[:2], *second[:2], *first[2:], *others][: max(MOST_ALIKE, len(first) + len(second[:2]))]
 
 
 def _cause(identification: Identification, explanation: Explanation, fit: Fitted, is_alike: bool) -> Cause:

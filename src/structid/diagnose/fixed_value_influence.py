@@ -10,18 +10,16 @@ from scipy import special
 
 from structid.core.arrays import FloatArray
 from structid.core.display import counted
+from structid.diagnose.thresholds import (
+    CLEAR_DOUBT_RISK,
+    DOUBT_RISK,
+    DOUBTED_TOLERANCES,
+    MATTERS,
+    SHIFTS,
+    TOLD_SENSITIVITY,
+)
 from structid.inversion.linearization import triangle_of
 
-#: Chance that any held value of a right model is doubted.
-_RISK = 0.05
-#: The same where all that may be wrong is looked through.
-_CLEAR_RISK = 1e-3
-#: How far a change of the model must move a value to matter, in its deviations and as a part of it.
-MATTERS, SHIFTS = 2.2, 0.01
-#: Tolerances beyond which a held value is doubted.
-_TOLERANCES = 3.0
-#: Standard deviations by which 1 % of a held value moves a parameter from where on it is told.
-_TELLING = 0.5
 #: Part of a column's length that is left off the parameters' columns, below which the data do not tell it from them.
 _TOLD = 1e-6
 
@@ -84,9 +82,9 @@ class FixedValueSensitivity:
             return words
         return f"{words}, and then {self.parameters[at]} {_percent(self.influence[at] * self.pull)}"
 
-    def is_doubted(self, among: int, risk: float = _RISK) -> bool:
+    def is_doubted(self, among: int, risk: float = DOUBT_RISK) -> bool:
         """Whether the record would have another value, beyond the chance that it does so with any of `among`, and it matters."""
-        if not self.pull_std > 0 or self.moved_by_pull is None or abs(self.pull) <= _TOLERANCES * self.tolerance:
+        if not self.pull_std > 0 or self.moved_by_pull is None or abs(self.pull) <= DOUBTED_TOLERANCES * self.tolerance:
             return False
         return abs(self.pull) > float(special.ndtri(1 - risk / (2 * among))) * self.pull_std
 
@@ -108,7 +106,7 @@ def resting(held: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity
 
 def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
     """What the intervals take for granted; "" where no held value matters."""
-    most = [one for one in resting(held) if abs(one.distance[one.most_moved]) >= _TELLING]
+    most = [one for one in resting(held) if abs(one.distance[one.most_moved]) >= TOLD_SENSITIVITY]
     if not most:
         return ""
     first = most[0]
@@ -121,7 +119,7 @@ def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
 
 def is_clear(held: Sequence[FixedValueSensitivity]) -> bool:
     """Whether a held value is doubted so much that all that may be wrong is to be looked through."""
-    return any(one.is_doubted(len(held), _CLEAR_RISK) for one in held)
+    return any(one.is_doubted(len(held), CLEAR_DOUBT_RISK) for one in held)
 
 
 def influences(

@@ -10,14 +10,14 @@ import numpy as np
 from structid.core.errors import StructidError
 from structid.diagnose.causes import candidates
 from structid.diagnose.refits import Fitted, Item
+from structid.diagnose.thresholds import (
+    PAIR_LEFT,
+    PAIR_LOOKS,
+    PAIR_LOOKS_OF_KIND,
+)
 from structid.diagnose.time_budget import UNLIMITED, TimeBudget, map_within_budget
 from structid.identification.setups.setup import titles
 from structid.inversion.search.work import Tools, Work
-
-#: Changes that are looked at, and of each kind.
-_MOST, _OF_EACH_KIND = 12, 2
-#: Part of the misfit that two changes promise to leave at most.
-_LEFT = 0.3
 
 
 def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget: TimeBudget = UNLIMITED) -> list[Item]:
@@ -39,15 +39,15 @@ def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget
     of_kind, items = Counter[str](), list[Item]()
     for item in begun:
         of_kind[item[0].kind] += 1
-        if of_kind[item[0].kind] <= _OF_EACH_KIND:
+        if of_kind[item[0].kind] <= PAIR_LOOKS_OF_KIND:
             items.append(item)
-    items = items[:_MOST]
+    items = items[:PAIR_LOOKS]
     modified = base.modified
     whole = modified.point_at(modified.anchored_views(), modified.fit_near().theta).left
     looks = map_within_budget(budget, work, name, _looked_beside, base, items)
     left = [np.inf if look is None else look["left"] for look in looks]
     order = np.argsort(left, kind="stable").tolist()
-    return [items[k] for k in order if left[k] < _LEFT * whole]
+    return [items[k] for k in order if left[k] < PAIR_LEFT * whole]
 
 
 def _looked_beside(base: Fitted, item: Item, tools: Tools) -> dict[str, float]:

@@ -16,6 +16,12 @@ from structid.diagnose.causes.gain import MOST_GAIN, LoadGain, SensorGain
 from structid.diagnose.causes.record_left_out import OtherState
 from structid.diagnose.data_rows import outlying_spans, scaled_misfit, tones
 from structid.diagnose.modified_model import FINAL, ModifiedModel
+from structid.diagnose.thresholds import (
+    MISFIT,
+    MOST_PASSES,
+    OTHER_STATE_MISFIT,
+    SAME_MISFIT,
+)
 from structid.diagnose.time_budget import time_limit_callback
 from structid.forward import FrfProblem, SpectraProblem
 from structid.identification.together import places, together
@@ -25,14 +31,6 @@ from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.minimum import Minimum
 from structid.inversion.search.work import Task, Tools
 from structid.inversion.uncertainty import Uncertainty, dense_uncertainty
-
-#: Probability of a misfit below which noise alone is not its cause.
-MISFIT = 1e-3
-_MOST_PASSES = 4
-#: Chi-square per degree of freedom that a record of another state leaves at most with values of its own.
-_OF_ITS_OWN = 2.0
-#: Part of a misfit below which a difference is one of rounding.
-_ALIKE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +186,7 @@ def reuse_equivalent_fit(base: Fitted, item: tuple[Task, Near | Item, Fit], tool
     try:
         modified = base.modified.changed(candidate, first.get("strength", strength))
         residual = (modified.target if "strength" in first else modified.anchored()).residual(first["theta"])
-        if abs(residual @ residual + base.aside - first["cost"]) <= _ALIKE * first["cost"]:
+        if abs(residual @ residual + base.aside - first["cost"]) <= SAME_MISFIT * first["cost"]:
             return {**first, "where": list(candidate.where)}
     except (StructidError, np.linalg.LinAlgError, KeyError):
         pass
@@ -209,7 +207,7 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
         base.theta[places(base.modified.target.names, own.names)],
         time_limit_callback(base.modified.fit_seconds),
     )
-    return float(found.costs[-1]) < _OF_ITS_OWN * max(own.n_data - len(own.names), 1)
+    return float(found.costs[-1]) < OTHER_STATE_MISFIT * max(own.n_data - len(own.names), 1)
 
 
 def _stored(found: Fitted) -> Fit:
@@ -237,7 +235,7 @@ def _finally(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> Fitted
         starts.append(np.asarray(modified.target.theta_start))
     found = modified.fitted(starts)
     modified, found = _stronger(base, modified, found)
-    for _ in range(_MOST_PASSES):
+    for _ in range(MOST_PASSES):
         again = _other_lines(base, modified, found.theta)
         if again is None:
             break

@@ -35,6 +35,16 @@ from structid.diagnose.data_rows import rows_of, scaled_misfit
 from structid.diagnose.modified_model import QUICK
 from structid.diagnose.refits import Fitted, Sized
 from structid.diagnose.score_test import Point, Screened
+from structid.diagnose.thresholds import (
+    CERTAIN_AT_FIT,
+    CHANNEL_PART,
+    FIRST_OF_KIND,
+    FIRST_OF_POINT,
+    INITIAL_PART,
+    LEAST_DROP,
+    MOST_FEET,
+    SHORTLIST,
+)
 from structid.diagnose.time_budget import UNLIMITED, TimeBudget, TimeUpError, map_within_budget, time_limit_callback
 from structid.forward import FrfProblem, ModalProblem
 from structid.identification.setups.setup import titles
@@ -42,16 +52,6 @@ from structid.inversion import JointProblem
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import Tools, Work
 
-_FIRST, _OF_EACH_KIND, _REFITTED = 6, 2, 38
-#: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
-_AT_FIT = 2
-_LEAST_DROP = 0.02
-#: Supports at most that are let go in all rotations.
-_FEET = 8
-#: Part of the misfit that goes with a sensor from where on it may be elsewhere, or of the other sense.
-_LOST = 0.3
-#: Part of the misfit of the initial model that an exchange leaves at most where it is fitted whatever else is seen.
-_TOLD = 0.5
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 
 #: By what tells candidates apart, the part of the misfit that a linear look promises to remove, and the look.
@@ -67,7 +67,7 @@ def screen_sets(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMI
     for candidate in several:
         least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
         is_always = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow)
-        if np.isfinite(least) and (is_always or least < (1 - _LEAST_DROP) * base.cost):
+        if np.isfinite(least) and (is_always or least < (1 - LEAST_DROP) * base.cost):
             screened.append(Screened(candidate, strength, least))
     return screened
 
@@ -166,14 +166,14 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: TimeBudget
         here = _Promises()
         for row in rows:
             drop = 1 - row.left / whole
-            if drop <= _LEAST_DROP and not _is_certain(row.candidate, certain):
+            if drop <= LEAST_DROP and not _is_certain(row.candidate, certain):
                 continue
             key = row.candidate.key
             if key in here:
                 continue  # an appendage of another frequency at the same place
             kind = _family(row.candidate, held_nodes)
             count = kinds.setdefault(kind, 0)
-            is_early = len(here) < _FIRST or count < _OF_EACH_KIND or _is_certain(row.candidate, certain)
+            is_early = len(here) < FIRST_OF_POINT or count < FIRST_OF_KIND or _is_certain(row.candidate, certain)
             chosen = best if is_early else others
             here[key] = (drop, row)
             if key not in chosen or drop > chosen[key][0]:
@@ -184,12 +184,16 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: TimeBudget
     rows = [row for _, row in found]
     if base.modified.is_of_modes:
         rows = _by_modes(base, rows + [others[key][1] for key in others if key not in best], work, name, budget)
-    rows = rows[:_REFITTED]
+    rows = rows[:SHORTLIST]
     at_fit = [best[key][1] for key in here if key in best]
     sure = [row for row in rows if row.candidate.key in faulty]
     channels = [(drop, row) for drop, row in best.values() if isinstance(row.candidate, FaultyChannel)]
-    lost = [row for drop, row in channels if drop > _LOST or row in sure or (base.modified.is_of_modes and row in rows)]
-    at_fit = [*sure, *[row for row in at_fit if row in rows][:_AT_FIT]]
+    lost = [
+        row
+        for drop, row in channels
+        if drop > CHANNEL_PART or row in sure or (base.modified.is_of_modes and row in rows)
+    ]
+    at_fit = [*sure, *[row for row in at_fit if row in rows][:CERTAIN_AT_FIT]]
     return Shortlist(rows, at_fit, tried, feet, lost)
 
 
@@ -207,7 +211,7 @@ def _feet(several: Iterable[Candidate], left: float) -> list[Screened]:
         if dof.is_rotation:
             of_node.setdefault(dof.node, []).append(candidate)
             of_direction.setdefault(dof.direction, []).append(candidate)
-    nodes = [group for group in of_node.values() if len(group) > 1][:_FEET]
+    nodes = [group for group in of_node.values() if len(group) > 1][:MOST_FEET]
     directions = [group for group in of_direction.values() if len(group) > 1]
     everywhere = [[candidate for group in directions for candidate in group]] if len(directions) > 1 else []
     return [
@@ -232,7 +236,7 @@ def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
         else modified.point_at(modified.anchored_views(), np.asarray(modified.target.theta_start))
     )
     rows = point.screened([*exchanged_channels(point.records), *LoadGain.from_receptances(point.records, ("",))])
-    return {row.candidate.key for row in rows if row.left < _TOLD * point.left}
+    return {row.candidate.key for row in rows if row.left < INITIAL_PART * point.left}
 
 
 def _faulty(base: Fitted) -> set[Hashable]:
@@ -257,7 +261,7 @@ def _outstanding(base: Fitted) -> set[Hashable]:
         for channel in FaultyChannel.from_data([view.problem], [""]):
             rows = channel.rows_left_out(problem)
             squares = float(own[rows] @ own[rows])
-            if squares - scaled_misfit(squares, int(rows.sum())) > _LOST * base.cost:
+            if squares - scaled_misfit(squares, int(rows.sum())) > CHANNEL_PART * base.cost:
                 keys.add(replace(channel, record=number).key)
     return keys
 
@@ -281,7 +285,7 @@ def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, bud
     left = np.array(
         _left_by_step(base, [(row.candidate, row.strength) for row in rows], work, f"{name}, of modes", budget)
     )
-    first = range(min(_FIRST, len(rows)))
+    first = range(min(FIRST_OF_POINT, len(rows)))
     order = [k for k in np.argsort(left, kind="stable").tolist() if k >= len(first)]
     return [rows[k] for k in (*first, *order)]
 
@@ -301,6 +305,6 @@ def _with_friction(best: _Promises, can_rub: bool) -> None:
         for pair in best.values()
         if isinstance(pair[1].candidate, Dashpot) and len(pair[1].candidate.where) == 1 and can_rub
     ]
-    for drop, row in sorted(dampers, key=lambda pair: -pair[0])[:_OF_EACH_KIND]:
+    for drop, row in sorted(dampers, key=lambda pair: -pair[0])[:FIRST_OF_KIND]:
         twin = DryFriction(where=row.candidate.where, strengths=FORCES)
         best.setdefault(twin.key, (drop, Screened(twin, float(np.median(FORCES)), row.left)))

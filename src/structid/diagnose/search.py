@@ -39,49 +39,35 @@ from structid.diagnose.refits import (
 )
 from structid.diagnose.score_test import RequestedChange, Screened
 from structid.diagnose.screening import screen_sets, shortlist_candidates
+from structid.diagnose.thresholds import (
+    ALIKE,
+    ALWAYS_FITTED,
+    CAUSE_RISK,
+    CLEAR,
+    CLEARLY_BETTER,
+    FAR_BEYOND,
+    FINALISTS,
+    FIRST_CAUSE_TIME,
+    LARGE_MODEL_REFITS,
+    LEAST_REFITS,
+    LEAST_SHARE,
+    MORE_PAIRS,
+    MOST_REQUESTED,
+    NEAR_FIT_TIME,
+    NESTED_RISK,
+    OUTLYING_RATIO,
+    PROMISING_PAIRS,
+    REQUEST_LINES,
+    REQUEST_RISK,
+    RIGID_RATIO,
+    SCREENING_TIME,
+    SET_LEFT,
+    SET_REFITS,
+    SPRING_LOSS,
+)
 from structid.diagnose.time_budget import UNLIMITED, TimeBudget, map_within_budget
-from structid.diagnose.verdict import FAR_BEYOND
 from structid.identification.setups.setup import titles
 from structid.inversion.search.work import ALONE, Work
-
-#: A change with its strength, and free variables where its fit begins.
-_FINALISTS = 8
-#: Changes of a large model's records that are refitted, each from two starts.
-_OF_LARGE = 4
-#: Kinds that are always refitted to the end: smoothed data do not show them; and how many of them.
-_OF_ALWAYS = 3
-#: Of changes of the study so many are refitted that leave this part of the misfit at most by a linear step at the fit: with 10 %
-#: of model error nobody sees elements that are too long.
-_OF_FEW, _AT_FIT = 2, 0.75
-#: Part of the misfit that a first cause leaves at most where one more is looked for.
-_CLEAR = 0.5
-#: Parts of a search's time after which no more linear looks are taken, and no more near fits made; refits that are made in any
-#: case.
-_LOOKS, _NEAR_FITS, _LEAST_REFITS = 0.4, 0.7, 2
-#: Part of the time for the first causes; what these leave is for second ones.
-_FIRST = 0.6
-#: Chance that a right model within its noise is asked to change, and changes at most that are then fitted.
-_ASKED_RISK, _MOST_ASKED = 0.01, 6
-#: Lines of a record at most that are asked.
-_ASKED_LINES = 2000
-#: Pairs with another first cause that are looked for where noise is not all that the first pair leaves.
-_MORE_PAIRS = 4
-#: Changes beside which a second promises most, that are fitted with one.
-_LOOKED_AT = 2
-#: Of the sum of squares, what another start must reach.
-_CLEARLY_BETTER = 0.9
-#: Differences of the criterion below which two causes cannot be told apart.
-ALIKE = 6.0
-#: Loss factor at which a spring's own damping is looked for.
-_LOSS = 0.02
-_LEAST_SHARE, _RISK = 0.10, 0.01
-#: Chance that a local resonance fits so much better than the simpler cause that it holds as a limit.
-_NESTED_RISK = 0.01
-#: Frequency of something that swings of its own over the highest of the data, from which on it is a mass; and so far below the
-#: lowest it stands still.
-_FAR = 3.0
-#: By how much the misfit of what is left out exceeds that of the rest, value by value.
-_TELLING = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +136,7 @@ def search_causes(base: Fitted, work: Work = ALONE, budget: TimeBudget = UNLIMIT
     if other is not None and not is_misfit(other):
         return Explanation(base, (), (), 0, better=other)
     base = other or base
-    first = _search_once(base, work, "", budget.part(_FIRST))
+    first = _search_once(base, work, "", budget.part(FIRST_CAUSE_TIME))
     if _is_clear(first):
         return _paired(first, work, budget) if is_misfit(first.causes[0]) else first
     return _of_two(first, work, budget) if _is_far(base) else first
@@ -158,7 +144,7 @@ def search_causes(base: Fitted, work: Work = ALONE, budget: TimeBudget = UNLIMIT
 
 def _is_clear(found: Explanation) -> bool:
     """Whether one change removes much of the misfit."""
-    return bool(found.causes) and found.causes[0].misfit < _CLEAR * found.base.misfit
+    return bool(found.causes) and found.causes[0].misfit < CLEAR * found.base.misfit
 
 
 def _is_far(fitted: Fitted) -> bool:
@@ -176,7 +162,7 @@ def _of_two(found: Explanation, work: Work, budget: TimeBudget, tried: Sequence[
         return replace(found, is_single=True)
     known = {one.cause.place for one in tried}
     begun = [item for item in found.begun if item[0].place not in known]
-    for item in promising(found.base, begun, work, "a second beside each change", budget)[:_LOOKED_AT]:
+    for item in promising(found.base, begun, work, "a second beside each change", budget)[:PROMISING_PAIRS]:
         if budget.left < found.spent:
             break
         first = _first(found, item, work)
@@ -213,7 +199,7 @@ def _paired(found: Explanation, work: Work, budget: TimeBudget) -> Explanation:
             return both
         pair = replace(pair, is_single=both.is_single)
     others, is_from_second = list(found.causes[1:]), True
-    for _ in range(_MORE_PAIRS):
+    for _ in range(MORE_PAIRS):
         second = pair.further or second
         if not second.causes or not is_misfit(second.causes[0]) or not (is_from_second or others):
             break
@@ -275,7 +261,7 @@ def _led_by(found: Explanation, first: Fitted, further: Explanation) -> Explanat
 
     None where the first removes little alone, and noise is not all that is left beside it.
     """
-    if not further.causes or (first.misfit > _CLEAR * found.base.misfit and is_misfit(further.causes[0])):
+    if not further.causes or (first.misfit > CLEAR * found.base.misfit and is_misfit(further.causes[0])):
         return None
     own = _criterion(found.base, first, _scale(found.base, [first]))
     return replace(found, causes=(first,), criteria=(own,), near=(first,), further=further)
@@ -303,12 +289,12 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
     except (StructidError, np.linalg.LinAlgError):
         return None
     cost = float(found.costs[-1])
-    return fitted_at(base.modified, found.theta, cost) if cost < _CLEARLY_BETTER * base.cost else None
+    return fitted_at(base.modified, found.theta, cost) if cost < CLEARLY_BETTER * base.cost else None
 
 
 def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
     """The changes that explain the misfit of `base`, one at a time: looked at, fitted near, and the likeliest fitted to the end."""
-    clock, looks = TimeBudget(), budget.part(_LOOKS)
+    clock, looks = TimeBudget(), budget.part(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
     problems = base.modified.problems
     residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
@@ -322,7 +308,7 @@ def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Ex
     changes = [(one.candidate, one.strength) for one in looked]
     first = len(looked) - len(shortlist.rows)
     alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]
-    telling = sorted((one for one in few if one.left < _AT_FIT * base.cost), key=lambda one: one.left)[:_OF_FEW]
+    telling = sorted((one for one in few if one.left < SET_LEFT * base.cost), key=lambda one: one.left)[:SET_REFITS]
     at_fit = [*shortlist.at_fit, *telling]
     kept = {k for k, one in enumerate(looked) if one.candidate.is_always_fitted or one in at_fit}
     rank = [
@@ -333,8 +319,8 @@ def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Ex
     approaches = _fit_near_all(base, changes, alike, rank, kept, work, f"{which}causes", budget)
     near = [one or Fit() for one in approaches]
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
-    always = [k for k in order if changes[k][0].is_always_fitted][:_OF_ALWAYS]
-    finalists = [*always, *(k for k in order if not changes[k][0].is_always_fitted)][:_FINALISTS]
+    always = [k for k in order if changes[k][0].is_always_fitted][:ALWAYS_FITTED]
+    finalists = [*always, *(k for k in order if not changes[k][0].is_always_fitted)][:FINALISTS]
     finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
@@ -358,7 +344,7 @@ def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> 
     """
     turning = {row.candidate.where[0] for row in rows if isinstance(row.candidate, Support)}
     return [
-        0 if isinstance(one.candidate, Support) and turning.intersection(one.candidate.where) else _FINALISTS + k
+        0 if isinstance(one.candidate, Support) and turning.intersection(one.candidate.where) else FINALISTS + k
         for k, one in enumerate(derived)
     ]
 
@@ -392,16 +378,16 @@ def _fit_near_all(
     Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
     whatever comes of it.
     """
-    time = TimeBudget(budget.left - (1 - _NEAR_FITS) * budget.seconds) if np.isfinite(budget.seconds) else budget
+    time = TimeBudget(budget.left - (1 - NEAR_FIT_TIME) * budget.seconds) if np.isfinite(budget.seconds) else budget
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
-    first = [k for k in originals if rank[k] < _FINALISTS]
-    least = _LEAST_REFITS
+    first = [k for k in originals if rank[k] < FINALISTS]
+    least = LEAST_REFITS
     fits = map_within_budget(
         time, work, f"most promising {name}", fit_near, base, [(*changes[k], np.inf) for k in first], least
     )
     known: dict[int, Fit | None] = dict(zip(first, fits, strict=True))
     costs = sorted(fit["cost"] for k, fit in known.items() if fit and not changes[k][0].is_always_fitted)
-    above = costs[_FINALISTS - 1] if len(costs) >= _FINALISTS else np.inf
+    above = costs[FINALISTS - 1] if len(costs) >= FINALISTS else np.inf
     rest = sorted((k for k in originals if k not in known), key=lambda k: k not in kept)
     items = [(*changes[k], np.inf if k in kept else above) for k in rest]
     known.update(zip(rest, map_within_budget(time, work, name, fit_near, base, items), strict=True))
@@ -432,7 +418,7 @@ def _refits_in_time(
     name: str,
     alike: Sequence[int] | None,
     budget: TimeBudget,
-    least: int = _LEAST_REFITS,
+    least: int = LEAST_REFITS,
 ) -> tuple[list[Fitted], int]:
     """The changes fitted to the end, those that a model can be made of, and of how many the time sufficed for.
 
@@ -453,28 +439,30 @@ def _refits_in_time(
 
 def _simpler(base: Fitted, one: Fitted) -> list[Item]:
     """What swings of its own far above all lines, as the mass that it is, far below them as a spring, to be refitted."""
-    candidate = one.cause
-    if not isinstance(candidate, Appendage):
+    limit = _limit_of(base, one)
+    if limit is None:
         return []
+    return _begun(base.modified, [(limit, float(limit.strengths[0]))], {**base.values, **one.values})
+
+
+def _limit_of(base: Fitted, one: Fitted) -> Candidate | None:
+    """The mass that a local resonance is far above all lines, or the spring that it is far below them; None between."""
+    if not isinstance(one.cause, Appendage):
+        return None
     added = {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
     dof, lines = (
-        parse_dof(candidate.where[0]),
+        parse_dof(one.cause.where[0]),
         np.concatenate([problem.frequency for problem in base.modified.problems]),
     )
     size = added["rotary_inertia" if dof.is_rotation else "mass"]
     own = np.sqrt(added["stiffness"] / size) / (2 * np.pi)
-    simpler: Candidate
-    if own > _FAR * lines.max():
+    if own > RIGID_RATIO * lines.max():
         if dof.is_rotation:
-            simpler = AddedRotaryInertia(where=(dof.place,), strengths=np.array([size]))
-        else:
-            simpler = Mass(where=(str(dof.node),), strengths=np.array([size]))
-    elif own < lines[lines > 0].min() / _FAR:
-        size = added["stiffness"]
-        simpler = SpringToGround(where=(dof.place,), strengths=np.array([size]))
-    else:
-        return []
-    return _begun(base.modified, [(simpler, size)], {**base.values, **one.values})
+            return AddedRotaryInertia(where=(dof.place,), strengths=np.array([size]))
+        return Mass(where=(str(dof.node),), strengths=np.array([size]))
+    if own < lines[lines > 0].min() / RIGID_RATIO:
+        return SpringToGround(where=(dof.place,), strengths=np.array([added["stiffness"]]))
+    return None
 
 
 def _lossy(base: Fitted, one: Fitted) -> list[Item]:
@@ -482,9 +470,9 @@ def _lossy(base: Fitted, one: Fitted) -> list[Item]:
     candidate, strength = _last_change(one)
     if not isinstance(candidate, SpringToGround | Support | FlexibleJoint) or base.modified.is_of_modes:
         return []
-    if one.misfit > _CLEAR * base.misfit or not is_misfit(one):
+    if one.misfit > CLEAR * base.misfit or not is_misfit(one):
         return []
-    lossy = replace(candidate, loss_factor=_LOSS)
+    lossy = replace(candidate, loss_factor=SPRING_LOSS)
     return _begun(base.modified, [(lossy, strength)], {**base.values, **one.values})
 
 
@@ -500,10 +488,10 @@ def _begun(modified: ModifiedModel, changes: Sequence[Sized], known: Mapping[str
 def _of_records(base: Fitted, work: Work, budget: TimeBudget) -> Explanation:
     """The likeliest changes of the records of a large model, so few that they cost some identifications at most."""
     clock = TimeBudget()
-    shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.part(_LOOKS))
+    shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.part(SCREENING_TIME))
     residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
     data = OutlyingLines.from_residual(base.modified.problems, residual)
-    few = [*(Screened(one, 1.0, base.cost) for one in data), *shortlist.rows][:_OF_LARGE]
+    few = [*(Screened(one, 1.0, base.cost) for one in data), *shortlist.rows][:LARGE_MODEL_REFITS]
     items = _begun(base.modified, [(one.candidate, one.strength) for one in few], {})
     fits, n_ended = _refits_in_time(base, items, work, "likeliest causes", None, budget)
     return replace(_weighed(base, fits, shortlist.tried), spent=clock.spent, left_out=len(items) - n_ended)
@@ -539,15 +527,15 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
         Of FRFs.
     work : Work
     """
-    point = base.modified.point_at(base.modified.shown_problems, base.theta, _ASKED_LINES)
+    point = base.modified.point_at(base.modified.shown_problems, base.theta, REQUEST_LINES)
     several = candidates(point.records, titles(base.modified.setups))
     scale = max(1.0, base.misfit / max(base.modified.target.n_data - len(base.modified.target.names), 1))
-    limit = float(special.ndtri(1 - _ASKED_RISK / (2 * max(len(several), 1)))) * np.sqrt(scale)
+    limit = float(special.ndtri(1 - REQUEST_RISK / (2 * max(len(several), 1)))) * np.sqrt(scale)
     best: dict[Hashable, RequestedChange] = {}
     for one in sorted(point.requested(several), key=lambda one: -one.score):
         if one.score > limit:
             best.setdefault(one.candidate.key, one)
-    few = [(one.candidate, one.strength) for one in best.values()][:_MOST_ASKED]
+    few = [(one.candidate, one.strength) for one in best.values()][:MOST_REQUESTED]
     fits = (
         _refits(base, _begun(base.modified, few, base.values), work, "changes that the record asks for") if few else []
     )
@@ -557,7 +545,7 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     """Which refitted changes are causes, and which may be the truth."""
     scale = _scale(base, fits)
-    fits = [one for one in fits if not _has_simpler(one, fits, scale)]
+    fits = [one for one in fits if not _has_simpler(base, one, fits, scale)]
     priced = sorted(
         ((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1] + pair[0].cause.handicap
     )
@@ -569,17 +557,19 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
     return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, likely)
 
 
-def _has_simpler(one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
-    """Whether a local resonance is no better than the mass or spring that it holds as a limit, by a likelihood ratio."""
+def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
+    """Whether a local resonance is that mass or spring which it holds as a limit, or no better by a likelihood ratio."""
     if not isinstance(one.cause, Appendage):
         return False
-    dof = parse_dof(one.cause.where[0])
+    limit, dof = _limit_of(base, one), parse_dof(one.cause.where[0])
     limits = {("mass", (str(dof.node),)), ("inertia", (dof.place,)), ("spring", (dof.place,))}
     for other in fits:
+        if limit is not None and other.cause.place == limit.place:
+            return True
         more = n_parameters(one.modified) - n_parameters(other.modified)
         if other.cause.place in limits and more > 0:
             ratio = max(other.misfit - one.misfit, 0.0) / scale
-            if float(special.gammaincc(more / 2, ratio / 2)) > _NESTED_RISK:
+            if float(special.gammaincc(more / 2, ratio / 2)) > NESTED_RISK:
                 return True
     return False
 
@@ -600,7 +590,7 @@ def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:
     drop = base.misfit - one.misfit
     probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
     beyond = max(base.misfit - (base.modified.target.n_data - len(base.modified.target.names)), 0.0)
-    return probability * max(tried, 1) < _RISK and drop >= _LEAST_SHARE * beyond and _stands_out(base, one, tried)
+    return probability * max(tried, 1) < CAUSE_RISK and drop >= LEAST_SHARE * beyond and _stands_out(base, one, tried)
 
 
 def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
@@ -610,7 +600,7 @@ def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
     if out <= 0:
         return True
     ratio = (base.misfit - one.misfit) * left / (out * (one.misfit - one.aside))
-    return ratio >= _TELLING and float(special.fdtrc(out, left, ratio)) * max(tried, 1) < _RISK
+    return ratio >= OUTLYING_RATIO and float(special.fdtrc(out, left, ratio)) * max(tried, 1) < CAUSE_RISK
 
 
 def is_misfit(fitted: Fitted) -> bool:

@@ -10,8 +10,31 @@ import numpy as np
 
 from structid.core.display import Overview, Shown, counted, listed
 from structid.diagnose.data_rows import misfit_of_lines
-from structid.diagnose.fixed_value_influence import MATTERS, SHIFTS, FixedValueSensitivity, doubted
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
 from structid.diagnose.split_consistency import Disagreement, disagreements
+from structid.diagnose.thresholds import (
+    CONTRADICTING_PART,
+    DOUBT,
+    ELEMENT_SCATTER,
+    FAR_BEYOND,
+    FEW_FREEDOMS,
+    GROSSLY_CONTRADICTING_PART,
+    HALF_BANDWIDTHS_OFF,
+    LARGE_ERROR,
+    LOCAL_MISFIT,
+    MATTERS,
+    MOST_OF_MISFIT,
+    MOSTLY_PRIOR,
+    NEARLY_ALL,
+    NOISE_TOLERANCE,
+    NOT_THE_WHOLE,
+    ORDERED_DATA,
+    PAIR_MISFIT,
+    SHIFTS,
+    SHOWN_RATIO,
+    TOLD_SHIFT,
+    WHOLE,
+)
 from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
@@ -22,39 +45,6 @@ from structid.inversion.search.work import ALONE, Work
 
 Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untested"]
 
-#: Half-bandwidths by which a resonance of the model may be off.
-_OFF = 1.0
-#: Mean square of the whitened residual about a resonance from which on the model may miss it.
-_LOCAL_MISFIT = 4.0
-#: Standard deviations by which an accepted cause may move a value of an approximate answer.
-_MOVES = 3.0
-#: Part of the parameters that may differ between parts of the data; and where one of them differs manifold.
-_CONTRADICTS, _CONTRADICTS_GROSSLY = 0.2, 0.125
-#: Chi-square per degree of freedom, in parts of what is expected, from where on a cause is not the whole of it.
-_LEAVES = 4.0
-#: Chi-square per degree of freedom, in parts of what is expected, from where on intervals from the misfit are not relied on: a
-#: length that is drawn wrongly moves values by seven of their deviations, whatever part of the data they come from.
-FAR_BEYOND = 9.0
-#: Part of the responses, and of shapes, that the errors must be for that (root mean square); of frequencies a tenth of it.
-_LARGE = 0.02
-#: Degrees of freedom below which a residual hardly tests a model.
-_FEW = 15
-#: Part of a variance from which on it is owed to priors.
-_MOSTLY = 0.5
-#: Part of a misfit that one named change removes from where on it is the cause.
-_MOST = 0.5
-#: Of causes of small misfits: part of what goes beyond the noise.
-_NEARLY_ALL = 0.85
-#: Misfit, in parts of the expected one, from where on two changes that leave noise alone are causes, whatever each removes.
-_OF_A_PAIR = 4.0
-#: By what part elements of one group differ though nothing is wrong.
-_SCATTER = 0.02
-#: Probability below which the size of a residual is not that of its noise; and how far from its expectation it may be.
-_DOUBT, _TOLERANCE = 1e-3, 1.25
-#: Ratio of misfit and noise from which on their difference is what is told.
-_SHOWS = 1.1
-#: Data from which on their order says whether a residual is noise.
-_MANY = 300
 #: What intervals rest on where the noise is of another size than stated.
 _INTERVALS = {
     "model_error": "the intervals come from the residual",
@@ -212,16 +202,16 @@ class Diagnosis(Shown):
 def noise_ratio(found: Identification) -> float | None:
     """The noise in parts of what the fit takes, where only it is wrong: the residual has no order in it, but another size."""
     tests = found.estimate.residual_tests
-    is_normal = tests is not None and tests.normality_probability >= _DOUBT
+    is_normal = tests is not None and tests.normality_probability >= DOUBT
     if tests is None or tests.not_white or tests.one_sided:
         return None
     ratio = found.estimate.misfit
-    is_of_size = tests.chi_square_probability >= _DOUBT and 1 - tests.chi_square_probability >= _DOUBT
-    if is_of_size or 1 / _TOLERANCE < ratio < _TOLERANCE:
+    is_of_size = tests.chi_square_probability >= DOUBT and 1 - tests.chi_square_probability >= DOUBT
+    if is_of_size or 1 / NOISE_TOLERANCE < ratio < NOISE_TOLERANCE:
         return 1.0
     return (
         float(np.sqrt(found.estimate.least_per_dof))
-        if found.fits and is_normal and found.estimate.n_data >= _MANY
+        if found.fits and is_normal and found.estimate.n_data >= ORDERED_DATA
         else None
     )
 
@@ -276,31 +266,31 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
     if not causes or _is_scatter(causes[0]):
         return False
     return _explains(causes[0], misfit, expected, is_hidden) or (
-        misfit > _OF_A_PAIR * expected and _completing(causes, expected) is not None
+        misfit > PAIR_MISFIT * expected and _completing(causes, expected) is not None
     )
 
 
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
     left = cause.rest_per_dof if cause.leaves_data_out else cause.chi_square_per_dof
-    if not cause.leaves_noise and left > _TOLERANCE * expected:
-        return False
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
-    beyond = 1.0 if cause.leaves_noise else beyond
+    is_noise = cause.leaves_noise or left <= NOISE_TOLERANCE * expected
+    if not is_noise and not (left <= NOT_THE_WHOLE * expected and beyond >= WHOLE):
+        return False
     matters = is_hidden or any(map(_matters, cause.moved))
-    return (cause.share >= _MOST and beyond >= _MOST) or (beyond >= _NEARLY_ALL and matters)
+    return cause.share >= MOST_OF_MISFIT or (matters and (cause.leaves_noise or beyond >= NEARLY_ALL))
 
 
 def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
     """The second cause that leaves nothing but noise beside the first; None where there is none."""
     second = next((one for one in causes if one.is_second), None)
-    if second is None or not (second.leaves_noise or second.chi_square_per_dof <= _TOLERANCE * expected):
+    if second is None or not (second.leaves_noise or second.chi_square_per_dof <= NOISE_TOLERANCE * expected):
         return None
     return second
 
 
 def _is_scatter(cause: Cause) -> bool:
     """Whether one element differs from its group by no more than elements do as they are made, and nothing moves with it."""
-    is_small = all(unit == "1" and abs(ratio - 1) < _SCATTER for _, ratio, unit in cause.found[:1])
+    is_small = all(unit == "1" and abs(ratio - 1) < ELEMENT_SCATTER for _, ratio, unit in cause.found[:1])
     return cause.kind == "untied" and is_small and not any(map(_matters, cause.moved))
 
 
@@ -411,7 +401,7 @@ def _judged(
             )
             return Judgement("approximate", words, (words,))
         words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
-        if estimate.degrees_of_freedom < _FEW:
+        if estimate.degrees_of_freedom < FEW_FREEDOMS:
             words += (
                 f" But {counted(estimate.n_data, 'value')} hardly test {counted(len(estimate.names), 'parameter')}: a wrong model"
                 " may fit as well."
@@ -431,17 +421,19 @@ def _judged(
         return Judgement("approximate", words, (causes[0].words,))
     if causes and not is_noise:
         best = causes[0]
-        is_small = best.share < _MOST and best.chi_square_per_dof < _TOLERANCE * found.estimate.expected_per_dof
+        is_small = (
+            best.share < MOST_OF_MISFIT and best.chi_square_per_dof < NOISE_TOLERANCE * found.estimate.expected_per_dof
+        )
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
             f" {'what goes beyond the noise' if is_small else f'{100 * best.share:.0f} % of it'}: {best.words}"
             + (
                 f"; {best.moved[0].name} would move by {best.moves:.0f} standard deviations."
-                if best.moves > _MOVES
+                if best.moves > TOLD_SHIFT
                 else "."
             )
         )
-        if best.chi_square_per_dof > _LEAVES * found.estimate.expected_per_dof:
+        if best.chi_square_per_dof > NOT_THE_WHOLE * found.estimate.expected_per_dof:
             words += f" It is not all: it leaves {np.sqrt(best.chi_square_per_dof):.2g} times the noise."
             words += _with_second(found, causes)
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
@@ -492,7 +484,7 @@ def _judged(
         words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words.rstrip(), (*(one.words for one in found.missed), *pushed))
     apart = disagreements(found.problems, estimate.theta, work, found.freed) if found.target is not None else ()
-    if any(one.share > (_CONTRADICTS_GROSSLY if one.is_gross else _CONTRADICTS) for one in apart):
+    if any(one.share > (GROSSLY_CONTRADICTING_PART if one.is_gross else CONTRADICTING_PART) for one in apart):
         apart = tuple(sorted(apart, key=lambda one: (not one.is_gross, -one.share)))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
@@ -512,7 +504,7 @@ def _judged(
     words += also
     if suggestions:
         first = suggestions[0]
-        far = first.moves > _MOVES
+        far = first.moves > TOLD_SHIFT
         words += f" The misfit would be {100 * first.share:.0f} % smaller if {first.words}"
         words += (
             f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
@@ -545,16 +537,16 @@ def _by_priors(found: Identification) -> list[str]:
     if share is None:
         return []
     pairs = zip(found.estimate.names, share, np.isfinite(found.prior_std), strict=True)
-    return [name for name, part, has_prior in pairs if has_prior and part > _MOSTLY]
+    return [name for name, part, has_prior in pairs if has_prior and part > MOSTLY_PRIOR]
 
 
 def _is_large(found: Identification) -> bool:
     """Whether a misfit is large beside what was measured, not only beside a very small noise."""
     measured = [(fit.judged.record.values, fit.judged.final) for fit in found.fits]
-    of_frfs = [bool(np.linalg.norm(of_model - own) > _LARGE * np.linalg.norm(own)) for own, of_model in measured]
+    of_frfs = [bool(np.linalg.norm(of_model - own) > LARGE_ERROR * np.linalg.norm(own)) for own, of_model in measured]
     of_modes = [
-        bool(np.abs(fit.fitted.frequency / fit.problem.data.frequency - 1).max() > _LARGE / 10)
-        or bool(np.sqrt(1 - np.nan_to_num(fit.fitted.mac, nan=1.0)).max() > _LARGE)
+        bool(np.abs(fit.fitted.frequency / fit.problem.data.frequency - 1).max() > LARGE_ERROR / 10)
+        or bool(np.sqrt(1 - np.nan_to_num(fit.fitted.mac, nan=1.0)).max() > LARGE_ERROR)
         for fit in found.modal_fits
     ]
     return any((*of_frfs, *of_modes))
@@ -575,7 +567,7 @@ def _misfit_words(found: Identification) -> str:
         return found.missed[0].words
     size = float(np.sqrt(found.estimate.least_per_dof))
     fixed = found.estimate.fixed
-    if fixed is not None and fixed.beyond and size < _SHOWS:
+    if fixed is not None and fixed.beyond and size < SHOWN_RATIO:
         i = fixed.beyond[0]
         change = 100 * np.expm1(fixed.asked[i] * fixed.tolerance[i])
         return (
@@ -588,14 +580,14 @@ def _misfit_words(found: Identification) -> str:
         return f"the model explains the record to within {size:.2g} times {noise}"
     if fits_noise(found):
         return f"the misfit is no larger than {noise} may make it"
-    if size < _SHOWS:
+    if size < SHOWN_RATIO:
         return f"the misfit is as large as {noise}, but has an order that noise has not"
     return f"the misfit is {f'{size:.2g}' if size < 100 else f'{size:.0f}'} times {noise}"
 
 
 def _is_below_noise(found: Identification) -> bool:
     """Whether what the model misses is less than the noise that is stated."""
-    return not found.missed and found.estimate.least_per_dof <= 1 / _SHOWS**2
+    return not found.missed and found.estimate.least_per_dof <= 1 / SHOWN_RATIO**2
 
 
 def _searched(n_tried: int) -> str:
@@ -630,7 +622,7 @@ def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
     damping = np.maximum(np.nan_to_num(fit.measured.damping_ratio[data.measured]), LEAST_DAMPING)
     off = pairs.frequency - data.frequency
     distance = np.abs(off) / (damping * data.frequency)
-    is_off = (distance > _OFF) & (np.abs(off) > FAR_OFF * data.frequency_std)
+    is_off = (distance > HALF_BANDWIDTHS_OFF) & (np.abs(off) > FAR_OFF * data.frequency_std)
     return [_missed(data.frequency[i], pairs.frequency[i], distance[i]) for i in np.flatnonzero(is_off)]
 
 
@@ -650,14 +642,18 @@ def _off_resonances(fit: RecordFit) -> list[tuple[float, str]]:
         damping = max(float(fit.modes.damping_ratio[near]), LEAST_DAMPING) if near >= 0 else LEAST_DAMPING
         half = max(damping * peak.measured, spacing)
         about = np.abs(frequency - peak.measured) <= 3 * half
-        if not about.any() or of_line[about].mean() < _LOCAL_MISFIT:
+        if not about.any() or of_line[about].mean() < LOCAL_MISFIT:
             continue
         predicted = peak.predicted
-        if not np.isfinite(predicted) and near >= 0 and abs(fit.modes.frequency[near] - peak.measured) <= _OFF * half:
+        if (
+            not np.isfinite(predicted)
+            and near >= 0
+            and abs(fit.modes.frequency[near] - peak.measured) <= HALF_BANDWIDTHS_OFF * half
+        ):
             predicted = float(fit.modes.frequency[near])  # narrower than the lines: no peak of the model on them
         distance = abs(predicted - peak.measured) / half
         if not np.isfinite(distance):
             found.append((np.inf, f"the model has no resonance near {peak.measured:.4g} Hz"))
-        elif distance > _OFF:
+        elif distance > HALF_BANDWIDTHS_OFF:
             found.append(_missed(peak.measured, predicted, distance))
     return found
