@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from frame_cases import STUDY, written, written_shaken
 
-from structid.diagnose.causes import DERIVED, candidates, data_candidates, rows_left_out, set_candidates
+from structid.diagnose.causes import CAUSES, DERIVED, candidates, data_candidates, rows_left_out, set_candidates
 from structid.diagnose.causes.delay import SensorDelay
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import Fitted, fit_fully, load_fit
@@ -81,6 +81,18 @@ OF_SETS = [
 NOT_LOOKED_AT = tuple(kind.kind for kind in DERIVED)
 #: Kinds whose strength is no parameter but a number in the study.
 NUMBERS = ("offset", "direction", "load_direction", "between", "load_between")
+
+
+#: Kinds whose faults have tests of their own: of several loads, records or modes, of histories, of left out data, of clocks.
+ELSEWHERE = {
+    "load_polarity", "load_swap", "channel", "record", "outlying_lines", "tone", "extra_mode", "varies", "clock",
+}  # fmt: skip
+
+
+def test_every_kind_of_cause_has_a_fault():
+    here = {kind.split()[0] if kind != "untied set" else kind for kind, *_ in (*FAULTS, *OF_SETS)}
+    assert here | ELSEWHERE == {kind.kind for kind in CAUSES}
+    assert not here & ELSEWHERE
 
 
 def begun(path):

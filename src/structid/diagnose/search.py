@@ -72,7 +72,7 @@ from structid.inversion.search.work import ALONE, Work
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What was found.
+    """The changes that explain a misfit, as a search gave them.
 
     Attributes
     ----------
@@ -142,9 +142,9 @@ def search_causes(base: Fitted, work: Work = ALONE, budget: TimeBudget = UNLIMIT
     return _of_two(first, work, budget) if _is_far(base) else first
 
 
-def _is_clear(found: Explanation) -> bool:
+def _is_clear(explanation: Explanation) -> bool:
     """Whether one change removes much of the misfit."""
-    return bool(found.causes) and found.causes[0].misfit < CLEAR * found.base.misfit
+    return bool(explanation.causes) and explanation.causes[0].misfit < CLEAR * explanation.base.misfit
 
 
 def _is_far(fitted: Fitted) -> bool:
@@ -152,53 +152,53 @@ def _is_far(fitted: Fitted) -> bool:
     return fitted.misfit > FAR_BEYOND * max(fitted.modified.target.n_data - n_parameters(fitted.modified), 1)
 
 
-def _of_two(found: Explanation, work: Work, budget: TimeBudget, tried: Sequence[Fitted] = ()) -> Explanation:
+def _of_two(explanation: Explanation, work: Work, budget: TimeBudget, tried: Sequence[Fitted] = ()) -> Explanation:
     """Two changes that leave noise alone, where one by itself brings little.
 
     A fit to all data that is bent to one of two faults is as wrong once the other is known. Those that were `tried` with a
     second are passed over.
     """
-    if budget.left < found.spent or not found.base.modified.is_small:
-        return replace(found, is_single=True)
+    if budget.left < explanation.spent or not explanation.base.modified.is_small:
+        return replace(explanation, is_single=True)
     known = {one.cause.place for one in tried}
-    begun = [item for item in found.begun if item[0].place not in known]
-    for item in promising(found.base, begun, work, "a second beside each change", budget)[:PROMISING_PAIRS]:
-        if budget.left < found.spent:
+    begun = [item for item in explanation.begun if item[0].place not in known]
+    for item in promising(explanation.base, begun, work, "a second beside each change", budget)[:PROMISING_PAIRS]:
+        if budget.left < explanation.spent:
             break
-        first = _first(found, item, work)
+        first = _first(explanation, item, work)
         further = None if first is None else _beside(first, work, "of two, second ", budget)
         if first is None or further is None:
             continue
-        pair = _led_by(found, first, further)
+        pair = _led_by(explanation, first, further)
         if pair is not None and pair.further is not None and not is_misfit(pair.further.causes[0]):
             return pair
-    return found
+    return explanation
 
 
-def _first(found: Explanation, item: Item, work: Work) -> Fitted | None:
+def _first(explanation: Explanation, item: Item, work: Work) -> Fitted | None:
     """The fit of a change that was fitted near, to the end."""
-    known = [one for one in found.causes if one.cause.place == item[0].place]
-    fits = known or _refits(found.base, [item], work, "a first of two causes")
+    known = [one for one in explanation.causes if one.cause.place == item[0].place]
+    fits = known or _refits(explanation.base, [item], work, "a first of two causes")
     return fits[0] if fits else None
 
 
-def _paired(found: Explanation, work: Work, budget: TimeBudget) -> Explanation:
+def _paired(explanation: Explanation, work: Work, budget: TimeBudget) -> Explanation:
     """The first cause with a second; where noise is not all that both leave, the best of some other pairs.
 
     Beside the second, another first is looked for: a change that only looks like the first of two faults gives way once the
     second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
     nothing, a second is looked for beside the next of the first causes.
     """
-    if budget.left < found.spent / 2:
-        return replace(found, is_single=True)
-    second = _beside(found.causes[0], work, "second ", budget)
-    pair = replace(found, further=second)
+    if budget.left < explanation.spent / 2:
+        return replace(explanation, is_single=True)
+    second = _beside(explanation.causes[0], work, "second ", budget)
+    pair = replace(explanation, further=second)
     if _is_far(second.causes[0] if second.causes else second.base):
-        both = _of_two(found, work, budget, found.causes[:1])
+        both = _of_two(explanation, work, budget, explanation.causes[:1])
         if both.further is not None:
             return both
         pair = replace(pair, is_single=both.is_single)
-    others, is_from_second = list(found.causes[1:]), True
+    others, is_from_second = list(explanation.causes[1:]), True
     for _ in range(MORE_PAIRS):
         second = pair.further or second
         if not second.causes or not is_misfit(second.causes[0]) or not (is_from_second or others):
@@ -207,44 +207,48 @@ def _paired(found: Explanation, work: Work, budget: TimeBudget) -> Explanation:
             pair = replace(pair, is_single=True)
             break
         better = (
-            _from_second(found, second, work, budget)
+            _from_second(explanation, second, work, budget)
             if is_from_second
-            else _from_next(found, second, others.pop(0), work, budget)
+            else _from_next(explanation, second, others.pop(0), work, budget)
         )
         pair, is_from_second = better or pair, better is not None
-    return _second_alone(found, pair, work) or pair
+    return _second_alone(explanation, pair, work) or pair
 
 
-def _second_alone(found: Explanation, pair: Explanation, work: Work) -> Explanation | None:
+def _second_alone(explanation: Explanation, pair: Explanation, work: Work) -> Explanation | None:
     """The second cause as the only one, where it explains as much without the first: one that had only looked like it."""
     if pair.further is None or not pair.further.causes or is_misfit(pair.further.causes[0]):
         return None
-    alone = _alone(found, pair.further.causes[0], work)
+    alone = _alone(explanation, pair.further.causes[0], work)
     if alone is None or is_misfit(alone):
         return None
-    return _weighed(found.base, [alone, *(one for one in found.causes if one is not alone)], found.tried)
+    return _weighed(
+        explanation.base, [alone, *(one for one in explanation.causes if one is not alone)], explanation.tried
+    )
 
 
-def _from_second(found: Explanation, second: Explanation, work: Work, budget: TimeBudget) -> Explanation | None:
+def _from_second(explanation: Explanation, second: Explanation, work: Work, budget: TimeBudget) -> Explanation | None:
     """A pair with another first cause, where it explains clearly more."""
-    alone = _alone(found, second.causes[0], work)
+    alone = _alone(explanation, second.causes[0], work)
     again = None if alone is None else _beside(alone, work, "beside the second, first ", budget)
     if again is None or not _is_better(again, second):
         return None
     both = again.causes[0]
-    first = _alone(found, both, work)
+    first = _alone(explanation, both, work)
     if first is None:
         return None
     items = _begun(first.modified, [_last_change(one) for one in second.causes], both.values)
-    return _led_by(found, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried))
+    return _led_by(
+        explanation, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried)
+    )
 
 
 def _from_next(
-    found: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
+    explanation: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
 ) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
     further = _beside(first, work, "beside the next, second ", budget)
-    return _led_by(found, first, further) if _is_better(further, second) else None
+    return _led_by(explanation, first, further) if _is_better(further, second) else None
 
 
 def _is_better(one: Explanation, other: Explanation) -> bool:
@@ -256,15 +260,15 @@ def _is_better(one: Explanation, other: Explanation) -> bool:
     return _criterion(one.base, mine, scale) < _criterion(other.base, theirs, scale) - ALIKE
 
 
-def _led_by(found: Explanation, first: Fitted, further: Explanation) -> Explanation | None:
+def _led_by(explanation: Explanation, first: Fitted, further: Explanation) -> Explanation | None:
     """The explanation with another first cause than the one that is likeliest alone, and the second beside it.
 
     None where the first removes little alone, and noise is not all that is left beside it.
     """
-    if not further.causes or (first.misfit > CLEAR * found.base.misfit and is_misfit(further.causes[0])):
+    if not further.causes or (first.misfit > CLEAR * explanation.base.misfit and is_misfit(further.causes[0])):
         return None
-    own = _criterion(found.base, first, _scale(found.base, [first]))
-    return replace(found, causes=(first,), criteria=(own,), near=(first,), further=further)
+    own = _criterion(explanation.base, first, _scale(explanation.base, [first]))
+    return replace(explanation, causes=(first,), criteria=(own,), near=(first,), further=further)
 
 
 def _last_change(fitted: Fitted) -> Sized:
@@ -272,24 +276,26 @@ def _last_change(fitted: Fitted) -> Sized:
     return candidate, strength
 
 
-def _alone(found: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
+def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
     """The last change of a fit as the only one."""
     change = _last_change(fitted)
-    for one in found.causes:
+    for one in explanation.causes:
         if one.cause.place == change[0].place:
             return one
-    alone = _refits(found.base, _begun(found.base.modified, [change], fitted.values), work, "a second cause alone")
-    return alone[0] if alone and alone[0].misfit < found.base.misfit else None
+    alone = _refits(
+        explanation.base, _begun(explanation.base.modified, [change], fitted.values), work, "a second cause alone"
+    )
+    return alone[0] if alone and alone[0].misfit < explanation.base.misfit else None
 
 
 def _from_elsewhere(base: Fitted) -> Fitted | None:
     """The study as it is from the way that candidates are refitted, where that is clearly better."""
     try:
-        found = base.modified.fitted([base.modified.fit_near().theta, base.theta])
+        minimum = base.modified.fitted([base.modified.fit_near().theta, base.theta])
     except (StructidError, np.linalg.LinAlgError):
         return None
-    cost = float(found.costs[-1])
-    return fitted_at(base.modified, found.theta, cost) if cost < CLEARLY_BETTER * base.cost else None
+    cost = float(minimum.costs[-1])
+    return fitted_at(base.modified, minimum.theta, cost) if cost < CLEARLY_BETTER * base.cost else None
 
 
 def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
@@ -330,7 +336,8 @@ def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Ex
     others = [item for place, item in simpler.items() if place not in known]
     others += [item for one in fits for item in _lossy(base, one)]
     if others:
-        more, n_more = _refits_in_time(base, others, work, f"likeliest {which}causes, otherwise", None, budget, least=0)
+        name = f"likeliest {which}causes, otherwise"
+        more, n_more = _refits_in_time(base, others, work, name, None, budget, min(len(simpler), LEAST_REFITS))
         fits, n_ended = fits + more, n_ended + n_more - len(others)
     left_out = approaches.count(None) + len(items) - n_ended
     begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and not changes[k][0].leaves_data_out]

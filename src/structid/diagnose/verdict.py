@@ -199,48 +199,48 @@ class Diagnosis(Shown):
         return self.causes or self.suggestions
 
 
-def noise_ratio(found: Identification) -> float | None:
+def noise_ratio(identification: Identification) -> float | None:
     """The noise in parts of what the fit takes, where only it is wrong: the residual has no order in it, but another size."""
-    tests = found.estimate.residual_tests
+    tests = identification.estimate.residual_tests
     is_normal = tests is not None and tests.normality_probability >= DOUBT
     if tests is None or tests.not_white or tests.one_sided:
         return None
-    ratio = found.estimate.misfit
+    ratio = identification.estimate.misfit
     is_of_size = tests.chi_square_probability >= DOUBT and 1 - tests.chi_square_probability >= DOUBT
     if is_of_size or 1 / NOISE_TOLERANCE < ratio < NOISE_TOLERANCE:
         return 1.0
     return (
-        float(np.sqrt(found.estimate.least_per_dof))
-        if found.fits and is_normal and found.estimate.n_data >= ORDERED_DATA
+        float(np.sqrt(identification.estimate.least_per_dof))
+        if identification.fits and is_normal and identification.estimate.n_data >= ORDERED_DATA
         else None
     )
 
 
-def fits_noise(found: Identification) -> bool:
+def fits_noise(identification: Identification) -> bool:
     """Whether the residual is what the noise leaves: its size, as a whole and in its parts, and no order in it."""
-    fixed = found.estimate.fixed
-    if found.missed or (fixed is not None and fixed.beyond):
+    fixed = identification.estimate.fixed
+    if identification.missed or (fixed is not None and fixed.beyond):
         return False
-    tests = found.estimate.residual_tests
+    tests = identification.estimate.residual_tests
     if tests is None:
-        return found.estimate.covariance_basis == "noise"
-    return noise_ratio(found) == 1.0
+        return identification.estimate.covariance_basis == "noise"
+    return noise_ratio(identification) == 1.0
 
 
-def is_sound(found: Identification) -> bool:
+def is_sound(identification: Identification) -> bool:
     """Whether nothing speaks against model, record and search."""
-    return _is_unforced(found) and fits_noise(found)
+    return _is_unforced(identification) and fits_noise(identification)
 
 
-def _is_quiet(found: Identification) -> bool:
+def _is_quiet(identification: Identification) -> bool:
     """Whether nothing speaks against model, record and search but noise that is stated too large."""
-    return _is_unforced(found) and _is_below_noise(found)
+    return _is_unforced(identification) and _is_below_noise(identification)
 
 
-def _is_unforced(found: Identification) -> bool:
+def _is_unforced(identification: Identification) -> bool:
     """Whether the search ended in a place where nothing is at a bound that the data push at, or has run away."""
-    forced = found.ran_away or any(one.is_pushed for one in found.estimate.at_bound)
-    return found.estimate.status is Status.CONVERGED and not forced
+    forced = identification.ran_away or any(one.is_pushed for one in identification.estimate.at_bound)
+    return identification.estimate.status is Status.CONVERGED and not forced
 
 
 def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
@@ -299,7 +299,7 @@ def _matters(value: ParameterShift) -> bool:
 
 
 def judged(
-    found: Identification,
+    identification: Identification,
     causes: Sequence[Cause] = (),
     n_tried: int = 0,
     suggestions: Sequence[Cause] = (),
@@ -312,7 +312,7 @@ def judged(
 
     Parameters
     ----------
-    found : Identification
+    identification : Identification
     causes : sequence of Cause
         Accepted ones, the likeliest first.
     n_tried : int
@@ -328,26 +328,28 @@ def judged(
     work : Work
         Where parts of the data are fitted.
     """
-    if is_asked and is_sound(found):
+    if is_asked and is_sound(identification):
         given = _asked_for(suggestions)
     else:
-        given = _judged(found, causes, n_tried, suggestions, doubted(held), work)
-    if untried and not fits_noise(found):
+        given = _judged(identification, causes, n_tried, suggestions, doubted(held), work)
+    if untried and not fits_noise(identification):
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
         )
-    faults = record_faults(found)
+    faults = record_faults(identification)
     if faults and given.verdict not in ("sound", "untested"):
         given = replace(
             given, words=f"{given.words} The record itself shows: {faults[0]}.", reasons=(*given.reasons, *faults)
         )
-    return replace(given, reasons=(*given.reasons, *(words for one in found.varied for words in one.outlying_words)))
+    return replace(
+        given, reasons=(*given.reasons, *(words for one in identification.varied for words in one.outlying_words))
+    )
 
 
-def record_faults(found: Identification) -> tuple[str, ...]:
+def record_faults(identification: Identification) -> tuple[str, ...]:
     """Faults of single channels that the histories of the records show by themselves, loads first: dead, clipped, spikes."""
     faults: list[tuple[bool, str]] = []
-    for setup in found.setups:
+    for setup in identification.setups:
         loads = {str(dof) for role, dofs in setup.channels if role == "input" for dof in dofs}
         faults += [(fault.channel.split()[0] not in loads, fault.words) for fault in setup.faults]
     return tuple(words for _, words in sorted(faults))
@@ -367,33 +369,33 @@ def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
 
 
 def _judged(
-    found: Identification,
+    identification: Identification,
     causes: Sequence[Cause],
     n_tried: int,
     suggestions: Sequence[Cause],
     doubts: Sequence[FixedValueSensitivity],
     work: Work,
 ) -> Judgement:
-    estimate = found.estimate
-    if found.target is not None and not estimate.degrees_of_freedom > 0 and not causes:
-        return _untested(found)
-    if estimate.disagreement is not None and not causes and (is_sound(found) or _is_quiet(found)):
+    estimate = identification.estimate
+    if identification.target is not None and not estimate.degrees_of_freedom > 0 and not causes:
+        return _untested(identification)
+    if estimate.disagreement is not None and not causes and (is_sound(identification) or _is_quiet(identification)):
         said = estimate.disagreement.words
         words = (
             f"Approximate: the misfit is no larger than the noise was stated, but {said}; {_INTERVALS['model_error']}."
         )
         return Judgement("approximate", words, (said, *(one.words for one in doubts)))
-    if is_sound(found) and not causes and doubts:
+    if is_sound(identification) and not causes and doubts:
         told = tuple(one.words for one in doubts)
         words = (
             f"Approximate: the model explains the record to within its noise, but {told[0]}: measure it, or make it an"
             " unknown, with a prior where it is known a little."
         )
         return Judgement("approximate", words, told)
-    if is_sound(found) and not causes:
+    if is_sound(identification) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"
         at_bound = "; ".join(one.words for one in estimate.at_bound)
-        by_priors = _by_priors(found)
+        by_priors = _by_priors(identification)
         if by_priors:
             words = (
                 "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
@@ -407,12 +409,12 @@ def _judged(
                 " may fit as well."
             )
         return Judgement("sound", words)
-    away = tuple(ran_away_words(estimate, index) for index in found.ran_away)
+    away = tuple(ran_away_words(estimate, index) for index in identification.ran_away)
     pushed = tuple(one.words for one in estimate.at_bound if one.is_pushed)
     also = f" But {pushed[0]}." if pushed else ""
-    misfit = _misfit_words(found)
-    cut = tuple(one.warning for one in found.truncations if one.warning)
-    if cut and not fits_noise(found):
+    misfit = _misfit_words(identification)
+    cut = tuple(one.warning for one in identification.truncations if one.warning)
+    if cut and not fits_noise(identification):
         return Judgement("wrong_model", f"Wrong model: {cut[0]}: do not use the values.", (*cut, misfit, *away))
     is_noise = bool(causes) and causes[0].kind == "noise_level"
     if is_noise and estimate.status is Status.CONVERGED and not away and not pushed:
@@ -422,7 +424,8 @@ def _judged(
     if causes and not is_noise:
         best = causes[0]
         is_small = (
-            best.share < MOST_OF_MISFIT and best.chi_square_per_dof < NOISE_TOLERANCE * found.estimate.expected_per_dof
+            best.share < MOST_OF_MISFIT
+            and best.chi_square_per_dof < NOISE_TOLERANCE * identification.estimate.expected_per_dof
         )
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
@@ -433,13 +436,13 @@ def _judged(
                 else "."
             )
         )
-        if best.chi_square_per_dof > NOT_THE_WHOLE * found.estimate.expected_per_dof:
+        if best.chi_square_per_dof > NOT_THE_WHOLE * identification.estimate.expected_per_dof:
             words += f" It is not all: it leaves {np.sqrt(best.chi_square_per_dof):.2g} times the noise."
-            words += _with_second(found, causes)
+            words += _with_second(identification, causes)
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
-    off = [] if fits_noise(found) else _off(found)
+    off = [] if fits_noise(identification) else _off(identification)
     is_far = estimate.misfit > FAR_BEYOND
-    moving = None if fits_noise(found) else _moving(suggestions)
+    moving = None if fits_noise(identification) else _moving(suggestions)
     if moving is not None:
         change, shift = moving
         words = (
@@ -461,12 +464,12 @@ def _judged(
         return Judgement("wrong_model", words.rstrip(), (misfit, estimate.message, *pushed))
     if estimate.status is Status.NOT_IDENTIFIABLE and not off:
         return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
-    if fits_noise(found) and estimate.status is Status.CONVERGED:
+    if fits_noise(identification) and estimate.status is Status.CONVERGED:
         words = (
             f"Wrong model: the record contradicts a bound: {pushed[0]}. The other values rest on it: do not use them."
         )
         return Judgement("wrong_model", words, pushed)
-    if fits_noise(found):
+    if fits_noise(identification):
         return Judgement(
             "undetermined", f"Undetermined: the search did not end ({estimate.message}).", (estimate.message,)
         )
@@ -480,15 +483,19 @@ def _judged(
         return Judgement(
             "undetermined", f"Undetermined: {misfit}, and the search did not end ({estimate.message}).", (misfit,)
         )
-    if any(one.is_far for one in found.missed):
+    if any(one.is_far for one in identification.missed):
         words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
-        return Judgement("wrong_model", words.rstrip(), (*(one.words for one in found.missed), *pushed))
-    apart = disagreements(found.problems, estimate.theta, work, found.freed) if found.target is not None else ()
+        return Judgement("wrong_model", words.rstrip(), (*(one.words for one in identification.missed), *pushed))
+    apart = (
+        disagreements(identification.problems, estimate.theta, work, identification.freed)
+        if identification.target is not None
+        else ()
+    )
     if any(one.share > (GROSSLY_CONTRADICTING_PART if one.is_gross else CONTRADICTING_PART) for one in apart):
         apart = tuple(sorted(apart, key=lambda one: (not one.is_gross, -one.share)))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
-    if is_far and _is_large(found):
+    if is_far and _is_large(identification):
         words = (
             f"Wrong model: {misfit}; resonances agree, and so do most values from parts of the data, but what is wrong may move"
             f" all values alike, beyond their intervals: do not use them. {_searched(n_tried)}{also}"
@@ -496,7 +503,7 @@ def _judged(
         return Judgement("wrong_model", words.rstrip(), (misfit, *pushed, *map(_apart, apart)))
     words = (
         f"Approximate: {misfit}; that is more than the data show, and {_INTERVALS['noise']}."
-        if _is_below_noise(found)
+        if _is_below_noise(identification)
         else f"Approximate: {misfit}; resonances agree, so do most values from parts of the data: the intervals carry the misfit."
     )
     if apart:
@@ -521,9 +528,9 @@ def _moving(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
     return None
 
 
-def _untested(found: Identification) -> Judgement:
+def _untested(identification: Identification) -> Judgement:
     """The verdict where as many values are sought as were measured: whatever the model, it fits."""
-    estimate = found.estimate
+    estimate = identification.estimate
     words = (
         f"Untested: the data have no more values than the model has parameters ({len(estimate.names)}): a wrong one fits as well."
         " Measure more, or tie or fix parameters."
@@ -531,42 +538,42 @@ def _untested(found: Identification) -> Judgement:
     return Judgement("untested", words, (estimate.message,))
 
 
-def _by_priors(found: Identification) -> list[str]:
+def _by_priors(identification: Identification) -> list[str]:
     """Parameters of which their own priors know more than the data."""
-    share = found.prior_share
+    share = identification.prior_share
     if share is None:
         return []
-    pairs = zip(found.estimate.names, share, np.isfinite(found.prior_std), strict=True)
+    pairs = zip(identification.estimate.names, share, np.isfinite(identification.prior_std), strict=True)
     return [name for name, part, has_prior in pairs if has_prior and part > MOSTLY_PRIOR]
 
 
-def _is_large(found: Identification) -> bool:
+def _is_large(identification: Identification) -> bool:
     """Whether a misfit is large beside what was measured, not only beside a very small noise."""
-    measured = [(fit.judged.record.values, fit.judged.final) for fit in found.fits]
+    measured = [(fit.judged.record.values, fit.judged.final) for fit in identification.fits]
     of_frfs = [bool(np.linalg.norm(of_model - own) > LARGE_ERROR * np.linalg.norm(own)) for own, of_model in measured]
     of_modes = [
         bool(np.abs(fit.fitted.frequency / fit.problem.data.frequency - 1).max() > LARGE_ERROR / 10)
         or bool(np.sqrt(1 - np.nan_to_num(fit.fitted.mac, nan=1.0)).max() > LARGE_ERROR)
-        for fit in found.modal_fits
+        for fit in identification.modal_fits
     ]
     return any((*of_frfs, *of_modes))
 
 
-def not_found(found: Identification, reached: float) -> Judgement:
+def not_found(identification: Identification, reached: float) -> Judgement:
     """The verdict where the model explains the record with other values: `reached` is chi-square per degree of freedom there."""
     words = (
         f"Undetermined: the search ended in a wrong place (chi-square per degree of freedom"
-        f" {found.estimate.chi_square_per_dof:.3g}), and another start reaches {reached:.3g}: do not use the values; allow more"
-        ' `max_iterations` or `restarts`, or write start = "continuation" in [method].'
+        f" {identification.estimate.chi_square_per_dof:.3g}), and another start reaches {reached:.3g}: do not use the values;"
+        ' allow more `max_iterations` or `restarts`, or write start = "continuation" in [method].'
     )
-    return Judgement("undetermined", words, (found.estimate.message,))
+    return Judgement("undetermined", words, (identification.estimate.message,))
 
 
-def _misfit_words(found: Identification) -> str:
-    if found.missed and (found.missed[0].is_far or noise_ratio(found) == 1.0):
-        return found.missed[0].words
-    size = float(np.sqrt(found.estimate.least_per_dof))
-    fixed = found.estimate.fixed
+def _misfit_words(identification: Identification) -> str:
+    if identification.missed and (identification.missed[0].is_far or noise_ratio(identification) == 1.0):
+        return identification.missed[0].words
+    size = float(np.sqrt(identification.estimate.least_per_dof))
+    fixed = identification.estimate.fixed
     if fixed is not None and fixed.beyond and size < SHOWN_RATIO:
         i = fixed.beyond[0]
         change = 100 * np.expm1(fixed.asked[i] * fixed.tolerance[i])
@@ -574,20 +581,20 @@ def _misfit_words(found: Identification) -> str:
             f"the record would have {fixed.names[i]}, which the model holds, {change:+.2g} % off, {abs(fixed.asked[i]):.2g} times"
             " its tolerance"
         )
-    noises = {problem.facts.noise for problem in found.problems}
+    noises = {problem.facts.noise for problem in identification.problems}
     noise = noises.pop() if len(noises) == 1 else "the noise of the records"
-    if _is_below_noise(found):
+    if _is_below_noise(identification):
         return f"the model explains the record to within {size:.2g} times {noise}"
-    if fits_noise(found):
+    if fits_noise(identification):
         return f"the misfit is no larger than {noise} may make it"
     if size < SHOWN_RATIO:
         return f"the misfit is as large as {noise}, but has an order that noise has not"
     return f"the misfit is {f'{size:.2g}' if size < 100 else f'{size:.0f}'} times {noise}"
 
 
-def _is_below_noise(found: Identification) -> bool:
+def _is_below_noise(identification: Identification) -> bool:
     """Whether what the model misses is less than the noise that is stated."""
-    return not found.missed and found.estimate.least_per_dof <= 1 / SHOWN_RATIO**2
+    return not identification.missed and identification.estimate.least_per_dof <= 1 / SHOWN_RATIO**2
 
 
 def _searched(n_tried: int) -> str:
@@ -603,16 +610,16 @@ def _apart(one: Disagreement) -> str:
     )
 
 
-def _with_second(found: Identification, causes: Sequence[Cause]) -> str:
+def _with_second(identification: Identification, causes: Sequence[Cause]) -> str:
     """The second cause, where noise explains what both leave."""
-    second = _completing(causes, found.estimate.expected_per_dof)
+    second = _completing(causes, identification.estimate.expected_per_dof)
     return "" if second is None else f" With a second change, noise explains the rest: {second.words}."
 
 
-def _off(found: Identification) -> list[str]:
+def _off(identification: Identification) -> list[str]:
     """Resonances that the model misses, in words, the farthest of each record first."""
-    of_modes = [_off_modes(fit) for fit in found.modal_fits]
-    far = [*(_off_resonances(fit) for fit in found.fits), *of_modes]
+    of_modes = [_off_modes(fit) for fit in identification.modal_fits]
+    far = [*(_off_resonances(fit) for fit in identification.fits), *of_modes]
     return [words for own in far for _, words in sorted(own, key=lambda pair: -pair[0])]
 
 
@@ -634,7 +641,7 @@ def _missed(measured: float, predicted: float, distance: float) -> tuple[float, 
 
 def _off_resonances(fit: RecordFit) -> list[tuple[float, str]]:
     """Resonances that the model misses by more than their half-bandwidth, with how many; only where the misfit shows it."""
-    found, frequency = [], fit.problem.frequency
+    missed, frequency = [], fit.problem.frequency
     of_line = misfit_of_lines(fit.problem, fit.problem.data_rows(fit.predicted))
     spacing = float(np.median(np.diff(np.unique(frequency)))) if len(frequency) > 1 else 0.0
     for peak in fit.resonances:
@@ -653,7 +660,7 @@ def _off_resonances(fit: RecordFit) -> list[tuple[float, str]]:
             predicted = float(fit.modes.frequency[near])  # narrower than the lines: no peak of the model on them
         distance = abs(predicted - peak.measured) / half
         if not np.isfinite(distance):
-            found.append((np.inf, f"the model has no resonance near {peak.measured:.4g} Hz"))
+            missed.append((np.inf, f"the model has no resonance near {peak.measured:.4g} Hz"))
         elif distance > HALF_BANDWIDTHS_OFF:
-            found.append(_missed(peak.measured, predicted, distance))
-    return found
+            missed.append(_missed(peak.measured, predicted, distance))
+    return missed
