@@ -77,6 +77,10 @@ HOLDS: dict[str, Callable[[dict[str, Any]], Any]] = {
         and close(end["answers"]["reduced"].values, end["answers"]["whole"].values, relative=1e-4)
         and "changes the model's FRFs" in end["found"].truncations[0].words
     ),
+    "elements/tie_rod": lambda end: (
+        near(end["found"], axial_force_rod=40e3, bending_stiffness_rod=3.34e3)
+        and end["lowest"] < 0.101 * end["exact"][0]
+    ),
     "elements/timoshenko_and_bernoulli": lambda end: (
         near(end["found"], bending_stiffness_beam=1.1e5, shear_stiffness_beam=1.3e7)
         and end["without"].estimate.chi_square_per_dof > 1e3

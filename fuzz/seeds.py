@@ -66,12 +66,76 @@ class Seed:
 def make_seeds(folder: Path) -> list[Seed]:
     """Every seed, its files written into `folder`."""
     found: list[Seed] = []
-    for make in (_records, _tables, _loggers, _bare, _matrices, _numberings, _meshes, _modes, _studies, _kept):
+    for make in (
+        _records,
+        _tables,
+        _loggers,
+        _bare,
+        _matrices,
+        _numberings,
+        _meshes,
+        _modes,
+        _spectra,
+        _studies,
+        _kept,
+    ):
         for name, target, file, mutations in make(folder):
             found.append(Seed(name, target, file, mutations))
     return found
 
 
+#: Bars and plates off their grid points, a laminate, and means of motions.
+OFFSET_BULK = """BEGIN BULK
+GRID,1,,0.,0.,0.
+GRID,2,,1.,0.,0.
+GRID,3,,1.,1.,0.
+GRID,4,,0.,1.,0.
+GRID,5,,2.,.5,1.
+GRID,6,,.5,.5,1.
+CQUAD4,1,1,1,2,3,4,,.03
+PCOMP,1,.001,,,,,,SYM
+,1,.004,0.,,1,.006
+BAROR,,2,,,0.,1.,0.,GOG
+CBAR,7,2,1,5,0.,1.,0.
+,,,.1,.2,.3,-.1,0.,.2
+RBE3,8,,6,123456,1.,123,1,2
+,3,4,.5,123456,5
+RBE2,9,5,123456,2,THRU,3
+MPCADD,100,1,2
+MPC,1,4,1,1.,3,1,-.5
+ENDDATA
+"""
+#: Surfaces that are tied and coupled, and a shell off its nodes.
+TIED = """*NODE
+1, 0, 0, 0
+2, 2, 0, 0
+3, 2, 2, 0
+4, 0, 2, 0
+5, 0, 0, 1
+6, 2, 0, 1
+7, 2, 2, 1
+8, 0, 2, 1
+11, 0.5, 0.5, 1.01
+12, 1.5, 0.5, 1.01
+13, 1.5, 1.5, 1.01
+20, 1, 1, 3
+*ELEMENT, TYPE=C3D8, ELSET=LOW
+1, 1, 2, 3, 4, 5, 6, 7, 8
+*ELEMENT, TYPE=S3, ELSET=SK
+2, 11, 12, 13
+*SURFACE, NAME=TOP
+LOW, S2
+*SURFACE, NAME=POINTS, TYPE=NODE
+11
+12
+*SHELL SECTION, ELSET=SK, MATERIAL=M, OFFSET=0.5
+.1
+*TIE, NAME=T
+POINTS, TOP
+*COUPLING, CONSTRAINT NAME=C, REF NODE=20, SURFACE=TOP
+*DISTRIBUTING
+1, 6
+"""
 LISTING = """                R E A L   E I G E N V A L U E S
         1         1        6.168503E+03        7.853982E+01        1.250000E+01        1.000000E+00        6.168503E+03
           CYCLES =  1.250000E+01         R E A L   E I G E N V E C T O R   N O .          1
@@ -484,7 +548,8 @@ ABAQUS = """*Heading
 
 
 def _meshes(folder: Path) -> _Made:
-    for name, text in (("a.bdf", BULK), ("a.inp", ABAQUS), ("a.unv", ANALYSIS)):
+    texts = {"a.bdf": BULK, "a.inp": ABAQUS, "a.unv": ANALYSIS, "offsets.bdf": OFFSET_BULK, "tied.inp": TIED}
+    for name, text in texts.items():
         path = _place(folder, f"meshes/{name}", name)
         path.write_text(text)
         yield f"meshes/{name}", "mesh", path, TEXT
@@ -542,6 +607,49 @@ def _modes(folder: Path) -> _Made:
         path = _place(folder, f"modes/{name}", f"a{Path(name).suffix}")
         path.write_text(text)
         yield f"modes/{name}", "modes", path, TEXT
+
+    path = _place(folder, "modes/modes.op2", "a.op2")
+    path.write_bytes(_results_of_nastran())
+    yield "modes/modes.op2", "modes", path, BINARY
+
+
+def _results_of_nastran() -> bytes:
+    """A binary file of one real mode of two points."""
+
+    def record(*words: int | float | bytes) -> bytes:
+        parts = [w if isinstance(w, bytes) else struct.pack("<f" if isinstance(w, float) else "<i", w) for w in words]
+        data = b"".join(parts)
+        return struct.pack("<i", len(data)) + data + struct.pack("<i", len(data))
+
+    heading = [21, 7, 0, 1, 1, 100.0, 0.0, 0, 1, 8, *[0] * 136]
+    rows = [11, 1, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 21, 1, -0.5, 0.25, 0.0, 0.0, 0.0, 0.0]
+    content = record(2) + record(b"OUGV1   ") + record(-1) + record(7) + record(101, 0, 0, 0, 0, 0, 0)
+    content += record(-2) + record(1) + record(0) + record(2) + record(b"OUGV1   ")
+    for number, part in ((-3, heading), (-4, rows)):
+        content += record(number) + record(1) + record(0) + record(len(part)) + record(*part)
+    return content + record(-5) + record(1) + record(0) + record(0) + record(0)
+
+
+def _spectra(folder: Path) -> _Made:
+    path = _place(folder, "spectra/spectra.unv", "a.unv")
+    text = ""
+    for i, j, kind in ((1, 1, 2), (2, 1, 3), (2, 2, 2)):
+        head = ["    -1", "    58", "averages: 9", "NONE", "NONE", "NONE", "NONE"]
+        head.append(f"{kind:5d}{0:10d}{1:5d}{0:10d} {'NONE':<10s}{i:10d}{1:4d} {'NONE':<10s}{j:10d}{1:4d}")
+        head.append(f"{5:10d}{12:10d}{1:10d}{1.0:13.5e}{0.5:13.5e}{0.0:13.5e}")
+        head.append(f"{18:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'Hz':<20s}")
+        head.append(f"{12:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'g^2/Hz':<20s}")
+        head += [f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'NONE':<20s}"] * 2
+        size = 1 / (1 + (np.arange(12.0) - 6) ** 2)
+        pairs = np.stack([size, 0.1 * size * (i != j)], axis=1).ravel()
+        rows = ["".join(f"{x:13.5e}" for x in pairs[k : k + 6]) for k in range(0, 24, 6)]
+        text += "\n".join([*head, *rows, "    -1", ""])
+    path.write_text(text)
+    yield "spectra/spectra.unv", "spectrum", path, TEXT
+    path = _place(folder, "spectra/spectra.npz", "a.npz")
+    peak = 1 / (1 + (np.arange(12.0) - 6) ** 2)
+    np.savez(path, s=peak[:, None, None] * np.array([[1.0], [0.5 + 0.1j]]), f=np.arange(1.0, 13))
+    yield "spectra/spectra.npz", "spectrum", path, ARCHIVE
 
 
 def _studies(folder: Path) -> _Made:

@@ -16,13 +16,18 @@ from structid.core.errors import InputError
 from structid.fem.importers import dofs_of, read_matrices, read_numbering
 from structid.fem.meshes import read_mesh, require_sound
 from structid.modal.formats.files import read_modes
+from structid.modal.spectral.fdd import fdd
 from structid.records.formats import ReadOptions, read_geometry, read_record
+from structid.records.formats.spectra import read_spectrum
 from structid.records.on_disk import open_record
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
 
 TIME = ReadOptions(sampling_rate=10.0, channels="1X,2X,3X", units="g")
+SPECTRUM = ReadOptions(
+    frequency_array="f", array="s", kind="spectrum", channels="1X,2X", inputs="1X", units="g", averages=9
+)
 LAB = ReadOptions(channels="1X,2X,3X")
 LOGGED = ReadOptions(channels="1X,2X,3X", units="g")
 FRF = ReadOptions(frequency_array="f", array="h", outputs="1X,2X", inputs="1X", kind="mobility")
@@ -64,13 +69,19 @@ def numbering(path: Path) -> None:
 
 
 def mesh(path: Path) -> None:
-    found = require_sound(read_mesh(path), drop_orphans=True, duplicates="merge")
+    found = require_sound(read_mesh(path), drop_orphans=True, duplicates="merge", take="all")
     for group in found.groups:
         found.group_nodes(group)
+    for part in found.parts:
+        part.elements()
 
 
 def modes(path: Path) -> None:
     read_modes(path)
+
+
+def spectrum(path: Path) -> None:
+    fdd(read_spectrum(path, SPECTRUM if path.suffix == ".npz" else None))
 
 
 def geometry(path: Path) -> None:
@@ -115,7 +126,7 @@ def _called(*words: str) -> None:
 TARGETS: dict[str, Callable[[Path], None]] = {
     target.__name__: target
     for target in (
-        record, bare_history, bare_frf, lab_table, logger, chunks, matrices, numbering, mesh, modes, geometry, study,
+        record, bare_history, bare_frf, lab_table, logger, chunks, matrices, numbering, mesh, modes, spectrum, geometry, study,
         checkpoint, results, identify, plan,
     )
 }  # fmt: skip

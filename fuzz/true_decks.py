@@ -76,6 +76,8 @@ class Truth:
     bodies: dict[int, tuple[float, Vector, Vector]] = field(default_factory=dict)
     springs: list[tuple[float, dict[tuple[int, int], Vector]]] = field(default_factory=list)
     node_sets: dict[str, list[int]] = field(default_factory=dict)
+    arms: dict[tuple[int, ...], list[Vector]] = field(default_factory=dict)
+    means: list[tuple[int, str, list[tuple[float, str, list[int]]]]] = field(default_factory=list)
 
 
 def number(rng: random.Random, low: float = -9.0, high: float = 9.0) -> float:
@@ -205,13 +207,41 @@ def bulk_deck(rng: random.Random, folder: Path) -> tuple[Path, Truth]:
     ):
         eid, nodes = 100 + index, rng.sample(every, count)
         pid = rng.choice([None, rng.randint(1, 3)])
-        deck.card(name, eid, pid, *nodes)
+        deck.card(name, eid, pid, *nodes, *_offset(rng, truth, name, nodes))
         truth.cells.setdefault(str(pid or eid), []).append(nodes)
     deck.card("CQUAD4", 99, 7, *every[:4])
     truth.cells.setdefault("7", []).append(every[:4])
     _bodies(rng, deck, truth, systems, every)
     _springs(rng, deck, truth, every)
+    _means(rng, deck, truth, every)
     return _bulk_files(rng, folder, deck.lines), truth
+
+
+def _offset(rng: random.Random, truth: Truth, name: str, nodes: list[int]) -> list[float | str | None]:
+    """Fields behind the nodes of a plate or bar that stands off them, along its normal or the directions of their motion."""
+    if rng.random() < 0.5 or tuple(nodes) in truth.arms:
+        return []
+    places = [truth.nodes[node] for node in nodes]
+    height = number(rng, 0.1, 0.9)
+    if name in ("CQUAD4", "CTRIA3"):
+        sides = (
+            (places[2] - places[0], places[3] - places[1])
+            if len(nodes) == 4
+            else (places[1] - places[0], places[2] - places[0])
+        )
+        normal = np.array([np.linalg.det([*sides, unit]) for unit in np.eye(3)])
+        if not normal @ normal > 1e-3:
+            return []
+        truth.arms[tuple(nodes)] = [height * normal / math.sqrt(sum(normal**2))] * len(nodes)
+        return [None, height]
+    if name == "CBAR":
+        local = [[number(rng, -1, 1) for _ in range(3)] for _ in range(2)]
+        truth.arms[tuple(nodes)] = [
+            sum(part * axis for part, axis in zip(parts, truth.directions[node], strict=True))
+            for parts, node in zip(local, nodes, strict=True)
+        ]
+        return [0.3, 0.4, 0.5, rng.choice([None, "GGG"]), None, None, *local[0], *local[1]]
+    return []
 
 
 def _replicated_grids(rng: random.Random, deck: BulkWriter, truth: Truth) -> None:
@@ -286,6 +316,20 @@ def _springs(rng: random.Random, deck: BulkWriter, truth: Truth, every: list[int
         if not to_ground:
             works[second, 0] = -truth.directions[second][components[1] - 1]
         truth.springs.append((stiffness, works))
+
+
+def _means(rng: random.Random, deck: BulkWriter, truth: Truth, every: list[int]) -> None:
+    """RBE3 of translations and rotations with weights, along the displacement systems of their grid points."""
+    nodes = rng.sample(every, 7)
+    components = rng.choice(["123456", "123", "456"])
+    groups = [(number(rng, 0.5, 9), "123", nodes[1:4])]
+    if rng.random() < 0.6:
+        groups.append((number(rng, 0.5, 9), rng.choice(["456", "123456", "3", "15"]), nodes[4 : rng.randint(5, 7)]))
+    fields: list[float | str | int | None] = [700, None, nodes[0], components]
+    for weight, which, members in groups:
+        fields += [weight, which, *members]
+    deck.card("RBE3", *fields)
+    truth.means.append((nodes[0], components, groups))
 
 
 def _bulk_files(rng: random.Random, folder: Path, lines: list[str]) -> Path:
@@ -456,7 +500,49 @@ def differences(mesh: Mesh, truth: Truth) -> list[str]:
     for name, nodes in truth.node_sets.items():
         if mesh.group_nodes(name).tolist() != sorted(nodes):
             wrong.append(f"nodes {mesh.group_nodes(name)} of {name} instead of {nodes}")
-    return wrong + _wrong_bodies(mesh, truth) + _wrong_springs(mesh, truth)
+    arms = {
+        tuple(mesh.blocks[offset.block].nodes[row].tolist()): arms
+        for part in mesh.parts
+        for offset in part.offsets
+        for row, arms in zip(offset.rows.tolist(), offset.arms, strict=True)
+    }
+    if set(arms) != set(truth.arms) or any(np.abs(arms[key] - truth.arms[key]).max() > 1e-7 for key in arms):
+        wrong.append(f"offsets {arms} instead of {truth.arms}")
+    return wrong + _wrong_means(mesh, truth) + _wrong_bodies(mesh, truth) + _wrong_springs(mesh, truth)
+
+
+def _wrong_means(mesh: Mesh, truth: Truth) -> list[str]:
+    """Means that are not the least squares of a rigid motion, for random motions of all nodes."""
+    rng, wrong = np.random.default_rng(2), []
+    for reference, components, groups in truth.means:
+        [part] = [part for part in mesh.parts if part.kind == "RBE3"]
+        nodes = sorted({node for _, _, members in groups for node in members})
+        span = sum(np.linalg.norm(truth.nodes[n] - truth.nodes[reference]) for n in nodes) / len(nodes)
+        moves = {label: rng.standard_normal(6) for label in truth.nodes}
+        table, values = [], []
+        for weight, which, members in groups:
+            for node in members:
+                for digit in map(int, which):
+                    axis, root = truth.directions[node][(digit - 1) % 3], math.sqrt(weight)
+                    arm = truth.nodes[node] - truth.nodes[reference]
+                    if digit > 3:
+                        table.append(root * span * np.concatenate([np.zeros(3), axis]))
+                        values.append(root * span * axis @ moves[node][3:])
+                    else:
+                        table.append(root * np.concatenate([axis, np.cross(arm, axis)]))
+                        values.append(root * axis @ moves[node][:3])
+        if np.linalg.matrix_rank(np.array(table), tol=1e-3) < 6:
+            continue
+        motion = np.linalg.lstsq(np.array(table), np.array(values), rcond=None)[0]
+        read = {DIRECTIONS.index(tie.dependent.direction): tie for tie in part.ties}
+        if part.obstacle or {int(digit) - 1 for digit in components} != set(read):
+            wrong.append(f"RBE3 of {reference}: {part.obstacle or sorted(read)}")
+            continue
+        for axis, tie in read.items():
+            mean = sum(factor * moves[dof.node][DIRECTIONS.index(dof.direction)] for dof, factor in tie.depends_on)
+            if abs(mean - motion[axis]) > 1e-6 * max(1.0, float(np.abs(motion).max())):
+                wrong.append(f"RBE3 of {reference} along {axis}: {mean} instead of {motion[axis]}")
+    return wrong
 
 
 def _wrong_bodies(mesh: Mesh, truth: Truth) -> list[str]:

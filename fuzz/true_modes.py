@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fuzz.binary_results import Writer
 from structid.core.errors import InputError
 from structid.modal import ModalRecord
 from structid.modal.formats.files import read_modes
@@ -55,6 +56,7 @@ class Case:
     refused: bool = False
     options: ModeFileOptions = field(default_factory=ModeFileOptions)
     deck: str = ""
+    content: bytes = b""
 
 
 # ------------------------------------------------------------------------------------------------------ what all have in common
@@ -630,10 +632,70 @@ def punch(rng: random.Random) -> Case:
     return case
 
 
+def binary(rng: random.Random) -> Case:
+    """Binary results of Nastran."""
+    form = rng.choice(["real", "real", "real/imaginary", "magnitude/phase", "buckling", "by points"])
+    is_complex = "/" in form
+    nodes, modes = nastran_modes(rng, is_complex)
+    case = Case("op2 " + form, "", modes, has_damping=is_complex, refused=form in ("buckling", "by points"))
+    writer = Writer(rng.choice("<>"), rng.choice((4, 8)), rng.random() < 0.7)
+    length, force = units(rng, case, form == "real")
+    axes: dict[int, np.ndarray] = {}
+    name = rng.choice(["OUGV1", "OUG1", "OPHIG", "BOUGV1", "BOPHIG", "OUGV1PAT"])
+    if rng.random() < 0.4:
+        case.deck, axes = displacement_deck(rng, nodes)
+        case.refused |= name == "OUGV1PAT"
+    is_basic = name.startswith("B")
+    subcase, scalars = rng.choice([1, 20]), rng.sample(range(100, 200), rng.choice([0, 2]))
+
+    def vectors(number: int, shapes: list[Mode], factor: float, told_axes: dict[int, np.ndarray]) -> list[bytes]:
+        parts = []
+        for k, mode in enumerate(shapes, 1):
+            told = in_model_units(mode, told_axes, length)
+            table = np.array([factor * told[node] for node in nodes])
+            pair = (
+                (np.abs(table), np.degrees(np.angle(table)) % 360)
+                if form == "magnitude/phase"
+                else (table.real, table.imag)
+            )
+            first, second = (mode.s.real, mode.s.imag) if is_complex else (mode.s.imag**2, 0.0)
+            approach = 9 if is_complex else 8 if form == "buckling" else 2
+            kind = (1000 if is_complex else 0) + (2000 if form == "by points" else 0) + 7
+            code = 3 if form == "magnitude/phase" else 2 if is_complex else 1
+            parts += [
+                writer.heading(approach, kind, number, k, float(first), float(second), code, 14 if is_complex else 8),
+                writer.vector(nodes, np.concatenate(pair, axis=1) if is_complex else table.real, scalars, is_complex),
+            ]
+        return parts
+
+    tables = [(name, vectors(subcase, modes, 1.0, {} if is_basic else axes))]
+    if is_basic and rng.random() < 0.5:  # the same along the axes of the points, which are passed over
+        tables.insert(0, ("OUGV1", vectors(subcase, modes, -3.0, axes)))
+    if rng.random() < 0.2:
+        tables.append((name, vectors(subcase + 1, [Mode(1.5 * m.s, m.shape, m.mass) for m in modes], -2.0, axes)))
+        if rng.random() < 0.7:
+            with_options(case, subcase=subcase)
+        else:
+            case.refused = True
+    masses = b"".join(
+        writer.words(k, k, float(m.s.imag**2), float(m.s.imag), 1.0, m.mass / (force * length), 1.0)
+        for k, m in enumerate(modes, 1)
+    )
+    tables.insert(0, ("LAMA", [writer.heading(2, 6, rng.choice([0, subcase]), 0, 0, 0, 0, 7), masses]))
+    forces = writer.vector(nodes, np.full((len(nodes), 6), 77.0))
+    tables.insert(rng.randint(0, len(tables)), ("OQG1", [writer.heading(2, 3, subcase, 1, 4e3, 0.0, 1, 8), forces]))
+    for table_name, parts in tables:
+        if rng.random() < 0.2:
+            writer.matrix()
+        writer.table(table_name, parts, rng.choice([1, 1, 3]))
+    case.content = writer.end()
+    return case
+
+
 # ------------------------------------------------------------------------------------------------------------------- what came out
 
-MAKERS = {"uff": universal, "f06": listing, "mystran": mystran, "pch": punch}
-_SUFFIXES = {"uff": (".uff", ".unv"), "f06": (".f06",), "mystran": (".f06",), "pch": (".pch", ".pun")}
+MAKERS = {"uff": universal, "f06": listing, "mystran": mystran, "pch": punch, "op2": binary}
+_SUFFIXES = {"uff": (".uff", ".unv"), "f06": (".f06",), "mystran": (".f06",), "pch": (".pch", ".pun"), "op2": (".op2",)}
 
 
 def faults(case: Case, record: ModalRecord) -> str:
@@ -685,7 +747,7 @@ def judged(rng: random.Random, folder: Path, kind: str) -> tuple[str, str, str]:
     """Draws a file, has it read, and says what came of it: right, refused, wrong, false refusal; with words and name."""
     case = MAKERS[kind](rng)
     path = folder / f"modes{rng.choice(_SUFFIXES[kind])}"
-    path.write_bytes(case.text.encode("ascii"))
+    path.write_bytes(case.content or case.text.encode("ascii"))
     if case.deck:
         (folder / "deck.bdf").write_text(case.deck)
         with_options(case, deck=folder / "deck.bdf")

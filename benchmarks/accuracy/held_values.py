@@ -24,10 +24,10 @@ import numpy as np
 from scipy.linalg import eigh
 
 from structid.diagnose.verdict import is_sound
-from structid.study.run.diagnosis import diagnose_study
 from structid.modal import ModalRecord
 from structid.modal.formats.files import write_modes
 from structid.modal.modal_record import independent_errors
+from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study

@@ -73,6 +73,7 @@ OF_SETS = [
     ("shear", ("girder",), 0.1, "girder shears: it is no slender beam"),
     ("damping_law", ("right", "viscous"), 0.1, "damping of right is viscous"),
     ("held", ("bending_stiffness[right]",), 0.3, "bending_stiffness[right], which the study holds, is not what the model says"),
+    ("axial_force", ("girder",), 0.1, "girder carries an axial force that the model lacks"),
     ("window", ("all channels",), 1.0, "the records were windowed, which adds damping"),
     ("leakage", ("all channels",), 1.0, "resonances leak into the lines beside them: averages of segments of random motion"
         " under a Hann window"),

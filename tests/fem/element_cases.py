@@ -281,14 +281,15 @@ def damps_as_its_name_says(case: Case, folder: Path) -> None:
 
 
 def refuses_bad_values(case: Case, folder: Path) -> None:
-    """Every property is a finite number of at least 0, one for all or one an element; infinite is none of what may be none."""
+    """Every property is a finite number of at least 0 (forces of either sign), one for all or one an element."""
     for name, what in declarations(case.element).items():
         if what.kind is None:
             continue
         if what.unlimited:
             assert getattr(replace(case.element, **{name: np.inf}), name) is None
         infinite = np.full(len(case.element.nodes), np.inf) if what.unlimited else np.inf
-        for bad in (-1.0, np.nan, infinite, np.ones(99), *([0.0] if what.positive else [])):
+        negative = () if what.kind == "axial_force" else (-1.0,)
+        for bad in (*negative, np.nan, infinite, np.ones(99), *([0.0] if what.positive else [])):
             with pytest.raises(InputError, match=f"`{name}` of 'e' must be"):
                 replace(case.element, **{name: bad})
 

@@ -200,7 +200,7 @@ def test_parts_of_an_assembly_stand_where_their_instances_are(folder):
     assert mesh.nodes[11] == pytest.approx([1.0, 0.0, 0.0])
     assert mesh.cells("PLATE-2.SKIN").tolist() == [[11, 12, 13, 14]]
     assert len(mesh.cells("SKIN")) == 2
-    assert part_of(mesh, "TIE").obstacle == "ties of surfaces"
+    assert part_of(mesh, "TIE").obstacle == "line 17 cannot be read: there is no surface 'S1'"
     assert "PLATE-2 +10" in mesh.notes[0]
 
 

@@ -8,7 +8,7 @@ import pytest
 from structid import LevenbergMarquardt, Status, estimate
 from structid.inversion import BaseProblem, Linearization
 from structid.inversion.search.least_squares import LEFT, minimize
-from structid.inversion.search.multistart import Search, searched_minima
+from structid.inversion.search.multistart import Search, distinct_answers, searched_minima
 from structid.inversion.search.work import Alone
 
 
@@ -68,6 +68,24 @@ def test_an_answer_that_the_noise_does_not_allow_does_not_count(miss, fits):
     assert found.n_fitting == fits
     assert found.values == pytest.approx([1.0])
     assert found.status is (Status.CONVERGED if fits == 1 else Status.NOT_IDENTIFIABLE)
+
+
+@pytest.mark.parametrize(("least", "fits"), [(lambda minimum: 0.0, 2), (lambda minimum: float(minimum.costs[-1]), 1)])
+def test_an_answer_that_tolerances_of_held_values_allow_counts(least, fits):
+    """At p = 2 chi-square is 25 by noise alone, which a likelihood ratio rules out, and what the tolerances leave is not."""
+    problem, method = TwoWells(5.0), LevenbergMarquardt()
+    minima = [minimize(problem, method, np.array([start])) for start in (0.9, 2.1)]
+    answers = distinct_answers(problem, minima, lambda minimum: True, least, 1e-3)
+    assert [answer.fits for answer in answers] == [True, fits == 2]
+
+
+def test_wide_starts_end_when_no_more_minima_are_to_be_expected():
+    """Two wells: Boender's rule wants 16 random searches that fit, of which 24 make as many; four more follow the answers."""
+    found = estimate(TwoWells(), search=Search(wide_starts=200))
+    assert found.n_fitting == 2
+    assert found.is_exhaustive
+    assert found.n_starts == 1 + 24 + 4
+    assert not estimate(TwoWells(), search=Search(wide_starts=10)).is_exhaustive
 
 
 def test_without_more_starts_the_first_fit_ends_the_search():
@@ -160,7 +178,7 @@ def test_random_points_are_drawn_in_the_order_of_the_searches_that_count(good, n
     verdicts = iter([False] * (good - 1) + [True] + [False] * 9)
     search = Search(restarts=3, uniqueness_starts=2, seed=5)
     ways = [(), ()]
-    found = searched_minima(problem, method, ways, search, lambda _: next(verdicts), None, Several(n_workers))
+    found = searched_minima(problem, method, ways, search, lambda _: next(verdicts), None, Several(n_workers)).minima
     random = np.random.default_rng(5)
     starts = [1.4, 1.4][:good] + [1.4 + 0.2 * 1.4 * random.standard_normal() for _ in range(good - 2)]
     starts += [1.4 + 0.2 * 1.4 * random.standard_normal() for _ in range(2)]
@@ -209,7 +227,7 @@ def test_searches_that_miss_the_noise_and_are_not_the_best_are_left_early():
     """Each search by itself goes on to its minimum; of several only the best does, to the same place."""
     problem, method = MissedWells(theta_start=np.array([1.6])), LevenbergMarquardt()
     search = Search(restarts=7, seed=2)
-    found = searched_minima(problem, method, (), search, lambda minimum: False)
+    found = searched_minima(problem, method, (), search, lambda minimum: False).minima
     cost = np.array([minimum.costs[-1] for minimum, _ in found])
     best = cost < 1.001 * cost.min()
     assert 0 < best.sum() < len(found)

@@ -335,3 +335,11 @@ def test_damping_without_a_unit_is_said_to_be_taken_as_a_ratio(tmp_path):
     (tmp_path / "modes.csv").write_text("Frequency [Hz],Damping,1X\n60,0.015,1\n")
     record = read_modes(tmp_path / "modes.csv")
     assert (record.damping_ratio.tolist(), record.source) == ([0.015], "modes.csv; damping taken as a ratio, not in %")
+
+
+@pytest.mark.parametrize("header", ["1X,1x", "1X,1X+", "1X,1X real", "1X,2X,1X std,1X+ std"])
+def test_columns_of_one_entry_are_refused(tmp_path, header):
+    path, count = tmp_path / "a.csv", header.count(",") + 1
+    path.write_text(f"frequency_hz,{header}\n10{',1' * count}\n")
+    with pytest.raises(FileError, match=r"columns '.*' and '.*' are of the same entries of 1X\+"):
+        read_modes(path)

@@ -164,7 +164,7 @@ def test_modes_of_calculix(tmp_path, kind):
 
 def test_binary_results_are_refused_with_what_to_do(tmp_path):
     (tmp_path / "a.op2").write_bytes(b"\0" * 8)
-    with pytest.raises(FileError, match=r"a\.op2: is binary; let Nastran print the vectors too .* or punch them"):
+    with pytest.raises(FileError, match=r"a\.op2: does not begin as a binary file of Nastran's results does"):
         read_modes(tmp_path / "a.op2")
 
 

@@ -24,6 +24,7 @@ JOBS = {
     "Begin": ("init", "app"),
     "Before the test and before the fit": ("plan", "check", "doctor"),
     "From a study to the answer": ("identify", "explain", "correlate", "compare", "motion"),
+    "From the answer to its use": ("predict", "sense", "export"),
     "From a record alone": ("modes", "convert"),
     "Beside": ("schema", "reproduce"),
 }

@@ -11,6 +11,7 @@ from rich.text import Text
 from structid.cli.tables import groups, heading, new_table
 from structid.core.display import MOST_WARNINGS, figures
 from structid.diagnose.fixed_value_influence import resting_words
+from structid.identification.alternatives import Alternatives
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
@@ -21,6 +22,8 @@ from structid.study.results.solver import UPDATED
 
 _MOST_CHANGES = 10
 _MOST_CAUSES = 5
+#: Sets of values that stand side by side.
+_MOST_SETS = 8
 #: Beside the verdict, which is the first of what is told.
 _MOST_BESIDE = MOST_WARNINGS - 1
 
@@ -66,7 +69,7 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     ]
     mass = f"total mass: {figures(found.total_mass)} kg, standard deviation {figures(found.total_mass_std, 2)} kg"
     tables = ([modes] if modes.row_count else []) + ([peaks] if found.resonances else [])
-    shown = [*_pairs(found), *tables]
+    shown = [*_alternatives(found.alternatives), *_pairs(found), *tables]
     together = groups(identifiability)
     head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
     after = [found.assumption, *([mass] if found.total_mass > 0 else [])]
@@ -100,6 +103,20 @@ def _verdict(result: StudyResult) -> list[RenderableType]:
             table.add_row(cause.line + alike, *row)
         shown.append(table)
     return shown
+
+
+def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
+    """Sets of values that fit the data equally well, one a column."""
+    if sets is None:
+        return []
+    count = min(len(sets), _MOST_SETS)
+    table = new_table("parameter", "unit", *(f"set {k + 1}" for k in range(count)))
+    for name, unit, values in zip(sets.names, sets.units, sets.values[:count].T.tolist(), strict=True):
+        table.add_row(name, unit, *(figures(value) for value in values))
+    if sets.deciding is not None:
+        table.add_row(sets.deciding.name, sets.deciding.unit, *(figures(v, 3) for v in sets.deciding.predicted[:count]))
+    more = f"; {len(sets) - count} more are in the results" if len(sets) > count else ""
+    return [Text(sets.search_words + more), table]
 
 
 def _changes_summary(result: StudyResult) -> list[RenderableType]:

@@ -25,6 +25,10 @@ class FileError(InputError):
     """A file cannot be read or written as asked; the message begins with its path."""
 
 
+class StoredSpectraError(FileError):
+    """A file holds spectra of motion, which are no record of frequency responses or histories; see `read_spectrum`."""
+
+
 class NoLinesError(InputError):
     """The band, or what is left out of it, leaves no line of a record; `option` is which, where it is known."""
 

@@ -422,16 +422,16 @@ class ScaleAxis:
 
 @dataclass(frozen=True)
 class SubdivideElements:
-    """Each beam is made of so many times more pieces."""
+    """Each beam is made of so many pieces."""
 
-    times: int
+    pieces: int
 
     def apply(self, draft: ModelDraft) -> None:
         for structure in draft.structures:
-            structure.set("subdivide", self.times * structure.get("subdivide"))
+            structure.set("subdivide", self.pieces)
 
     def write(self, study: Tables) -> None:
-        study["structure"]["subdivide"] = self.times * int(study["structure"].get("subdivide", 1))
+        study["structure"]["subdivide"] = self.pieces
 
 
 @dataclass(frozen=True)

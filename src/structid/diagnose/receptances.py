@@ -183,7 +183,7 @@ class Receptances:
                 if layer.whole is not None:
                     continue
                 for e, (codes, local) in enumerate(zip(layer.codes, layer.local, strict=True)):
-                    lost = 0.0 if loss is None else float(loss[e])
+                    lost = 0.0 if loss is None or item.term.kind == "axial_force" else float(loss[e])
                     matrix = float(weights[e]) * local
                     row = item.values.start + e
                     yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost, row)

@@ -35,6 +35,7 @@ from structid.diagnose.thresholds import (
     TOLD_SHIFT,
     WHOLE,
 )
+from structid.identification.alternatives import Alternatives
 from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import LEAST_DAMPING
@@ -332,7 +333,8 @@ def judged(
         given = _asked_for(suggestions)
     else:
         given = _judged(identification, causes, n_tried, suggestions, doubted(held), work)
-    if untried and not fits_noise(identification):
+    is_open = identification.alternatives is not None or given.verdict == "untested"
+    if untried and not is_open and not fits_noise(identification):
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
         )
@@ -377,7 +379,10 @@ def _judged(
     work: Work,
 ) -> Judgement:
     estimate = identification.estimate
-    if identification.target is not None and not estimate.degrees_of_freedom > 0 and not causes:
+    if identification.alternatives is not None:
+        return _several(identification.alternatives)
+    is_untested = not estimate.degrees_of_freedom > 0 and estimate.covariance_basis == "noise"
+    if identification.target is not None and is_untested and not causes:
         return _untested(identification)
     if estimate.disagreement is not None and not causes and (is_sound(identification) or _is_quiet(identification)):
         said = estimate.disagreement.words
@@ -526,6 +531,12 @@ def _moving(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
         if shift is not None:
             return change, shift
     return None
+
+
+def _several(sets: Alternatives) -> Judgement:
+    """The verdict where several sets of values fit the data equally well."""
+    words = f"Undetermined: {sets.words}. Measure that, or give a prior."
+    return Judgement("undetermined", words, (sets.words, sets.search_words))
 
 
 def _untested(identification: Identification) -> Judgement:

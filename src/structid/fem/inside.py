@@ -114,7 +114,7 @@ def is_divisible(element: ElementSet, positions: Positions, active: Sequence[str
     held[:, :size, :size] = along[:, :, None] * along[:, None, :]
     axes: set[int] = set()
     for term in element.terms(positions, np.zeros(0, dtype=np.int64)):
-        for layer in term.layers if term.kind == "stiffness" else ():
+        for layer in term.layers if term.kind in ("stiffness", "axial_force") else ():
             own = np.flatnonzero(layer.codes[0, : layer.codes.shape[1] // 2] % 6 < len(TRANSLATIONS))
             at = layer.codes[0, own] % 6
             axes |= set(at.tolist())

@@ -199,9 +199,11 @@ def mesh_points(
 
 def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str, ...]:
     """In which directions elements let a node move."""
-    used = [element.codes(mesh.nodes) for element in elements if (element.nodes == node).any()]
+    here = [node, *(made for made, carrier in mesh.carriers.items() if carrier == node)]
+    used = [element.codes(mesh.nodes) for element in elements if np.isin(element.nodes, here).any()]
     codes = joined_codes(used)
-    return tuple(dof_of_code(code).direction for code in codes[codes // 6 == node].tolist())
+    directions = {dof_of_code(code).direction for code in codes[np.isin(codes // 6, here)].tolist()}
+    return tuple(direction for direction in DIRECTIONS if direction in directions)
 
 
 def together(values: FloatArray) -> FloatArray | None:

@@ -41,6 +41,12 @@ def hdf5_datasets(path: Path) -> dict[str, Dataset]:
     }
 
 
+def hdf5_units(path: Path) -> dict[str, tuple[str, ...]]:
+    """Units that attributes of datasets state (``unit``, ``units``, in any case), one for all or one a channel, by their paths."""
+    with _damage_told(path):
+        return {name: tuple(map(str, texts)) for name, texts in contained(path, "hdf5_units").items()}
+
+
 def hdf5_fields(path: Path, names: Iterable[str]) -> dict[str, Field]:
     """The datasets called `names`.
 

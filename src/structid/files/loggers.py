@@ -2,7 +2,7 @@
 
 Each reader gives one entry a channel: name, unit or "", values, and its clock: start in s, samples per second, and the
 largest distance of a sample from that clock in parts of a step; a rate of 0 where the file does not say. A note tells what is
-doubtful about the file.
+doubtful about the file. Times are there where they are uneven.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ class Channel(NamedTuple):
     start: float
     off: float
     note: str = ""
+    times: FloatArray = np.zeros(0)
 
 
 def logger(path: str, kind: str) -> list[Channel]:
@@ -65,9 +66,14 @@ def _entry(
     start: float = 0.0,
     off: float = 0.0,
     note: str = "",
+    times: FloatArray | None = None,
 ) -> Channel:
     kept = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
-    return Channel(str(name), str(unit or ""), kept, rate, start, off, note)
+    return Channel(str(name), str(unit or ""), kept, rate, start, off, note, np.zeros(0) if times is None else times)
+
+
+#: Distance of a sample from an even clock, in parts of a step, above which the times are kept.
+_EVEN = 1e-3
 
 
 def _is_series(values: np.ndarray) -> bool:
@@ -119,7 +125,11 @@ def _mdf(path: str) -> Iterator[Channel]:
                 signal = file.get(group=at, index=index)
                 values = np.asarray(signal.samples)
                 if _is_series(values):
-                    yield _entry(signal.name, signal.unit, values, *_clock(np.asarray(signal.timestamps, float)))
+                    time = np.asarray(signal.timestamps, float)
+                    rate, start, off = _clock(time)
+                    yield _entry(
+                        signal.name, signal.unit, values, rate, start, off, times=time if off > _EVEN else None
+                    )
 
 
 def _miniseed(path: str) -> Iterator[Channel]:

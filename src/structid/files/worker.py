@@ -77,6 +77,28 @@ def hdf5_shapes(path: str) -> dict[str, Entry]:
     return found
 
 
+def hdf5_units(path: str) -> dict[str, Entry]:
+    """What the attributes of datasets say of their units, one text or one a channel, by the path of the dataset."""
+    import h5py
+
+    found: dict[str, Entry] = {}
+
+    def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        for key in item.attrs if isinstance(item, h5py.Dataset) else ():
+            if key.lower() in ("unit", "units") and name not in found:
+                texts = [
+                    t.decode("utf-8", "replace") if isinstance(t, bytes) else t
+                    for t in np.ravel(item.attrs[key]).tolist()
+                ]
+                if texts and all(isinstance(text, str) for text in texts):
+                    found[name] = texts
+
+    with h5py.File(path, "r") as file:
+        _require_own_links(file)
+        file.visititems(note)
+    return found
+
+
 def hdf5_fields(path: str, names: list[str]) -> dict[str, Entry]:
     """The datasets called `names`: arrays of numbers, a text, or lists of texts."""
     import h5py
@@ -251,7 +273,8 @@ def logger(path: str, kind: str) -> Entry:
 
 
 READERS: dict[str, Callable[..., Entry]] = {
-    reader.__name__: reader for reader in (hdf5_shapes, hdf5_fields, hdf5_part, matlab, matlab_73, ansys, logger)
+    reader.__name__: reader
+    for reader in (hdf5_shapes, hdf5_units, hdf5_fields, hdf5_part, matlab, matlab_73, ansys, logger)
 }
 
 

@@ -40,14 +40,14 @@ def with_fixed_values(
     """
     if problem.structure.has_matrices:
         held = fixed_properties(problem.structure, problem.parameters, tolerances)
-        problem = problem.with_parameters(_with_factors(problem.parameters, held))
+        problem = problem.with_parameters(append_fixed_factors(problem.parameters, held))
     gain = tolerances.calibration if calibration is None else calibration
     if gain == 0 or not isinstance(problem, ResponseProblem):
         return problem
     return problem.with_errors(_with_gain(problem, gain, record))
 
 
-def _with_factors(parameters: Parameters, held: tuple[FixedProperty, ...]) -> Parameters:
+def append_fixed_factors(parameters: Parameters, held: tuple[FixedProperty, ...]) -> Parameters:
     """The parameters followed by a factor on each held property."""
     columns = relative_sensitivities(parameters.offset, held)
     factors = _unit_factors(*([getattr(item, name) for item in held] for name in ("label", "kind", "tolerance")))

@@ -12,25 +12,41 @@ from structid.records import FrfRecord
 
 _DENSE_UP_TO = 600
 _NULL = 1e-12
+#: Lines from which on the turning of phases is no chance, and the part of it the wrong way that is none either.
+_ENOUGH_LINES, _WRONG_WAY = 100, 0.5
 
 
 def record_warnings(record: FrfRecord) -> tuple[str, ...]:
     """Signs and coherence of `record` that do not look right.
 
     A driving point must have a real part of its mobility of at least 0 (it can only take power in); a record whose
-    mobility there is negative at most lines has a sensor or load with the wrong sense or another sign convention.
+    mobility there is negative at most lines has a sensor or load with the wrong sense or another sign convention. Phases
+    of what follows its cause fall with frequency; where they rise, imaginary parts have the other sign.
     """
     warnings = []
     for i, load in enumerate(record.inputs):
         for o, sensor in enumerate(record.outputs):
             if sensor.unsigned == load.unsigned and record.frequency[-1] > 0:
                 warnings.extend(_driving_point(record, o, i))
+    warnings.extend(_phases_that_rise(record))
     if record.coherence is not None:
         low = (record.coherence < 0.8).mean(axis=(0, 2))
         for sensor, part in zip(record.outputs, low, strict=True):
             if part > 0.2:
                 warnings.append(f"coherence of {sensor} is below 0.8 at {100 * part:.0f} % of the lines")
     return tuple(warnings)
+
+
+def _phases_that_rise(record: FrfRecord) -> list[str]:
+    """Whether phases rise through the resonances, of all channels together."""
+    turning = (record.values[1:] * record.values[:-1].conj()).imag
+    total = float(np.abs(turning).sum())
+    if len(record.frequency) < _ENOUGH_LINES or total == 0 or float(turning.sum()) <= _WRONG_WAY * total:
+        return []
+    return [
+        "phases rise through the resonances, so that responses come before their forces: imaginary parts have the other sign, as of"
+        " a time convention exp(-i omega t); conjugate the FRFs in the export"
+    ]
 
 
 def _driving_point(record: FrfRecord, o: int, i: int) -> list[str]:

@@ -12,6 +12,7 @@ from structid.core.dof import Dof
 from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.forward import FrfProblem, RecordProblem
+from structid.identification.alternatives import Alternatives
 from structid.identification.fits.missed import Missed
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.ratios import Ratios
@@ -170,6 +171,10 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     setups : tuple of RecordSetup
         Those that it was made from.
     options : IdentifyOptions or None
+    alternatives : Alternatives or None
+        Sets of values that fit the data equally well; None where one only was found.
+    mesh : str
+        Into how many pieces beams were cut by what the mesh moves values by, in words; "" where the study says the number.
     """
 
     estimate: Estimate
@@ -183,10 +188,16 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     freed: tuple[RecordProblem, ...] = ()
     setups: tuple[AnySetup, ...] = ()
     options: IdentifyOptions | None = None
+    alternatives: Alternatives | None = None
+    mesh: str = ""
 
     @property
     def assumption(self) -> str:
-        """What standard deviations and intervals allow what the model holds to be wrong by, in words."""
+        """What standard deviations and intervals allow the model's values to be wrong by, and how its mesh was chosen, in words."""
+        return "; ".join(words for words in (self._assumed, self.mesh) if words)
+
+    @property
+    def _assumed(self) -> str:
         fixed = self.estimate.fixed
         if fixed is not None:
             return f"± includes {fixed.words}"

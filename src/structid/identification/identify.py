@@ -12,6 +12,7 @@ from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, RecordProblem
 from structid.forward.scatter import scatter_problems
+from structid.identification.alternatives import alternatives
 from structid.identification.fits.missed import missed_parts
 from structid.identification.fits.ratios import ratios, rests_on_force
 from structid.identification.fits.record_fit import Own
@@ -164,6 +165,7 @@ def identify_together(
         freed=freed,
         setups=tuple(setups),
         options=chosen,
+        alternatives=alternatives(found, problems),
     )
 
 

@@ -79,6 +79,11 @@ class SearchOptions:
         How many more searches begin at such random starts even where a search fits: a test whether other parameters
         fit the data as well. There are four at least where a fit is to be doubted: the data push a parameter beyond its
         bound, or an answer from modes alone is more than a factor of two away from its start.
+    wide_starts : int, optional
+        How many more searches begin at most at factors of up to five from the start, and along the weakest directions from
+        each answer, where a search fits: they end where no more answers are to be expected. Every set of values that fits
+        as well is listed. By default up to 200 for modes of small models where no shape is known or where there are fewer values
+        than twice the parameters, else none.
     seed : int
         Of those starts, and of posterior draws.
     method : Method
@@ -92,6 +97,7 @@ class SearchOptions:
     start_error: Positive = START_ERROR
     restarts: int = 2
     uniqueness_starts: int = 0
+    wide_starts: Annotated[int, Limits(least=0)] | None = None
     seed: int = 0
     method: Method = field(default_factory=LevenbergMarquardt)
     matrix_free: bool | None = None

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
-from structid.forward import RecordProblem
+from structid.forward import ModalProblem, RecordProblem
 from structid.identification.fixed_values import fixed_values, freed_problems
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held, regularized, takes_matrix_free
@@ -26,6 +27,9 @@ _MOST_TRIED = 3
 #: More searches where an answer is doubted; of modes, one that moved a parameter by more than this factor. Of a frame with
 #: two minima half of the starts 20 % off end in each: four miss one of them in one case of 16.
 _DOUBT_STARTS, _DOUBT_BEYOND = 4, 2.0
+#: Wide starts at most, degrees of freedom up to which so many are made (their number falls with the cube beyond), fewest that say
+#: anything, and values for each parameter below which they are made though shapes are known.
+_MOST_WIDE, _SMALL, _FEWEST_WIDE, _FEW_VALUES = 200, 60, 8, 2
 #: How often weights are taken of the fitted model at most, up to which misfit, and the change in standard deviations that ends it.
 _REWEIGHTED, _REWEIGHTED_BELOW, _SETTLED = 3, 4.0, 0.02
 #: Of the last stage of a matrix-free search.
@@ -88,6 +92,7 @@ def answered(
     regular = regularized(problems, options, method, progress, work)
     few = all(np.isnan(problem.facts.line_spacing).all() for problem in problems)  # modes: a wrong minimum may fit them
     local = not all(problem.structure.has_matrices for problem in problems)  # FRFs alone hold about the start only
+    wide = wide_starts(problems) if options.wide_starts is None else options.wide_starts
     search = (
         Search(seed=options.seed)
         if local
@@ -95,8 +100,10 @@ def answered(
             options.restarts,
             options.uniqueness_starts,
             options.seed,
-            doubt_starts=_DOUBT_STARTS,
+            doubt_starts=_DOUBT_STARTS if not wide else 0,
             doubt_beyond=_DOUBT_BEYOND if few else np.inf,
+            wide_starts=wide,
+            wide_problem=partial(_keeping_order, regular.problems) if few else None,
         )
     )
     if method.is_matrix_free:
@@ -126,6 +133,34 @@ def answered(
     differing = varied(problems, best, regular.scatters)
     best = widened_estimate(best, tuple(regular.scatters.values()))
     return Answer(best, problems, together(problems), regular.held, differing)
+
+
+def wide_starts(problems: Sequence[RecordProblem]) -> int:
+    """How many wide starts are made at most: many for few data of small models, none where they would take long.
+
+    Few are modes without a known shape entry, and modes with fewer values than twice the parameters.
+    """
+    modal = [problem for problem in problems if isinstance(problem, ModalProblem)]
+    if len(modal) < len(problems) or any(problem.settings.form != "output" for problem in modal):
+        return 0
+    n_values = sum(problem.n_data - problem.linearize(problem.theta_start).n_eliminated for problem in modal)
+    n_parameters = len({name for problem in modal for name in problem.names})
+    if any(problem.data.has_shapes for problem in modal) and n_values >= _FEW_VALUES * n_parameters:
+        return 0
+    size = max(problem.structure.n_dofs for problem in modal) / _SMALL
+    count = int(_MOST_WIDE / max(size, 1.0) ** 3 / len(modal))
+    return count if count >= _FEWEST_WIDE else 0
+
+
+def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Problem:
+    """All of `problems` as one, with modes that are paired in their order at `theta` in their order everywhere."""
+    names = together(problems).names
+    return together(
+        [
+            one.keeping_order(theta[places(names, one.names)]) if isinstance(one, ModalProblem) else one
+            for one in problems
+        ]
+    )
 
 
 def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -> Method:
@@ -223,6 +258,7 @@ def _as_searched(again: Estimate, first: Estimate) -> Estimate:
         n_starts=first.n_starts,
         n_agreeing=first.n_agreeing,
         answers=first.answers,
+        is_exhaustive=first.is_exhaustive,
         history=np.concatenate([first.history, again.history[1:]]),
     )
 

@@ -61,18 +61,6 @@ def unused_damping(
     ]
 
 
-def _several_fits(found: Estimate) -> str:
-    """That other parameters fit as well, and how far off the nearest of them is."""
-    best, other = [answer for answer in found.answers if answer.fits][:2]
-    change = np.abs(other.values / best.values - 1)
-    worst = int(np.argmax(change))
-    return (
-        f"{found.n_fitting} distinct parameter sets fit the data equally well, among {found.n_starts} searches: in another"
-        f" one {found.names[worst]} is {other.values[worst]:.4g} instead of {best.values[worst]:.4g}; measure more lines"
-        " or places, or give a prior"
-    )
-
-
 def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     """What the estimate gives to warn of, the most important first."""
     warnings = []
@@ -91,9 +79,7 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     tests = () if found.residual_tests is None else found.residual_tests.words
     too_large = [w for w in tests if "larger than the noise allows" in w]  # told below, with what is done about it
     warnings.extend(w for w in tests if w not in too_large)
-    if found.n_fitting > 1:
-        warnings.append(_several_fits(found))
-    elif found.n_agreeing < found.n_starts:
+    if found.n_fitting < 2 and found.n_agreeing < found.n_starts and not found.is_exhaustive:
         warnings.append(
             f"{found.n_agreeing} of {found.n_starts} searches ended at this minimum, the others at worse ones:"
             " there may be a better one still; start closer, or try more `restarts`"

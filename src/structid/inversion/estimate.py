@@ -16,11 +16,12 @@ from structid.core.errors import InputError
 from structid.inversion.averaging import expected_square
 from structid.inversion.covariance import correlation_length
 from structid.inversion.diagnostics.residual_tests import ResidualTests, residual_tests
+from structid.inversion.fixed_values import FitWithinTolerances
 from structid.inversion.problem import Problem, Way
 from structid.inversion.search.least_squares import Method
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
-from structid.inversion.search.minimum import Minimum
-from structid.inversion.search.multistart import Answer, Search, distinct_answers, named, searched_minima
+from structid.inversion.search.minimum import Minimum, squared
+from structid.inversion.search.multistart import Answer, Search, cost_rank, distinct_answers, named, searched_minima
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.inversion.uncertainty import Spread
@@ -171,6 +172,8 @@ class SearchRecord:
         Physical values along the way of the last stage.
     answers : tuple of Answer
         The distinct minima that the searches found, best first; where a sample was searched, those of the sample.
+    is_exhaustive : bool
+        Whether wide starts were made until no more answers are to be expected.
     """
 
     n_iterations: int
@@ -178,6 +181,7 @@ class SearchRecord:
     n_agreeing: int
     history: FloatArray
     answers: tuple[Answer, ...] = ()
+    is_exhaustive: bool = False
 
     @property
     def n_fitting(self) -> int:
@@ -212,6 +216,12 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
     def status_words(self) -> str:
         """What happened, and what helps."""
         few = self.uncertainty.has_matrix
+        is_known = bool((self.identified | ~self.is_free).all())
+        if self.n_fitting > 1 and self.status is Status.NOT_IDENTIFIABLE and is_known:
+            return (
+                f"the search converged, but {self.n_fitting} sets of values fit the data equally well; measure what tells them"
+                " apart, or give a prior"
+            )
         if self.status is Status.CONVERGED and self.at_bound:
             at_bound = ", ".join(one.name for one in self.at_bound)
             return f"the search converged with {at_bound} at a bound, and the data determine every other parameter"
@@ -392,14 +402,32 @@ def estimate(
     fixed = None if chosen.is_matrix_free else fixed
     held = fixed.thinned() if fixed is not None and sample is not None else fixed
 
-    def fits(minimum: Minimum) -> bool:
-        if not chosen.misfits(searched, minimum, misfit_probability):
-            return True
-        return held is not None and not held.refit(searched.names, minimum.theta).misfits(misfit_probability)
+    refits: dict[int, FitWithinTolerances] = {}
 
-    minima = searched_minima(searched, chosen, plans, search, fits, progress, work)
-    answers = distinct_answers(searched, [minimum for minimum, _ in minima], fits, misfit_probability)
-    best, n_iterations = min(minima, key=lambda m: (not m[0].converged, m[0].costs[-1]))
+    def refit(minimum: Minimum) -> FitWithinTolerances | None:
+        """The fit with held values free within their tolerances, where noise alone does not explain a minimum."""
+        if held is None or not chosen.misfits(searched, minimum, misfit_probability):
+            return None
+        if id(minimum) not in refits:
+            refits[id(minimum)] = held.refit(searched.names, minimum.theta)
+        return refits[id(minimum)]
+
+    def fits(minimum: Minimum) -> bool:
+        within = refit(minimum)
+        if within is None:
+            return not chosen.misfits(searched, minimum, misfit_probability)
+        return not within.misfits(misfit_probability)
+
+    def least_cost(minimum: Minimum) -> float:
+        within = refit(minimum)
+        return float(minimum.costs[-1]) if within is None else squared(within.at.residual)
+
+    searches = searched_minima(searched, chosen, plans, search, fits, progress, work)
+    minima = searches.minima
+    answers = distinct_answers(searched, [minimum for minimum, _ in minima], fits, least_cost, misfit_probability)
+    best, n_iterations = min(
+        minima, key=lambda m: (not m[0].converged, cost_rank(m[0]) if search.wide_starts else float(m[0].costs[-1]))
+    )
     if sample is not None:
         best = work.minimize(problem, chosen.for_polishing(), best.theta, named(progress, "all data"))
         n_iterations += len(best.costs) - 1
@@ -451,6 +479,7 @@ def estimate(
         n_agreeing=answers[0].n_searches if answers else 0,
         history=locked(np.array([problem.physical(t) for t in best.history])),
         answers=answers,
+        is_exhaustive=searches.is_complete,
         status=status,
         message="; ".join(words for words in (best.message, *found.words) if words),
     )

@@ -15,10 +15,13 @@ from structid.inversion.residual_law import misses_noise
 
 #: What the names of held values begin with where they are unknowns beside those that are sought.
 FIXED = "fixed "
+#: What the last column of `FixedValueInfluence.changes` is owed to.
+SECOND_ORDER = "second order"
 #: What held values are called, by their kinds.
 _CALLED = {
     "masses": ("mass", "rotary_inertia"),
     "stiffnesses": ("stiffness", "thickness"),
+    "axial forces": ("axial_force",),
     "dampings": ("viscous_damping", "loss_factor", "damping_ratio", "friction"),
     "places": ("position", "parameter"),
 }
@@ -66,7 +69,7 @@ class FixedValueInfluence:
     @property
     def change_names(self) -> tuple[str, ...]:
         """What each column of `changes` is owed to."""
-        return (*self.names, "second order")
+        return (*self.names, SECOND_ORDER)
 
     @property
     def covariance(self) -> FloatArray:

@@ -16,12 +16,15 @@ def misses_noise(
     """Whether a larger chi-square than that of `residual` has less than this probability by its law.
 
     `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where it has an
-    order that noise has not.
+    order that noise has not. Without degrees of freedom
+    data are missed where they are as far off as the truth itself seldom is.
     """
     data, (_, share) = residual[: problem.n_data], row_law(problem.averages)
     chi_square, of_known = float(data @ data) + more, freedom / share
-    if freedom <= 0 or is_misfit(chi_square / scale, freedom, probability):
-        return freedom > 0
+    if freedom <= 0:
+        return is_misfit(chi_square / scale, max(len(data), 1), probability)
+    if is_misfit(chi_square / scale, freedom, probability):
+        return True
     return share < 1 and is_misfit(chi_square, of_known, probability) and has_order(problem, residual, of_known)
 
 

@@ -289,7 +289,7 @@ def dense_uncertainty(
     if misfit and fixed is not None and fixed.within is not None:
         within, square = fixed.within, fixed.within.chi_square
         misfit = within.misfits(misfit_probability)
-    noise_scale = float(np.sqrt(square / freedom)) if misfit else 1.0
+    noise_scale = float(np.sqrt(square / max(freedom, 1))) if misfit else 1.0
     held = at_bounds(problem, theta, at, noise_scale)
     free = is_free(held, len(values))
     at = replace(at, jacobian=np.where(free, at.jacobian, 0.0)) if held else at

@@ -17,8 +17,9 @@ from structid.modal.spectral.bayesian_fft import bayesian_fft
 from structid.modal.spectral.fdd import fdd
 from structid.modal.subspace.modes import SUBSPACE_METHODS, subspace_modes
 from structid.records import FrfRecord, TimeRecord
+from structid.records.spectrum import SpectrumRecord
 
-Records = TimeRecord | Sequence[TimeRecord] | FrfRecord
+Records = TimeRecord | Sequence[TimeRecord] | FrfRecord | SpectrumRecord
 
 
 @dataclass(frozen=True)
@@ -52,13 +53,13 @@ def identify_modes(
 
     Parameters
     ----------
-    records : TimeRecord, sequence of them, or FrfRecord
+    records : TimeRecord, sequence of them, FrfRecord or SpectrumRecord
         Any mixture of displacement, velocity and acceleration; forces are left out. Channels, quantities and
         sampling rates agree between records. Records excited in different ways separate repeated modes.
     method : str, optional
         By default ``pencil`` for time records, which serves free and ambient motion alike, and ``lscf`` for FRFs.
         ``ssi_cov`` and ``ssi_data`` are for ambient motion, and ``fdd`` (no damping) and ``bayesian_fft`` for its
-        spectra.
+        spectra. A `SpectrumRecord` takes ``fdd``.
     options : ModalOptions, optional
     **settings
         Fields of `ModalOptions` in place of `options`, as in ``orders=[4]``.
@@ -105,6 +106,10 @@ def modal_identification(
     """As `identify_modes`, with the poles of all orders and their clusters, for a stabilization diagram."""
     options = options or ModalOptions()
     of_frfs = isinstance(records, FrfRecord)
+    if isinstance(records, SpectrumRecord):
+        if method not in (None, "fdd"):
+            raise InputError(f"`method` must be fdd for stored spectra, got {method!r}, which needs histories or FRFs")
+        return fdd(records, options)
     if method is None:
         method = next(name for name, known in METHODS.items() if known.of_frfs == of_frfs)
     if method in _GONE:

@@ -20,7 +20,7 @@ _HEADER = (
 def comparison_table(result: ComparisonResult) -> Table:
     """One row a parameter, those declared first and marked."""
     found = result.comparison
-    order = sorted(range(len(found.names)), key=lambda i: (not found.changed[i], i))
+    order = found.order
     rows: list[tuple[str, ...]] = []
     for i in order:
         before = with_std(float(found.before[i]), float(found.covariance_before[i, i]) ** 0.5)
@@ -62,6 +62,7 @@ def facts(result: ComparisonResult) -> list[str]:
         f"basis: {result.basis_words}",
         f"corrected for {len(found.names)} tests by {rule}",
         together,
+        *([result.unchanged.words] if result.unchanged is not None and not result.is_contradicted else []),
         f"detection limit: smallest single change that is declared with probability {power}",
     ]
 
@@ -73,7 +74,7 @@ def comparison_text(result: ComparisonResult) -> list[RenderableType]:
     return [
         Text(first, style="bold"),
         *warnings,
-        Text(result.comparison.words, style="bold"),
+        Text(result.words, style="bold red" if result.is_contradicted else "bold"),
         *map(Text, rest),
         printed(comparison_table(result)),
     ]
@@ -90,8 +91,8 @@ def comparison_page(result: ComparisonResult) -> Page:
     words = {
         "title": f"{result.baseline.title} → {result.later.title}",
         "complete": found.is_complete,
-        "any_changed": bool(found.changed.any()),
-        "words": found.words,
+        "any_changed": bool(found.changed.any()) or result.is_contradicted,
+        "words": result.words,
         "warnings": result.warnings,
         "facts": facts(result)[1:],
         "changes": comparison_table(result),

@@ -12,6 +12,7 @@ from structid.core.display import counted, first_warnings
 from structid.modal.merging import Merging
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult
 from structid.records import FrfRecord
+from structid.records.spectrum import SpectrumRecord
 from structid.report.figures.shapes import shapes_figure
 from structid.report.figures.survey import (
     complexity_figure,
@@ -124,6 +125,12 @@ def record_words(result: ModesResult) -> str:
             f" {counted(len(record.inputs), 'input')}"
         )
     kinds = ", ".join(dict.fromkeys(record.quantities))
+    if isinstance(record, SpectrumRecord):
+        return (
+            f"stored spectra of {counted(len(record.channels), 'channel')} of {kinds} and"
+            f" {counted(len(record.references), 'reference')}, {len(record.frequency)} lines from {exact(record.frequency[0])} to"
+            f" {exact(record.frequency[-1])} Hz"
+        )
     seconds = len(record.values) / record.sampling_rate
     of_several = not {dof.unsigned for dof in result.modes.channels} <= {dof.unsigned for dof in record.channels}
     return (

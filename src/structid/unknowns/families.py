@@ -130,12 +130,13 @@ class Family:
     @cached_property
     def _sensible(self) -> tuple[float, float]:
         """Limits of the properties themselves, of a factor in parts of the nominal values."""
-        known = [(i, item.term.limits) for i, item in enumerate(self.properties) if item.term.limits is not None]
-        lowest, highest = 0.0, np.inf
-        for i, (low, high) in known:
-            scale = float(self.nominal[self.item == i].max()) if self.is_factor.any() else 1.0
-            lowest, highest = max(lowest, low / scale), min(highest, high / scale)
-        return lowest, highest
+        lows, highs = [], []
+        for i, item in enumerate(self.properties):
+            low, high = (0.0, np.inf) if item.term.limits is None else item.term.limits
+            scale = float(self.nominal[self.item == i].max()) if self.is_factor.any() and np.isfinite(high) else 1.0
+            lows.append(low / scale)
+            highs.append(high / scale)
+        return max(lows), min(highs)
 
     @property
     def kinds(self) -> tuple[str, ...]:

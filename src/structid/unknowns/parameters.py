@@ -244,7 +244,7 @@ def _leader(one: Family, families: list[Family]) -> tuple[tuple[Family, int] | N
 def _transform(one: Family) -> Transform:
     if one.is_bounded:
         return "interval"
-    return "log" if one.unknown.positive else "linear"
+    return "log" if one.limits[0] >= 0 else "linear"
 
 
 def _joined(parts: Iterable[tuple[Entry, ...]]) -> tuple[Entry, ...]:

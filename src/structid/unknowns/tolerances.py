@@ -17,7 +17,7 @@ from structid.unknowns.parameters import Parameters
 #: A standard deviation as a part of the value itself.
 Part = Annotated[float, Limits(least=0, most=1)]
 #: Kinds of properties that masses, and stiffnesses, are known by.
-_MASSES, _STIFFNESSES = ("mass", "rotary_inertia"), ("stiffness", "thickness")
+_MASSES, _STIFFNESSES = ("mass", "rotary_inertia"), ("stiffness", "thickness", "axial_force")
 _DAMPINGS = (*DAMPING, "friction")
 
 
@@ -33,7 +33,7 @@ class Tolerances:
     mass : float
         Of held masses and rotary inertias.
     stiffness : float
-        Of held stiffnesses and thicknesses.
+        Of held stiffnesses, thicknesses and axial forces.
     damping : float
         Of held dampings and friction forces.
     calibration : float

@@ -21,7 +21,7 @@ from structid.fem import importers, meshes
 from structid.files import claimed, read_start, replace_unchanged
 from structid.modal.formats.calculix import FRD_SUFFIXES
 from structid.modal.formats.files import JSON_SUFFIXES
-from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES
+from structid.modal.formats.nastran import F06_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES
 from structid.modal.formats.recognition import holds_modes
 from structid.records.formats import FORMATS, LOGGERS, LoggerFormat
 from structid.study.schema.toml_lines import parse_toml
@@ -30,7 +30,12 @@ from structid.study.schema.toml_lines import parse_toml
 OWN = ".structid"
 #: By their suffix; JSON, TOML and text files are looked into.
 _RECORDS: tuple[ModuleType | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
-RECORD_SUFFIXES = (*(suffix for one in _RECORDS for suffix in one.SUFFIXES), *F06_SUFFIXES, *FRD_SUFFIXES)
+RECORD_SUFFIXES = (
+    *(suffix for one in _RECORDS for suffix in one.SUFFIXES),
+    *F06_SUFFIXES,
+    *OP2_SUFFIXES,
+    *FRD_SUFFIXES,
+)
 _MODELS: tuple[ModuleType, ...] = (*meshes.FORMATS, *importers.FORMATS)
 MODEL_SUFFIXES = tuple(suffix for one in _MODELS for suffix in one.SUFFIXES if suffix not in RECORD_SUFFIXES)
 _LISTED = {".toml", *RECORD_SUFFIXES, *MODEL_SUFFIXES, *PUNCH_SUFFIXES, *JSON_SUFFIXES}

@@ -6,12 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 from typer.testing import CliRunner
 
 import structid as sid
 from structid.cli import app as cli
 from structid.compare.states.comparing import CompareOptions, compare
 from structid.compare.states.state import carried, stored_state, unchanged_parameters
+from structid.core.errors import InputError
+from structid.inversion.comparison.comparison import Comparison
 from structid.report.comparison import comparison_table
 from study_cases import chain_record, replaced, write_chain
 
@@ -102,6 +105,71 @@ def test_folders_give_what_the_studies_give(states, tmp_path):
     assert mixed.comparison.std == pytest.approx(joint.comparison.std, rel=0.05)
     place = studies.comparison.names.index("stiffness[upper:2]")
     assert joint.comparison.std[1] < studies.comparison.std[place]
+
+
+def test_what_changed_cannot_be_named_as_unchanged(states, tmp_path):
+    """The spring that lost a tenth, held the same: chi-square of both states is far above the sum of each, which ends in words."""
+    before, after = states
+    done = invoke("compare", before, after, "--unchanged", "stiffness", "--no-report", "--out", tmp_path / "frozen")
+    assert done.exit_code == 3
+    assert (
+        "the data contradict that stiffness[ground], stiffness[upper:1], stiffness[upper:2] did not change"
+        in done.stdout
+    )
+    assert "What changed was named as unchanged: stiffness[upper:2] (-10 %" in done.stdout
+    assert "no parameter changed" not in done.stdout
+    stored = json.loads((tmp_path / "frozen" / "compare.json").read_text())
+    test = stored["unchanged_test"]
+    assert test["contradicted"] is True
+    assert test["chi_square"] > test["chi_square_separate"] + 100
+    assert invoke("identify", before, "--no-report", "--out", tmp_path / "one").exit_code == 0
+    carried = compare(tmp_path / "one", after, CompareOptions(unchanged="stiffness"))
+    assert carried.basis == "carried"
+    assert carried.is_contradicted
+
+
+def test_what_did_not_change_is_allowed(states):
+    test = compare(*states, CompareOptions(unchanged=("mass",))).unchanged
+    assert not test.is_contradicted
+    assert 1e-3 < test.probability <= 1
+    assert test.words.startswith("the data allow that mass[mass 1], mass[mass 2], mass[mass 3] did not change")
+
+
+def test_changes_stand_by_their_size_and_less_than_the_least_is_not_declared(states):
+    every = compare(*states, CompareOptions(level=0.49, correction="benjamini_hochberg")).comparison
+    size = np.abs(every.relative_change)[every.order]
+    declared = int(every.changed.sum())
+    assert (np.diff(size[:declared]) <= 0).all()
+    assert (np.diff(size[declared:]) <= 0).all()
+    assert every.changed[every.order][:declared].all()
+    found = compare(*states, CompareOptions(unchanged="mass", least="5 %")).comparison
+    assert [n for n, c in zip(found.names, found.changed, strict=True) if c] == ["stiffness[upper:2]"]
+    assert "changed by more than 5 % at the family-wise level" in found.words
+    assert not replace(found, least=0.15).changed.any()
+    assert (replace(found, least=0.15).relative_detection_limit > 0.15).all()
+
+
+def test_p_value_of_a_least_change_is_that_of_the_nearest_change_allowed():
+    """d = 3, s = 1, least 2: the chance of a distance of 3 or more from 0, the truth at 2: P(N > 1) + P(N < -5)."""
+    found = Comparison(
+        names=("k",), kinds=("stiffness",), units=("N/m",), before=np.array([100.0]), after=np.array([103.0]),
+        covariance_before=np.array([[0.5]]), covariance_after=np.array([[0.5]]), carried=(), only_before=(), only_after=(),
+        covariance=np.array([[1.0]]), level=0.05, power=0.9, correction="holm", status=sid.Status.CONVERGED,
+    )  # fmt: skip
+    least = replace(found, least=0.02)
+    assert least.p_values == pytest.approx([1 - stats.norm.cdf(1) + stats.norm.cdf(-5)], rel=1e-12)
+    assert found.p_values == pytest.approx([2 * stats.norm.cdf(-3)], rel=1e-12)
+
+
+@pytest.mark.parametrize(("given", "part"), [(0.01, 0.01), ("1 %", 0.01), ("1%", 0.01), ("0.02", 0.02), (0, 0.0)])
+def test_the_least_change_is_a_part_or_in_per_cent(given, part):
+    assert CompareOptions(least=given).least == pytest.approx(part)
+
+
+@pytest.mark.parametrize("given", ["a little", "-1 %", 1.0, "200%"])
+def test_a_least_change_that_is_none_is_refused(given):
+    with pytest.raises(InputError, match="`least` must be at least 0 and below 1"):
+        CompareOptions(least=given)
 
 
 def test_the_same_record_twice_is_no_change_and_says_so(states, tmp_path):

@@ -37,7 +37,7 @@ def compare(
     """Say what changed between two states of a structure, where, and what could not have been seen; write compare.json.
 
     Every change is tested, corrected for their number. Exit code 1: a state is not determined; 3: its model does not
-    explain its record (results are written).
+    explain its record, or what was named as unchanged changed (results are written).
 
     \b
     Examples:
@@ -58,5 +58,7 @@ def compare(
     say(folder / name)
     if found.baseline.is_wrong or found.later.is_wrong:
         fail("the model of a state does not explain its record: what is declared changed is no finding", WRONG_MODEL)
+    if found.is_contradicted:
+        fail("what was named as unchanged changed: no declared change is to be used", WRONG_MODEL)
     if not found.comparison.is_complete:
         fail("the data do not determine every change; see the warnings", NOT_DETERMINED)

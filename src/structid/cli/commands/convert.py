@@ -140,7 +140,7 @@ def _words(kind: str) -> str:
 def _contents_of(source: Path, target: Path) -> str:
     """What `source` holds, by its suffix and first lines, and by what `target` may hold where both leave it open."""
     suffix = source.suffix.lower()
-    if suffix in (*JSON_SUFFIXES, ".op2") or holds_modes(source):
+    if suffix in JSON_SUFFIXES or holds_modes(source):
         return "modes"
     if suffix in (*_MATRICES_ONLY, *PUNCH_SUFFIXES):
         return "matrices"

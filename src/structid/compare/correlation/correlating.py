@@ -17,7 +17,6 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Entry
 from structid.core.provenance import Provenance
-from structid.forward import Models
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import Own
 from structid.identification.identified import Identification
@@ -26,7 +25,7 @@ from structid.modal import ModalRecord
 from structid.study.results.result import provenance
 from structid.study.results.values import stored_values
 from structid.study.run.check import ChannelCheck, channel_checks
-from structid.study.run.start import loaded, placed_mechanism
+from structid.study.run.start import load_setups, placed_mechanism
 from structid.study.schema.records.modes import ModesSource
 from structid.study.schema.study import Study
 
@@ -76,8 +75,7 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
         If the model has a mechanism.
     """
     known = {} if at is None else stored_values(at)
-    models = Models()
-    setups = [loaded(source, models) for source in study.setups]
+    study, setups, _ = load_setups(study)
     names = titles(setups) if len(setups) > 1 else [""] * len(setups)
     modal: list[ModesCorrelation] = []
     responses: list[ResponsesCorrelation] = []

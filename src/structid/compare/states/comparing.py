@@ -15,17 +15,19 @@ from structid.core.display import listed
 from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Plain, plain_table
 from structid.forward import RecordProblem
-from structid.identification.fixed_values import tolerances_of
+from structid.identification.fixed_values import fixed_values, tolerances_of
 from structid.identification.together import together
 from structid.inversion import Estimate, Problem, Status
 from structid.inversion.comparison.comparison import Comparison, compare_jointly, compare_states
 from structid.inversion.comparison.multiple_tests import Correction, require_levels
 from structid.inversion.comparison.states import LATER, states_problem
+from structid.inversion.comparison.unchanged import UnchangedTest
 from structid.inversion.estimate import estimate
 from structid.inversion.fixed_values import FIXED
+from structid.inversion.search.minimum import residual_at, squared
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import StageProgress
-from structid.study.run.run import SearchFailedError, is_matrix_free, run_started
+from structid.study.run.run import SearchFailedError, is_matrix_free, run_refined
 from structid.study.run.solver.rounds import about_answer
 from structid.study.run.start import started
 from structid.study.schema.study import Study, load_study
@@ -48,23 +50,46 @@ class CompareOptions:
         Probability that belongs to the detection limit.
     correction : {"holm", "benjamini_hochberg"}
         holm (family-wise) or benjamini_hochberg.
+    least : float or str
+        Least change of interest, as a part or in per cent, as in 0.01 or 1%: only what is surely larger is declared.
     """
 
     unchanged: Sequence[str] = ()
     level: float = 0.05
     power: float = 0.9
     correction: Correction = "holm"
+    least: float | str = 0.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "least", least_part(self.least))
         if isinstance(self.unchanged, str):
             names = tuple(name.strip() for name in self.unchanged.split(",") if name.strip())
             object.__setattr__(self, "unchanged", names)
+
+
+def least_part(given: float | str) -> float:
+    """A least change of interest as a part, from a number or a text such as ``1 %``.
+
+    Raises
+    ------
+    InputError
+        If it is no number of at least 0 and below 1.
+    """
+    text = str(given).strip()
+    try:
+        part = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        part = float("nan")
+    if not 0 <= part < 1:
+        raise InputError(f"`least` must be at least 0 and below 1, got {given!r}; 0.01 and 1% are one per cent")
+    return part
 
 
 class _Settings(TypedDict):
     level: float
     power: float
     correction: Correction
+    least: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +104,8 @@ class ComparisonResult:
         ``independent``: two estimates from data of their own; ``carried``: the baseline's result was the prior of
         what did not change; ``joint``: one estimate from both data, with what did not change in common.
     warnings : tuple of str
+    unchanged : UnchangedTest or None
+        Whether the data allow what was named as unchanged; None where nothing was.
     """
 
     comparison: Comparison
@@ -86,6 +113,17 @@ class ComparisonResult:
     later: State
     basis: str
     warnings: tuple[str, ...]
+    unchanged: UnchangedTest | None = None
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the data contradict what was named as unchanged."""
+        return self.unchanged is not None and self.unchanged.is_contradicted
+
+    @property
+    def words(self) -> str:
+        """The result in a sentence: what changed, or that the data contradict what was named as unchanged."""
+        return self.unchanged.words if self.unchanged is not None and self.is_contradicted else self.comparison.words
 
     @property
     def basis_words(self) -> str:
@@ -122,7 +160,12 @@ def compare(
         If a file cannot be used, or the states have nothing in common to compare.
     """
     chosen = options or CompareOptions()
-    settings: _Settings = {"level": chosen.level, "power": chosen.power, "correction": chosen.correction}
+    settings: _Settings = {
+        "level": chosen.level,
+        "power": chosen.power,
+        "correction": chosen.correction,
+        "least": least_part(chosen.least),
+    }
     require_levels(chosen.level, chosen.power, chosen.correction)
     first = _state(Path(baseline), progress)
     if not chosen.unchanged:
@@ -136,14 +179,53 @@ def compare(
     study = load_study(later)
     names = unchanged_parameters(first.estimate, study.parameters, chosen.unchanged)
     if first.result is None:
-        second = _run(_from_baseline(study, first, names), progress)
+        second, free = (_run(_from_baseline(study, first, prior), progress) for prior in (names, ()))
         found = compare_states(first.estimate, second.estimate, names, **settings)
-        return ComparisonResult(found, first, second, "carried", _warnings(found, first, second))
+        test = _unchanged_test(names, _least_cost(second), _least_cost(free), first, free)
+        return ComparisonResult(found, first, second, "carried", _warnings(found, first, second), test)
     second = _run(_from_baseline(study, first, ()), progress)
     joint = states_problem(_problem(first), _problem(second, first), names)
     held = _held_in_both(_freed(first), _freed(second), names)
-    found = compare_jointly(_joint_estimate(joint, held), names, **settings)
-    return ComparisonResult(found, first, second, "joint", _warnings(found, first, second))
+    both = _joint_estimate(joint, held)
+    found = compare_jointly(both, names, **settings)
+    cost = squared(residual_at(joint, both.theta) if held is None else held.refit(both.names, both.theta).at.residual)
+    common = (
+        0 if held is None else sum(name.startswith(FIXED) and not name.endswith(LATER) for name in held.problem.names)
+    )
+    test = _unchanged_test(names, cost, _least_cost(first) + _least_cost(second), first, second, common)
+    return ComparisonResult(found, first, second, "joint", _warnings(found, first, second), test)
+
+
+def _least_cost(state: State) -> float:
+    """Sum of squares at the answer of a state that was run, priors included, with held values free within their tolerances."""
+    assert state.result is not None
+    found = state.result.identification
+    if found.target is None:
+        raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
+    fixed = fixed_values(found.freed) if found.freed else None
+    if fixed is None:
+        return squared(residual_at(found.target, found.estimate.theta))
+    return squared(fixed.refit(found.estimate.names, found.estimate.theta).at.residual)
+
+
+def _unchanged_test(
+    names: tuple[str, ...], cost: float, separate_cost: float, baseline: State, later: State, n_held: int = 0
+) -> UnchangedTest:
+    """The test of the parameters `names` as the same in both states, from states in which they are free.
+
+    `n_held` held values are the same in both states too.
+    """
+    shared = [name for name in names if name in later.estimate.names]
+    tests = compare_states(baseline.estimate, later.estimate, ())
+    rows = sorted((i for i, name in enumerate(tests.names) if name in shared), key=lambda i: tests.p_values[i])
+    differing = tuple(
+        (tests.names[i], float(tests.relative_change[i]), float(tests.change[i] / tests.std[i]))
+        for i in rows
+        if tests.changed[i]
+    )
+    states = [state.estimate for state in (baseline, later) if isinstance(state.estimate, Estimate)]
+    freedom = sum(estimate.degrees_of_freedom for estimate in states)
+    return UnchangedTest(names, cost, separate_cost, freedom, len(names) + n_held, differing)
 
 
 def _freed(state: State) -> tuple[RecordProblem, ...]:
@@ -185,7 +267,7 @@ def _run(study: Study, progress: StageProgress | None) -> State:
             f"{study.path}: [method] search is 'matrix_free', which gives no covariance matrix to compare by; group the"
             " unknowns and leave it out"
         )
-    return state_of(run_started(ready, progress))
+    return state_of(run_refined(ready, progress)[1])
 
 
 def _from_baseline(study: Study, baseline: State, names: Sequence[str]) -> Study:
@@ -282,13 +364,24 @@ def comparison_summary(result: ComparisonResult) -> dict[str, Plain]:
     }
     return plain_table(
         {
-            "text": found.words,
+            "text": result.words,
             "status": found.status.value,
             "complete": found.is_complete,
             **sides,
             "basis": result.basis,
             "basis_text": result.basis_words,
             "unchanged": found.carried,
+            "unchanged_test": None
+            if result.unchanged is None
+            else {
+                "text": result.unchanged.words,
+                "contradicted": result.unchanged.is_contradicted,
+                "chi_square": result.unchanged.cost,
+                "chi_square_separate": result.unchanged.separate_cost,
+                "degrees_of_freedom": result.unchanged.freedom,
+                "probability": result.unchanged.probability,
+            },
+            "least_change": found.least,
             "correction": found.correction,
             "level": found.level,
             "power": found.power,

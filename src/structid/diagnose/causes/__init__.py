@@ -12,6 +12,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.diagnose.causes.appendage import Appendage
+from structid.diagnose.causes.axial_force import AxialForce
 from structid.diagnose.causes.between import LoadBetween, SensorBetween
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.channel_left_out import FaultyChannel
@@ -61,7 +62,7 @@ OF_CHANNELS: tuple[type[Candidate], ...] = (
 OF_PLACES: tuple[type[Candidate], ...] = (SensorDirection, LoadDirection, SensorBetween, LoadBetween)
 #: Changes whose effect is that of the changed model itself.
 OF_SETS: tuple[type[Candidate], ...] = (
-    CoarseMesh, ShearFlexibility, DampingLaw, FixedValue, RecordVariation, ExponentialWindow, Leakage, Clock,
+    CoarseMesh, ShearFlexibility, DampingLaw, FixedValue, RecordVariation, ExponentialWindow, Leakage, Clock, AxialForce,
 )  # fmt: skip
 #: Data that are left out, or have a part that no force made.
 OF_DATA = (FaultyChannel, OtherState)

@@ -45,7 +45,7 @@ class FlexibleJoint(Candidate):
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
         first = records[0]
         ends: dict[tuple[str, int, int], list[_Column]] = {}
-        for one in first.elements(("mass", "rotary_inertia", "viscous_damping", "stiffness")):
+        for one in first.elements(("mass", "rotary_inertia", "viscous_damping", "stiffness", "axial_force")):
             for j, code in enumerate(one.codes.tolist()):
                 if code >= 0 and dof_of_code(code).is_rotation:
                     part = _Column(one.codes, one.matrix[:, j], float(one.matrix[j, j]), one.kind, one.loss)

@@ -31,7 +31,7 @@ class CoarseMesh(Candidate):
             yield cls()
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        return [SubdivideElements(round(strength))]
+        return [SubdivideElements(round(strength) * model.setups[0].structure.subdivide)]
 
     def sentence(self, value: float | None) -> str:
         return "the mesh is too coarse for the highest frequencies"

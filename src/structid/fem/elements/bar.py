@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from structid.core.arrays import IntArray
+from structid.core.errors import InputError
 from structid.fem.elements.beam import rod_mass, rod_stiffness
 from structid.fem.elements.element import (
     LOSS_FACTOR,
@@ -15,6 +16,7 @@ from structid.fem.elements.element import (
     Layer,
     Matrices,
     Nodes,
+    OptionalSignedValues,
     Positions,
     Values,
     declared,
@@ -39,6 +41,14 @@ class Bar(ElementSet):
     mass_damping: Values = declared(*PER_VELOCITY, "N s/m^2", "mass", default=0.0)
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "N s", "axial_stiffness", default=0.0)
 
+    axial_force: OptionalSignedValues = declared(
+        "Static axial force, tension positive; it stiffens the bar sideways, as a string",
+        "axial_force",
+        "N",
+        optional=True,
+        default=None,
+    )
+
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
@@ -48,4 +58,13 @@ class Bar(ElementSet):
         along[:, 0, :dimensions] = along[:, 1, dimensions:] = direction
         stiffness = rotated(rod_stiffness(length), along)
         mass = np.einsum("nij,kl->nikjl", rod_mass(length), np.eye(dimensions)).reshape(stiffness.shape)
-        return {"mass": (Layer(codes, mass),), "axial_stiffness": (Layer(codes, stiffness),)}
+        found = {"mass": (Layer(codes, mass),), "axial_stiffness": (Layer(codes, stiffness),)}
+        if self.axial_force is not None:
+            if dimensions == 1:
+                raise InputError(
+                    f"`axial_force` of {self.name!r} needs nodes in a plane or in space, where bars move sideways; got a line"
+                )
+            sideways = np.eye(dimensions) - direction[:, :, None] * direction[:, None, :]
+            string = np.einsum("nij,nkl->nikjl", rod_stiffness(length), sideways).reshape(stiffness.shape)
+            found["axial_force"] = (Layer(codes, string),)
+        return found

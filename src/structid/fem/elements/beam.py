@@ -16,6 +16,7 @@ from structid.fem.elements.element import (
     Layer,
     Matrices,
     Nodes,
+    OptionalSignedValues,
     OptionalValues,
     Positions,
     ShearShare,
@@ -34,6 +35,7 @@ _POINTS, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(4))
 _POINTS = _POINTS + 0.5
 #: What both types of beam say of the rotation of their sections, and of their shear.
 ROTARY_INERTIA = "Mass moment of the sections per length, rho I"
+AXIAL_FORCE = "Static axial force, tension positive; it stiffens the beam sideways"
 SHEAR = "G times the shear area; without it, or infinite, the beam does not shear"
 
 
@@ -140,6 +142,22 @@ class BendingPlane:
         return self._consistent(plain, bent)
 
     @property
+    def axial_force(self) -> tuple[Layer, ...]:
+        """Geometric stiffness of unit tension, consistent with the deflection: the integral of w' w'.
+
+        References
+        ----------
+        Przemieniecki (1968), Theory of Matrix Structural Analysis, chapter 15.
+        """
+        x, one = _POINTS[:, None], np.ones(len(self.length))
+        turned = np.stack([0 * x * one, (1 - x) * one, 0 * x * one, x * one], axis=-1)
+        plain = turned - self._odd / self.length[:, None]
+        bent = (1 - 6 * x + 6 * x**2)[..., None] * self._odd / self.length[:, None]
+        if self.shear[1] is None:
+            return (self._layer(self._product(plain + bent, plain + bent)),)
+        return self._consistent(plain, bent)
+
+    @property
     def _odd(self) -> FloatArray:
         """a of w1 theta1 w2 theta2, (n, 4)."""
         one = np.ones_like(self.length)
@@ -200,6 +218,7 @@ class Beam(ElementSet):
     shear_stiffness: OptionalValues = declared(SHEAR, "stiffness", "N", positive=True, unlimited=True, default=None)
 
     rotary_inertia: OptionalValues = declared(ROTARY_INERTIA, "rotary_inertia", "kg m", optional=True, default=None)
+    axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
@@ -225,6 +244,8 @@ class Beam(ElementSet):
             found["shear_stiffness"] = ()
         if self.rotary_inertia is not None:
             found["rotary_inertia"] = plane.rotary_inertia
+        if self.axial_force is not None:
+            found["axial_force"] = plane.axial_force
         return found
 
 

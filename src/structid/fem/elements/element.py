@@ -28,6 +28,7 @@ Kind = Literal[
     "position",
     "parameter",
     "damping_ratio",
+    "axial_force",
 ]
 Positions = Mapping[int, FloatArray]
 
@@ -54,6 +55,10 @@ Values: TypeAlias = Annotated[Given[ArrayLike, FloatArray], "float or (n_element
 OptionalValues: TypeAlias = Annotated[
     Given[ArrayLike | None, FloatArray | None], "float or (n_elements,) array, optional"
 ]
+#: The same of either sign, or none.
+OptionalSignedValues: TypeAlias = Annotated[
+    Given[ArrayLike | None, FloatArray | None], "float or (n_elements,) array of either sign, optional"
+]
 #: Node labels.
 Nodes: TypeAlias = Annotated[Given[ArrayLike, IntArray], "(n_elements, n_nodes) int array"]
 #: A direction in space.
@@ -78,8 +83,8 @@ class Declared:
         Of a property, whose numbers weigh a matrix an element. It fixes how the property enters the dynamic stiffness:
         ``mass`` and ``rotary_inertia`` by -omega^2, ``viscous_damping`` by i omega, ``stiffness`` by 1, ``loss_factor`` by
         i times the element's stiffness. A ``thickness`` weighs the matrices of the others by its powers, a ``position`` by
-        those of the lengths that it changes. A ``parameter`` weighs
-        matrices that say themselves how they enter.
+        those of the lengths that it changes. An ``axial_force`` enters by 1, is of either sign and has no loss. A ``parameter``
+        weighs matrices that say themselves how they enter.
     unit : str
         SI unit.
     of : str
@@ -302,7 +307,8 @@ class ElementSet:
             if what.unlimited and isinstance(value, float) and value == np.inf:
                 value = None
             if what.kind is not None and not (what.optional and value is None):
-                value = property_values(self.name, name, value, len(self.nodes), what.positive)
+                is_signed = what.kind == "axial_force"
+                value = property_values(self.name, name, value, len(self.nodes), what.positive, is_signed)
             problem = problem_of(types[name], value)
             if problem:
                 raise InputError(f"`{name}` of {self.name!r} {problem}")
@@ -345,7 +351,9 @@ class ElementSet:
             if what.kind in ("loss_factor", "thickness"):
                 found.append(Term(name, what.kind, self.unit(what), getattr(self, name)))
             elif what.kind is not None and (what.of or name) in made:
-                found.append(Term(name, what.kind, self.unit(what), getattr(self, name), made[what.of or name]))
+                limits = (-np.inf, np.inf) if what.kind == "axial_force" else None
+                values, layers = getattr(self, name), made[what.of or name]
+                found.append(Term(name, what.kind, self.unit(what), values, layers, limits))
         return tuple(found)
 
     def unit(self, what: Declared) -> str:
@@ -407,15 +415,19 @@ def node_table(columns: int) -> Store:
     return stored
 
 
-def property_values(element: str, name: str, values: ArrayLike, n_elements: int, positive: bool = False) -> FloatArray:
-    """`values` as one number an element; a single number stands for all of them."""
+def property_values(
+    element: str, name: str, values: ArrayLike, n_elements: int, positive: bool = False, signed: bool = False
+) -> FloatArray:
+    """`values` as one number an element, negative only where they are `signed`; a single number stands for all of them."""
     try:
         array = np.broadcast_to(np.asarray(values, dtype=np.float64), (n_elements,))
     except ValueError as error:
         raise InputError(
             f"`{name}` of {element!r} must be one number or {n_elements}, got shape {np.shape(values)}"
         ) from error
-    if not np.isfinite(array).all() or (array < 0).any():
+    if signed and not np.isfinite(array).all():
+        raise InputError(f"`{name}` of {element!r} must be finite, got {array.tolist()}")
+    if not np.isfinite(array).all() or (not signed and (array < 0).any()):
         raise InputError(f"`{name}` of {element!r} must be finite and at least 0, got {array.tolist()}")
     if positive and not array.all():
         raise InputError(f"`{name}` of {element!r} must be greater than 0, got {array.min():g}")

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from structid.core.arrays import FloatArray, IntArray, locked, require_shape
 from structid.core.dof import DIRECTIONS
 from structid.core.errors import InputError
-from structid.fem.elements.beam import ROTARY_INERTIA, SHEAR, BendingPlane, added, rod_mass, rod_stiffness
+from structid.fem.elements.beam import AXIAL_FORCE, ROTARY_INERTIA, SHEAR, BendingPlane, added, rod_mass, rod_stiffness
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
@@ -16,6 +16,7 @@ from structid.fem.elements.element import (
     Layer,
     Matrices,
     Nodes,
+    OptionalSignedValues,
     OptionalValues,
     Positions,
     Values,
@@ -73,6 +74,8 @@ class SpaceBeam(ElementSet):
         f"{ROTARY_INERTIA}, about local z", "rotary_inertia", "kg m", optional=True, default=None
     )
 
+    axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
+
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
@@ -99,6 +102,8 @@ class SpaceBeam(ElementSet):
                 layers[shear[0]] = ()
             if rotary[name] is not None:
                 layers[f"rotary_inertia_{name[-1]}"] = plane.rotary_inertia
+            if self.axial_force is not None:
+                layers["axial_force"] = (*layers.get("axial_force", ()), *plane.axial_force)
         return layers
 
 

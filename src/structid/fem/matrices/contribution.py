@@ -16,7 +16,13 @@ from structid.fem.elements.element import Layer, Term, shear_share
 from structid.fem.matrices.blocks import ElementMatrices
 from structid.fem.sliding import Lengthening
 
-_LAWS = {"mass": "inertia", "rotary_inertia": "inertia", "viscous_damping": "viscous", "stiffness": "elastic"}
+_LAWS = {
+    "mass": "inertia",
+    "rotary_inertia": "inertia",
+    "viscous_damping": "viscous",
+    "stiffness": "elastic",
+    "axial_force": "elastic",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +285,7 @@ def weighed(
                 blocks[id(layer)] = blocks_of(layer)
             scale = _scale(properties, item.element, layer, lengthenings)
             found.append(Contribution(law, blocks[id(layer)], item.values, scale=scale))
-            if law == "elastic":
+            if law == "elastic" and item.term.kind != "axial_force":  # a force has no loss
                 elastic.setdefault(item.element, []).append(found[-1])
     return tuple(found)
 

@@ -12,7 +12,9 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.meshes.abaqus_assembly import Assembly, Scope
 from structid.fem.meshes.abaqus_keywords import KeywordBlock, keyword_blocks
+from structid.fem.meshes.abaqus_offsets import SectionOffsets
 from structid.fem.meshes.abaqus_parts import displacement_axes, is_part, read_parts
+from structid.fem.meshes.abaqus_surfaces import Surfaces
 from structid.fem.meshes.deck_parts import DeckUnits
 from structid.fem.meshes.mesh import CellBlock, Mesh
 
@@ -177,7 +179,8 @@ def _mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
     nodes_of = dict(zip(labels.tolist(), positions, strict=True))
     points = _points(assembly, units.length)
     axes = displacement_axes(path, assembly, nodes_of | points)
-    parts = read_parts(path, assembly, nodes_of | points, axes, units)
+    parts = read_parts(path, assembly, nodes_of | points, axes, units, Surfaces(assembly, _kind))
+    parts += SectionOffsets(assembly, blocks, rows_of, nodes_of | points, units.length).parts()
     return Mesh(
         labels,
         positions,

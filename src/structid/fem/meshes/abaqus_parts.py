@@ -1,10 +1,11 @@
-"""Masses, springs, dashpots, constraints and offsets of Abaqus and CalculiX input files as parts of a deck."""
+"""Masses, springs, dashpots and constraints of Abaqus and CalculiX input files as parts of a deck."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,15 @@ from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError
 from structid.fem.meshes.abaqus_assembly import Assembly, Scope
 from structid.fem.meshes.abaqus_keywords import KeywordBlock
+from structid.fem.meshes.abaqus_surfaces import Footpoint, Surface, Surfaces, footpoint, mean_side, nodal_areas
+from structid.fem.meshes.averages import (
+    Component,
+    global_directions,
+    mean_motion,
+    mean_rows,
+    rigid_constraints,
+    solved_constraints,
+)
 from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_of_points
 from structid.fem.meshes.deck_parts import (
     DeckPart,
@@ -21,7 +31,6 @@ from structid.fem.meshes.deck_parts import (
     DeckUnits,
     NodalMass,
     mass_matrix,
-    rigid_constraints,
     split_by_obstacle,
     turned_matrix,
     weights_along,
@@ -36,7 +45,6 @@ _PART_TYPES = re.compile(
 _SPRINGS = {"SPRING": ("SPRING1", "SPRING2", "SPRINGA"), "DASHPOT": ("DASHPOT1", "DASHPOT2", "DASHPOTA")}
 #: Keywords that are listed, and why nothing stands for them.
 _UNREAD = {
-    "TIE": "ties of surfaces",
     "EMBEDDED ELEMENT": "embedded elements",
     "CONTACT PAIR": "contact",
     "CONTACT": "contact",
@@ -50,12 +58,16 @@ _UNREAD = {
     "NONSTRUCTURAL MASS": "non-structural mass; add it to the density",
     "CONNECTOR SECTION": "connectors",
     "GAP": "gaps",
+    "MASS ADJUST": "masses that are scaled to a total",
+    "MODEL CHANGE": "elements that a step removes or adds",
     "JOINT": "joints",
     "SUBSTRUCTURE PROPERTY": "substructures",
     "MATRIX ASSEMBLE": "matrices",
 }
 #: Why a part cannot be taken, "" where it can, and the part.
 Items = list[tuple[str, DeckPart]]
+#: Part of the mean side of faces within which a node is tied where a file does not say it, as in Abaqus.
+_NEAR = 0.05
 _TURNED = "it stands in a turned instance"
 _LOCAL = "its nodes have directions of their own (*TRANSFORM)"
 
@@ -81,6 +93,19 @@ class _Deck:
     positions: Mapping[int, FloatArray]
     axes: Mapping[int, FloatArray]
     units: DeckUnits
+    surfaces: Surfaces
+
+    @cached_property
+    def turning(self) -> frozenset[int]:
+        """Nodes of shells and beams."""
+        return frozenset(
+            self.assembly.node(scope, word)
+            for scope in self.scopes
+            for kind, table in scope.elements.items()
+            if re.fullmatch(r"(?:S|STRI|B2|B3)\d.*", kind)
+            for words in table.values()
+            for word in words
+        )
 
     @property
     def scopes(self) -> list[Scope]:
@@ -131,7 +156,7 @@ def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, Fl
     FileError
         If the points of a *TRANSFORM lie on a line, or its node set is not there.
     """
-    deck = _Deck(path, assembly, positions, {}, DeckUnits())
+    deck = _Deck(path, assembly, positions, {}, DeckUnits(), Surfaces(assembly, lambda name: (name, 0)))
     axes: dict[int, FloatArray] = {}
     for scope, block in deck.blocks("TRANSFORM"):
         try:
@@ -172,6 +197,7 @@ def read_parts(
     positions: Mapping[int, FloatArray],
     axes: Mapping[int, FloatArray],
     units: DeckUnits,
+    surfaces: Surfaces,
 ) -> list[DeckPart]:
     """The parts of an input file beside its cells: those that structid has elements for, and the others with the reason.
 
@@ -180,7 +206,7 @@ def read_parts(
     FileError
         If a keyword cannot be read.
     """
-    deck = _Deck(path, assembly, positions, axes, units)
+    deck = _Deck(path, assembly, positions, axes, units, surfaces)
     parts = [
         *deck.read("MASS", _point_masses),
         *deck.read("ROTARY INERTIA", _rotary_inertias),
@@ -191,10 +217,10 @@ def read_parts(
         *deck.read("RIGID BODY", _rigid_body),
         *deck.read("KINEMATIC COUPLING", _kinematic_coupling),
         *deck.read("COUPLING", _coupling),
-        *_offsets(deck),
+        *deck.read("TIE", _tie),
     ]
     for keyword, why in _UNREAD.items():
-        count = sum(max(len(block.rows), 1) if keyword == "TIE" else 1 for _, block in deck.blocks(keyword))
+        count = sum(1 for _ in deck.blocks(keyword))
         parts += [DeckPart(keyword, count, obstacle=why)] if count else []
     counts: dict[str, int] = {}
     read_kinds = {"MASS", "ROTARYI"} | {kind for kinds in _SPRINGS.values() for kind in kinds}
@@ -379,19 +405,114 @@ def _kinematic_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items
 
 
 def _coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """*COUPLING with the *KINEMATIC or *DISTRIBUTING behind it, of a surface of nodes."""
+    """*COUPLING with the *KINEMATIC or *DISTRIBUTING behind it, of a surface."""
     behind = scope.blocks[scope.blocks.index(block) + 1 :][:1]
-    if not behind or behind[0].keyword != "KINEMATIC":
-        return [("it is distributing", DeckPart("COUPLING", 1))]
-    name = block.options.get("SURFACE", "").upper()
-    surfaces = [surface for _, surface in deck.blocks("SURFACE") if surface.options.get("NAME", "").upper() == name]
-    if len(surfaces) != 1 or surfaces[0].options.get("TYPE", "ELEMENT").upper() != "NODE":
-        return [("its surface is of elements", DeckPart("COUPLING", 1))]
+    law = behind[0].keyword if behind else ""
+    if law not in ("KINEMATIC", "DISTRIBUTING"):
+        return [("it is neither kinematic nor distributing", DeckPart("COUPLING", 1))]
+    if block.options.keys() & {"INFLUENCE RADIUS", "ORIENTATION"}:
+        return [("it has a radius of influence or an orientation", DeckPart("COUPLING", 1))]
+    surface = deck.surfaces.read(scope, block.options.get("SURFACE", ""))
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
-    nodes = [node for row in surfaces[0].rows if row[0] for node in deck.assembly.nodes(scope, row[0])]
     rows = [[word for word in row if word] for row in behind[0].rows]
     components = sorted({component for row in rows if row for component in _range(row)}) or list(range(6))
-    return [_follow(deck, block, scope, main, nodes, components)]
+    if law == "KINEMATIC":
+        return [_follow(deck, block, scope, main, surface.nodes, components)]
+    method = behind[0].options.get("WEIGHTING METHOD", "UNIFORM").upper()
+    if method != "UNIFORM" or behind[0].options.get("COUPLING", "CONTINUUM").upper() != "CONTINUUM":
+        return [("its weights are not uniform, or it couples rotations", DeckPart("COUPLING", 1))]
+    areas = nodal_areas(surface, deck.positions.__getitem__) if surface.faces else dict.fromkeys(surface.nodes, 1.0)
+    return [_distributed(deck, main, areas, sorted({0, 1, 2, *components}))]
+
+
+def _distributed(deck: _Deck, main: int, weights: Mapping[int, float], chosen: Sequence[int]) -> tuple[str, DeckPart]:
+    """A reference node that moves as the weighted mean of the translations of others."""
+    if main in weights:
+        return "its reference node is one of its surface", DeckPart("COUPLING", 1)
+    components = [Component(node, axis, False, weight) for node, weight in weights.items() for axis in np.eye(3)]
+    mean = mean_motion(deck.positions[main], components, deck.positions)
+    directions = global_directions(deck.axes.get(main, np.eye(3)), chosen)
+    if mean is None or directions is None:
+        return (
+            _LOCAL if directions is None else "its nodes do not determine the motion of the reference node"
+        ), DeckPart("COUPLING", 1)
+    rows = mean_rows(main, deck.axes.get(main, np.eye(3)), chosen, components, mean)
+    ties = solved_constraints(f"coupling {main}", rows, [(main, direction) for direction in directions])
+    if ties is None:
+        return "it does not determine its reference node", DeckPart("COUPLING", 1)
+    return "", DeckPart("COUPLING", 1, ties=tuple(ties))
+
+
+def _tie(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """*TIE: nodes of one surface that move with the faces of another, where these are near."""
+    if block.options.keys() & {"CYCLIC SYMMETRY", "MULTIPHYSICS", "FLUID-STRUCTURE", "TIED NSET"}:
+        return [("it ties something other than two surfaces", DeckPart("TIE", 1))]
+    items: Items = []
+    for row in block.rows:
+        words = [word for word in row if word]
+        if len(words) < 2:
+            raise ValueError("it needs two surfaces a line")
+        followers, carriers = (deck.surfaces.read(scope, word) for word in words[:2])
+        if not carriers.faces:
+            items.append(("its second surface is of nodes", DeckPart("TIE", 1)))
+            continue
+        ties, free, near = _tied(deck, block, followers.nodes, carriers)
+        if ties or not free:
+            items.append(("", DeckPart("TIE", 1, ties=tuple(ties))))
+        if free:
+            why = f"nodes that lie farther than {near:.3g} m from the other surface, which the solver leaves free"
+            items.append((why, DeckPart("TIE", free)))
+    return items
+
+
+def _tied(
+    deck: _Deck, block: KeywordBlock, followers: Sequence[int], carriers: Surface
+) -> tuple[list[RigidLink | Constraint], int, float]:
+    """Constraints of the nodes that lie near a surface, how many do not, and what is near, m."""
+    from scipy.spatial import cKDTree
+
+    faces = [np.array([deck.positions[node] for node in face]) for face, _ in carriers.faces]
+    stated = block.options.get("POSITION TOLERANCE", "")
+    near = deck.units.length * float(stated) if stated else _NEAR * mean_side(faces)
+    centres = cKDTree([face.mean(axis=0) for face in faces])
+    reach = max(float(np.linalg.norm(face - face.mean(axis=0), axis=1).max()) for face in faces)
+    turning = () if "NO ROTATION" in block.options else deck.turning
+    ties: list[RigidLink | Constraint] = []
+    free = 0
+    own = set(carriers.nodes)
+    for node in followers:
+        if node in own:
+            continue
+        candidates = centres.query_ball_point(deck.positions[node], near + reach)
+        points = [(footpoint(deck.positions[node], faces[k]), k) for k in sorted(candidates)]
+        point, index = min(points, key=lambda pair: pair[0].distance, default=(None, 0))
+        if point is None or point.distance > near:
+            free += 1
+            continue
+        if node in deck.axes or any(label in deck.axes for label in carriers.faces[index][0]):
+            raise ValueError(_LOCAL)
+        ties += _carried(node, carriers.faces[index], point, node in turning)
+    return ties, free, near
+
+
+def _carried(node: int, face: tuple[tuple[int, ...], bool], point: Footpoint, is_turning: bool) -> list[Constraint]:
+    """Constraints of a node that a face carries; rotations too where both are of shells or beams."""
+    labels, is_shell = face
+    ties = []
+    for i, direction in enumerate(DIRECTIONS[:3]):
+        pairs = [
+            (Dof(label, d), float(point.motion[k, i, j])) for k, label in enumerate(labels) for j, d in enumerate("XYZ")
+        ]
+        ties.append(Constraint(f"tie {node}", Dof(node, direction), [pair for pair in pairs if pair[1]]))
+    if is_shell and is_turning:
+        for direction in DIRECTIONS[3:]:
+            turns = [
+                (Dof(label, direction), float(w))
+                for label, w in zip(labels, point.weights, strict=True)
+                if abs(w) > 1e-9
+            ]
+            ties.append(Constraint(f"tie {node}", Dof(node, direction), turns))
+    return ties
 
 
 def _range(words: Sequence[str]) -> list[int]:
@@ -423,20 +544,3 @@ def _follow(
             return _LOCAL, DeckPart(kind, 1)
         ties += rows
     return "", DeckPart(kind, 1, ties=tuple(ties))
-
-
-def _offsets(deck: _Deck) -> list[DeckPart]:
-    """Offsets of shells and beams from their nodes."""
-    parts = []
-    for keyword in ("SHELL SECTION", "SHELL GENERAL SECTION", "BEAM SECTION", "BEAM GENERAL SECTION"):
-        count = sum(
-            1
-            for _, block in deck.blocks(keyword)
-            if any(
-                key.startswith("OFFSET") and value.upper() not in ("0", "0.", "0.0", "MIDDLE")
-                for key, value in block.options.items()
-            )
-        )
-        parts += [DeckPart(f"{keyword} OFFSET", count, obstacle="move the nodes")] if count else []
-    count = sum(1 for _ in deck.blocks("CENTROID", "SHEAR CENTER"))
-    return [*parts, *([DeckPart("BEAM CENTROID", count, obstacle="move the nodes")] if count else [])]

@@ -183,6 +183,11 @@ class Cards:
     def __len__(self) -> int:
         return len(self.first)
 
+    def without(self, rows: IntArray) -> Cards:
+        """All but some of the cards."""
+        kept = np.setdiff1d(np.arange(len(self)), rows)
+        return Cards(self.lines, self.first[kept], self.fields[kept])
+
     @property
     def n_fields(self) -> int:
         return int(self.fields.shape[1])

@@ -70,3 +70,17 @@ def rectangular(form: str, coordinates: FloatArray) -> FloatArray:
     around = np.radians(coordinates[:, 2])
     across = first * np.sin(second)
     return np.stack([across * np.cos(around), across * np.sin(around), first * np.cos(second)], axis=1)
+
+
+def unit_normals(corners: FloatArray) -> FloatArray:
+    """Normals of triangles and quadrilaterals by the order of their corners, (n_cells, 3 or 4, 3) to (n_cells, 3).
+
+    That of a quadrilateral is across both of its diagonals.
+    """
+    if corners.shape[1] == 3:
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    else:
+        normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    sizes = np.linalg.norm(normals, axis=1, keepdims=True)
+    unit: FloatArray = normals / np.where(sizes > 0, sizes, 1.0)
+    return unit

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy import sparse
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import figures
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
@@ -96,6 +96,25 @@ class DeckSpring:
 
 
 @dataclass(frozen=True, eq=False)
+class CellOffsets:
+    """Cells of a block that stand off their nodes, to which rigid arms join them.
+
+    Attributes
+    ----------
+    block : int
+        Place of the block among those of the mesh.
+    rows : (n_cells,) int array
+        Cells in the block.
+    arms : (n_cells, n_nodes, 3) float array
+        From each node to the end of the cell there, m, along global axes.
+    """
+
+    block: int
+    rows: IntArray
+    arms: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class DeckPart:
     """The cards of one kind that a deck has beside its cells, as read.
 
@@ -114,6 +133,8 @@ class DeckPart:
         Why no element of structid stands for it; "" where it can be taken.
     is_needed : bool
         Whether the mesh is wrong without it, so that it is always taken.
+    offsets : tuple of CellOffsets
+        Cells that `offset_cells` puts where they are, with a tie for each of their ends.
     """
 
     kind: str
@@ -124,6 +145,7 @@ class DeckPart:
     ties: tuple[DeckTie, ...] = ()
     obstacle: str = ""
     is_needed: bool = False
+    offsets: tuple[CellOffsets, ...] = ()
 
     @property
     def words(self) -> str:
@@ -205,14 +227,14 @@ def choose_parts(parts: Sequence[DeckPart], take: str | Sequence[str], source: s
     if [key.lower() for key in keys] == [ALL_PARTS]:
         return tuple(possible)
     for word, key in zip(wanted, keys, strict=True):
-        same = [part for part in parts if part.kind == key]
+        same = [part for part in parts if part.kind.upper() == key]
         if not same:
             near = difflib.get_close_matches(key, [part.kind for part in possible], 1, 0.0)
             remedy = f"the nearest is {near[0]!r}" if near else "it has none that could be taken; take the key out"
             raise InputError(f"{source} has no {word!r} beside its cells; {remedy}")
         if all(part.obstacle for part in same):
             raise InputError(f"{same[0].words} of {source} cannot be taken: {same[0].obstacle}")
-    return tuple(part for part in possible if part.kind in keys or part.is_needed)
+    return tuple(part for part in possible if part.kind.upper() in keys or part.is_needed)
 
 
 def describe_left_aside(parts: Iterable[DeckPart], taken: Sequence[DeckPart], source: str) -> str:
@@ -241,9 +263,18 @@ def split_by_obstacle(kind: str, items: Sequence[tuple[str, DeckPart]]) -> list[
         if obstacle:
             parts.append(DeckPart(kind, count, mass, obstacle=obstacle))
             continue
-        masses = tuple(mass for part in same for mass in part.masses)
-        springs = tuple(spring for part in same for spring in part.springs)
-        parts.append(DeckPart(kind, count, mass, masses, springs, tuple(tie for part in same for tie in part.ties)))
+        parts.append(
+            DeckPart(
+                kind,
+                count,
+                mass,
+                tuple(mass for part in same for mass in part.masses),
+                tuple(spring for part in same for spring in part.springs),
+                tuple(tie for part in same for tie in part.ties),
+                is_needed=any(part.is_needed for part in same),
+                offsets=tuple(offset for part in same for offset in part.offsets),
+            )
+        )
     return parts
 
 
@@ -415,33 +446,3 @@ def _renumbered_tie(tie: DeckTie, stands_for: Mapping[int, int]) -> DeckTie | No
 
 def _renumbered_dof(dof: Dof, stands_for: Mapping[int, int]) -> Dof:
     return Dof(stands_for.get(dof.node, dof.node), dof.direction, dof.sign)
-
-
-def rigid_constraints(
-    name: str, main: int, dependent: int, arm: FloatArray, axes: FloatArray, components: Iterable[int]
-) -> list[Constraint] | None:
-    """Constraints of a node that follows a main node rigidly along some of its own `axes`; None where they are oblique.
-
-    Parameters
-    ----------
-    name : str
-    main, dependent : int
-    arm : (3,) float array
-        From the main node to the dependent one, m.
-    axes : (3, 3) float array
-        Own directions of the dependent node as rows; those that are used must be along global ones.
-    components : iterable of int
-        0 to 5, translations and rotations along `axes`.
-    """
-    motion = np.eye(6)
-    motion[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
-    constraints = []
-    for component in components:
-        vector = axes[component % 3]
-        along = int(np.argmax(abs(vector)))
-        if abs(vector[along]) < 1 - _ROUNDING:
-            return None
-        row = motion[along + 3 * (component // 3)]
-        pairs = [(Dof(main, d), float(part)) for d, part in zip(DIRECTIONS, row, strict=True) if abs(part) > 0]
-        constraints.append(Constraint(name, Dof(dependent, DIRECTIONS[along + 3 * (component // 3)]), pairs))
-    return constraints

@@ -14,6 +14,7 @@ from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError
 from structid.fem.elements.cells.isoparametric import CELLS
 from structid.fem.meshes.deck_parts import DeckPart, choose_parts
+from structid.fem.supports import RigidLink
 
 #: Dimension of each cell type that elements can be made of.
 CELL_DIMENSIONS = {"vertex": 0, "line": 1, "line3": 1, **{name: made.corners.shape[1] for name, made in CELLS.items()}}
@@ -69,6 +70,8 @@ class Mesh:
         Whether cells of lower dimension are elements too (bars of a deck), not edges to choose nodes by.
     points : mapping of int to (3,) float array
         Positions of nodes that only parts use: reference points of an assembly.
+    carriers : mapping of int to int
+        Node of the file to which each node at the end of an offset is joined; see `offset_cells`.
     """
 
     labels: IntArray
@@ -82,6 +85,7 @@ class Mesh:
     displacement_axes: Mapping[int, FloatArray] = field(default_factory=dict)
     cells_are_elements: bool = False
     points: Mapping[int, FloatArray] = field(default_factory=dict)
+    carriers: Mapping[int, int] = field(default_factory=dict)
 
     @cached_property
     def nodes(self) -> dict[int, FloatArray]:
@@ -125,7 +129,7 @@ class Mesh:
         return locked(np.concatenate(padded), np.int64)
 
     def group_nodes(self, group: str) -> IntArray:
-        """Labels of the nodes of a node set, or of the cells of a group."""
+        """Labels of the nodes of a node set, or of the cells of a group; those that carry the cells where these are offset."""
         if group in self.node_groups:
             return self.node_groups[group]
         if group not in self.groups:
@@ -133,14 +137,21 @@ class Mesh:
         nodes = [b.nodes[rows].ravel() for b, rows in self.chosen(group)]
         if not nodes:
             raise InputError(f"group {group!r} of {self.source} is empty; put cells into it in the mesher")
-        return np.unique(np.concatenate(nodes))
+        return self.carried_by(np.concatenate(nodes))
+
+    def carried_by(self, labels: IntArray) -> IntArray:
+        """Labels with nodes at the ends of offsets replaced by those that carry them, each once and in order."""
+        unique: IntArray = np.unique(labels)
+        if self.carriers:
+            unique = np.unique([self.carriers.get(label, label) for label in unique.tolist()]).astype(np.int64)
+        return unique
 
     def nodes_at(self, ranges: Mapping[str, tuple[float, float]]) -> IntArray:
         """Labels of the nodes whose coordinates lie in `ranges`, such as {"x": (0.0, 0.0)}, m.
 
         Ends count within a millionth of the mesh's size.
         """
-        inside = np.ones(len(self.labels), dtype=bool)
+        inside = ~np.isin(self.labels, list(self.carriers))
         slack = 1e-6 * float(np.ptp(self.positions, axis=0).max())
         for axis, (low, high) in ranges.items():
             values = self.positions[:, "xyz".index(axis)]
@@ -156,9 +167,10 @@ class Mesh:
         among : iterable of int, optional
             Labels to choose from; all by default.
         """
-        place = np.arange(len(self.labels))
+        chosen = ~np.isin(self.labels, list(self.carriers))
         if among is not None:
-            place = np.flatnonzero(np.isin(self.labels, list(among)))
+            chosen &= np.isin(self.labels, self.carried_by(np.array(list(among), dtype=np.int64)))
+        place = np.flatnonzero(chosen)
         distance = np.linalg.norm(self.positions[place] - np.asarray(position, dtype=np.float64), axis=1)
         best = int(np.argmin(distance))
         label = int(self.labels[place[best]])
@@ -167,8 +179,9 @@ class Mesh:
     def size_at(self, label: int) -> float:
         """The longest side of the cells of the mesh's dimension at a node, m; 0 where there is none."""
         longest = 0.0
+        here = [label, *(made for made, carrier in self.carriers.items() if carrier == label)]
         for block, _ in self.chosen():
-            own = block.nodes[(block.nodes == label).any(axis=1)][:, : _CORNERS.get(block.kind)]
+            own = block.nodes[np.isin(block.nodes, here).any(axis=1)][:, : _CORNERS.get(block.kind)]
             for row in own:
                 corners = np.array([self.nodes[int(n)] for n in row])
                 longest = max(longest, float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max()))
@@ -263,7 +276,54 @@ def require_sound(
                 ' delete them in the mesher, or set `orphan_nodes` to "drop"'
             )
         mesh = _without(mesh, orphans)
-    return mesh
+    return offset_cells(mesh, [part for part in parts if part.offsets])
+
+
+def offset_cells(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
+    """The mesh with the cells of `parts` where their offsets put them.
+
+    Each end that stands off its node becomes a node of its own, which a rigid link joins to that of the file; the links are
+    the ties of the part, in place of its offsets. Ends at one place that one node carries share their node.
+    """
+    if not parts:
+        return mesh
+    tables = [block.nodes.copy() for block in mesh.blocks]
+    first = max(int(mesh.labels.max(initial=0)), *mesh.points, 0) + 1
+    carriers, positions, made_at = dict(mesh.carriers), list[FloatArray](), dict[tuple[int, ...], int]()
+    size = float(np.ptp(mesh.positions, axis=0).max()) or 1.0
+    replaced: dict[int, DeckPart] = {}
+    moved: set[tuple[int, int]] = set()
+    for part in parts:
+        ties = list(part.ties)
+        for offset in part.offsets:
+            for row, arms in zip(offset.rows.tolist(), offset.arms, strict=True):
+                if (offset.block, row) in moved:
+                    cell = ", ".join(map(str, mesh.blocks[offset.block].nodes[row].tolist()))
+                    raise InputError(
+                        f"the cell of nodes {cell} of {mesh.source} has two offsets, as of two sections ({part.kind}); give it one"
+                    )
+                moved.add((offset.block, row))
+                for corner, arm in enumerate(arms):
+                    node = int(tables[offset.block][row, corner])
+                    if not arm.any():
+                        continue
+                    key = (node, *np.round(arm / (_SAME * size)).astype(np.int64).tolist())
+                    if key not in made_at:
+                        made_at[key] = label = first + len(positions)
+                        positions.append(mesh.nodes[node] + arm)
+                        carriers[label] = node
+                        ties.append(RigidLink(f"offset {node}", node, [label]))
+                    tables[offset.block][row, corner] = made_at[key]
+        replaced[id(part)] = replace(part, ties=tuple(ties), offsets=())
+    labels = np.arange(first, first + len(positions), dtype=np.int64)
+    return replace(
+        mesh,
+        labels=np.concatenate([mesh.labels, labels]),
+        positions=np.concatenate([mesh.positions, np.array(positions).reshape(-1, 3)]),
+        blocks=tuple(replace(block, nodes=table) for block, table in zip(mesh.blocks, tables, strict=True)),
+        parts=tuple(replaced.get(id(part), part) for part in mesh.parts),
+        carriers=carriers,
+    )
 
 
 def _used(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
@@ -320,7 +380,7 @@ def unassigned(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str |
     used = {tuple(sorted(n for n in row if n >= 0)) for table in tables for row in table.tolist()}
     rows_of = {}
     for place, block in enumerate(mesh.blocks):
-        if 0 <= _dimension_of(block) < mesh.dimension if lower else _dimension_of(block) == mesh.dimension:
+        if 0 <= _dimension_of(block) < mesh.dimension if lower else _dimension_of(block) >= mesh.dimension:
             free = [i for i, row in enumerate(block.nodes.tolist()) if tuple(sorted(row)) not in used]
             if free:
                 rows_of[place] = free

@@ -14,6 +14,7 @@ from structid.fem.meshes.bulk_cards import BulkText, Cards, bulk_text, cards_of
 from structid.fem.meshes.deck_parts import DeckPart, DeckUnits
 from structid.fem.meshes.mesh import CellBlock, Mesh
 from structid.fem.meshes.middle_nodes import EDGES, MiddleNodes
+from structid.fem.meshes.nastran_offsets import OFFSET_CARDS, OffsetReader, properties_aside
 from structid.fem.meshes.nastran_parts import PART_CARDS, read_parts
 from structid.fem.meshes.nastran_systems import SYSTEM_CARDS, BulkSystems
 
@@ -38,18 +39,6 @@ _CELLS = {
     "CBAR": (2, 2, "line", ""),
     "CBEAM": (2, 2, "line", ""),
 }
-#: Fields in which offsets from the grid points stand, and numbers of non-structural mass.
-_OFFSETS = {
-    "CTRIA3": (6,),
-    "CTRIAR": (6,),
-    "CTRIA6": (9,),
-    "CQUAD4": (7,),
-    "CQUADR": (7,),
-    "CQUAD8": (15,),
-    "CBAR": tuple(range(10, 16)),
-    "CBEAM": tuple(range(10, 16)),
-}
-_NON_STRUCTURAL = {"PSHELL": 7, "PCOMP": 2, "PCOMPG": 2, "PBAR": 6, "PROD": 5, "PTUBE": 4, "PSHEAR": 3, "CONROD": 7}
 #: Names that begin with a C and are no elements of a structure.
 _NO_ELEMENTS = re.compile(
     r"C(?:ORD.*|AERO.*|BARAO|GEN|SET.*|SLOT.*|YJOIN|YSUP|YSYM|HBDY.*|ONV.*|REEP|SSCHD.*|AMPBLL|NTLIST|END|SCALE|METHOD"
@@ -78,7 +67,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
         If case control has no bulk data behind it, or these hold superelements, axisymmetric elements or no mesh.
     """
     text = bulk_text(path)
-    wanted = ("GRID", "GRDSET", *SYSTEM_CARDS, *_CELLS, *_REFUSED, *_NON_STRUCTURAL, *PART_CARDS)
+    wanted = ("GRID", "GRDSET", *SYSTEM_CARDS, *_CELLS, *_REFUSED, *OFFSET_CARDS, *PART_CARDS)
     cards = cards_of(text, tuple(dict.fromkeys(wanted)))
     axisymmetric = next((name for name in _REFUSED if name in cards), None)
     if axisymmetric:
@@ -88,10 +77,12 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     systems = BulkSystems(path, cards)
     labels, basic = _grids(path, systems)
     middles = MiddleNodes(labels)
-    blocks, numbers = _blocks(path, cards, middles)
+    names, blocks, numbers = _blocks(path, cards, middles)
     axes = systems.displacement_axes(labels, basic)
     labels, positions = middles.with_positions(labels, units.length * basic)
-    parts = read_parts(text, cards, systems, dict(zip(labels.tolist(), positions, strict=True)), axes, units)
+    position_of = dict(zip(labels.tolist(), positions, strict=True))
+    parts = read_parts(text, cards, systems, position_of, axes, units)
+    offsets = OffsetReader(cards, units.length, position_of, axes).parts(names, blocks, numbers)
     counts = text.count_cards()
     if not blocks and all(part.obstacle for part in parts):
         others = ", ".join(part.words for part in (*parts, *_unknown_elements(counts)))
@@ -106,8 +97,8 @@ def read(path: Path, units: DeckUnits) -> Mesh:
         _groups(text, numbers),
         {},
         path.name,
-        (*middles.parts(), *parts, *_properties_aside(cards), *_unknown_elements(counts)),
-        (*text.notes, *_notes(counts, axes)),
+        (*middles.parts(), *parts, *offsets, *properties_aside(cards), *_unknown_elements(counts)),
+        (*text.notes, *_notes(counts, axes, systems)),
         axes,
         cells_are_elements=True,
     )
@@ -139,15 +130,22 @@ def _grids(path: Path, systems: BulkSystems) -> tuple[IntArray, FloatArray]:
     return labels[keep], positions[keep]
 
 
-def _blocks(path: Path, cards: dict[str, Cards], middles: MiddleNodes) -> tuple[list[CellBlock], list[IntArray]]:
-    """Cells of each card, and their property numbers; `middles` stands in for mid-side nodes that are left out."""
-    blocks, numbers = [], []
+def _blocks(
+    path: Path, cards: dict[str, Cards], middles: MiddleNodes
+) -> tuple[list[str], list[CellBlock], list[IntArray]]:
+    """Card, cells and property numbers of each block; `middles` stands in for mid-side nodes that are left out."""
+    names, blocks, numbers = [], [], []
     for name in sorted(set(_CELLS) & set(cards), key=lambda name: int(cards[name].first[0])):
-        own, (corners, most, linear, quadratic) = cards[name], _CELLS[name]
+        own, (corners, most, linear, quadratic) = _each_once(path, name, cards[name]), _CELLS[name]
+        cards[name] = own
         first = 1 if name == "CONROD" else 2
         table = np.stack([own.integers(first + k) for k in range(most)], axis=1)
         labels = own.integers(0)
-        properties = labels if name == "CONROD" else np.where(own.is_blank(1), labels, own.integers(1))
+        properties = (
+            labels
+            if name == "CONROD"
+            else np.where(own.is_blank(1), _usual_property(name, cards, labels), own.integers(1))
+        )
         extra = (table[:, corners:] > 0).sum(axis=1)
         partly = (table[:, :corners] <= 0).any(axis=1)
         if partly.any():
@@ -156,31 +154,31 @@ def _blocks(path: Path, cards: dict[str, Cards], middles: MiddleNodes) -> tuple[
             if chosen.any():
                 rows = middles.completed(table[chosen], corners, EDGES[name]) if width > corners else table[chosen]
                 blocks.append(CellBlock(kind, rows[:, _ORDERS.get(kind, range(width))]))
+                names.append(name)
                 numbers.append(properties[chosen])
-    return blocks, numbers
+    return names, blocks, numbers
 
 
-def _properties_aside(cards: dict[str, Cards]) -> list[DeckPart]:
-    """Offsets of elements from their grid points, and non-structural mass of properties."""
-    parts = []
-    for name, places in _OFFSETS.items():
-        if name in cards:
-            count = _count_with(cards[name], places)
-            parts += [DeckPart(f"{name} offset", count, obstacle="move the grid points")] if count else []
-    for name, place in _NON_STRUCTURAL.items():
-        if name in cards:
-            count = _count_with(cards[name], (place,))
-            parts += [DeckPart(f"{name} NSM", count, obstacle="add it to the density")] if count else []
-    return parts
+def _each_once(path: Path, name: str, cards: Cards) -> Cards:
+    """Element cards without those that repeat another one whole, as solvers take them."""
+    labels = cards.integers(0)
+    order = np.argsort(labels, kind="stable")
+    repeats = order[1:][labels[order][1:] == labels[order][:-1]]
+    if not len(repeats):
+        return cards
+    first_of = {label: row for row, label in reversed(list(enumerate(labels.tolist())))}
+    for row in repeats.tolist():
+        if cards.row_words(row) != cards.row_words(first_of[int(labels[row])]):
+            raise FileError(f"{path}: {name} {labels[row]} stands twice, with other fields; number the elements anew")
+    return cards.without(repeats)
 
 
-def _count_with(cards: Cards, places: tuple[int, ...]) -> int:
-    """How many cards have a number other than 0 in one of some fields."""
-    moved = np.zeros(len(cards), dtype=bool)
-    for place in places:
-        if not cards.is_blank(place).all():
-            moved |= cards.reals(place) != 0
-    return int(moved.sum())
+def _usual_property(name: str, cards: dict[str, Cards], labels: IntArray) -> IntArray:
+    """Property of elements whose field is blank: that of BAROR or BEAMOR, else their own number."""
+    default = {"CBAR": "BAROR", "CBEAM": "BEAMOR"}.get(name, "")
+    if default not in cards or cards[default].is_blank(1).all():
+        return labels
+    return np.full_like(labels, cards[default].integers(1)[0])
 
 
 def _unknown_elements(counts: Counter[str]) -> list[DeckPart]:
@@ -189,9 +187,9 @@ def _unknown_elements(counts: Counter[str]) -> list[DeckPart]:
     return [DeckPart(name, counts[name], obstacle="not known") for name in sorted(names)]
 
 
-def _notes(counts: Counter[str], axes: dict[int, FloatArray]) -> tuple[str, ...]:
+def _notes(counts: Counter[str], axes: dict[int, FloatArray], systems: BulkSystems) -> tuple[str, ...]:
     notes = []
-    supports = [name for name in _SUPPORTS if counts[name]]
+    supports = [name for name in _SUPPORTS if counts[name]] + ["PS of grid points"] * systems.has_supports
     if supports:
         notes.append(f"its {', '.join(supports)} are not read: supports are those of the study")
     if counts["SPOINT"]:

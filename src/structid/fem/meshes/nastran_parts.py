@@ -12,7 +12,16 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
+from structid.core.errors import FileError
 from structid.fem.importers.fixed_fields import as_real
+from structid.fem.meshes.averages import (
+    Component,
+    global_directions,
+    mean_motion,
+    mean_rows,
+    rigid_constraints,
+    solved_constraints,
+)
 from structid.fem.meshes.bulk_cards import BulkText, Cards
 from structid.fem.meshes.deck_parts import (
     DeckPart,
@@ -20,7 +29,6 @@ from structid.fem.meshes.deck_parts import (
     DeckUnits,
     NodalMass,
     mass_matrix,
-    rigid_constraints,
     split_by_obstacle,
     turned_matrix,
     weights_along,
@@ -28,7 +36,7 @@ from structid.fem.meshes.deck_parts import (
 from structid.fem.meshes.nastran_systems import BulkSystems
 from structid.fem.supports import Constraint, RigidLink
 
-_PROPERTIES = ("PELAS", "PDAMP", "PMASS", "PBUSH", "PVISC", "PBUSH1D")
+_PROPERTIES = ("PELAS", "PDAMP", "PMASS", "PBUSH", "PVISC", "PBUSH1D", "PBUSHT", "PELAST")
 #: Cards that are listed, and why nothing stands for them.
 _UNREAD = {
     "CELAS3": "scalar points",
@@ -70,7 +78,6 @@ _UNREAD = {
     "RJOINT": "rigid joints",
     "RSPLINE": "interpolation elements",
     "RSSCON": "shells joined to solids",
-    "MPCADD": "",
     "NSM": "non-structural mass",
     "NSM1": "non-structural mass",
     "NSML": "non-structural mass",
@@ -88,13 +95,17 @@ _UNREAD = {
 }
 _READ: tuple[str, ...] = (
     *("CONM1", "CONM2", "CMASS1", "CMASS2", "CELAS1", "CELAS2", "CDAMP1", "CDAMP2", "CVISC", "CBUSH", "CBUSH1D"),
-    *("RBE2", "RBE3", "RBAR", "MPC"),
+    *("RBE2", "RBE3", "RBAR", "MPC", "MPCADD"),
 )
+_WTMASS = re.compile(rb"^[ \t]*PARAM[ \t]*[, \t][ \t]*WTMASS[ \t]*[, \t][ \t]*([^,\s$]+)", re.IGNORECASE | re.MULTILINE)
+_TABLED = "its values depend on frequency or force (PBUSHT, PELAST)"
+#: Nodes that THRU may stand for.
+_MOST_LISTED = 1_000_000
 _SCALAR = "it is at a scalar point, or a grid point that is not there"
 _NO_PROPERTY = "its property is not in the deck"
 _OBLIQUE = "a dependent node's own displacement system is turned against the global axes"
 #: Cards that a mesh reader must ask for to make parts of a deck.
-PART_CARDS = (*_READ, *_PROPERTIES, "PARAM", *(name for name, why in _UNREAD.items() if why))
+PART_CARDS = (*_READ, *_PROPERTIES, "PARAM", *_UNREAD)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +134,10 @@ class _Deck:
         position = self.positions[node] / self.units.length
         return self.systems.system(system).directions_at(position)[0]
 
+    def tabled(self, name: str) -> set[int]:
+        """Numbers of properties whose values a card such as PBUSHT makes depend on frequency or force."""
+        return {int(words[0]) for words in self.rows(name)}
+
     def rows(self, name: str) -> list[list[str]]:
         """The fields of each card of a name, in words."""
         return _rows(self.cards, name)
@@ -149,9 +164,7 @@ def read_parts(
     units : DeckUnits
         Without PARAM,WTMASS.
     """
-    for words in _rows(cards, "PARAM"):
-        if words[0] == "WTMASS":
-            units = DeckUnits(units.length, units.force, _real(words[1]))
+    units = DeckUnits(units.length, units.force, _mass_factor(text, cards))
     deck = _Deck(cards, systems, positions, axes, units)
     parts = [
         part
@@ -163,6 +176,19 @@ def read_parts(
     counts = Counter({name: len(cards[name]) for name in _UNREAD if name in cards})
     parts += [DeckPart(name, count, obstacle=_UNREAD[name]) for name, count in counts.items()]
     return parts
+
+
+def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
+    """PARAM,WTMASS of the bulk data or of case control; 1 without it."""
+    stated = [words[1] for words in _rows(cards, "PARAM") if words[0] == "WTMASS"]
+    stated += [word.decode("latin-1").upper() for word in _WTMASS.findall(text.case_control)]
+    factors = {_real(word) for word in stated}
+    if len(factors) > 1:
+        raise FileError(
+            f"{text.path}: has PARAM,WTMASS with the values {', '.join(stated)}, which masses are multiplied by; keep the one that"
+            " holds"
+        )
+    return factors.pop() if factors else 1.0
 
 
 #: Why a part cannot be taken, "" where it can, and the part.
@@ -291,6 +317,8 @@ def _scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None
     if table is not None and _whole(words[1]) not in table:
         return _NO_PROPERTY, DeckPart(name, 1)
     own = [words[1], words[6]] if table is None else table[int(words[1])]
+    if table is not None and name == "CELAS1" and int(words[1]) in deck.tabled("PELAST"):
+        return _TABLED, DeckPart(name, 1)
     weights: dict[tuple[int, str], float] = {}
     is_rotation = False
     for sign, node, component in ((-1.0, _whole(words[2]), words[3]), (1.0, _whole(words[4]), words[5])):
@@ -399,6 +427,7 @@ def _bush_properties(deck: _Deck) -> Values:
                 else:
                     numbers[flag][place] = _real(word)
                 place += 1
+        problem = _TABLED if int(words[0]) in deck.tabled("PBUSHT") else problem
         values[int(words[0])] = (numbers["K"], numbers["B"], float(numbers["GE"][0]), problem)
     return values
 
@@ -444,7 +473,7 @@ def _rigid(deck: _Deck, name: str, make: Callable[[_Deck, Sequence[str]], Ties],
 
 def _rbe2(deck: _Deck, words: Sequence[str]) -> Ties:
     main = int(words[1])
-    dependents = [int(word) for word in words[3:] if word.isdigit()]
+    dependents = _node_list([word for word in words[3:] if _is_listed(word) or not _is_number(word)])
     if main not in deck.positions or not set(dependents) <= set(deck.positions):
         return _SCALAR, []
     return _followers(deck, f"rbe2 {words[0]}", main, dependents, words[2])
@@ -479,56 +508,76 @@ def _rbar(deck: _Deck, words: Sequence[str]) -> Ties:
 
 
 def _rbe3(deck: _Deck, words: Sequence[str]) -> Ties:
-    """A reference node as the weighted mean of others: least squares of their rigid motion."""
-    reference, components = int(words[2]), words[3]
-    groups: list[tuple[float, str, list[int]]] = []
-    rest = list(words[4:])
-    while rest and rest[0] not in ("UM", "ALPHA", ""):
-        weight, which = _real(rest[0]), rest[1]
-        stop = next((k for k in range(2, len(rest)) if not rest[k].isdigit()), len(rest))
-        nodes = [int(word) for word in rest[2:stop]]
-        groups.append((weight, which, nodes))
-        rest = rest[stop:]
-        while rest and rest[0] == "" and any(rest):
-            rest = rest[1:]
-    if "UM" in words:
-        return "it names what is dependent (UM)", []
-    every = [reference, *(node for _, _, nodes in groups for node in nodes)]
+    """A reference node as the weighted mean of others: least squares of their rigid motion, solved for what UM names."""
+    reference, chosen = int(words[2]), _components(words[3])
+    averaged, solved_for = _averaged_groups(words[4:])
+    every = [reference, *(node for _, _, nodes in averaged for node in nodes), *(node for node, _ in solved_for)]
     if not set(every) <= set(deck.positions):
         return _SCALAR, []
-    if any(not set(which) <= set("123") for _, which, _ in groups):
-        return "it averages rotations", []
-    rows, weights, dofs = [], [], []
-    for weight, which, nodes in groups:
-        for node in nodes:
-            arm = deck.positions[node] - deck.positions[reference]
-            motion = np.eye(3, 6)
-            motion[:, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
-            for component in _components(which):
-                axis = deck.axes_at(node)[component]
-                rows.append(axis @ motion)
-                weights.append(weight)
-                dofs.append((node, axis))
-    size = float(max(np.linalg.norm(deck.positions[node] - deck.positions[reference]) for node in every)) or 1.0
-    scale = np.array([1, 1, 1, 1 / size, 1 / size, 1 / size])
-    table = np.array(rows) * scale
-    normal = table.T @ (np.array(weights)[:, None] * table)
-    if np.linalg.cond(normal) > 1e12:
+    components = [
+        Component(node, deck.axes_at(node)[component % 3], component > 2, weight)
+        for weight, which, nodes in averaged
+        for node in nodes
+        for component in _components(which)
+    ]
+    mean = mean_motion(deck.positions[reference], components, deck.positions)
+    if mean is None:
         return "its nodes do not determine the motion of the reference node", []
-    mean = scale[:, None] * np.linalg.solve(normal, table.T * np.array(weights))
-    ties: list[RigidLink | Constraint] = []
-    for component in _components(components):
-        turn = np.kron(np.eye(2), deck.axes_at(reference))[component]
-        along = int(np.argmax(abs(turn)))
-        if abs(turn[along]) < 1 - 1e-12:
+    rows = mean_rows(reference, deck.axes_at(reference), chosen, components, mean)
+    dependents: list[tuple[int, str]] = []
+    for node, which in solved_for or [(reference, words[3])]:
+        directions = global_directions(deck.axes_at(node), _components(which))
+        if directions is None:
             return _OBLIQUE, []
-        sums: dict[tuple[int, str], float] = {}
-        for factor, (node, axis) in zip(mean[along], dofs, strict=True):
-            for key, part in weights_along(node, axis).items():
-                sums[key] = sums.get(key, 0.0) + float(factor) * part
-        pairs = [(Dof(*key), value) for key, value in sums.items() if value]
-        ties.append(Constraint(f"rbe3 {words[0]}", Dof(reference, DIRECTIONS[along]), pairs))
-    return "", ties
+        dependents += [(node, direction) for direction in directions]
+    constraints = solved_constraints(f"rbe3 {words[0]}", rows, dependents)
+    if constraints is None:
+        return "what it names as dependent (UM) is not determined by it", []
+    return "", list(constraints)
+
+
+def _averaged_groups(words: Sequence[str]) -> tuple[list[tuple[float, str, list[int]]], list[tuple[int, str]]]:
+    """Weight, components and nodes of each group of an RBE3, and nodes with components behind UM."""
+    groups: list[tuple[float, str, list[int]]] = []
+    rest = [word for word in words if word]
+    end = next((k for k, word in enumerate(rest) if word in ("UM", "ALPHA", "TREF")), len(rest))
+    averaged, behind = rest[:end], rest[end:]
+    while averaged:
+        stop = next((k for k in range(2, len(averaged)) if not _is_listed(averaged[k])), len(averaged))
+        groups.append((_real(averaged[0]), averaged[1], _node_list(averaged[2:stop])))
+        averaged = averaged[stop:]
+    named = behind[1:] if behind[:1] == ["UM"] else []
+    named = named[: next((k for k, word in enumerate(named) if word in ("ALPHA", "TREF")), len(named))]
+    return groups, [(int(node), which) for node, which in zip(named[::2], named[1::2], strict=True)]
+
+
+def _is_listed(word: str) -> bool:
+    return word.isdigit() or word in ("THRU", "BY")
+
+
+def _is_number(word: str) -> bool:
+    """Whether a field is a real number or blank."""
+    try:
+        _real(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _node_list(words: Sequence[str]) -> list[int]:
+    """Labels, with those from one THRU another."""
+    labels: list[int] = []
+    rest = [word for word in words if word]
+    while rest:
+        if rest[1:2] == ["THRU"]:
+            step = int(rest[4]) if rest[3:4] == ["BY"] else 1
+            if (int(rest[2]) - int(rest[0])) // step > _MOST_LISTED:
+                raise ValueError(f"{rest[0]} THRU {rest[2]} are more than {_MOST_LISTED} nodes")
+            labels += range(int(rest[0]), int(rest[2]) + 1, step)
+            rest = rest[5 if rest[3:4] == ["BY"] else 3 :]
+        else:
+            labels.append(int(rest.pop(0)))
+    return labels
 
 
 def _constraints(deck: _Deck, case_control: bytes) -> list[DeckPart]:
@@ -541,10 +590,12 @@ def _constraints(deck: _Deck, case_control: bytes) -> list[DeckPart]:
     asked = re.findall(rb"^\s*MPC\s*=\s*(\d+)", case_control, re.MULTILINE | re.IGNORECASE)
     chosen = {int(number) for number in asked} or (set(sets) if len(sets) == 1 else set())
     count = sum(len(rows) for rows in sets.values())
-    if len(chosen) != 1 or not chosen <= set(sets):
+    sums = {int(words[0]): {int(word) for word in words[1:] if word} for words in deck.rows("MPCADD")}
+    members = sums.get(next(iter(chosen)), chosen) if len(chosen) == 1 else set()
+    if not members or not members <= set(sets):
         return [DeckPart("MPC", count, obstacle="it is not clear which set of MPC is meant")]
-    [number] = chosen
-    return _parts_of("MPC", sets[number], partial(_rigid, deck, "MPC", _constraint))
+    rows = [words for number in sorted(members) for words in sets[number]]
+    return _parts_of("MPC", rows, partial(_rigid, deck, "MPC", _constraint))
 
 
 def _constraint(deck: _Deck, words: Sequence[str]) -> Ties:

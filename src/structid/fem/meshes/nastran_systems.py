@@ -13,7 +13,7 @@ from structid.fem.meshes.bulk_cards import Cards
 from structid.fem.meshes.coordinate_systems import CoordinateSystem, axes_of_points
 
 SYSTEM_CARDS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
-_CP, _CD = 1, 5
+_CP, _CD, _PS = 1, 5, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +51,8 @@ class BulkSystems:
         self._coordinates = np.stack([grids.reals(place) for place in (2, 3, 4)], axis=1)
         self._definition = _with_default(cards, _CP)
         self.displacement: IntArray = _with_default(cards, _CD)
+        #: Whether grid points are held by fields of their own (PS).
+        self.has_supports: bool = bool((_with_default(cards, _PS) != 0).any())
         self._cards = _system_cards(cards)
         self._resolved = {0: CoordinateSystem("R", np.zeros(3), np.eye(3))}
 

@@ -97,15 +97,17 @@ def read_elements(path: Path, blocks: Sequence[Block]) -> UniversalElements:
     FileError
         If a dataset is damaged, or an element is axisymmetric or lacks nodes.
     """
-    elements = UniversalElements()
+    elements, rows = UniversalElements(), dict[int, tuple[str, list[int]]]()
     for block in blocks:
         if block.number == 2412:
-            _add_elements(f"{path}: dataset {block.place} (2412)", block.lines, elements)
+            _add_elements(f"{path}: dataset {block.place} (2412)", block.lines, elements, rows)
     return elements
 
 
-def _add_elements(where: str, lines: list[str], elements: UniversalElements) -> None:
-    """Add what one dataset 2412 holds."""
+def _add_elements(
+    where: str, lines: list[str], elements: UniversalElements, rows: dict[int, tuple[str, list[int]]]
+) -> None:
+    """Add what one dataset 2412 holds; `rows` are the elements so far by label, of which one that is repeated counts once."""
     at = 0
     while at < len(lines):
         label, descriptor, *_, count = row_of_integers(where, lines, at, 6)
@@ -131,8 +133,12 @@ def _add_elements(where: str, lines: list[str], elements: UniversalElements) -> 
         row = [0] * len(nodes)
         for place, node in zip(order, nodes, strict=True):
             row[place] = node
-        elements.nodes.setdefault(kind, []).append(row)
-        elements.labels.setdefault(kind, []).append(label)
+        first = rows.setdefault(label, (kind, row))
+        if first != (kind, row):
+            raise FileError(f"{where} gives element {label} twice, with other nodes; number the elements anew")
+        if first[1] is row:
+            elements.nodes.setdefault(kind, []).append(row)
+            elements.labels.setdefault(kind, []).append(label)
 
 
 def row_of_integers(where: str, lines: list[str], at: int, count: int) -> list[int]:

@@ -11,7 +11,7 @@ Structural Dynamics Research Laboratory, University of Cincinnati: Universal fil
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,6 +29,8 @@ _CARTESIAN, _CYLINDRICAL, _SPHERICAL = range(3)
 #: Labels that stand for the global axes where no dataset defines them.
 _GLOBAL = (0, 1)
 _SQUARE = 1e-4
+#: Distance of two origins, m, that is rounding beside an origin at 0.
+_SAME_PLACE = 1e-9
 #: Distance from an axis, as a part of the distance from the origin, at which no direction around it is left.
 _ON_AXIS = 1e-9
 
@@ -151,6 +153,8 @@ def read_nodes(path: Path, blocks: Sequence[Block] | None = None) -> UniversalNo
     rows = {number: _rows(path, [b for b in blocks if b.number == number]) for number in (15, 781, 2411)}
     nodes: dict[int, _Node] = {}
     for number in rows:
+        for label, node in rows[number].items():
+            _require_one_motion(path, label, nodes.get(label, node), node, systems)
         nodes.update(rows[number])
     points: dict[int, Point] = {}
     turned: dict[int, FloatArray] = {}
@@ -217,6 +221,19 @@ def _rows(path: Path, tables: Sequence[Block]) -> dict[int, _Node]:
     return nodes
 
 
+def _require_one_motion(
+    path: Path, label: int, first: _Node, other: _Node, systems: Mapping[int, CoordinateSystem]
+) -> None:
+    """Refuse a node whose datasets give its motion along different axes."""
+    named = {node.displacement for node in (first, other)}
+    named = {0 if system in _GLOBAL and system not in systems else system for system in named}
+    if len(named) > 1:
+        raise FileError(
+            f"{path}: node {label} stands in two datasets, with its motion in coordinate systems {first.displacement} and"
+            f" {other.displacement}; keep one"
+        )
+
+
 def _short_node(line: str) -> list[float]:
     """Label, two systems and three coordinates of a line of dataset 15."""
     words = line.split()
@@ -243,7 +260,10 @@ def _read_systems(path: Path, blocks: Sequence[Block], scale: float) -> dict[int
     by_points: dict[int, tuple[str, int, int, FloatArray]] = {}
     for block in blocks:
         if block.number == 18:
-            by_points.update(_point_systems(path, block))
+            for label, stated in _point_systems(path, block):
+                first = by_points.setdefault(label, stated)
+                if first[1:3] != stated[1:3] or not np.array_equal(first[3], stated[3]):
+                    raise _defined_twice(path, label)
     for label in by_points:
         _add(path, systems, _resolved(path, label, by_points, systems, scale, ()))
     return systems
@@ -252,9 +272,13 @@ def _read_systems(path: Path, blocks: Sequence[Block], scale: float) -> dict[int
 def _add(path: Path, systems: dict[int, CoordinateSystem], system: CoordinateSystem) -> None:
     other = systems.setdefault(system.label, system)
     same = other.kind == system.kind and np.allclose(other.axes, system.axes, atol=_SQUARE)
-    size = max(float(np.abs(other.origin).max()), 1e-300)
-    if not (same and np.abs(other.origin - system.origin).max() <= _SQUARE * size):
-        raise FileError(f"{path}: defines coordinate system {system.label} twice, differently; keep one")
+    size = max(float(np.abs(other.origin).max()), float(np.abs(system.origin).max()))
+    if not (same and np.abs(other.origin - system.origin).max() <= _SQUARE * size + _SAME_PLACE):
+        raise _defined_twice(path, system.label)
+
+
+def _defined_twice(path: Path, label: int) -> FileError:
+    return FileError(f"{path}: defines coordinate system {label} twice, differently; keep one")
 
 
 def _kind(where: str, label: int, kind: int) -> int:
@@ -289,10 +313,10 @@ def _matrix_systems(path: Path, block: Block, scale: float) -> list[CoordinateSy
     return systems
 
 
-def _point_systems(path: Path, block: Block) -> dict[int, tuple[str, int, int, FloatArray]]:
-    """The systems of dataset 18 as they stand there: where, type, reference system and nine coordinates, by their labels."""
+def _point_systems(path: Path, block: Block) -> list[tuple[int, tuple[str, int, int, FloatArray]]]:
+    """The systems of dataset 18 as they stand there: label, and where, type, reference system and nine coordinates."""
     where, lines = f"{path}: dataset {block.place} (18)", block.lines
-    systems = {}
+    systems = []
     for at in range(0, len(lines), 4):
         try:
             label, kind, reference, _, method = integers(lines[at], (10,) * 5)
@@ -304,7 +328,7 @@ def _point_systems(path: Path, block: Block) -> dict[int, tuple[str, int, int, F
                 f"{where}: coordinate system {label} is defined by method {method}; only 1 is described (origin, point on +x,"
                 " point in the +xz plane): export it so"
             )
-        systems[label] = (where, _kind(where, label, kind), reference, numbers)
+        systems.append((label, (where, _kind(where, label, kind), reference, numbers)))
     return systems
 
 

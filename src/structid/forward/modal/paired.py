@@ -26,7 +26,8 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
     frequency, found, shapes = data.frequency, state.modes, data.shapes[:, data.measured]
     seen = state.sensors.T @ found.mode_shapes
     motion = np.abs(seen).max(axis=0, initial=0.0)
-    counts = (motion > 0) | np.isnan(shapes).all(axis=0).any()
+    is_bare = np.isnan(shapes).all(axis=0)
+    counts = (motion > 0) | is_bare.any()
     use = np.flatnonzero((found.frequency > 1e-3 * frequency.min()) & counts)
     if len(use) < len(data.measured):
         raise InputError(
@@ -34,7 +35,7 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
             " refine the model, or leave modes out"
         )
     if in_order:
-        clear = use[motion[use] > _SEEN * motion[use].max(initial=0.0)]
+        clear = use if is_bare.all() else use[motion[use] > _SEEN * motion[use].max(initial=0.0)]
         return (clear if len(clear) >= len(data.measured) else use)[np.argsort(np.argsort(frequency))]
     likeness = likenesses(shapes, seen[:, use], motion[use] > 0)
     worth = pairing_worth(likeness, frequency, found.frequency[use], data.settings.frequency_guard)

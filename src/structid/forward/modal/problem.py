@@ -19,7 +19,7 @@ from structid.forward.latest import Latest
 from structid.forward.modal.dynamic import dynamic_rows
 from structid.forward.modal.measured import FewSensorsError, MeasuredModes
 from structid.forward.modal.model import DENSE_UP_TO, ModalModel
-from structid.forward.modal.paired import output_changes, output_rows
+from structid.forward.modal.paired import output_changes, output_rows, pairing
 from structid.forward.modal.settings import ModalForm, ModalSettings
 from structid.forward.record_problem import DataRows, MeasuredProblem, RecordFacts
 from structid.inversion.linearization import Linearization
@@ -169,6 +169,14 @@ class ModalProblem(MeasuredProblem):
         if self.data.has_shapes and self.structure.n_dofs <= DENSE_UP_TO and self.channels is None:
             ways.append((("modal dynamic residual", of_form(near, "dynamic")),))
         return ways
+
+    def keeping_order(self, theta: FloatArray) -> ModalProblem:
+        """A problem with the same pairs everywhere as at `theta`, where no shape is known and modes are in their order there."""
+        if self.data.has_shapes or self.settings.form != "output":
+            return self
+        state = self.model.state(self.physical(theta))
+        is_ordered = np.array_equal(pairing(self.data, state, False), pairing(self.data, state, True))
+        return replace(self, in_order=True) if is_ordered else self
 
     def residual(self, theta: FloatArray) -> FloatArray:
         known = self.linearize(theta) if self.settings.form == "dynamic" else self._latest.known(theta)

@@ -18,6 +18,7 @@ _UNSEEN = {
         "the motion does not strain these elements (rigid-body motion only, or no motion there);"
         " excite an elastic mode that bends or stretches them"
     ),
+    "axial_force": "the motion does not turn these elements; excite a mode that bends them",
     "mass": "these masses do not accelerate; excite a motion in which they move",
     "rotary_inertia": "these inertias do not turn; excite a motion in which they rotate",
     "viscous_damping": "these dampers do not move; excite a motion that gives them velocity",

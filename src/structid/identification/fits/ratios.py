@@ -17,7 +17,7 @@ _SEEN = 1e-6
 #: Relative change of FRFs, and part of it by which that of the parameters may differ from it.
 _STEP, _ALIKE = 1e-6, 1e-4
 _INERTIAS = ("mass", "rotary_inertia")
-_SCALED = (*_INERTIAS, "stiffness", "viscous_damping")
+_SCALED = (*_INERTIAS, "stiffness", "axial_force", "viscous_damping")
 #: What that the scale is the force's means.
 ON_FORCE = (
     "no known mass, stiffness or prior holds the scale of the values: an error of 1 % in the calibration of the force is one of"
@@ -112,7 +112,7 @@ def common_scale(jacobian: FloatArray, named: Problem | Estimate, noise_scale: f
     """All masses, stiffnesses and dampings where the data do not see their common scale; None where they do."""
     members = _scaled(named)
     kinds = {named.kinds[i] for i in members}
-    if "stiffness" not in kinds or not kinds & set(_INERTIAS):
+    if not kinds & {"stiffness", "axial_force"} or not kinds & set(_INERTIAS):
         return None
     change = np.linalg.norm(jacobian[:, members].sum(axis=1)) / np.sqrt(len(members))
     return members if change <= noise_scale else None

@@ -111,6 +111,8 @@ class Comparison(States):
         false ones among those declared.
     status : Status
         The worse of the two states'.
+    least : float
+        Least change of interest, in parts of the value before: what may be smaller is not declared.
     """
 
     covariance: FloatArray
@@ -118,6 +120,7 @@ class Comparison(States):
     power: float
     correction: Correction
     status: Status
+    least: float = 0.0
 
     @property
     def std(self) -> FloatArray:
@@ -126,8 +129,15 @@ class Comparison(States):
 
     @cached_property
     def p_values(self) -> FloatArray:
-        """Probability of a change as large in either direction if there were none, (n,); NaN where it is not tested."""
-        return locked(2 * special.ndtr(-np.abs(self.change / _tested_std(self.covariance))))
+        """Probability of a change as large if the true one were `least` at most, (n,); NaN where it is not tested.
+
+        References
+        ----------
+        Hodges and Lehmann (1954), J. R. Statist. Soc. B 16, 261-268 (tests of hypotheses that are intervals).
+        """
+        std = _tested_std(self.covariance)
+        size, least = np.abs(self.change) / std, self.least * np.abs(self.before) / std
+        return locked(special.ndtr(least - size) + special.ndtr(-least - size))
 
     @cached_property
     def adjusted(self) -> FloatArray:
@@ -143,7 +153,14 @@ class Comparison(States):
     def detection_limit(self) -> FloatArray:
         """Smallest single change that is declared with probability `power`, (n,), physical units."""
         std = _tested_std(self.covariance)
-        return std * detectable(int(np.isfinite(std).sum()), self.level, self.power)
+        limit = std * detectable(int(np.isfinite(std).sum()), self.level, self.power)
+        return limit + self.least * np.abs(self.before)
+
+    @property
+    def order(self) -> list[int]:
+        """Positions of the parameters: those declared first, then by the size of their relative change."""
+        size = np.nan_to_num(np.abs(self.relative_change))
+        return sorted(range(len(self.names)), key=lambda i: (not self.changed[i], -size[i]))
 
     @property
     def statistic(self) -> float:
@@ -176,13 +193,15 @@ class Comparison(States):
     @property
     def words(self) -> str:
         """The result in one sentence."""
+        ratio = self.relative_change
         declared = [
-            f"{name} ({100 * ratio:{'+.1f' if abs(ratio) > 1e-3 else '+.2g'}} %)"
-            for name, ratio, changed in zip(self.names, self.relative_change, self.changed, strict=True)
-            if changed
+            f"{self.names[i]} ({100 * ratio[i]:{'+.1f' if abs(ratio[i]) > 1e-3 else '+.2g'}} %)"
+            for i in self.order
+            if self.changed[i]
         ]
         family = "family-wise" if self.correction == "holm" else "false discovery"
-        tail = f"at the {family} level of {100 * self.level:g} %"
+        least = f"by more than {100 * self.least:g} % " if self.least else ""
+        tail = f"{least}at the {family} level of {100 * self.level:g} %"
         if declared:
             return f"changed {tail}: {', '.join(declared)}"
         return f"no parameter changed {tail}"
@@ -195,6 +214,7 @@ def compare_states(
     level: float = 0.05,
     power: float = 0.9,
     correction: Correction = "holm",
+    least: float = 0.0,
 ) -> Comparison:
     """Change of every parameter that both estimates have, and which changes are more than noise.
 
@@ -214,6 +234,8 @@ def compare_states(
     power : float
         Probability with which a change of the detection limit is declared.
     correction : {"holm", "benjamini_hochberg"}
+    least : float
+        Least change of interest, in parts of the baseline's value; what may be smaller is not declared.
 
     Returns
     -------
@@ -265,6 +287,7 @@ def compare_states(
         level=level,
         power=power,
         correction=correction,
+        least=least,
         status=baseline.status if baseline.status is not Status.CONVERGED else later.status,
     )
 
@@ -275,6 +298,7 @@ def compare_jointly(
     level: float = 0.05,
     power: float = 0.9,
     correction: Correction = "holm",
+    least: float = 0.0,
 ) -> Comparison:
     """The same from one estimate of both states at once, in which the shared parameters are common.
 
@@ -286,7 +310,7 @@ def compare_jointly(
         Of a `states_problem`.
     shared : sequence of str
         The parameters that it has in common for both states.
-    level, power, correction
+    level, power, correction, least
         As in `compare_states`.
 
     Raises
@@ -319,6 +343,7 @@ def compare_jointly(
         level=level,
         power=power,
         correction=correction,
+        least=least,
         status=found.status,
     )
 

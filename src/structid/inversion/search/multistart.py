@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import cast
 
@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray, locked
-from structid.core.errors import SingularModelError
+from structid.core.errors import InputError, SingularModelError
 from structid.inversion.diagnostics.bounds import at_bounds
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem, Stages, Way
@@ -29,6 +29,14 @@ from structid.inversion.search.work import (
 
 _SPREAD = 0.2
 _SAME = 3.0
+#: Factor on the start up to which wide starts lie, and how many of the weakest directions of an answer are followed as far.
+_WIDE, _WEAKEST = 5.0, 2
+#: Difference of two sums of squares that says nothing.
+_ROUNDED = 1e-6
+#: Part of the largest singular value of a relative Jacobian from where on a direction is seen.
+_SEEN = 1e-8
+#: Wide starts that are searched before the rule for their end is looked at again.
+_BATCH = 8
 #: Sum of squares per datum, and beside that, beyond which a search is only gone on with where no other is better; and how close
 #: to the best it has to be.
 _MISSES, _MISSES_AT_LEAST, _NEAR_BEST = 4.0, 30.0, 1.01
@@ -80,6 +88,13 @@ class Search:
         Of the random starts, and of draws.
     start : (n_params,) float array, optional
         Free variables where the first search begins; the problem's own start by default.
+    wide_starts : int
+        How many more searches begin at most at factors of up to five about the start, and along the weakest directions from each
+        answer, where the best one fits and the data determine every parameter. They end where no more answers are to be
+        expected; see `expected_answers`.
+    wide_problem : callable, optional
+        The problem that wide starts are searched with, from the free variables of the best answer: the same, but for choices
+        that the data leave open and that no other answer should make differently.
     """
 
     restarts: int = 0
@@ -88,6 +103,24 @@ class Search:
     start: FloatArray | None = None
     doubt_starts: int = 0
     doubt_beyond: float = np.inf
+    wide_starts: int = 0
+    wide_problem: Callable[[FloatArray], Problem] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SearchedMinima:
+    """The ends of all searches.
+
+    Attributes
+    ----------
+    minima : list of (Minimum, int)
+        With the iterations that each took.
+    is_complete : bool
+        Whether wide starts were made until no more answers are to be expected.
+    """
+
+    minima: list[tuple[Minimum, int]]
+    is_complete: bool = False
 
 
 def searched_minima(
@@ -98,7 +131,7 @@ def searched_minima(
     fits: Callable[[Minimum], bool],
     progress: StageProgress | None = None,
     work: Work = ALONE,
-) -> list[tuple[Minimum, int]]:
+) -> SearchedMinima:
     """The minima of all searches, with the iterations that each took.
 
     The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
@@ -139,7 +172,119 @@ def searched_minima(
     count = most if doubtful else search.uniqueness_starts
     more = [(len(minima) + k, 0, start + point) for k, point in enumerate(points[used:][:count])]
     found = work.map("uniqueness starts", _search, (problem, method, tuple(chosen)), more, progress) if more else []
-    return minima + [_found(problem, method, task) for task in found]
+    minima += [_found(problem, method, task) for task in found]
+    if not search.wide_starts or (good and not _is_determined(problem, best)):
+        return SearchedMinima(minima)
+    grouped = _GroupedMinima(fits)
+    for minimum, _ in minima:
+        grouped.add(minimum)
+    problem = problem if search.wide_problem is None else search.wide_problem(best.theta)
+    wide, is_complete = _wide_minima(problem, method, chosen[0], start, search, grouped, progress, work)
+    return SearchedMinima(minima + wide, is_complete)
+
+
+def expected_answers(n_searches: int, n_answers: int) -> float:
+    """How many distinct minima there are, by how many different ones random searches ended at.
+
+    The expectation where every number of minima, and every size of their basins, is as likely beforehand: w (n - 1) / (n - w - 2)
+    for w minima of n searches.
+
+    References
+    ----------
+    Boender and Rinnooy Kan (1987), Math. Programming 37, 59-80, Eq. (10).
+    """
+    spare = n_searches - n_answers - 2
+    return n_answers * (n_searches - 1) / spare if spare > 0 else np.inf
+
+
+@dataclass(eq=False)
+class _GroupedMinima:
+    """The distinct minima of searches, each with whether the data allow it."""
+
+    fits: Callable[[Minimum], bool]
+    distinct: list[tuple[Minimum, bool]] = field(default_factory=list)
+
+    def add(self, minimum: Minimum) -> bool:
+        """Whether the data allow the minimum, which is remembered where it is a new one."""
+        if not minimum.converged:
+            return False
+        for other, is_fitting in self.distinct:
+            if _distance(other, minimum) <= _SAME:
+                return is_fitting
+        self.distinct.append((minimum, self.fits(minimum)))
+        return self.distinct[-1][1]
+
+    @property
+    def fitting(self) -> list[Minimum]:
+        """Those that the data allow, in the order in which they were reached."""
+        return [minimum for minimum, is_fitting in self.distinct if is_fitting]
+
+
+def _wide_minima(
+    problem: Problem,
+    method: Method,
+    way: Way,
+    start: FloatArray,
+    search: Search,
+    grouped: _GroupedMinima,
+    progress: StageProgress | None,
+    work: Work,
+) -> tuple[list[tuple[Minimum, int]], bool]:
+    """The ends of searches from far about the start and along the weakest directions, and whether no more are to be expected."""
+    rng = np.random.default_rng([search.seed, search.wide_starts])
+    reach, size = problem.reach, np.log(_WIDE) * sizes_at(problem, start)
+    minima: list[tuple[Minimum, int]] = []
+    n_made, n_ended, n_followed = 0, 0, 0
+
+    def run(points: Sequence[FloatArray]) -> int:
+        """How many searches from `points` end where the data allow it."""
+        nonlocal n_made
+        items = [(n_made + k, 0, np.clip(point, *reach.T)) for k, point in enumerate(points)]
+        tasks = work.map("wide starts", _search_widely, (problem, method, (way,)), items, progress, first=n_made)
+        n_made += len(items)
+        ends = [_found(problem, method, task) for task in tasks if "failed" not in task]
+        minima.extend(ends)
+        return sum(grouped.add(minimum) for minimum, _ in ends)
+
+    while n_made < search.wide_starts:
+        n_fitting = len(grouped.fitting)
+        if expected_answers(n_ended, n_fitting) >= n_fitting + 0.5:
+            count = min(_BATCH, search.wide_starts - n_made)
+            n_ended += run([start + size * rng.uniform(-1.0, 1.0, len(start)) for _ in range(count)])
+        elif n_followed < n_fitting:
+            along = [p for answer in grouped.fitting[n_followed:] for p in _along_weakest(problem, answer)]
+            n_followed = n_fitting
+            run(along[: search.wide_starts - n_made])
+        else:
+            return minima, True
+    return minima, False
+
+
+def _search_widely(
+    shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools
+) -> Stored:
+    """One search from a wide start, as a task; it may come to where the data cannot be held against the model."""
+    try:
+        return _search(shared, item, tools)
+    except InputError as error:
+        return {"failed": str(error)}
+
+
+def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
+    """Points on both sides of an answer along the directions that the data determine worst, as far off as wide starts."""
+    size = sizes_at(problem, answer.theta)
+    rows = np.linalg.svd(cast(Linearization, answer.linearization).jacobian * size)[2][-_WEAKEST:]
+    steps = [np.log(_WIDE) * row / np.abs(row).max() * size for row in rows]
+    return [answer.theta + sign * step for step in steps for sign in (1.0, -1.0)]
+
+
+def _is_determined(problem: Problem, minimum: Minimum) -> bool:
+    """Whether data and priors see every direction of the parameters."""
+    relative = cast(Linearization, minimum.linearization).jacobian * sizes_at(problem, minimum.theta)
+    if len(relative) < len(minimum.theta) or not np.isfinite(relative).all():
+        return False
+    singular = np.linalg.svd(relative, compute_uv=False)
+    return bool(singular[-1] > _SEEN * singular[0])
 
 
 def _ended(
@@ -228,7 +373,11 @@ def named(progress: StageProgress | None, name: str) -> Progress | None:
 
 
 def distinct_answers(
-    problem: Problem, minima: Sequence[Minimum], fits: Callable[[Minimum], bool], probability: float
+    problem: Problem,
+    minima: Sequence[Minimum],
+    fits: Callable[[Minimum], bool],
+    least_cost: Callable[[Minimum], float],
+    probability: float,
 ) -> tuple[Answer, ...]:
     """The different minima among those that converged, best first.
 
@@ -239,12 +388,14 @@ def distinct_answers(
     problem : Problem
     minima : sequence of Minimum
     fits : callable
-        Whether chi-square is acceptable at a linearization.
+        Whether chi-square is acceptable at a minimum.
+    least_cost : callable
+        The smallest sum of squares that noise and tolerances leave at a minimum.
     probability : float
         Of a larger difference of two sums of squares than the one that rules an answer out, were it the truth.
     """
     groups: list[list[Minimum]] = []
-    for minimum in sorted((m for m in minima if m.converged), key=lambda m: float(m.costs[-1])):
+    for minimum in sorted((m for m in minima if m.converged), key=cost_rank):
         own = next((g for g in groups if _distance(g[0], minimum) <= _SAME), None)
         if own is None:
             groups.append([minimum])
@@ -254,10 +405,15 @@ def distinct_answers(
     for group in groups:
         first, best = group[0], groups[0][0]
         most = float(special.chdtri(max(len(first.theta), 1), probability))
-        fit = fits(first) and float(first.costs[-1] - best.costs[-1]) <= most
+        fit = fits(first) and (first is best or least_cost(first) - least_cost(best) <= most)
         values, theta = locked(problem.physical(first.theta)), locked(first.theta)
         answers.append(Answer(values, theta, float(first.costs[-1]), len(group), _distance(best, first), fit))
     return tuple(answers)
+
+
+def cost_rank(minimum: Minimum) -> float:
+    """The sum of squares of a minimum, the same for those that differ by rounding alone."""
+    return float(np.floor(minimum.costs[-1] / _ROUNDED))
 
 
 def _distance(first: Minimum, second: Minimum) -> float:

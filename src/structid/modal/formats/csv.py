@@ -267,6 +267,7 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
     """Every channel that a column names, in order."""
     known = {"", "mode", "mpc", "scaling", *_NUMBERS}
     found: dict[Dof, None] = {}
+    columns: dict[tuple[Dof, str], str] = {}
     for name in header:
         if name in known:
             continue
@@ -277,6 +278,9 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
             raise FileError(f"{path}: column {name!r} is no channel ({error})") from error
         if part and part not in _PARTS:
             raise FileError(f"{path}: column {name!r} must end in {', '.join(_PARTS)}, or name the channel only")
+        other = columns.setdefault((dof, part or "real"), name)
+        if other is not name:
+            raise FileError(f"{path}: columns {other!r} and {name!r} are of the same entries of {dof}; leave one out")
         found[dof] = None
     return tuple(found)
 

@@ -98,6 +98,7 @@ class _Listing:
         self.vector: _Vector | None = None
         self.node = -1  # of a row whose second line follows; -1 where the row is left out
         self.first_column = 0
+        self.repeated: list[list[str]] = []  # second lines of the point as it was printed before
         self.last_row = 0
 
     def read(self, lines: Sequence[str]) -> None:
@@ -211,10 +212,8 @@ class _Listing:
         else:
             parts = self.vector.rows.setdefault(node, [])
             if parts and parts[0] != fields:
-                raise FileError(
-                    f"{self.path}, line {number}: point {node} is printed twice in mode {self.vector.mode} with different"
-                    " motions, as of several runs or of parts of a cyclic or substructured model; keep the vectors of one of them"
-                )
+                raise self._two_motions(number, node)
+            self.repeated = parts[1:]
             self.vector.rows[node] = [fields]
             self.node = node
         if self.vector.is_complex:
@@ -227,6 +226,8 @@ class _Listing:
         if self.node < 0:
             return
         fields = self._fields(number, line, self.first_column, True, self.vector.is_polar is True)
+        if self.repeated and self.repeated != [fields]:
+            raise self._two_motions(number, self.node)
         self.vector.rows[self.node].append(fields)
         self.last_row = number
 
@@ -245,6 +246,13 @@ class _Listing:
         if is_grid and not (n_given == 6 or (n_given == 3 and all(fields[:3]))):
             raise self._broken(number, line)
         return fields
+
+    def _two_motions(self, number: int, node: int) -> FileError:
+        assert self.vector is not None
+        return FileError(
+            f"{self.path}, line {number}: point {node} is printed twice in mode {self.vector.mode} with different"
+            " motions, as of several runs or of parts of a cyclic or substructured model; keep the vectors of one of them"
+        )
 
     def _broken(self, number: int, line: str) -> FileError:
         return FileError(

@@ -15,7 +15,7 @@ from structid.core.json_types import Entry, json_text
 from structid.files import atomic_write, damage_told, require_readable
 from structid.modal.formats.calculix import FRD_SUFFIXES, read_modes_calculix
 from structid.modal.formats.csv import modes_csv, read_modes_csv
-from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES, read_modes_nastran
+from structid.modal.formats.nastran import F06_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES, read_modes_nastran
 from structid.modal.formats.printed import ModeFileOptions
 from structid.modal.formats.uff import modes_uff, read_modes_uff
 from structid.modal.modal_record import ModalChanges, ModalRecord
@@ -24,11 +24,10 @@ from structid.records.formats import Geometry
 
 JSON_SUFFIXES, CSV_SUFFIXES, UFF_SUFFIXES = (".json",), (".csv",), (".uff", ".unv", ".uf")
 _WRITTEN = (*JSON_SUFFIXES, *UFF_SUFFIXES, *CSV_SUFFIXES)
-_READ = (*_WRITTEN, *F06_SUFFIXES, *PUNCH_SUFFIXES, *FRD_SUFFIXES)
+_NASTRAN = (*F06_SUFFIXES, *PUNCH_SUFFIXES, *OP2_SUFFIXES)
+_READ = (*_WRITTEN, *_NASTRAN, *FRD_SUFFIXES)
 #: What to do about files that are often at hand.
 _ELSEWHERE = {
-    ".op2": "is binary; let Nastran print the vectors too (DISPLACEMENT(PRINT) = ALL) and give the .f06, or punch them"
-    " (DISPLACEMENT(PUNCH) = ALL) and give the .pch",
     ".xdb": "is a database of Nastran; let it print the vectors (.f06) or punch them (.pch)",
     ".odb": "is read by Abaqus alone; print the shapes (*NODE PRINT) to a table, and give it as CSV",
     ".rst": "is read by Ansys alone; list the shapes (PRNSOL) to a table, and give it as CSV",
@@ -42,7 +41,7 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
     ----------
     path : str or Path
         ``.json`` as written by `write_modes` or by the command ``structid modes``; ``.uff``, ``.unv`` or ``.uf`` with
-        datasets 55 or 2414; ``.csv`` with one row a mode; ``.f06``, ``.pch`` or ``.pun`` with eigenvectors of Nastran;
+        datasets 55 or 2414; ``.csv`` with one row a mode; ``.f06``, ``.pch``, ``.pun`` or ``.op2`` with eigenvectors of Nastran;
         ``.frd`` of CalculiX.
     options : ModeFileOptions, optional
         What a universal file or one of Nastran does not say about itself.
@@ -68,7 +67,7 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
     suffix = path.suffix.lower()
     _require_known(path, suffix, _READ)
     taken = ("length_unit", "force_unit") if suffix in (*UFF_SUFFIXES, *FRD_SUFFIXES) else ()
-    if suffix not in (*F06_SUFFIXES, *PUNCH_SUFFIXES):
+    if suffix not in _NASTRAN:
         for name in (item.name for item in fields(options)):
             if getattr(options, name) and name not in taken:
                 raise InputError(f"{path}: `{name}` is about files of Nastran; leave it out", name)
@@ -76,7 +75,7 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
     with damage_told(path, "a file of modes", "copy it again, or run `structid modes` again"):
         if suffix in UFF_SUFFIXES:
             return read_modes_uff(path, options)
-        if suffix in (*F06_SUFFIXES, *PUNCH_SUFFIXES):
+        if suffix in _NASTRAN:
             return read_modes_nastran(path, options)
         if suffix in FRD_SUFFIXES:
             return read_modes_calculix(path, options)

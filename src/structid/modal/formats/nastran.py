@@ -1,4 +1,4 @@
-"""Modes of Nastran: listings (``.f06``) and punch files as records."""
+"""Modes of Nastran: listings (``.f06``), punch files and binary results (``.op2``) as records."""
 
 from __future__ import annotations
 
@@ -12,19 +12,22 @@ from structid.fem.meshes.bulk_cards import bulk_text, cards_of
 from structid.fem.meshes.nastran_systems import SYSTEM_CARDS, BulkSystems
 from structid.files import damage_told, require_readable
 from structid.modal.formats.f06 import f06_modes
+from structid.modal.formats.op2 import op2_modes
 from structid.modal.formats.printed import RUN_AGAIN, ModeFileOptions, PrintedModes, printed_record
 from structid.modal.formats.punch import punch_modes
 from structid.modal.modal_record import ModalRecord
 
-F06_SUFFIXES, PUNCH_SUFFIXES = (".f06",), (".pch", ".pun")
+F06_SUFFIXES, PUNCH_SUFFIXES, OP2_SUFFIXES = (".f06",), (".pch", ".pun"), (".op2",)
 
 
 def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> PrintedModes:
-    """The modes of the listing or punch file at `path` as it prints them; none is an error."""
-    text = path.read_text(encoding="latin-1")
-    printed = (f06_modes if path.suffix.lower() in F06_SUFFIXES else punch_modes)(
-        path, text, options or ModeFileOptions()
-    )
+    """The modes of the listing, punch file or binary file at `path` as it has them; none is an error."""
+    options = options or ModeFileOptions()
+    if path.suffix.lower() in OP2_SUFFIXES:
+        printed = op2_modes(path, options)
+    else:
+        text = path.read_text(encoding="latin-1")
+        printed = (f06_modes if path.suffix.lower() in F06_SUFFIXES else punch_modes)(path, text, options)
     if not printed.modes:
         raise FileError(f"{path}: holds no eigenvectors of vibration; {RUN_AGAIN}")
     if not any(len(mode.nodes) for mode in printed.modes):
@@ -35,7 +38,7 @@ def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> Printed
 
 
 def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> ModalRecord:
-    """The modes of a listing or punch file at the directions that move, entry of largest magnitude 1.
+    """The modes of a file of Nastran at the directions that move, entry of largest magnitude 1.
 
     Rotations are left out unless `options` state the unit of length: beside translations they mean something in metres only.
 

@@ -317,7 +317,7 @@ def _in_global_axes(
         return shapes.copy()
     result = shapes.copy()
     for i, node in enumerate(nodes.tolist()):
-        if node in axes:
+        if node in axes and systems[i] != 0:  # 0: basic axes, as the file says
             for part in (slice(0, 3), slice(3, 6)):
                 result[i, part] = axes[node].T @ shapes[i, part]
     return result

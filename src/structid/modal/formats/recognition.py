@@ -10,7 +10,7 @@ from structid.files import read_start
 from structid.modal.formats.calculix import FRD_SUFFIXES
 from structid.modal.formats.csv import is_modes_table
 from structid.modal.formats.files import CSV_SUFFIXES, JSON_SUFFIXES, UFF_SUFFIXES
-from structid.modal.formats.nastran import F06_SUFFIXES, PUNCH_SUFFIXES
+from structid.modal.formats.nastran import F06_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES
 
 #: Texts and numbers at most before the frequencies.
 _MODES_BEGIN = re.compile(
@@ -36,7 +36,7 @@ def holds_modes(path: Path) -> bool:
             if begin[max(0, match.start() - 80) : match.start()].rstrip(b" \r").endswith(b" -1")
         }
         return bool(sets & {b"55", b"2414"}) and not any(name.startswith(b"58") for name in sets)
-    return suffix in (*F06_SUFFIXES, *FRD_SUFFIXES) or (
+    return suffix in (*F06_SUFFIXES, *OP2_SUFFIXES, *FRD_SUFFIXES) or (
         suffix in JSON_SUFFIXES and _MODES_BEGIN.match(_begin(path)) is not None
     )
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
@@ -180,6 +181,7 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
     notes: list[str] = []
     modes = _read_datasets(path, blocks, notes)
     modes = _one_of_each(path, modes, notes)
+    _require_vibrations(modes)
     length, force, has_units = _units(path, blocks, options)
     s = np.array([mode.s for mode in modes])
     nodes = list(modes[0].nodes)
@@ -252,6 +254,19 @@ def _one_of_each(path: Path, modes: list[_Mode], notes: list[str]) -> list[_Mode
     if all(mode.s.imag == 0 and mode.s.real != 0 for mode in modes):
         raise FileError(f"{path}: all eigenvalues are real; there is no vibration in them")
     return modes
+
+
+def _require_vibrations(modes: list[_Mode]) -> None:
+    """Refuse modes that are damped too much to vibrate, and one that stands twice."""
+    for mode in modes:
+        if mode.damping_ratio >= 1:
+            raise FileError(
+                f"{mode.where} states a damping ratio of {mode.damping_ratio:g}, with which nothing vibrates; correct it"
+            )
+    for first, second in pairwise(modes):
+        same = first.s == second.s and first.nodes.keys() == second.nodes.keys()
+        if same and all(np.array_equal(values, second.nodes[node]) for node, values in first.nodes.items()):
+            raise FileError(f"{second.where} holds the mode that stands before it once more; keep one of the two")
 
 
 def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tuple[float, float, bool]:

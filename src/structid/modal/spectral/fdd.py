@@ -15,15 +15,20 @@ import numpy as np
 from structid.modal.correlations import displacement_rows, outputs
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord, unit_largest
-from structid.modal.spectral.peaks import chosen_peaks
+from structid.modal.spectral.peaks import chosen_peaks, peaks_within, stored_spectrum
 from structid.records import TimeRecord
+from structid.records.spectrum import SpectrumRecord
 
 
-def fdd(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions | None = None) -> ModalIdentification:
+def fdd(
+    records: TimeRecord | Sequence[TimeRecord] | SpectrumRecord, options: ModalOptions | None = None
+) -> ModalIdentification:
     """Modes at the peaks of the first singular value: a first look, without damping.
 
     Parameters
     ----------
+    records : TimeRecord, sequence of them, or SpectrumRecord
+        Ambient motion, or its spectra as another program averaged them.
     options : ModalOptions, optional
         Used are `frequencies` (by hand; automatic peaks otherwise), `segment` (by default one that leaves about 40
         averages; frequencies come in steps of sampling rate over it) and the frequency range of `criteria`.
@@ -42,16 +47,25 @@ def fdd(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions | None
         If no peak stands out inside the criteria.
     """
     options = options or ModalOptions()
-    data = outputs(records)
-    spectrum, lines = chosen_peaks(data, options)
+    if isinstance(records, SpectrumRecord):
+        data, spectrum = stored_spectrum(records)
+        lines = peaks_within(spectrum, options)
+    else:
+        data = outputs(records)
+        spectrum, lines = chosen_peaks(data, options)
     note = (
-        f"frequencies are peaks on lines {spectrum.frequency[1]:.3g} Hz apart, without damping ratios and without "
-        "covariance, which peaks on lines cannot give; bayesian_fft gives both"
+        f"frequencies are peaks on lines {spectrum.spacing:.3g} Hz apart, without damping ratios and without "
+        "covariance, which peaks on lines cannot give; "
+        + (
+            "the time histories behind the spectra would"
+            if isinstance(records, SpectrumRecord)
+            else "bayesian_fft gives both"
+        )
     )
     frequency = spectrum.frequency[lines]
     dofs, merge = displacement_rows(data, 2j * np.pi * frequency)
     shapes = np.einsum("cdm,dm->cm", merge, data.scale[:, None] * spectrum.vectors[lines, :, 0].T)
-    source = f"frequency domain decomposition, lines of {spectrum.frequency[1]:.3g} Hz"
+    source = f"frequency domain decomposition, lines of {spectrum.spacing:.3g} Hz"
     unknown = np.full(len(lines), np.nan)
     modes = ModalRecord(frequency, unknown, unit_largest(shapes), dofs, warnings=(note,), source=source)
     return ModalIdentification(modes, "fdd", options=options)

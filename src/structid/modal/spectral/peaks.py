@@ -18,6 +18,7 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.core.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs
 from structid.modal.method import ModalOptions
+from structid.records.spectrum import SpectrumRecord
 
 #: Modal coherence that a peak must have.
 COHERENCE = 0.8
@@ -50,6 +51,11 @@ class Spectrum:
     vectors: ComplexArray
     averages: float
     segment: int
+
+    @property
+    def spacing(self) -> float:
+        """Distance of the lines, Hz."""
+        return float(self.frequency[1] - self.frequency[0])
 
     @property
     def error(self) -> float:
@@ -155,12 +161,12 @@ def peaks_by_hand(spectrum: Spectrum, frequencies: Sequence[float]) -> IntArray:
     """
     lines, first = spectrum.frequency, spectrum.values[:, 0]
     wanted = np.asarray(frequencies, dtype=float)
-    if not len(wanted) or (wanted <= 0).any() or (wanted >= lines[-1]).any():
-        raise InputError(f"`frequencies` must lie between 0 and {lines[-1]:g} Hz, got {list(frequencies)}")
+    if not len(wanted) or (wanted <= lines[0]).any() or (wanted >= lines[-1]).any():
+        raise InputError(f"`frequencies` must lie between {lines[0]:g} and {lines[-1]:g} Hz, got {list(frequencies)}")
     peaks = 1 + np.flatnonzero((first[1:-1] >= first[:-2]) & (first[1:-1] > first[2:]))
     chosen = []
     for f in wanted:
-        near = peaks[np.abs(lines[peaks] - f) <= max(2 * lines[1], 0.02 * f)]
+        near = peaks[np.abs(lines[peaks] - f) <= max(2 * spectrum.spacing, 0.02 * f)]
         if not len(near):
             nearest = f"{lines[peaks[np.abs(lines[peaks] - f).argmin()]]:.4g} Hz" if len(peaks) else "nowhere"
             raise InputError(
@@ -184,7 +190,34 @@ def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, IntArr
         If no peak stands out.
     """
     spectrum = singular_spectrum(data, options.segment or default_segment(data))
+    return spectrum, peaks_within(spectrum, options)
+
+
+def stored_spectrum(record: SpectrumRecord) -> tuple[Outputs, Spectrum]:
+    """What the channels of stored spectra are, scaled to equal power, and their singular spectrum.
+
+    Where the references are not all channels, the singular vectors on the side of the channels are taken.
+    """
+    power = np.sqrt((np.abs(record.values) ** 2).sum(axis=0))
+    of_channel, of_reference = np.sqrt(power.max(axis=1)), np.sqrt(power.max(axis=0))
+    if not (of_channel > 0).all():
+        dead = record.channels[int(np.argmin(of_channel))]
+        raise InputError(f"the spectra of channel {dead} are 0; leave this channel out, or repair the sensor")
+    vectors, values, _ = np.linalg.svd(record.values / (of_channel[:, None] * of_reference), full_matrices=False)
+    data = Outputs((), of_channel, record.channels, record.quantities, np.inf)
+    averages = np.nan if record.averages is None else float(record.averages)
+    return data, Spectrum(record.frequency, values, vectors, averages, 0)
+
+
+def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
+    """Lines of the peaks within the criteria, by hand or automatic, lowest first; see `chosen_peaks`."""
     by_hand = options.frequencies is not None
+    if not by_hand and not np.isfinite(spectrum.averages):
+        raise InputError(
+            "`averages` must say how many averages are behind stored spectra, so that peaks can be told from errors, or"
+            " `frequencies` where the peaks are; their file says neither",
+            "averages",
+        )
     lines = peaks_by_hand(spectrum, options.frequencies or ()) if by_hand else automatic_peaks(spectrum)
     low, high = options.criteria.frequency
     lines = lines[(spectrum.frequency[lines] >= low) & (spectrum.frequency[lines] <= high)]
@@ -193,7 +226,7 @@ def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, IntArr
             "`records` show no peak of the first singular value that stands out of its errors and meets `criteria`; give "
             "`bands` or `frequencies`, or measure longer"
         )
-    return spectrum, lines
+    return lines
 
 
 def peak_range(spectrum: Spectrum, line: int, others: Sequence[int] = ()) -> tuple[int, int]:

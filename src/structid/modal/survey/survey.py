@@ -14,7 +14,7 @@ from structid._version import __version__
 from structid.core.arrays import FloatArray
 from structid.core.display import file_names
 from structid.core.dof import Dof
-from structid.core.errors import InputError, NoModesError, UnnamedChannelsError
+from structid.core.errors import InputError, NoModesError, StoredSpectraError, UnnamedChannelsError
 from structid.core.provenance import Provenance
 from structid.files import digest
 from structid.files.uff import dataset_lines
@@ -25,7 +25,7 @@ from structid.modal.merging import merged_setups
 from structid.modal.method import ModalIdentification
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles.window_damping import without_window_damping
-from structid.modal.spectral.peaks import singular_spectrum
+from structid.modal.spectral.peaks import singular_spectrum, stored_spectrum
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
 from structid.plotting import ModesPlots
@@ -43,7 +43,9 @@ from structid.records import (
     read_record,
 )
 from structid.records.formats import how_read
+from structid.records.formats.spectra import SPECTRUM, read_spectrum
 from structid.records.formats.uff.uff import SUFFIXES
+from structid.records.spectrum import SpectrumRecord
 
 #: Name of the page that is written beside modes.json.
 MODES_PAGE = "report.html"
@@ -82,7 +84,7 @@ class ModesResult(ModesPlots):
     ----------
     title : str
         Name of the record.
-    record : Record
+    record : Record or SpectrumRecord
         As identified, after its preparation.
     identification : ModalIdentification
     spectra : ModeSpectra
@@ -101,7 +103,7 @@ class ModesResult(ModesPlots):
     """
 
     title: str
-    record: Record
+    record: Record | SpectrumRecord
     identification: ModalIdentification
     spectra: ModeSpectra
     geometry: Geometry | None
@@ -136,7 +138,7 @@ class ModesResult(ModesPlots):
         """What the scale of the shapes is, and what the modes therefore cannot tell."""
         if self.modes.scaling == "mass":
             return "mode shapes are scaled to a modal mass of 1 kg, from the measured forces"
-        if isinstance(self.record, TimeRecord):
+        if isinstance(self.record, TimeRecord | SpectrumRecord):
             return (
                 "no force was used: output-only data give frequencies, damping ratios and mode shapes of arbitrary"
                 " scale, but no masses or stiffnesses; they tell ratios, until one mass, stiffness or force is known"
@@ -175,7 +177,13 @@ def modes_of_file(
 def _modes_of_file(
     path: Path, options: ModesOptions, read: ReadOptions | None, geometry: str | Path | None, alone: bool
 ) -> ModesResult:
-    record, read, numbered = _read(path, read or ReadOptions(), alone)
+    read = read or ReadOptions()
+    if read.kind == SPECTRUM:
+        return _modes_of_spectra(path, options, read, geometry)
+    try:
+        record, read, numbered = _read(path, read, alone)
+    except StoredSpectraError:
+        return _modes_of_spectra(path, options, read, geometry)
     places = record_geometry(path, record, None if geometry is None else Path(geometry))
     ready, steps, findings = _prepared(record, options)
     understood = how_read(record.source, path)
@@ -199,6 +207,32 @@ def _modes_of_file(
         findings=findings,
         options=options,
         kurtosis=kurtosis,
+    )
+
+
+def _modes_of_spectra(path: Path, options: ModesOptions, read: ReadOptions, geometry: str | Path | None) -> ModesResult:
+    """Modes of stored spectra, by their peaks."""
+    for name in ("rate", "orders", "damping", "deviation", "window"):
+        if getattr(options, name) is not None:
+            raise InputError(
+                f"`{name}` is not about stored spectra, which have frequencies and shapes alone; leave it out", name
+            )
+    record = read_spectrum(path, read)
+    identification = modal_identification(record, options.method, options.modal)
+    _, spectrum = stored_spectrum(record)
+    understood = how_read(record.source, path)
+    return ModesResult(
+        title=path.name,
+        record=record,
+        identification=identification,
+        spectra=ModeSpectra(
+            spectrum.frequency, spectrum.values, "singular values of the stored spectra, channels scaled", "1"
+        ),
+        geometry=record_geometry(path, record, None if geometry is None else Path(geometry)),
+        provenance=_provenance((path, geometry), options, read),
+        steps=(f"read: {understood}",) if understood else (),
+        options=options,
+        kurtosis=np.full(identification.modes.n_modes, np.nan),
     )
 
 
@@ -354,7 +388,7 @@ def _provenance(paths: Sequence[str | Path | None], options: ModesOptions, read:
     )  # fmt: skip
 
 
-def record_geometry(path: Path, record: Record, given: Path | None) -> Geometry | None:
+def record_geometry(path: Path, record: Record | SpectrumRecord, given: Path | None) -> Geometry | None:
     """The geometry in the file `given`, or else in the record's file `path`; None where there is none.
 
     Raises
@@ -378,7 +412,7 @@ def record_geometry(path: Path, record: Record, given: Path | None) -> Geometry 
     return geometry
 
 
-def _missing(record: Record, geometry: Geometry) -> list[Dof]:
+def _missing(record: Record | SpectrumRecord, geometry: Geometry) -> list[Dof]:
     """Sensors at nodes that have no position."""
     sensors = record.outputs if isinstance(record, FrfRecord) else record.channels
     return [dof for dof in sensors if dof.node not in geometry.nodes]

@@ -111,7 +111,7 @@ def _require_fitting(path: Path, module: ModuleType | LoggerFormat, options: Rea
             )
     if "axes" in given and module is not _uff:
         raise InputError(f"{path}: has no coordinate systems, which `axes` is about; leave it out", "axes")
-    if "resample" in given and module not in (_csv, _uff):
+    if "resample" in given and module not in (_csv, _uff, *LOGGERS):
         raise InputError(
             f"{path}: has no times of its samples, of which `resample` makes even ones; leave it out", "resample"
         )

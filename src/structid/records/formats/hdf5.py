@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from structid.core.errors import InputError
+from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_unit
 from structid.files import atomic_write
-from structid.files.hdf5 import hdf5_datasets, hdf5_fields
+from structid.files.hdf5 import hdf5_datasets, hdf5_fields, hdf5_units
 from structid.records.formats.bare import Shapes, read_bare
 from structid.records.formats.layout import MARK, Field, fields_of, record_from
 from structid.records.formats.options import ReadOptions
@@ -36,8 +40,53 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     if MARK in shapes:
         fields = hdf5_fields(path, [name for name in shapes if "/" not in name])
         return selected(path, record_from(path, fields), options)
+    options, words = _with_stated_units(path, shapes, options)
     loaded = hdf5_fields(path, _needed(shapes, {options.array, options.frequency_array, options.coherence_array}))
-    return read_bare(path, shapes, lambda name: np.asarray(loaded[name]), options)
+    record = read_bare(path, shapes, lambda name: np.asarray(loaded[name]), options)
+    return replace(record, source=f"{record.source}; {words}") if words else record
+
+
+def _with_stated_units(path: Path, shapes: Shapes, options: ReadOptions) -> tuple[ReadOptions, str]:
+    """Options with the units that attributes of the arrays state, and words on them; what was given must agree."""
+    stated = hdf5_units(path)
+    numeric = [name for name, (_, dtype) in shapes.items() if dtype.kind in "fciu"]
+    others = {options.frequency_array, options.coherence_array}
+    left = [name for name in numeric if name not in others]
+    name = options.array or (left[0] if len(left) == 1 else "")
+    is_frf = bool(options.frequency_array)
+    changes: dict[str, Any] = {}
+    words = []
+    for key, array in (("unit" if is_frf else "units", name), ("axis_unit", options.frequency_array)):
+        texts = tuple(text.strip() for text in stated.get(array, ()) if text.strip())
+        if not array or not texts:
+            continue
+        given = getattr(options, key)
+        if not given and not (key == "units" and options.quantities):
+            changes[key] = texts if key == "units" else texts[0]
+            words.append(f"{array} in {', '.join(dict.fromkeys(texts))} by its attribute")
+        elif given and not _agree(key, given, texts):
+            raise InputError(
+                f"{path}: array {array!r} states {', '.join(dict.fromkeys(texts))} as its unit, but `{key}`"
+                f" {given if isinstance(given, str) else ', '.join(given)} was given; leave it out",
+                key,
+            )
+    return replace(options, **changes), ", ".join(words)
+
+
+def _agree(key: str, given: str | tuple[str, ...], stated: tuple[str, ...]) -> bool:
+    """Whether units that were given are those that a file states."""
+    parse: Callable[[str], object] = {"unit": parse_frf_unit, "units": parse_unit, "axis_unit": parse_frequency_unit}[
+        key
+    ]
+    texts = (given,) if isinstance(given, str) else given
+    count = max(len(texts), len(stated))
+    if len(texts) not in (1, count) or len(stated) not in (1, count):
+        return False
+    try:
+        pairs = zip(*(each * count if len(each) == 1 else each for each in (texts, stated)), strict=True)
+        return all(parse(a) == parse(b) for a, b in pairs)
+    except InputError:
+        return texts == stated
 
 
 def _needed(shapes: Shapes, wanted: set[str]) -> set[str]:

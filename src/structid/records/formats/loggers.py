@@ -17,6 +17,7 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import FileError, InputError
 from structid.files.contained import ReaderError, contained
 from structid.files.loggers import PACKAGES, Channel
+from structid.records.formats.clocks import resample, resampling_remedy
 from structid.records.formats.named_channels import NamedChannels, chosen, is_time, record_of, scale_of_times
 from structid.records.formats.options import ReadOptions
 from structid.records.record import FrfRecord, TimeRecord
@@ -107,6 +108,9 @@ def _together(path: Path, channels: Sequence[Channel], options: ReadOptions, wor
     )
     if not wanted:
         raise FileError(f"{path}: holds no channel besides its times; export the channels too")
+    uneven = _uneven_times(path, channels, time, wanted, options)
+    if uneven is not None:
+        return _resampled(path, channels, wanted, uneven, words)
     clock = None if time is None else _clock_of(path, channels[time], options)
     clocks = {j: clock or _own_clock(path, channels[j], options) for j in wanted}
     rate = _one_rate(path, [channels[j] for j in wanted], [clocks[j][0] for j in wanted])
@@ -120,6 +124,50 @@ def _together(path: Path, channels: Sequence[Channel], options: ReadOptions, wor
         start=start,
         numbers=tuple(numbers[j] for j in wanted),
         words=words + note + "".join(f", {told}" for told in dict.fromkeys(one.note for one in channels) if told),
+    )
+
+
+def _uneven_times(
+    path: Path, channels: Sequence[Channel], time: int | None, wanted: Sequence[int], options: ReadOptions
+) -> FloatArray | None:
+    """The times, s, of channels that are to be resampled; None where that is not asked for or they are even."""
+    if not options.resample:
+        return None
+    if time is not None:
+        channel = channels[time]
+        times = channel.values * scale_of_times(
+            f"{path}: channel {channel.name!r}", channel.name, channel.unit, options
+        )
+        step = (times[-1] - times[0]) / max(len(times) - 1, 1)
+        is_even = np.isfinite(times).all() and step > 0 and np.abs(np.diff(times) - step).max() <= _EVEN * step
+        return None if is_even else times
+    off = [j for j in wanted if channels[j].off > _EVEN]
+    if not off:
+        return None
+    times = channels[off[0]].times
+    for j in wanted:
+        if channels[j].times.shape != times.shape or not np.array_equal(channels[j].times, times):
+            raise InputError(
+                f"{path}: channels {channels[off[0]].name!r} and {channels[j].name!r} are sampled at different times; choose"
+                " channels of one clock with `columns`"
+            )
+    return times
+
+
+def _resampled(
+    path: Path, channels: Sequence[Channel], wanted: Sequence[int], times: FloatArray, words: str
+) -> NamedChannels:
+    """Channels at uneven times on an even raster; see `resample`."""
+    made = resample(path, times, np.stack([channels[j].values for j in wanted], axis=1))
+    return NamedChannels(
+        path=path,
+        names=tuple(channels[j].name for j in wanted),
+        units=tuple(channels[j].unit for j in wanted),
+        values=made.values,
+        rate=made.rate,
+        start=made.start,
+        numbers=tuple(j + 1 for j in wanted),
+        words=f"{words}, {made.words}",
     )
 
 
@@ -139,9 +187,7 @@ def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float
     time = channel.values * scale
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
     if not np.isfinite(time).all() or not step > 0 or np.abs(np.diff(time) - step).max() > _EVEN * step:
-        raise FileError(
-            f"{path}: channel {channel.name!r} must hold even, increasing times; resample before the export"
-        )
+        raise FileError(f"{path}: channel {channel.name!r} must hold even, increasing times; {resampling_remedy()}")
     return float(1 / step), float(time[0])
 
 
@@ -157,8 +203,8 @@ def _own_clock(path: Path, channel: Channel, options: ReadOptions) -> tuple[floa
         return given, channel.start
     if channel.off > _EVEN:
         raise FileError(
-            f"{path}: channel {channel.name!r} is not sampled evenly: a sample is {channel.off:.2g} steps off; resample it to one"
-            " raster before the export"
+            f"{path}: channel {channel.name!r} is not sampled evenly: a sample is {channel.off:.2g} steps off;"
+            f" {resampling_remedy()}"
         )
     if given is not None and abs(given / channel.rate - 1) > _SAME_RATE:
         raise InputError(

@@ -19,6 +19,7 @@ from structid.report.text import exact, percent, with_unit
 KINDS: dict[str, tuple[str, ...]] = {
     "mass": ("mass", "rotary_inertia"),
     "stiffness": ("stiffness",),
+    "axial force": ("axial_force",),
     "damping": ("viscous_damping", "loss_factor", "friction"),
     "thickness": ("thickness",),
 }

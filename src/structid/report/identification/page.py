@@ -121,6 +121,9 @@ def report_page(
         ),
         "elements": tables.element_table(structure),
         "parameters": tables.parameter_table(identification),
+        "alternatives": None
+        if identification.alternatives is None
+        else (identification.alternatives.search_words, tables.alternatives_table(identification.alternatives)),
         "varied": [
             (one.words, one.outlying_words, tables.varied_table(identification, one)) for one in identification.varied
         ],

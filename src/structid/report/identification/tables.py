@@ -11,6 +11,7 @@ from structid.core.arrays import FloatArray
 from structid.core.display import counted
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
+from structid.identification.alternatives import Alternatives
 from structid.identification.fits.resonances import Resonance
 from structid.identification.identified import Identification
 from structid.identification.varying import Varied
@@ -39,6 +40,9 @@ _INTERVALS = {
     "bootstrap": "from refits to data drawn again (bootstrap), 400 of them",
     "sampling": "from samples of the posterior by the no-U-turn sampler",
 }
+
+#: Sets of values that stand side by side.
+_MOST_SETS = 12
 
 
 def parameter_states(identification: Identification) -> tuple[str, ...]:
@@ -98,6 +102,20 @@ def parameter_table(identification: Identification) -> Table:
         )
     marks = tuple("" if states[i] == "identified" else "doubtful" for i in identification.listed)
     return Table(header, tuple(rows), (2, 3, 4, 5, 6, 7, 8, 9), marks)
+
+
+def alternatives_table(sets: Alternatives) -> Table:
+    """Sets of values that fit the data equally well, one a column, and what would tell them apart."""
+    count = min(len(sets), _MOST_SETS)
+    header = ("Parameter", "Unit", *(f"Set {k + 1}" for k in range(count)))
+    rows = []
+    for name, unit, values in zip(sets.names, sets.units, sets.values[:count].T.tolist(), strict=True):
+        factor, shown = prefixed(unit, *values)
+        rows.append((name, shown or "1", *(number(value / factor, 5) for value in values)))
+    if sets.deciding is not None:
+        predicted = (number(value, 3) for value in sets.deciding.predicted[:count])
+        rows.append((f"would decide: {sets.deciding.name}", sets.deciding.unit or "1", *predicted))
+    return Table(header, tuple(rows), tuple(range(2, count + 2)))
 
 
 def varied_table(identification: Identification, varied: Varied) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import shutil
 from collections.abc import Iterator, Sequence
@@ -16,6 +17,7 @@ from structid.core.json_types import Entry, json_text
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
 from structid.diagnose.verdict import Diagnosis
 from structid.files import claimed, require_no_file
+from structid.identification.alternatives import Alternatives
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.regularizing import Held
@@ -27,6 +29,8 @@ from structid.study.results.modal import modal_summary
 from structid.study.results.result import StudyResult
 
 _REPORT = "report.html"
+#: File of a results folder that says where its study is.
+STUDY_PATH = "study_path.txt"
 
 
 @contextmanager
@@ -85,17 +89,25 @@ def _move(temporary: Path, folder: Path, page: str) -> None:
 def write_results(result: StudyResult, folder: Path) -> None:
     """Write estimate.json, estimate.h5 and study.toml into the existing `folder`; and parameters.csv of very many.
 
-    Of a study with a solver, the updated deck too.
-
-    The same result gives the same bytes.
+    Of a study with a solver, the updated deck too. The same result gives the same bytes, but for the file that says where the study
+    is, seen from the folder.
     """
     (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
     if not result.identification.estimate.uncertainty.has_matrix:
         (folder / PARAMETERS).write_text(changes_table(result.identification.estimate), encoding="utf-8")
     (folder / "estimate.h5").write_bytes(hdf5_bytes(result))
     (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
+    (folder / STUDY_PATH).write_text(_way_to(result.study.path, folder) + "\n", encoding="utf-8")
     if result.solver is not None:
         result.solver.write(folder)
+
+
+def _way_to(path: Path, folder: Path) -> str:
+    """The relative path from a folder to a file; "" where there is none, as between two drives."""
+    try:
+        return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+    except ValueError:
+        return ""
 
 
 def estimate_summary(result: StudyResult) -> dict[str, Entry]:
@@ -139,6 +151,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
             for item in found.held
         ],
         **varied_summary(found),
+        **_alternatives(found.alternatives),
         "unidentifiable_directions": [
             {"words": item.words, "relative_std": item.relative_std, "vector": item.vector}
             for item in identifiability.directions
@@ -189,6 +202,29 @@ def _tolerances(estimate: Estimate) -> dict[str, Entry]:
             {"name": name, "kind": kind, "tolerance": tolerance, "asked_in_tolerances": asked}
             for name, kind, tolerance, asked in zip(fixed.names, fixed.kinds, fixed.tolerance, fixed.asked, strict=True)
         ]
+    }
+
+
+def _alternatives(sets: Alternatives | None) -> dict[str, Entry]:
+    """Sets of values that fit the data equally well, where there are several."""
+    if sets is None:
+        return {}
+    rows = zip(sets.values, sets.cost, sets.n_searches, strict=True)
+    return {
+        "alternatives": {
+            "text": sets.words,
+            "searches_text": sets.search_words,
+            "exhaustive": sets.is_exhaustive,
+            "sets": [
+                {
+                    "values": dict(zip(sets.names, values.tolist(), strict=True)),
+                    "sum_of_squares": cost,
+                    "n_searches": count,
+                }
+                for values, cost, count in rows
+            ],
+            "deciding": None if sets.deciding is None else asdict(sets.deciding),
+        }
     }
 
 

@@ -13,7 +13,9 @@ from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
+from structid.identification.identified import Identification
 from structid.inversion import Estimate
+from structid.prediction.model_error import ModelError
 from structid.study.results.result import StudyResult
 
 if TYPE_CHECKING:
@@ -39,6 +41,8 @@ def hdf5_bytes(result: StudyResult) -> bytes:
         _parameters(file.create_group("parameters"), found.estimate)
         if found.fits:
             _record(file, found.fits[0])
+            if found.estimate.covariance_basis == "model_error" and found.estimate.uncertainty.has_matrix:
+                _model_error(file["frf"], found)
         else:
             _modes(file.create_group("modes"), found.modes, found.structure)
             _modes(file.create_group("modes_initial"), found.modes_initial, found.structure)
@@ -81,11 +85,13 @@ def _parameters(group: h5py.Group, found: Estimate) -> None:
     _put(group, "values", found.values, note)
     _put(group, "std", found.std, note)
     if found.uncertainty.has_matrix:
+        _texts(group, "covariance_basis", [found.covariance_basis])
         _put(group, "covariance_noise", found.covariance_noise, "products of units")
         _put(group, "covariance_model_error", found.covariance_model_error, "products of units")
         _put(group, "correlation", found.correlation, "1")
         if found.fixed is not None:
             _texts(group, "fixed_names", found.fixed.change_names)
+            _put(group, "fixed_tolerances", found.fixed.tolerance, "1")
             _put(group, "fixed_changes", found.fixed.changes, "as in units, by one tolerance of each held value")
     else:
         _put(group, "std_relative_error", found.uncertainty.std_error, "1")
@@ -113,6 +119,15 @@ def _frf(group: h5py.Group, fit: RecordFit) -> None:
         _put(group, "variance", record.variance, f"({record.unit})^2")
     if record.coherence is not None:
         _put(group, "coherence", record.coherence, "1")
+
+
+def _model_error(group: h5py.Group, found: Identification) -> None:
+    """The error of responses that were not measured, for predictions from these results."""
+    fit = found.fits[0]
+    error = ModelError.of_fit(fit.problem, found.estimate.values[found.own_index], fit.predicted)
+    _put(group, "model_error_part", error.part, "1")
+    _put(group, "model_error_size", error.size, fit.problem.record.unit)
+    _texts(group, "model_error_kind", [error.kind])
 
 
 def _evaluation(group: h5py.Group, fit: RecordFit) -> None:

@@ -12,6 +12,7 @@ from structid.modal.formats.files import modal_fields, write_modes
 from structid.modal.modal_record import ModalRecord
 from structid.modal.survey.survey import ModesResult
 from structid.records import FrfRecord, Geometry
+from structid.records.spectrum import SpectrumRecord
 
 
 def write_modes_results(result: ModesResult, folder: Path) -> None:
@@ -95,6 +96,13 @@ def _record(result: ModesResult) -> dict[str, Entry]:
             "kind": record.kind, "unit": record.unit, "n_lines": len(record.frequency),
             "band_hz": [record.frequency[0], record.frequency[-1]],
             "outputs": [str(dof) for dof in record.outputs], "inputs": [str(dof) for dof in record.inputs],
+        }  # fmt: skip
+    if isinstance(record, SpectrumRecord):
+        return {
+            "kind": "spectra", "n_lines": len(record.frequency), "averages": record.averages,
+            "band_hz": [record.frequency[0], record.frequency[-1]],
+            "channels": [str(dof) for dof in record.channels], "references": [str(dof) for dof in record.references],
+            "quantities": record.quantities,
         }  # fmt: skip
     return {
         "kind": "time histories", "sampling_rate_hz": record.sampling_rate, "n_samples": len(record.values),

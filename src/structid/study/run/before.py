@@ -13,7 +13,6 @@ from structid.diagnose.checks.initial_comparison import InitialComparison
 from structid.diagnose.checks.mesh import MeshErrors, mesh_errors
 from structid.dynamics import Modes
 from structid.forward import ModalProblem, RecordProblem
-from structid.identification.fits.model_modes import structure_modes
 from structid.identification.fits.resonances import LEAST_DAMPING
 from structid.identification.setups.setup import AnySetup
 from structid.inversion.averaging import expected_square
@@ -21,7 +20,6 @@ from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.signal_checks import signal_checks
 from structid.records.quality.spectral_checks import drifts
 from structid.records.quality.window_checks import leakage
-from structid.study.run.start import Start
 from structid.study.schema.records.record import RecordSource, read_histories
 
 #: Part of its frequency within which a mode that shows no peak may belong to a measured one.
@@ -31,8 +29,6 @@ _MANY = 100
 #: Part of their frequencies by which modes of an initial model may be off, and degrees of freedom up to which the mesh of an
 #: answer is judged.
 _NEAR, _SMALL = 0.15, 600
-#: Modes of a model that windows may blur.
-_MOST_MODES = 12
 
 
 @dataclass(frozen=True)
@@ -94,7 +90,7 @@ def checked_record(
         found = [one for one in signal_checks(record) if one.severity != "note"]
         slow = drifts(record) if not any(one.kind == "short" for one in found) else ()
         warnings += [one.words for one in (*found, *slow)]
-    warnings += _leaks(source, histories, problem, modes)
+    warnings += leaking_windows(source, histories, problem, modes)
     lost = setup.truncation(problem, problem.theta_start)
     warnings += [lost.warning] if lost is not None and lost.warning else []
     reduced = () if lost is None else (*(one.words for one in setup.structure.reductions), lost.words)
@@ -170,17 +166,9 @@ def _facts(setup: AnySetup) -> tuple[str, ...]:
     )
 
 
-def window_warnings(ready: Start) -> tuple[str, ...]:
-    """Windows of averaged spectra of a study that blur the resonances of its initial models."""
-    told: list[str] = []
-    for source, setup, problem in zip(ready.study.setups, ready.setups, ready.problems, strict=True):
-        if source.record.frf is not None and source.record.time is None and setup.structure.has_modes:
-            modes = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), _MOST_MODES)
-            told += _leaks(source.record, read_histories(source.record), problem, modes)
-    return tuple(dict.fromkeys(told))
-
-
-def _leaks(source: RecordSource, histories: list[TimeRecord], problem: RecordProblem, modes: Modes) -> list[str]:
+def leaking_windows(
+    source: RecordSource, histories: list[TimeRecord], problem: RecordProblem, modes: Modes
+) -> list[str]:
     """Windows of averaged spectra that blur the resonances in the band."""
     if source.frf is None or source.time is not None or not histories:
         return []

@@ -10,12 +10,17 @@ from structid.diagnose.refits import Fitted
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.time_budget import TimeBudget
 from structid.diagnose.verdict import Diagnosis, Judgement, is_sound
+from structid.identification.fits.model_modes import structure_modes
 from structid.inversion.search.work import ALONE, Work
 from structid.study.results.result import StudyResult
 from structid.study.results.suggestions import with_suggestions
-from structid.study.run.before import window_warnings
+from structid.study.run.before import leaking_windows
 from structid.study.run.start import Start
 from structid.study.run.workers import threads_for
+from structid.study.schema.records.record import read_histories
+
+#: Modes of a model that windows may blur.
+_MOST_MODES = 12
 
 
 def diagnose_study(
@@ -56,7 +61,7 @@ def diagnose_study(
         diagnosed = diagnose(model, identification, explain, work, budget, show)
     diagnosis = with_suggestions(ready.study, diagnosed.diagnosis, diagnosed.fits)
     if diagnosis.judgement.verdict in ("approximate", "wrong_model"):
-        diagnosis = replace(diagnosis, judgement=_with_findings(diagnosis.judgement, window_warnings(ready)))
+        diagnosis = replace(diagnosis, judgement=_with_findings(diagnosis.judgement, _window_warnings(ready)))
     return replace(result, identification=diagnosed.identification, diagnosis=diagnosis), diagnosed.fits
 
 
@@ -66,3 +71,13 @@ def _with_findings(judgement: Judgement, findings: tuple[str, ...]) -> Judgement
         return judgement
     words = f"{judgement.words} The record itself shows: {findings[0]}."
     return replace(judgement, words=words, reasons=(*judgement.reasons, *findings))
+
+
+def _window_warnings(ready: Start) -> tuple[str, ...]:
+    """Windows of averaged spectra of a study that blur the resonances of its initial models."""
+    told: list[str] = []
+    for source, setup, problem in zip(ready.study.setups, ready.setups, ready.problems, strict=True):
+        if source.record.frf is not None and source.record.time is None and setup.structure.has_modes:
+            modes = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), _MOST_MODES)
+            told += leaking_windows(source.record, read_histories(source.record), problem, modes)
+    return tuple(dict.fromkeys(told))

@@ -8,6 +8,7 @@ import numpy as np
 
 from structid.core.errors import NoAnswerError, SingularModelError
 from structid.identification.identify import identify_together
+from structid.identification.mesh_pieces import MeshPieces, judge_pieces
 from structid.identification.search import chosen_method
 from structid.identification.together import places
 from structid.inversion.search.work import ALONE, StageProgress, Work
@@ -15,13 +16,17 @@ from structid.study.results.result import StudyResult, provenance
 from structid.study.run.before import mesh_warnings
 from structid.study.run.needs import require_room
 from structid.study.run.solver.rounds import about_answer, from_nominal, with_solver
-from structid.study.run.start import Start, started
+from structid.study.run.start import Start, compare_with_models, started, with_pieces
 from structid.study.run.workers import threads_for
 from structid.study.schema.study import Study
 
 
 class SearchFailedError(NoAnswerError):
     """The search came to where the model cannot be evaluated; there is no estimate."""
+
+
+#: How often beams are cut anew after a fit.
+_MOST_CUTS = 3
 
 
 def run_study(study: Study, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
@@ -55,8 +60,27 @@ def run_from_start(
     study: Study, progress: StageProgress | None = None, work: Work = ALONE
 ) -> tuple[Start, StudyResult]:
     """The same, with what it began from; see `run_study`."""
-    ready = about_answer(started(study), progress, work)
-    return ready, with_solver(from_nominal(run_started(ready, progress, work)), work)
+    ready, result = run_refined(about_answer(started(study), progress, work), progress, work)
+    return ready, with_solver(from_nominal(result), work)
+
+
+def run_refined(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> tuple[Start, StudyResult]:
+    """The run of a study whose records are read, with beams cut until the mesh moves no value much where the study asks for it."""
+    result = run_started(ready, progress, work)
+    if ready.mesh is None:
+        return ready, result
+    options, tried = ready.study.options, 0
+    mesh = judge_pieces(ready.setups, result.identification, options, ready.mesh.count)
+    while not mesh.is_enough and not mesh.obstacle and tried < _MOST_CUTS:
+        study, setups = with_pieces(ready.study, ready.setups, mesh.needed)
+        ready = compare_with_models(study, setups, MeshPieces(mesh.needed))
+        result = run_started(ready, progress, work)
+        mesh, tried = judge_pieces(ready.setups, result.identification, options, mesh.needed), tried + 1
+    if not mesh.is_enough and not mesh.obstacle:
+        mesh = replace(mesh, obstacle="no more pieces are tried")
+    found = result.identification
+    warnings = found.warnings if mesh.is_enough else (f'`subdivide = "auto"`: {mesh.words}', *found.warnings)
+    return replace(ready, mesh=mesh), replace(result, identification=replace(found, mesh=mesh.words, warnings=warnings))
 
 
 def run_started(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:

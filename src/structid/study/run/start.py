@@ -11,20 +11,24 @@ import numpy as np
 from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.diagnose.checks.initial_comparison import InitialComparison, compare_with_initial_model
+from structid.diagnose.checks.mesh import MeshErrors
 from structid.external.model import SolverModel
 from structid.fem import Structure
 from structid.forward import Models, RecordProblem
 from structid.identification.checks import require_sound_model
+from structid.identification.mesh_pieces import MeshPieces
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.modal import ModalSetup
 from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
 from structid.identification.setups.time import TimeSetup
 from structid.identification.together import alike, together
 from structid.records import FrfRecord, TimeRecord
+from structid.study.run.before import checked_mesh
+from structid.study.schema.model.structure import AUTO
 from structid.study.schema.records.record import faults, load_histories, load_record, read_files
 from structid.study.schema.records.setups import SetupSource
 from structid.study.schema.section import Section
-from structid.study.schema.study import Study
+from structid.study.schema.study import Study, edited_study
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +45,8 @@ class Start:
     warnings : tuple of str
     comparisons : tuple of InitialComparison
         Each record beside its initial model.
+    mesh : MeshPieces or None
+        Into how many pieces beams are cut, where the study leaves it open; None where it says.
     """
 
     study: Study
@@ -48,6 +54,7 @@ class Start:
     problems: tuple[RecordProblem, ...]
     warnings: tuple[str, ...]
     comparisons: tuple[InitialComparison, ...]
+    mesh: MeshPieces | None = None
 
     @property
     def channel_warnings(self) -> tuple[str, ...]:
@@ -80,15 +87,42 @@ def started(study: Study) -> Start:
     SingularModelError
         If an initial model has a mechanism; with the place of the structure.
     """
-    models = Models()
-    setups = tuple(loaded(source, models) for source in study.setups)
+    return compare_with_models(*load_setups(study))
+
+
+def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPieces | None) -> Start:
+    """The records of `setups` compared with their initial models; see `started`."""
     records = zip(prefixes(setups), setups, study.setups, strict=True)
     pairs = [_prepared(study, source, setup, name) for name, setup, source in records]
     prepared, comparisons = [ready for ready, _ in pairs], tuple(comparison for _, comparison in pairs)
     with study.root.located():
         same = alike([ready.problem for ready in prepared], titles(setups))
         together(same)
-    return Start(study, setups, same, tuple(prepared_warnings(setups, prepared)), comparisons)
+    warnings = [f'`subdivide = "auto"`: {mesh.words}'] if mesh is not None and mesh.obstacle else []
+    return Start(study, setups, same, (*warnings, *prepared_warnings(setups, prepared)), comparisons, mesh)
+
+
+def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces | None]:
+    """The set-ups of a study.
+
+    Where the study leaves open how many pieces beams are cut into, it comes back with as many as bring all modes in the band of
+    its records to a tenth of their half-bandwidths; a fit then tells whether these are enough.
+    """
+    models = Models()
+    setups = tuple(loaded(source, models) for source in study.setups)
+    if study.root.inner("structure").table.get("subdivide") != AUTO:
+        return study, setups, None
+    judged = [checked_mesh(setup, setup.prepared(study.options).problem) for setup in setups]
+    mesh = MeshPieces(max((one.needed for one in judged if isinstance(one, MeshErrors)), default=1) or 1)
+    return *with_pieces(study, setups, mesh.count), mesh
+
+
+def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple[Study, tuple[AnySetup, ...]]:
+    """A study with its beams cut into so many pieces, and its set-ups, whose records are not read again."""
+    tables = dict(study.root.table)
+    tables["structure"] = {**dict(study.section("structure").table), "subdivide": count}
+    cut, models = edited_study(study, tables), Models()
+    return cut, tuple(loaded(source, models, setup) for source, setup in zip(cut.setups, setups, strict=True))
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
@@ -99,8 +133,7 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
     InputError
         If a record, its sensors or the band cannot be used.
     """
-    models = Models()
-    setups = [loaded(source, models) for source in study.setups]
+    study, setups, _ = load_setups(study)
     return alike([setup.prepared(study.options).problem for setup in setups], titles(setups))
 
 

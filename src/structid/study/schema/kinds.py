@@ -13,7 +13,7 @@ from structid.core.constraints import Limits, alternatives
 from structid.core.dof import Dof
 from structid.core.json_types import Plain, as_list
 from structid.fem.elements.connector import Ends, OtherEnds
-from structid.fem.elements.element import Nodes, OptionalValues, Tolerance, Values, Vector
+from structid.fem.elements.element import Nodes, OptionalSignedValues, OptionalValues, Tolerance, Values, Vector
 from structid.fem.elements.friction import End, OtherEnd
 from structid.fem.elements.inertia import Translations
 from structid.fem.elements.joint import At
@@ -248,6 +248,7 @@ _PLAIN: dict[object, Kind] = {
     Dof: DOF,
     Values: PROPERTY,
     OptionalValues: PROPERTY,
+    OptionalSignedValues: NUMBERS,
     Nodes: NODES,
     Tolerance: TOLERANCE,
     Vector: VECTOR,

@@ -25,7 +25,7 @@ from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
-from structid.study.schema.model.structure import read_structure
+from structid.study.schema.model.structure import AUTO, read_structure
 from structid.study.schema.records.record import NoiseSource, load_record, read_source
 from structid.study.schema.records.sensors import channel_names, is_load, used_names
 from structid.study.schema.root import InputFiles, read_root, record_sections, title_of
@@ -107,7 +107,13 @@ def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy
     """
     root, files = read_root(path, work=work)
     recorded = next(iter(record_sections(root)), None)
-    structure = read_structure(root.inner("structure"), files, record=recorded)
+    section = root.inner("structure")
+    if section.table.get("subdivide") == AUTO:
+        raise section.error(
+            "must be a number in a plan, as no record says how fine the mesh has to be; `structid check` of a study proposes one",
+            "subdivide",
+        )
+    structure = read_structure(section, files, record=recorded)
     unknown = read_parameters(root, structure)
     aimed = channel_names(structure)
     section = root.inner("plan")

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from structid.core.dof import DIRECTIONS
-from structid.core.errors import FileError, InputError, about
+from structid.core.errors import FileError, InputError, StoredSpectraError, about
 from structid.files import atomic_write
 from structid.files.uff.blocks import Block, read_blocks
 from structid.files.uff.nodes import UniversalNodes, read_nodes
@@ -112,10 +112,10 @@ def _nothing_to_read(path: Path, functions: list[Function]) -> FileError:
     kinds = sorted({function.kind for function in functions})
     if kinds and set(kinds) <= {*_SPECTRA, _COHERENCE}:
         names = ", ".join(map(_name, kinds))
-        return FileError(
+        return StoredSpectraError(
             f"{path}: holds spectra of responses ({names}), averaged already and without the time histories behind them, which"
-            " are neither frequency response functions (type 4) nor histories (type 1); export the time histories, of which"
-            " `structid modes` makes spectra with their uncertainty"
+            " are neither frequency response functions (type 4) nor histories (type 1): `structid modes` finds modes without"
+            " damping in them; for a fit, and for damping, export the time histories"
         )
     names = ", ".join(map(_name, kinds))
     return FileError(

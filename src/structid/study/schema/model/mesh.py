@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from structid.core.arrays import IntArray
+from structid.core.display import listed
 from structid.core.dof import DIRECTIONS, Dof
 from structid.fem.elements import ElementSet
 from structid.fem.importers.exports import FORCES
@@ -20,7 +21,7 @@ from structid.fem.meshes import (
     unassigned,
 )
 from structid.fem.places import MeshPoint, mesh_points
-from structid.fem.supports import MiddleNode, Tie
+from structid.fem.supports import MiddleNode, RigidLink, Tie
 from structid.study.schema.kinds import NODES, NUMBER, POSITION, RANGE, TEXT, as_list, choice, either, flat
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
@@ -126,6 +127,17 @@ def take_parts(section: Section, mesh: Mesh | None, elements: list[ElementSet]) 
         taken = choose_parts(mesh.parts, take, mesh.source)
         made = [element for part in taken for element in part.elements()]
     moves = tuple(d for d in DIRECTIONS if any(d in element.moves for element in elements))
+    offsets = [
+        part.kind
+        for part in taken
+        if any(isinstance(t, RigidLink) and t.dependents[0] in mesh.carriers for t in part.ties)
+    ]
+    if offsets and moves != DIRECTIONS:
+        raise inner.error(
+            f"offsets of {listed(offsets)} need element sets that move in all six directions (shells, space beams), since an"
+            f" arm turns with its node; these move in {' '.join(moves)}; leave the offsets out",
+            "take",
+        )
     ties = [
         replace(tie, directions=moves) if isinstance(tie, MiddleNode) else tie for part in taken for tie in part.ties
     ]

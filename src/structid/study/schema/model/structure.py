@@ -39,6 +39,8 @@ from structid.study.schema.kinds import (
     WEIGHTED,
     WHOLE,
     as_list,
+    choice,
+    either,
     flat,
     limited,
     or_none,
@@ -93,7 +95,10 @@ _COMPONENT = _COMPONENT | {
 _FIXED = Key(
     or_none(TEXTS), "Degrees of freedom held at zero: `3X`, or several of one node `3 X RZ`, or all six of it `3`"
 )
-_PIECES = limited(WHOLE, Limits(least=1, most=MOST_PIECES))
+#: The choice of the number of pieces by what the mesh moves values by.
+AUTO = "auto"
+_NUMBER_OF_PIECES = limited(WHOLE, Limits(least=1, most=MOST_PIECES))
+_PIECES = replace(either(_NUMBER_OF_PIECES, choice(AUTO)), words=f'{_NUMBER_OF_PIECES.words}, or "{AUTO}"')
 _POSITIONS = Table(labels=POSITION)
 _NODES = Key(_POSITIONS, "One line a node: its label, and one to three coordinates in m")
 
@@ -106,7 +111,8 @@ def structure_table() -> Table:
         "total_mass": Key(held_by(Positive), "kg, as weighed; a model that differs by more than 10 % is refused"),
         "subdivide": Key(
             _PIECES,
-            "Equal pieces of which each beam is made, one element still, and each bar that these leave held sideways",
+            "Equal pieces of which each beam is made, one element still, and each bar that these leave held sideways; auto"
+            " cuts until the mesh moves no value by more than a fifth of its deviation",
             default=1,
         ),
         "sliding": Key(NODES, "Nodes whose place along their bars and beams is a property, `position` of `node 3`"),
@@ -266,6 +272,7 @@ def _built(
         drives, sliding = [base for _, base in bases], flat(given.get("sliding", []))
         inner = [component for _, component in components]
         pieces, ratio = given.get("subdivide", 1), given.get("damping_ratio")
+        pieces = 1 if pieces == AUTO else pieces  # until the records are read
         return Structure(
             nodes,
             sets,

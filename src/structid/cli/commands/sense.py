@@ -1,0 +1,45 @@
+"""The command `structid sense`: motion where no sensor is, and forces that nobody measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.cli.base import beside_call, results_folder, say
+from structid.cli.tables import show
+from structid.core.json_types import json_text
+from structid.records import ReadOptions
+from structid.report.sensing import sensing_text
+from structid.study.results.folder import staged_folder
+from structid.study.run.sensing import SenseOptions, sense_record, sensed_csv, sensed_summary
+
+
+def sense(
+    results: Annotated[Path, typer.Argument(metavar="RESULTS", help="Results folder of `structid identify`.")],
+    record: Annotated[Path, typer.Argument(metavar="RECORD", help="Time histories: motions, and forces where known.")],
+    options: SenseOptions,
+    read: ReadOptions,
+    study: Annotated[
+        Path | None, typer.Option("--study", metavar="STUDY.toml", help="The study, where it has moved since.")
+    ] = None,
+    out: Annotated[Path | None, results_folder("<results>_sensed")] = None,
+) -> None:
+    """Tell the motion at places without a sensor during a record, and forces that nobody measured; write sensed.csv.
+
+    A Kalman smoother runs over the modes of the identified model. Every value has a standard deviation, which includes the noise of
+    the sensors, the uncertainty of the model and what the unknown forces leave open.
+
+    \b
+    Examples:
+      structid sense bridge_results traffic.csv --wanted 12Y,14Y --unknown 5Y,9Y --correlation-time 0.2
+      structid sense tower_results wind.h5 --wanted 40X --unknown 10X,20X,30X --correlation-time 1 --leave-out 30X
+    """
+    found = sense_record(results, record, read, options, study)
+    folder = out if out is not None else beside_call(f"{results.name}_sensed")
+    with staged_folder(folder, "") as staged:
+        (staged / "sensed.csv").write_text(sensed_csv(found), encoding="utf-8")
+        (staged / "sensed.json").write_text(json_text(sensed_summary(found, results, record)), encoding="utf-8")
+    show(sensing_text(found))
+    say(folder / "sensed.csv")

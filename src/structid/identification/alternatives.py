@@ -1,0 +1,192 @@
+"""Sets of values that fit the data equally well, side by side, and the measurement that would tell them apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.display import figures
+from structid.core.dof import Dof
+from structid.dynamics import Modes
+from structid.forward import ModalProblem, RecordProblem
+from structid.identification.fits.model_modes import structure_modes
+from structid.identification.together import places
+from structid.inversion import Estimate
+
+#: Differences that a test resolves with ease: of a frequency in parts of it, of the angle of a pair of shape entries in rad.
+_FREQUENCY, _ANGLE = 0.01, 0.1
+#: Places among which the deciding pair is sought, modes beyond the highest measured one, and sets that the words predict.
+_MOST_PLACES, _MODES_BEYOND, _MOST_TOLD = 40, 2, 6
+
+
+@dataclass(frozen=True)
+class DecidingMeasurement:
+    """What would tell sets of values apart that fit the data equally well.
+
+    Attributes
+    ----------
+    name : str
+        Such as ``the shape of mode 2 at 3X over that at 1X``.
+    unit : str
+    predicted : tuple of float
+        What each set of values predicts.
+    """
+
+    name: str
+    unit: str
+    predicted: tuple[float, ...]
+
+    @property
+    def words(self) -> str:
+        """The measurement with the first predictions."""
+        told = ", ".join(figures(value, 3) for value in self.predicted[:_MOST_TOLD])
+        more = len(self.predicted) - _MOST_TOLD
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.name}: {told}{f' and {more} more' if more > 0 else ''}{unit}"
+
+
+@dataclass(frozen=True, eq=False)
+class Alternatives:
+    """Sets of values that fit the data equally well.
+
+    Attributes
+    ----------
+    names, units : tuple of str
+        Of the parameters.
+    values : (n_sets, n_params) float array
+        Physical values; the first set is that of the estimate, then the nearest to the start.
+    cost : (n_sets,) float array
+        Sum of squares of each, priors included.
+    n_searches : tuple of int
+        How many searches ended at each.
+    is_exhaustive : bool
+        Whether searches from wide starts went on until no more sets were to be expected.
+    measured : str
+        What was measured, in words.
+    deciding : DecidingMeasurement or None
+        None where the structure has no modes of its own.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: FloatArray
+    cost: FloatArray
+    n_searches: tuple[int, ...]
+    is_exhaustive: bool
+    measured: str
+    deciding: DecidingMeasurement | None
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def words(self) -> str:
+        """How many there are, and what decides among them."""
+        least = "" if self.is_exhaustive else "at least "
+        decides = "" if self.deciding is None else f"; what would decide: {self.deciding.words}"
+        return f"{self.measured} alone allow {least}{len(self)} sets of values, which fit equally well{decides}"
+
+    @property
+    def search_words(self) -> str:
+        """How well the search for more sets went, in a sentence."""
+        total = f"{sum(self.n_searches)} searches ended at these sets"
+        if self.is_exhaustive:
+            return f"{total}, from starts a factor of up to five away, and no more sets are to be expected"
+        return f"{total}; there may be more: raise `wide_starts` to look for them"
+
+
+def alternatives(found: Estimate, problems: Sequence[RecordProblem]) -> Alternatives | None:
+    """The sets of values that the data allow; None where there is one only."""
+    fitting = [answer for answer in found.answers if answer.fits]
+    if len(fitting) < 2:
+        return None
+    start = np.asarray(found.initial)
+    others = sorted(fitting[1:], key=lambda answer: _relative_distance(answer.values, start))
+    values = np.array([found.values, *(answer.values for answer in others)])
+    return Alternatives(
+        names=found.names,
+        units=found.units,
+        values=locked(values),
+        cost=locked([answer.cost for answer in (fitting[0], *others)]),
+        n_searches=tuple(answer.n_searches for answer in (fitting[0], *others)),
+        is_exhaustive=found.is_exhaustive,
+        measured=_measured_words(problems),
+        deciding=deciding_measurement(found.names, values, problems[0]),
+    )
+
+
+def _relative_distance(values: FloatArray, start: FloatArray) -> float:
+    scale = np.where(start != 0, np.abs(start), 1.0)
+    return float(np.linalg.norm((values - start) / scale))
+
+
+def _measured_words(problems: Sequence[RecordProblem]) -> str:
+    """What was measured, as the subject of a sentence."""
+    modal = [problem for problem in problems if isinstance(problem, ModalProblem)]
+    if len(modal) == len(problems):
+        return "these modes" if any(problem.data.has_shapes for problem in modal) else "these frequencies"
+    return "these data"
+
+
+def deciding_measurement(
+    names: tuple[str, ...], values: FloatArray, problem: RecordProblem
+) -> DecidingMeasurement | None:
+    """The frequency beyond those measured, or the ratio of two entries of a shape, that differs most between sets of values.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of all parameters.
+    values : (n_sets, n_params) float array
+    problem : RecordProblem
+        The first record; its structure is looked at.
+    """
+    if not problem.structure.has_modes:
+        return None
+    own = values[:, places(names, problem.names)]
+    n_measured = problem.data.measured.size if isinstance(problem, ModalProblem) else 0
+    count = max(n_measured, 1) + _MODES_BEYOND
+    sets = [structure_modes(problem.structure, problem.property_values(each), count) for each in own]
+    n_modes = min(len(each.frequency) for each in sets)
+    candidates = [_shape_candidate(problem.structure.dofs, sets, mode) for mode in range(n_modes)]
+    if n_measured:
+        candidates += [_frequency_candidate(sets, mode) for mode in range(n_measured, n_modes)]
+    seen = [candidate for candidate in candidates if candidate is not None]
+    return max(seen, key=lambda candidate: candidate[0])[1] if seen else None
+
+
+def _frequency_candidate(sets: Sequence[Modes], mode: int) -> tuple[float, DecidingMeasurement]:
+    """The least difference of the frequencies of a mode between two sets, in what a test resolves, and the measurement."""
+    frequency = np.array([each.frequency[mode] for each in sets])
+    gap = float(np.diff(np.sort(np.log(np.maximum(frequency, np.finfo(float).tiny)))).min())
+    return gap / _FREQUENCY, DecidingMeasurement(f"the frequency of mode {mode + 1}", "Hz", tuple(frequency.tolist()))
+
+
+def _shape_candidate(dofs: Sequence[Dof], sets: Sequence[Modes], mode: int) -> tuple[float, DecidingMeasurement] | None:
+    """The same of the two places whose entries in the shape of a mode differ most between all sets in their ratio."""
+    moving = np.array([i for i, dof in enumerate(dofs) if not dof.is_rotation], dtype=int)
+    if len(moving) < 2:
+        return None
+    moving = moving[np.unique(np.linspace(0, len(moving) - 1, _MOST_PLACES).astype(int))]
+    shapes = np.array([each.mode_shapes[moving, mode] for each in sets])
+    size = np.abs(shapes).max(axis=1, keepdims=True)
+    if not (size > 0).all():
+        return None
+    shapes = shapes / size
+    angles = (
+        np.arctan2(shapes[:, :, None], shapes[:, None, :]) % np.pi
+    )  # of each pair of places, whatever the sign of the shape
+    ordered = np.sort(angles, axis=0)
+    gaps = np.diff(np.concatenate([ordered, ordered[:1] + np.pi]), axis=0).min(axis=0)
+    gaps[np.diag_indices(len(moving))] = 0.0
+    first, second = np.unravel_index(int(np.argmax(gaps)), gaps.shape)
+    if np.abs(shapes[:, first]).min() > np.abs(shapes[:, second]).min():
+        first, second = second, first
+    with np.errstate(divide="ignore"):
+        ratio = shapes[:, first] / shapes[:, second]
+    above, below = dofs[moving[first]].place, dofs[moving[second]].place
+    name = f"the shape of mode {mode + 1} at {above} over that at {below}"
+    return float(gaps[first, second]) / _ANGLE, DecidingMeasurement(name, "", tuple(ratio.tolist()))

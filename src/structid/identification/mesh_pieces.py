@@ -1,0 +1,136 @@
+"""Pieces that beams and bars are cut into, so that the mesh moves no value by much of its deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import SingularModelError
+from structid.identification.identified import Identification
+from structid.identification.options import IdentifyOptions
+from structid.identification.setups.setup import AnySetup, titles
+from structid.identification.together import alike, places, together
+from structid.inversion import Problem
+from structid.inversion.covariance import inverse_information
+
+#: Part of its standard deviation that the mesh may move a value by, and that a finer mesh is chosen for.
+MOVED, _AIMED = 0.2, 0.1
+#: Power of a piece's length that errors of beams go with, most pieces, and degrees of freedom of the finest model that is solved.
+_ORDER, _MOST_PIECES, _MOST_DOFS = 4, 32, 3000
+
+
+@dataclass(frozen=True)
+class MeshPieces:
+    """Into how many pieces each beam and bar is cut, and what the mesh still does to the values.
+
+    Attributes
+    ----------
+    count : int
+    moved : float
+        Largest shift of a value by the mesh, in its standard deviations from noise and tolerances; NaN where not known.
+    name : str
+        The value that moves so far.
+    obstacle : str
+        Why no more pieces were tried, or none; "" where these are enough.
+    """
+
+    count: int
+    moved: float = float("nan")
+    name: str = ""
+    obstacle: str = ""
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether the mesh is known to move no value by more than `MOVED`."""
+        return self.moved < MOVED
+
+    @property
+    def needed(self) -> int:
+        """So many pieces with which it will move none by much."""
+        return max(int(np.ceil(self.count * (self.moved / _AIMED) ** (1 / _ORDER))), self.count + 1)
+
+    @property
+    def words(self) -> str:
+        """The choice in a phrase."""
+        cut = f"beams are cut into {self.count} pieces" if self.count > 1 else "beams are not cut"
+        if self.is_enough:
+            return f"{cut}: the mesh moves no value by more than {self.moved:.2g} of its deviation"
+        moves = (
+            f"the mesh moves {self.name} by {self.moved:.2g} of its deviations, and " if np.isfinite(self.moved) else ""
+        )
+        return f"{cut}: {moves}{self.obstacle}"
+
+
+def judge_pieces(setups: Sequence[AnySetup], found: Identification, options: IdentifyOptions, count: int) -> MeshPieces:
+    """What the mesh does to an answer whose beams are cut into `count` pieces.
+
+    With b the change of the residual by pieces half as long, values move by (J'J)^-1 J'b.
+
+    Parameters
+    ----------
+    setups : sequence of RecordSetup
+        As they were identified.
+    found : Identification
+    options : IdentifyOptions
+    count : int
+    """
+    if not any(setup.structure.divisible for setup in setups):
+        return MeshPieces(count, obstacle="no beam can be cut, and no bar that pieces would leave held sideways")
+    problem, theta = found.target, found.estimate.theta
+    if problem is None or not found.estimate.uncertainty.has_matrix:
+        return MeshPieces(count, obstacle="this search has no residual to judge the mesh by; give a number of pieces")
+    if max(_finer(setup, count) for setup in setups) > _MOST_DOFS:
+        return MeshPieces(
+            count, obstacle=f"with pieces half as long the model has more than {_MOST_DOFS} degrees of freedom"
+        )
+    finer = _finer_problem(setups, options, 2 * count)
+    try:
+        change = finer.residual(theta[places(found.estimate.names, finer.names)]) - problem.residual(theta)
+    except SingularModelError as error:
+        return MeshPieces(count, obstacle=f"with pieces half as long the model cannot be evaluated ({error})")
+    shift = _shift(problem.linearize(theta).jacobian, change) * problem.slope(theta)
+    deviations = np.abs(shift) / _deviation(found)
+    worst = int(np.argmax(np.nan_to_num(deviations)))
+    moved, name = float(np.nan_to_num(deviations)[worst]), problem.names[worst]
+    is_finest = moved >= MOVED and count >= _MOST_PIECES
+    return MeshPieces(
+        count, moved, name, "no more pieces are tried: give the beams nodes of their own" if is_finest else ""
+    )
+
+
+def _finer_problem(setups: Sequence[AnySetup], options: IdentifyOptions, count: int) -> Problem:
+    """The problem of all records with lines cut into so many pieces."""
+    cut = [
+        setup.modelled_by(
+            replace(setup.structure, subdivide=count if setup.structure.divisible else 1),
+            setup.parameters,
+            getattr(setup, "channel_unknowns", ()),
+        )
+        for setup in setups
+    ]
+    return together(alike([setup.prepared(options).problem for setup in cut], titles(setups)))
+
+
+def _finer(setup: AnySetup, count: int) -> int:
+    """Degrees of freedom with pieces half as long, about."""
+    lines = sum(len(element.nodes) for element in setup.structure.divisible)
+    return setup.structure.n_dofs + lines * count * len(setup.structure.active or ())
+
+
+def _deviation(found: Identification) -> FloatArray:
+    """Standard deviations from noise and the tolerances of held values, (n_params,): a misfit may be that of the mesh itself."""
+    fixed = found.estimate.fixed
+    variance = found.estimate.std_noise**2
+    return np.sqrt(variance if fixed is None else variance + np.diag(fixed.covariance))
+
+
+def _shift(jacobian: FloatArray, change: FloatArray) -> FloatArray:
+    """The shift of the free variables by a change of the residual, (n_params,); NaN of those that the data do not see."""
+    bread = inverse_information(jacobian)
+    seen = np.isfinite(np.diag(bread))
+    shift = np.full(len(bread), np.nan)
+    shift[seen] = -bread[np.ix_(seen, seen)] @ (jacobian[:, seen].T @ change)
+    return shift

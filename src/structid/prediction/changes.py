@@ -1,0 +1,251 @@
+"""Changes of a structure that are asked about before they are made: masses, dampers, supports, stiffer or missing parts."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from scipy import sparse
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.dof import Dof, parse_dof
+from structid.core.errors import InputError
+from structid.fem import Dashpot, PointMass, Spring, Structure
+from structid.unknowns import Parameters
+
+_LABEL = re.compile(r"^(?P<property>\w+)\[(?P<set>[^:\]]+)(?::(?P<number>\d+))?\]$")
+
+
+class Change(Protocol):
+    """A change of a structure."""
+
+    def structure_of(self, structure: Structure) -> Structure:
+        """The structure after the change; property values are carried over by their labels."""
+        ...
+
+    def factors_of(self, structure: Structure) -> FloatArray:
+        """What multiplies each property value of the structure, (n_values,)."""
+        ...
+
+    @property
+    def words(self) -> str:
+        """Such as ``5 kg added at node 12``."""
+        ...
+
+
+@dataclass(frozen=True)
+class AddMass:
+    """A point mass, kg, at a node."""
+
+    node: int
+    mass: float
+
+    def structure_of(self, structure: Structure) -> Structure:
+        """See `Change.structure_of`."""
+        _require_node(structure, self.node)
+        _require_positive("mass", self.mass)
+        name = _free_name(structure, f"added mass {self.node}")
+        return replace(structure, elements=(*structure.elements, PointMass(name, [self.node], mass=self.mass)))
+
+    def factors_of(self, structure: Structure) -> FloatArray:
+        """See `Change.factors_of`."""
+        return np.ones(len(structure.values))
+
+    @property
+    def words(self) -> str:
+        """See `Change.words`."""
+        return f"{self.mass:g} kg added at node {self.node}"
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A property times a factor, of a set, ``bending_stiffness[deck]``, or of one element, ``bending_stiffness[deck:3]``."""
+
+    label: str
+    factor: float
+
+    def structure_of(self, structure: Structure) -> Structure:
+        """See `Change.structure_of`."""
+        return structure
+
+    def factors_of(self, structure: Structure) -> FloatArray:
+        """See `Change.factors_of`."""
+        if not (np.isfinite(self.factor) and self.factor >= 0):
+            raise InputError(f"`factor` of {self.label} must be at least 0, got {self.factor:g}")
+        found = _LABEL.match(self.label)
+        whole = f"{found['property']}[{found['set']}]" if found else self.label
+        item = next((item for item in structure.properties if item.label == whole), None)
+        if item is None or not found:
+            labels = [item.label for item in structure.properties]
+            near = difflib.get_close_matches(self.label, labels, 1, 0.0)
+            raise InputError(f"the structure has no property {self.label!r}; the nearest is {near[0]!r}")
+        factors, count = np.ones(len(structure.values)), item.values.stop - item.values.start
+        if found["number"] is None:
+            factors[item.values] = self.factor
+        else:
+            number = int(found["number"])
+            if not 1 <= number <= count:
+                raise InputError(f"{whole} has elements 1 to {count}, got {number}")
+            factors[item.values.start + number - 1] = self.factor
+        return factors
+
+    @property
+    def words(self) -> str:
+        """See `Change.words`."""
+        return f"{self.label} times {self.factor:g}"
+
+
+@dataclass(frozen=True)
+class Remove:
+    """An element set taken out."""
+
+    name: str
+
+    def structure_of(self, structure: Structure) -> Structure:
+        """See `Change.structure_of`."""
+        kept = tuple(element for element in structure.elements if element.name != self.name)
+        if len(kept) == len(structure.elements):
+            near = difflib.get_close_matches(self.name, [element.name for element in structure.elements], 1, 0.0)
+            raise InputError(f"the structure has no element set {self.name!r}; the nearest is {near[0]!r}")
+        return replace(structure, elements=kept)
+
+    def factors_of(self, structure: Structure) -> FloatArray:
+        """See `Change.factors_of`."""
+        return np.ones(len(structure.values))
+
+    @property
+    def words(self) -> str:
+        """See `Change.words`."""
+        return f"{self.name} removed"
+
+
+@dataclass(frozen=True)
+class AddSupport:
+    """A degree of freedom held at zero, such as ``12Y``."""
+
+    dof: str | Dof
+
+    def structure_of(self, structure: Structure) -> Structure:
+        """See `Change.structure_of`."""
+        held = parse_dof(self.dof).unsigned
+        structure.selection([held])
+        return replace(structure, fixed=(*structure.fixed, held))
+
+    def factors_of(self, structure: Structure) -> FloatArray:
+        """See `Change.factors_of`."""
+        return np.ones(len(structure.values))
+
+    @property
+    def words(self) -> str:
+        """See `Change.words`."""
+        return f"support at {parse_dof(self.dof).place}"
+
+
+@dataclass(frozen=True)
+class AddTunedMassDamper:
+    """A mass, kg, on a spring and a dashpot at a translation, with its own frequency, Hz, and damping ratio."""
+
+    dof: str | Dof
+    mass: float
+    frequency: float
+    damping_ratio: float
+
+    def structure_of(self, structure: Structure) -> Structure:
+        """See `Change.structure_of`."""
+        at = parse_dof(self.dof).unsigned
+        if at.is_rotation:
+            raise InputError(f"a tuned mass damper moves along X, Y or Z, got {at}")
+        structure.selection([at])
+        for name in ("mass", "frequency", "damping_ratio"):
+            _require_positive(name, getattr(self, name))
+        node = max(structure.nodes) + 1
+        rate = 2 * np.pi * self.frequency
+        moving = Dof(node, at.direction)
+        title = _free_name(structure, f"damper {at.place}")
+        parts = (
+            PointMass(f"{title} mass", [node], mass=self.mass, directions=[at.direction]),
+            Spring(f"{title} spring", at, moving, stiffness=self.mass * rate**2),
+            Dashpot(f"{title} dashpot", at, moving, viscous_damping=2 * self.damping_ratio * self.mass * rate),
+        )
+        nodes = {**structure.nodes, node: structure.nodes[at.node]}
+        return replace(structure, nodes=nodes, elements=(*structure.elements, *parts))
+
+    def factors_of(self, structure: Structure) -> FloatArray:
+        """See `Change.factors_of`."""
+        return np.ones(len(structure.values))
+
+    @property
+    def words(self) -> str:
+        """See `Change.words`."""
+        return (
+            f"tuned mass damper of {self.mass:g} kg, {self.frequency:g} Hz, damping ratio {self.damping_ratio:g} at"
+            f" {parse_dof(self.dof).place}"
+        )
+
+
+def changed_model(
+    structure: Structure, parameters: Parameters, changes: Sequence[Change]
+) -> tuple[Structure, Parameters]:
+    """A structure after changes, and the same parameters of it.
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : Parameters
+        Of that structure.
+    changes : sequence of Change
+        In the order in which they are made.
+
+    Raises
+    ------
+    InputError
+        If a change names what the structure does not have, or leaves nothing of it.
+    """
+    for change in changes:
+        factors = change.factors_of(structure)
+        scaled = sparse.diags_array(factors) @ parameters.design
+        parameters = replace(parameters, offset=locked(factors * parameters.offset), design=sparse.csc_array(scaled))
+        changed = change.structure_of(structure)
+        if changed is not structure:
+            parameters = _carried_over(parameters, structure, changed)
+        structure = changed
+    return structure, parameters
+
+
+def _carried_over(parameters: Parameters, before: Structure, after: Structure) -> Parameters:
+    """Parameters of a structure as those of another that has its properties and more, or fewer."""
+    places = {item.label: item.values for item in before.properties}
+    offset = np.array(after.values)
+    rows: list[int] = []
+    columns: list[int] = []
+    for item in after.properties:
+        old = places.get(item.label)
+        if old is not None:
+            offset[item.values] = parameters.offset[old]
+            rows += range(item.values.start, item.values.stop)
+            columns += range(old.start, old.stop)
+    taken = sparse.coo_array((np.ones(len(rows)), (rows, columns)), (len(offset), len(parameters.offset)))
+    return replace(parameters, offset=locked(offset), design=sparse.csc_array(taken @ parameters.design))
+
+
+def _require_node(structure: Structure, node: int) -> None:
+    if node not in structure.nodes:
+        raise InputError(f"the structure has no node {node}")
+
+
+def _require_positive(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"`{name}` must be greater than 0, got {value:g}")
+
+
+def _free_name(structure: Structure, name: str) -> str:
+    """`name`, with a number behind it where an element set is called so."""
+    taken, number = {element.name for element in structure.elements}, 2
+    free = name
+    while any(other.startswith(free) for other in taken):
+        free, number = f"{name} ({number})", number + 1
+    return free

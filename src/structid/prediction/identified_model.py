@@ -1,0 +1,204 @@
+"""An identified model as a distribution: a structure with parameters, and how far off they may be together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from structid.core.arrays import FloatArray, locked
+from structid.core.errors import InputError, NoAnswerError
+from structid.fem import Structure
+from structid.forward.fixed_values import append_fixed_factors
+from structid.identification.identified import Identification
+from structid.unknowns import Parameters
+from structid.unknowns.tolerances import Tolerances, fixed_properties
+
+#: Tolerances by which every fixed property is listed; the study's own give the sizes.
+_ANY = Tolerances(1.0, 1.0, 1.0, 1.0)
+#: Standard deviation, in parts of a value, from which on it is drawn along a straight line.
+_VAGUE = 0.5
+#: Random models that are tried for one within all limits.
+_MOST_TRIALS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedModel:
+    """A structure with identified parameters and the joint uncertainty of these and of the values that it holds fixed.
+
+    Attributes
+    ----------
+    structure : Structure
+    parameters : Parameters
+        Those identified, followed by a factor (1 as identified) on every property that the model holds fixed within a tolerance.
+    physical : (n_params,) float array
+        Identified values.
+    factor : (n_params, n_factors) float array
+        Change of the free variables of `parameters` for one standard deviation of each independent error:
+        their covariance is factor factor'.
+    errors : tuple of str
+        What each column of `factor` is owed to: ``data 1`` ..., then the fixed values.
+    words : str
+        What the uncertainty includes.
+    """
+
+    structure: Structure
+    parameters: Parameters
+    physical: FloatArray
+    factor: FloatArray
+    errors: tuple[str, ...]
+    words: str = ""
+
+    @property
+    def values(self) -> FloatArray:
+        """Identified property values of the structure, (n_values,)."""
+        return self.parameters.values(self.physical)
+
+    def parameters_at(self, z: FloatArray) -> FloatArray:
+        """Physical parameters for standard normal errors `z` (n_factors,).
+
+        Values that are known within half of their size move by their free variables. Others move in a straight line, so that what
+        several of them share stays as it is; they may then come to lie outside their limits.
+        """
+        transforms = self.parameters.transforms
+        theta, moves = transforms.free(self.physical), self.factor @ z
+        along_line = self.physical + self.parameters.slope(theta) * moves
+        return np.where(self._is_vague, along_line, transforms.physical(np.where(self._is_vague, theta, theta + moves)))
+
+    def draw_parameters(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
+        """Physical parameters of random models within the uncertainty and within their limits, (n_draws, n_params).
+
+        Raises
+        ------
+        NoAnswerError
+            If nearly all models within the uncertainty lie outside the limits.
+        """
+        transforms = self.parameters.transforms
+        positive = np.array([kind == "log" for kind in transforms.kinds])
+        lower = np.where(positive, 0.0, transforms.bounds[:, 0])
+        drawn: list[FloatArray] = []
+        for _ in range(_MOST_TRIALS * n_draws):
+            physical = self.parameters_at(rng.standard_normal((self.factor.shape[1],)))
+            if ((physical > lower) & (physical < transforms.bounds[:, 1])).all():
+                drawn.append(physical)
+                if len(drawn) == n_draws:
+                    return np.stack(drawn)
+        vague = [name for name, is_vague in zip(self.parameters.names, self._is_vague, strict=True) if is_vague]
+        raise NoAnswerError(
+            f"{', '.join(vague)} are known so badly that nearly every model within their uncertainty is impossible; fix them, give"
+            " priors, or measure more places, and identify again"
+        )
+
+    @property
+    def _is_vague(self) -> np.ndarray:
+        """Which parameters are uncertain by more than half of their size, (n_params,) bool."""
+        slope = self.parameters.slope(self.parameters.transforms.free(self.physical))
+        spread = np.abs(slope) * np.linalg.norm(self.factor, axis=1)
+        return np.asarray(spread > _VAGUE * np.abs(self.physical))
+
+
+def identified_model(
+    structure: Structure,
+    parameters: Parameters,
+    physical: FloatArray,
+    covariance: FloatArray,
+    fixed: Mapping[str, float] | None = None,
+    fixed_changes: FloatArray | None = None,
+    words: str = "",
+) -> IdentifiedModel:
+    """The `IdentifiedModel` of estimated parameters, of their covariance, and of what fixed values did to them.
+
+    A fixed value that is off by one tolerance changes the parameters by its column of `fixed_changes` and the model by itself.
+    Both are one error here, so that what cancels in the fitted responses cancels in a prediction too. The effect of second order is
+    left out: it holds together with the change of the fixed values alone.
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : Parameters
+        Of that structure.
+    physical : (n_params,) float array
+        Identified values.
+    covariance : (n_params, n_params) float array
+        Of the data alone: by noise, or by model error where the fit misses the noise; physical units.
+    fixed : mapping of str to float, optional
+        What each column of `fixed_changes` is owed to, such as ``mass[deck]``, and its tolerance as a part of the value. What is no
+        property of the structure, such as the calibration of a record, changes the parameters alone.
+    fixed_changes : (n_params, n_fixed) float array, optional
+        Change of each parameter, physical units, for one tolerance of each fixed value: the first columns of
+        `FixedValueInfluence.changes`.
+    words : str
+        What the uncertainty includes.
+
+    Raises
+    ------
+    NoAnswerError
+        If a parameter has no finite variance: the data do not determine it.
+    InputError
+        If shapes do not fit.
+    """
+    n, tolerances = parameters.n_params, fixed or {}
+    changes = np.zeros((n, 0)) if fixed_changes is None else np.asarray(fixed_changes, dtype=np.float64)
+    if covariance.shape != (n, n) or changes.shape != (n, len(tolerances)):
+        raise InputError(
+            f"`covariance` must be ({n}, {n}) and `fixed_changes` ({n}, {len(tolerances)}), got {covariance.shape} and"
+            f" {changes.shape}; take both from one estimate"
+        )
+    spread = np.diag(covariance) + (changes**2).sum(axis=1)
+    unknown = [name for name, size in zip(parameters.names, spread, strict=True) if not np.isfinite(size)]
+    if unknown:
+        raise NoAnswerError(
+            f"the data do not determine {', '.join(unknown)}, so that no prediction has a band; fix or tie these parameters,"
+            " give a prior, or measure more places, and identify again"
+        )
+    noise, slope = _square_root(covariance), parameters.slope(parameters.transforms.free(physical))
+    held = tuple(item for item in fixed_properties(structure, parameters, _ANY) if item.label in tolerances)
+    factor = np.zeros((n + len(held), noise.shape[1] + changes.shape[1]))
+    factor[:n] = np.hstack([noise, changes]) / slope[:, None]
+    columns = {name: column for column, name in enumerate(tolerances, noise.shape[1])}
+    for row, item in enumerate(held, n):
+        factor[row, columns[item.label]] = tolerances[item.label]
+    return IdentifiedModel(
+        structure,
+        append_fixed_factors(parameters, held),
+        locked(np.concatenate([physical, np.ones(len(held))])),
+        locked(factor),
+        (*(f"data {i + 1}" for i in range(noise.shape[1])), *tolerances),
+        words,
+    )
+
+
+def model_of(found: Identification) -> IdentifiedModel:
+    """The `IdentifiedModel` of an identification.
+
+    Raises
+    ------
+    NoAnswerError
+        If the data do not determine a parameter, or a matrix-free search gave no covariance matrix.
+    """
+    estimate, index = found.estimate, found.own_index
+    if not estimate.uncertainty.has_matrix:
+        raise NoAnswerError(
+            "a matrix-free search gives no covariance matrix to predict with; group the unknowns, so that a dense search is used"
+        )
+    influence = estimate.fixed
+    return identified_model(
+        found.structure,
+        found.parameters,
+        estimate.values[index],
+        estimate.covariance_of_data[np.ix_(index, index)],
+        None if influence is None else dict(zip(influence.names, influence.tolerance.tolist(), strict=True)),
+        None if influence is None else influence.changes[index, : len(influence.names)],
+        found.assumption,
+    )
+
+
+def _square_root(covariance: FloatArray) -> FloatArray:
+    """F with F F' = covariance, of a symmetric positive matrix that may be singular, (n, rank)."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(size > 0, size, 1.0)
+    values, vectors = linalg.eigh(covariance / np.outer(scale, scale))
+    kept = values > len(size) * np.finfo(float).eps * max(float(values.max(initial=0.0)), 1.0)
+    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))

@@ -1,0 +1,118 @@
+"""What a model misses of measured responses beyond their noise, as an error of responses that were not measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.display import figures
+from structid.core.units import FrfKind
+from structid.forward import FrfProblem
+from structid.forward.frf.response import response
+from structid.records.record import DERIVATIVES
+
+#: Lines to each side over which squares are summed.
+_REACH = 10
+#: Least information of the other sensors, in parts of the most, by which a direction of the parameters moves.
+_SEEN = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class ModelError:
+    """Error of modelled FRFs at a place without a sensor, over frequency.
+
+    It is a part of the size of the response there, or of the mean size at the sensors where that is larger: a response that happens
+    to be small is missed by as much as its neighbours.
+
+    Attributes
+    ----------
+    frequency : (n_frequencies,) float array
+        Hz.
+    part : (n_frequencies,) float array
+        Root of the mean square of errors over that of FRFs, all sensors and neighbouring lines together.
+    size : (n_frequencies,) float array
+        That root mean square of FRFs.
+    kind : FrfKind
+        Of the FRFs.
+    """
+
+    frequency: FloatArray
+    part: FloatArray
+    size: FloatArray
+    kind: FrfKind
+
+    @classmethod
+    def of_fit(cls, problem: FrfProblem, physical: FloatArray, predicted: ComplexArray) -> ModelError:
+        """The error that each sensor shows when it is left out in turn, noise taken off where its size is known.
+
+        To first order: without sensor s the parameters move by -(N - N_s)^-1 g_s, where N sums the information of all sensors and
+        g_s is the gradient of s, so that the model of s is what the others alone make of it.
+
+        Parameters
+        ----------
+        problem : FrfProblem
+        physical : (n_params,) float array
+            Identified parameters of its structure.
+        predicted : (n_frequencies, n_outputs, n_inputs) complex array
+            Its responses there.
+
+        References
+        ----------
+        Cook and Weisberg (1982), Residuals and Influence in Regression, section 3.
+        """
+        record = problem.record
+        left_out = _moved_without(problem, physical, predicted)
+        noise = 0.0 if record.variance is None else record.variance
+        excess = _sum_nearby((np.abs(record.values - left_out) ** 2 - noise).mean(axis=(1, 2)))
+        square = _sum_nearby((np.abs(predicted) ** 2).mean(axis=(1, 2)))
+        part = np.sqrt(np.divide(np.maximum(excess, 0.0), square, out=np.zeros_like(excess), where=square > 0))
+        count = _sum_nearby(np.ones(len(square)))
+        return cls(record.frequency, part, np.sqrt(square / count), record.kind)
+
+    @property
+    def words(self) -> str:
+        """Such as ``what the fit misses at a sensor left out (median 2.1 % of the responses)``."""
+        part = figures(100 * float(np.median(self.part)), 2)
+        return f"what the fit misses at a sensor left out (median {part} % of the responses)"
+
+    def added_to(
+        self, draws: ComplexArray, frequency: FloatArray, kind: FrfKind, nominal: ComplexArray, rng: np.random.Generator
+    ) -> ComplexArray:
+        """FRFs (n_draws, n_frequencies, n_outputs, n_inputs) with random errors added; `nominal` gives the size of each."""
+        part, size = (np.interp(frequency, self.frequency, each) for each in (self.part, self.size))
+        size = size * (2 * np.pi * frequency) ** (DERIVATIVES[kind] - DERIVATIVES[self.kind])
+        count = _sum_nearby(np.ones(len(frequency)))[:, None, None]
+        own = np.sqrt(_sum_nearby(np.abs(nominal) ** 2) / count)
+        std = part[:, None, None] * np.maximum(own, size[:, None, None])
+        noise = rng.standard_normal(draws.shape) + 1j * rng.standard_normal(draws.shape)
+        return np.asarray(draws + noise * (std / np.sqrt(2)))
+
+
+def _moved_without(problem: FrfProblem, physical: FloatArray, predicted: ComplexArray) -> ComplexArray:
+    """The responses at each sensor by a model that is fitted to the others, to first order, shape of `predicted`."""
+    record = problem.record
+    residual = record.values - predicted
+    slopes = response(problem.structure, problem.parameters, record).derivatives_at(physical)[1]
+    size = np.abs(predicted) if record.variance is None else np.sqrt(record.variance)
+    weighted = slopes / size[..., None]
+    information = np.einsum("foip,foiq->opq", np.conj(weighted), weighted).real
+    gradient = np.einsum("foip,foi->op", np.conj(weighted), residual / size).real
+    moved = np.array(predicted)
+    if len(information) < 2:
+        return moved
+    whole = information.sum(axis=0)
+    scale = 1 / np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
+    for sensor, own in enumerate(gradient):
+        rest = (whole - information[sensor]) * np.outer(scale, scale)
+        moved[:, sensor] -= slopes[:, sensor] @ (scale * np.linalg.lstsq(rest, scale * own, rcond=_SEEN)[0])
+    return moved
+
+
+def _sum_nearby(values: FloatArray) -> FloatArray:
+    """Sums over the lines up to `_REACH` away, along the first axis."""
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    n = len(values)
+    first, last = np.maximum(np.arange(n) - _REACH, 0), np.minimum(np.arange(n) + _REACH + 1, n)
+    return np.asarray(total[last] - total[first])

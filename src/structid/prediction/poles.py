@@ -1,0 +1,274 @@
+"""A structure as a sum over its poles, on a basis of few motions: what makes hundreds of predictions cheap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg, signal, sparse
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.errors import InputError, SingularModelError
+from structid.dynamics import modes
+from structid.dynamics.factorization import factorizer
+from structid.fem import Structure
+from structid.fem.modal_damping import ALL_MODES
+
+#: Times the highest frequency up to which modes are in the basis.
+_ABOVE = 2.0
+#: Part of a vector's own size that the basis must lack for it to be added.
+_NEW = 1e-8
+#: omega^2 of a rigid body's motion, in parts of the largest, and its damping, in parts of 2 omega of that.
+_RIGID = 1e-9
+_MATRICES = ("inertia", "viscous", "elastic", "structural")
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedMatrices:
+    """Matrices of a structure on a basis whose motions are its undamped modes there: M = I, K = diag(omega^2).
+
+    Attributes
+    ----------
+    omega : (n_modes,) float array
+        rad/s; 0 of a rigid body's motion.
+    damping, structural : (n_modes, n_modes) float arrays
+        Viscous damping, and imaginary part of the complex stiffness.
+    outputs : (n_outputs, n_modes) float array
+        Motion of each sensor in each mode.
+    inputs : (n_modes, n_inputs) float array
+        Modal force of each unit load.
+    """
+
+    omega: FloatArray
+    damping: FloatArray
+    structural: FloatArray
+    outputs: FloatArray
+    inputs: FloatArray
+
+    @property
+    def is_rigid(self) -> np.ndarray:
+        """Which modes are free rigid motions that nothing damps, (n_modes,) bool."""
+        largest = float(self.omega.max(initial=0.0))
+        couples = np.abs(self.damping).sum(axis=0) > 2 * np.sqrt(_RIGID) * largest
+        return np.asarray((self.omega**2 <= _RIGID * largest**2) & ~couples)
+
+    def viscous_equivalent(self) -> FloatArray:
+        """Viscous damping that takes as much energy at each resonance as `damping` and `structural` together."""
+        lost = np.divide(np.diag(self.structural), self.omega, out=np.zeros_like(self.omega), where=self.omega > 0)
+        return self.damping + np.diag(lost)
+
+
+def reduce_structure(structure: Structure, values: FloatArray, basis: FloatArray, sides: Sides) -> ReducedMatrices:
+    """The matrices of a structure with the property `values` on the span of `basis` (n_dofs, n_vectors).
+
+    Raises
+    ------
+    SingularModelError
+        If a motion of the basis has neither mass nor stiffness.
+    """
+    plain, ratio = _without_modal_damping(structure, values)
+    mass, damping, stiffness, structural = (basis.T @ (plain.matrix(law, values) @ basis) for law in _MATRICES)
+    try:
+        eigenvalues, turn = linalg.eigh(stiffness, mass)
+    except linalg.LinAlgError as error:
+        raise SingularModelError("the mass of the model is not positive: a value has run away") from error
+    omega = np.sqrt(np.maximum(eigenvalues, 0.0))
+    motions = basis @ turn
+    return ReducedMatrices(
+        omega,
+        turn.T @ damping @ turn + 2 * ratio * np.diag(omega),
+        turn.T @ structural @ turn,
+        sides.outputs.T @ motions,
+        motions.T @ sides.inputs,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Where a structure is driven and read: columns over its degrees of freedom.
+
+    Attributes
+    ----------
+    outputs, inputs : (n_dofs, n_outputs) and (n_dofs, n_inputs) sparse arrays
+    """
+
+    outputs: sparse.csc_array
+    inputs: sparse.csc_array
+
+
+def reduction_basis(
+    structure: Structure, values: Sequence[FloatArray], sides: Sides, lowest: float, highest: float
+) -> FloatArray:
+    """Motions that span the responses of a structure between two frequencies, (n_dofs, n_vectors).
+
+    They are the modes up to twice `highest` for each of the property `values`, and the undamped responses at `lowest` and `highest`
+    to every load and at every sensor, which carry the flexibility of the modes that are left out.
+
+    Parameters
+    ----------
+    structure : Structure
+    values : sequence of (n_values,) float arrays
+        The identified values, then others within their uncertainty.
+    sides : Sides
+    lowest, highest : float
+        Hz, greater than 0.
+    """
+    columns = []
+    both = sparse.hstack([sides.inputs, sides.outputs]).tocsc()
+    for number, point in enumerate(values):
+        plain, _ = _without_modal_damping(structure, point)
+        mass, stiffness = plain.matrix("inertia", point), plain.matrix("elastic", point)
+        n_modes = None if structure.n_dofs <= 600 else 20
+        shapes = modes(mass, stiffness, n_modes=n_modes)
+        while n_modes is not None and shapes.frequency[-1] < _ABOVE * highest and n_modes < structure.n_dofs - 2:
+            n_modes = min(2 * n_modes, structure.n_dofs - 2)
+            shapes = modes(mass, stiffness, n_modes=n_modes)
+        columns.append(shapes.mode_shapes[:, shapes.frequency <= _ABOVE * highest])
+        if number == 0:
+            for shift in (lowest, highest):
+                shifted = sparse.csc_array(stiffness - (2 * np.pi * shift) ** 2 * mass)
+                columns.append(_solve(shifted, both.toarray()))
+    return _independent(np.hstack(columns), plain.matrix("inertia", values[0]))
+
+
+def _solve(matrix: sparse.csc_array, right: FloatArray) -> FloatArray:
+    """The solution of a sparse symmetric system with several right sides."""
+    matrix.sort_indices()
+    if not matrix.diagonal().all():
+        return np.asarray(sparse.linalg.spsolve(matrix, right)).reshape(right.shape)
+    return np.asarray(factorizer().analyse(matrix.indices, matrix.indptr).factor(matrix.data).solve(right))
+
+
+def _independent(columns: FloatArray, mass: sparse.csc_array) -> FloatArray:
+    """Orthonormal motions (in the mass matrix) that span `columns`, those apart that add nothing to the others."""
+    energy = np.sqrt(np.maximum(np.einsum("ij,ij->j", columns, mass @ columns), 0.0))
+    moving = energy > 0
+    scaled = columns[:, moving] / energy[moving]
+    values, turn = linalg.eigh(scaled.T @ (mass @ scaled))
+    kept = values > _NEW * values[-1]
+    return np.asarray(scaled @ (turn[:, kept] / np.sqrt(values[kept])))
+
+
+def _without_modal_damping(structure: Structure, values: FloatArray) -> tuple[Structure, float]:
+    """The structure without the damping ratio of all modes, whose matrix is full, and that ratio."""
+    if structure.damping_ratio is None:
+        return structure, 0.0
+    place = next(item.values for item in structure.properties if item.element == ALL_MODES)
+    return replace(structure, damping_ratio=None), float(values[place][0])
+
+
+@dataclass(frozen=True, eq=False)
+class PoleSum:
+    """Receptances as a sum over poles: H(s) = sum of out_k in_k / (s - pole_k), and rigid motions over s^2.
+
+    Attributes
+    ----------
+    poles : (n_poles,) complex array
+        1/s; of a structure with loss factors they hold for positive frequencies alone.
+    out : (n_outputs, n_poles) complex array
+    into : (n_poles, n_inputs) complex array
+    rigid : (n_outputs, n_inputs) float array
+        What free rigid motions add, per s^2.
+    """
+
+    poles: ComplexArray
+    out: ComplexArray
+    into: ComplexArray
+    rigid: FloatArray
+
+    def receptance(self, frequency: FloatArray) -> ComplexArray:
+        """Displacement per unit load at `frequency` in Hz, (n_frequencies, n_outputs, n_inputs)."""
+        s = 2j * np.pi * frequency
+        residues = self.out.T[:, :, None] * self.into[:, None, :]
+        flat = (1 / (s[:, None] - self.poles)) @ residues.reshape(len(self.poles), -1)
+        total = flat.reshape(len(s), *self.rigid.shape)
+        return np.asarray(total + self.rigid / (s**2)[:, None, None] if self.rigid.any() else total)
+
+
+def sum_over_poles(reduced: ReducedMatrices, damping: FloatArray | None = None) -> PoleSum:
+    """The poles of a reduced structure, with whatever damping it has.
+
+    Parameters
+    ----------
+    reduced : ReducedMatrices
+    damping : (n_modes, n_modes) float array, optional
+        Viscous damping in place of `reduced.damping` and `reduced.structural`.
+
+    References
+    ----------
+    Foss (1958), J. Appl. Mech. 25, 361-364: the symmetric form of first order, [C M; M 0] and [K 0; 0 -M].
+    """
+    rigid = reduced.is_rigid
+    moving = np.ix_(~rigid, ~rigid)
+    viscous = (reduced.damping if damping is None else damping)[moving]
+    stiffness = np.diag(reduced.omega[~rigid] ** 2) + (0 if damping is not None else 1j * reduced.structural[moving])
+    n, one = len(viscous), np.eye(len(viscous))
+    rate = np.block([[np.zeros((n, n)), one], [-stiffness, -viscous]])
+    poles, states = np.linalg.eig(rate)
+    shapes, speeds = states[:n], states[n:]
+    scale = np.einsum("ij,ij->j", shapes, viscous @ shapes) + 2 * np.einsum("ij,ij->j", shapes, speeds)
+    if n and np.abs(scale).min() <= np.finfo(float).eps * np.abs(speeds).max():
+        raise InputError(
+            "a mode is critically damped to all digits, which a sum over poles cannot hold; change its damping"
+        )
+    out, into = reduced.outputs[:, ~rigid] @ shapes, (shapes.T @ reduced.inputs[~rigid]) / scale[:, None]
+    return PoleSum(poles, out, into, reduced.outputs[:, rigid] @ reduced.inputs[rigid])
+
+
+def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float, derivatives: int) -> FloatArray:
+    """Motion from rest under loads that run in straight lines between samples, exact at the samples: (n_times, n_outputs).
+
+    Parameters
+    ----------
+    system : PoleSum
+        Of viscous damping.
+    loads : (n_times, n_inputs) float array
+        N or N m.
+    sampling_rate : float
+        Samples per second.
+    derivatives : {0, 1, 2}
+        Displacement, velocity or acceleration.
+    """
+    step = 1 / sampling_rate
+    upper = system.poles.imag >= 0
+    poles, out = system.poles[upper], system.out[:, upper]
+    weight = np.where(poles.imag > 0, 2.0, 1.0)
+    driven = loads @ system.into[upper].T
+    total = np.zeros((len(loads), len(out)))
+    for k, pole in enumerate(poles):
+        before, after = _first_order_hold(pole, step)
+        inputs = np.zeros(len(loads), dtype=complex)
+        inputs[1:] = before * driven[:-1, k] + after * driven[1:, k]
+        state = signal.lfilter([1.0], [1.0, -np.exp(pole * step)], inputs)
+        total += weight[k] * (state[:, None] * (pole**derivatives * out[:, k])).real
+    if derivatives == 2:
+        direct = (system.out * system.poles) @ system.into
+        total += loads @ direct.real.T
+    if system.rigid.any():
+        total += _rigid_history(loads, step, derivatives) @ system.rigid.T
+    return total
+
+
+def _first_order_hold(pole: complex, step: float) -> tuple[complex, complex]:
+    """Weights of the load at both ends of a step in x' = pole x + f, f running in a straight line."""
+    z = pole * step
+    if abs(z) < 1e-3:
+        return step * (0.5 + z / 3 + z**2 / 8 + z**3 / 30), step * (0.5 + z / 6 + z**2 / 24 + z**3 / 120)
+    first = (np.exp(z) - 1) / z
+    second = (np.exp(z) - 1 - z) / z**2
+    return step * (first - second), step * second
+
+
+def _rigid_history(loads: FloatArray, step: float, derivatives: int) -> FloatArray:
+    """The loads integrated twice, once or not at all, exactly for straight lines between samples."""
+    if derivatives == 2:
+        return loads
+    first, second = loads[:-1], loads[1:]
+    speed = np.zeros_like(loads)
+    np.cumsum(step * (first + second) / 2, axis=0, out=speed[1:])
+    if derivatives == 1:
+        return speed
+    way = np.zeros_like(loads)
+    np.cumsum(step * speed[:-1] + step**2 * (2 * first + second) / 6, axis=0, out=way[1:])
+    return way

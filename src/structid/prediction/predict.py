@@ -1,0 +1,213 @@
+"""Predictions with 95 % bands: one function sends the uncertainty of a model through any quantity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, NumberArray
+from structid.core.display import Overview, Shown, figures
+from structid.core.errors import InputError, SingularModelError
+from structid.fem import Structure
+from structid.identification.identified import Identification
+from structid.prediction.changes import Change, changed_model
+from structid.prediction.identified_model import IdentifiedModel, model_of
+from structid.prediction.model_error import ModelError
+from structid.prediction.quantities import Evaluator, Frf, Quantity
+from structid.unknowns import Parameters
+
+LEVEL = 0.95
+#: Random models behind a band.
+N_DRAWS = 400
+#: Standard deviations off at which motions are put into a basis, and how many independent errors are.
+_OFF, _MOST_POINTS = 2.0, 12
+_FEWEST = 50
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(Shown):
+    """A predicted quantity.
+
+    Attributes
+    ----------
+    quantity : Quantity
+    values : array
+        By the identified model, with the axes of `quantity`.
+    low, high : float arrays of that shape
+        Ends of the 95 % interval, at every point by itself: of the magnitude where values are complex.
+    std : float array of that shape
+        Standard deviation; of complex values the root of E|error|^2.
+    n_draws : int
+        Random models behind the band.
+    words : str
+        What the band includes.
+    """
+
+    quantity: Quantity
+    values: NumberArray
+    low: FloatArray
+    high: FloatArray
+    std: FloatArray
+    n_draws: int
+    words: str
+
+    def overview(self) -> Overview:
+        """Shape, and the width of the band."""
+        size = np.abs(self.values)
+        part = np.divide(self.high - self.low, 2 * size, out=np.zeros(size.shape), where=size > 0)
+        axes = ", ".join(f"{len(entries)} {name}" for name, entries in self.quantity.axes.items())
+        words = f"{type(self.quantity).__name__} of {axes}, {self.quantity.unit}; half-width of the 95 % band: median"
+        return Overview(f"{words} {figures(100 * float(np.median(part)), 3)} % of the value; {self.words}", (), ())
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedChange:
+    """A quantity before and after a change of the structure; errors that both share cancel in the difference.
+
+    Attributes
+    ----------
+    before, after : Prediction
+    difference : Prediction
+        After less before; of complex values the difference of magnitudes.
+    """
+
+    before: Prediction
+    after: Prediction
+    difference: Prediction
+
+
+def predict(
+    source: Identification | IdentifiedModel,
+    quantity: Quantity,
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+    model_error: ModelError | None = None,
+) -> Prediction:
+    """What an identified model says of a quantity, with a 95 % band.
+
+    Parameters
+    ----------
+    source : Identification or IdentifiedModel
+    quantity : Quantity
+        `Frf`, `History`, `Maxima`, `Spectrum`, `RootMeanSquare` or `NaturalModes`.
+    n_draws : int
+        Random models within the uncertainty from which the band is made.
+    seed : int
+        Of the random models.
+    model_error : ModelError, optional
+        What the fitted responses missed beyond noise, which a band of FRFs then includes; by default that of an identification
+        whose fit misses the noise.
+
+    Raises
+    ------
+    NoAnswerError
+        If the data do not determine the model.
+    InputError
+        If a sensor or load is not part of the structure, or the quantity has no meaning for it.
+
+    Examples
+    --------
+    >>> import structid as sid  # doctest: +SKIP
+    >>> found = sid.run_study("frame.toml").identification  # doctest: +SKIP
+    >>> sid.predict(found, sid.Frf(["401X+"], ["103X+"], np.linspace(20, 150, 500)))  # doctest: +SKIP
+    """
+    model, error = _model_and_error(source, model_error)
+    nominal, draws = _drawn(model, model.structure, model.parameters, quantity, n_draws, seed)
+    return _band(model, quantity, nominal, draws, error, seed)
+
+
+def predict_change(
+    source: Identification | IdentifiedModel,
+    quantity: Quantity,
+    changes: Sequence[Change],
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+    model_error: ModelError | None = None,
+) -> PredictedChange:
+    """What changes of the structure do to a quantity, with the band of the difference.
+
+    Parameters
+    ----------
+    source : Identification or IdentifiedModel
+    quantity : Quantity
+    changes : sequence of Change
+        See `structid.prediction.changes`.
+    n_draws, seed : int
+        See `predict`.
+    model_error : ModelError, optional
+        See `predict`; the difference is without it, since a change does not change what the model misses.
+    """
+    model, error = _model_and_error(source, model_error)
+    changed, parameters = changed_model(model.structure, model.parameters, changes)
+    before, drawn_before = _drawn(model, model.structure, model.parameters, quantity, n_draws, seed)
+    after, drawn_after = _drawn(model, changed, parameters, quantity, n_draws, seed)
+    sizes = [np.abs(each) if np.iscomplexobj(each) else each for each in (before, after, drawn_before, drawn_after)]
+    difference = _band(model, quantity, sizes[1] - sizes[0], sizes[3] - sizes[2], None, seed)
+    return PredictedChange(
+        _band(model, quantity, before, drawn_before, error, seed),
+        _band(replace(model, structure=changed), quantity, after, drawn_after, error, seed),
+        difference,
+    )
+
+
+def _model_and_error(
+    source: Identification | IdentifiedModel, model_error: ModelError | None
+) -> tuple[IdentifiedModel, ModelError | None]:
+    """The model of an identification, and what its fitted FRFs missed."""
+    if isinstance(source, IdentifiedModel):
+        return source, model_error
+    if model_error is None and source.fits and source.estimate.covariance_basis == "model_error":
+        fit = source.fits[0]
+        model_error = ModelError.of_fit(fit.problem, source.estimate.values[source.own_index], fit.predicted)
+    return model_of(source), model_error
+
+
+def _drawn(
+    model: IdentifiedModel, structure: Structure, parameters: Parameters, quantity: Quantity, n_draws: int, seed: int
+) -> tuple[NumberArray, NumberArray]:
+    """The quantity by the identified model, and by each random model, (n_draws, ...)."""
+    if n_draws < _FEWEST:
+        raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")
+    evaluate = quantity.evaluator(structure, parameters, _points(model))
+    nominal = evaluate(model.physical)
+    drawn = [_evaluated(evaluate, each) for each in model.draw_parameters(n_draws, np.random.default_rng(seed))]
+    return nominal, np.stack(drawn)
+
+
+def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
+    try:
+        return evaluate(physical)
+    except SingularModelError as error:
+        raise SingularModelError(
+            f"a model within the uncertainty cannot be computed: {error}; the parameters are known too badly to predict with"
+        ) from error
+
+
+def _points(model: IdentifiedModel) -> list[FloatArray]:
+    """The identified parameters, then those with one of the largest independent errors each."""
+    order = np.argsort(-np.linalg.norm(model.factor, axis=0))[:_MOST_POINTS]
+    lines = _OFF * np.eye(model.factor.shape[1])[order]
+    moved = (np.maximum(model.parameters_at(z), 1e-3 * model.physical) for z in lines)
+    return [model.physical, *moved]
+
+
+def _band(
+    model: IdentifiedModel,
+    quantity: Quantity,
+    nominal: NumberArray,
+    draws: NumberArray,
+    error: ModelError | None,
+    seed: int,
+) -> Prediction:
+    """The prediction that random models make of a quantity."""
+    words = model.words
+    if error is not None and isinstance(quantity, Frf) and np.iscomplexobj(nominal):
+        rng = np.random.default_rng(seed + 1)
+        draws = error.added_to(draws.astype(complex), quantity.frequency, quantity.kind, nominal.astype(complex), rng)
+        words = f"{words}, and {error.words}" if words else error.words
+    sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
+    low, high = np.quantile(sizes, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
+    std = np.sqrt(np.mean(np.abs(draws - nominal) ** 2, axis=0))
+    return Prediction(quantity, nominal, low, high, std, len(draws), words)

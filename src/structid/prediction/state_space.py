@@ -1,0 +1,329 @@
+"""A model as state equations of low order, for controllers and simulators, with the error that its order makes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import linalg
+
+from structid.core.arrays import FloatArray
+from structid.core.display import Overview, Shown, figures, listed
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import FileError, InputError, NoAnswerError
+from structid.files import atomic_write
+from structid.prediction.identified_model import IdentifiedModel
+from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis, sum_over_poles
+
+_MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
+#: Lines of the band on which the error is looked at; and the least ratio of its ends.
+_LINES, _LEAST = 500, 1e-3
+#: Lines across the half-power band of a resonance, three times as wide.
+_ACROSS = 25
+SUFFIXES = (".mat", ".npz", ".h5")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StateSpace(Shown):
+    """x' = a x + b u and y = c x + d u; of sampled equations x' is the state at the next sample.
+
+    Attributes
+    ----------
+    a, b, c, d : float arrays
+        (n_states, n_states), (n_states, n_inputs), (n_outputs, n_states) and (n_outputs, n_inputs); SI units.
+    outputs, inputs : tuple of Dof
+    motion : {"displacement", "velocity", "acceleration"}
+    band : (float, float)
+        Hz.
+    error : float
+        Largest error of the FRFs in the band, in parts of their largest value there; what viscous dampings in place of loss factors
+        change is part of it.
+    sampling_rate : float or None
+        Samples per second; None in continuous time.
+    draws : tuple of (a, b, c, d)
+        The same of models within the uncertainty, each in coordinates of its own.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    d: FloatArray
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+    motion: str
+    band: tuple[float, float]
+    error: float
+    sampling_rate: float | None = None
+    draws: tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], ...] = ()
+
+    def overview(self) -> Overview:
+        """Order, channels and error."""
+        kind = "continuous time" if self.sampling_rate is None else f"{self.sampling_rate:g} samples a second"
+        return Overview(
+            f"{len(self.a)} states in {kind}, {self.motion} at {listed(self.outputs)} under forces at {listed(self.inputs)};"
+            f" largest error of FRFs from {self.band[0]:g} to {self.band[1]:g} Hz {figures(100 * self.error, 2)} % of the largest"
+        )
+
+    def frf(self, frequency: FloatArray) -> np.ndarray:
+        """FRFs at `frequency` in Hz, (n_frequencies, n_outputs, n_inputs) complex."""
+        s = 2j * np.pi * np.asarray(frequency)
+        point = s if self.sampling_rate is None else np.exp(s / self.sampling_rate)
+        states = np.linalg.solve(point[:, None, None] * np.eye(len(self.a)) - self.a, self.b.astype(complex))
+        return np.asarray(self.c @ states + self.d)
+
+    def write(self, path: str | Path) -> None:
+        """Write the equations to a .mat (MATLAB 5), .npz or .h5 file, with `draws` as arrays with a leading axis.
+
+        Raises
+        ------
+        FileError
+            If the suffix is another, or the file cannot be written.
+        """
+        path = Path(path)
+        if path.suffix.lower() not in SUFFIXES:
+            raise FileError(
+                f"{path}: state equations are written to {', '.join(SUFFIXES)}; give the file one of these suffixes"
+            )
+        content: dict[str, object] = {
+            "a": self.a, "b": self.b, "c": self.c, "d": self.d,
+            "outputs": np.array([str(dof) for dof in self.outputs]), "inputs": np.array([str(dof) for dof in self.inputs]),
+            "motion": np.array(self.motion), "band_hz": np.array(self.band), "largest_error": np.array(self.error),
+            "sampling_rate_hz": np.array(0.0 if self.sampling_rate is None else self.sampling_rate),
+        }  # fmt: skip
+        for name, parts in zip(("a", "b", "c", "d"), zip(*self.draws, strict=True), strict=False):
+            content[f"{name}_draws"] = np.stack(parts)
+        with atomic_write(path) as temporary:
+            temporary.write_bytes(_bytes_of(path.suffix.lower(), content))
+
+
+def _bytes_of(suffix: str, content: dict[str, object]) -> bytes:
+    buffer = io.BytesIO()
+    if suffix == ".npz":
+        np.savez_compressed(buffer, **content)  # type: ignore[arg-type]
+    elif suffix == ".mat":
+        from scipy.io import savemat  # so that the command starts quickly
+
+        savemat(buffer, content)
+    else:
+        import h5py
+
+        with h5py.File(buffer, "w") as file:
+            for name, value in content.items():
+                array = np.asarray(value)
+                file.create_dataset(
+                    name, data=array.astype("S") if array.dtype.kind == "U" else array, track_times=False
+                )
+    return buffer.getvalue()
+
+
+def state_space(
+    model: IdentifiedModel,
+    outputs: Sequence[Dof | str],
+    inputs: Sequence[Dof | str],
+    band: tuple[float, float],
+    motion: str = "acceleration",
+    order: int | None = None,
+    error: float = 0.01,
+    sampling_rate: float | None = None,
+    n_draws: int = 0,
+    seed: int = 0,
+) -> StateSpace:
+    """State equations of an identified model between loads and sensors, of the lowest order that a band allows.
+
+    They are balanced on that band (Gawronski and Juang 1990) and cut off; free rigid motions are kept whole. Loss factors act as
+    viscous dampings that take as much energy at each resonance.
+
+    Parameters
+    ----------
+    model : IdentifiedModel
+    outputs, inputs : sequence of Dof or str
+    band : (float, float)
+        Hz: where the equations must hold.
+    motion : {"displacement", "velocity", "acceleration"}
+    order : int, optional
+        Number of states; by default the fewest whose largest error in the band is at most `error`.
+    error : float
+        In parts of the largest FRF in the band.
+    sampling_rate : float, optional
+        Equations from sample to sample, exact for loads that stay constant in between; continuous time by default.
+    n_draws : int
+        Models within the uncertainty whose equations are given too.
+    seed : int
+        Of those models.
+
+    Raises
+    ------
+    InputError
+        If the band or the order cannot be.
+    NoAnswerError
+        If no order reaches `error`.
+
+    References
+    ----------
+    Gawronski and Juang (1990), Int. J. Systems Sci. 21, 349-376; Moore (1981), IEEE Trans. Automatic Control 26, 17-32.
+    """
+    low, high = float(band[0]), float(band[1])
+    if not 0 <= low < high < np.inf:
+        raise InputError(f"`band` must run from 0 Hz or more to a higher frequency, got {band}")
+    if motion not in _MOTIONS:
+        raise InputError(f"`motion` must be one of {', '.join(_MOTIONS)}, got {motion!r}")
+    sensors, loads, structure = parse_dofs(outputs), parse_dofs(inputs), model.structure
+    structure.require_modes("state equations")
+    sides = Sides(structure.selection(sensors), structure.selection(loads))
+    basis = reduction_basis(structure, [model.values], sides, max(low, _LEAST * high), high)
+    nominal = reduce_structure(structure, model.values, basis, sides)
+    whole = _Equations.of(nominal, _MOTIONS[motion])
+    frequency = _judged_lines(nominal, max(low, _LEAST * high), high)
+    exact = whole.frf(frequency)
+    if order is None:
+        orders = range(2, whole.n_states + 1, 2)
+        order = next((n for n in orders if whole.cut(n, high).miss(frequency, exact) <= error), 0)
+        if not order:
+            raise NoAnswerError(
+                f"no order gives an error of at most {error:g} in the band; allow more, or name the order"
+            )
+    elif not 2 <= order <= whole.n_states:
+        raise InputError(f"`order` must be from 2 to {whole.n_states} in this band, got {order}")
+    made = whole.cut(order, high)
+    hysteretic = sum_over_poles(nominal).receptance(frequency)
+    hysteretic = hysteretic * ((2j * np.pi * frequency) ** _MOTIONS[motion])[:, None, None]
+    largest = made.miss(frequency, hysteretic)
+    draws = []
+    for physical in model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ():
+        other = _Equations.of(
+            reduce_structure(structure, model.parameters.values(physical), basis, sides), _MOTIONS[motion]
+        )
+        draws.append(other.cut(order, high).sampled(sampling_rate))
+    parts = made.sampled(sampling_rate)
+    return StateSpace(*parts, sensors, loads, motion, (low, high), largest, sampling_rate, tuple(draws))
+
+
+def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
+    """Frequencies, Hz, on which an error is judged: even ones, and some across each resonance."""
+    omega = reduced.omega[~reduced.is_rigid]
+    half = np.diag(reduced.viscous_equivalent())[~reduced.is_rigid] / 2
+    near = (omega + half * np.linspace(-3, 3, _ACROSS)[:, None]).ravel() / (2 * np.pi)
+    lines = np.concatenate([np.linspace(low, high, _LINES), near[(near > low) & (near < high)]])
+    return np.unique(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """State equations, the first `n_rigid` states those of free rigid motions."""
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    d: FloatArray
+    n_rigid: int
+    is_differentiated: bool
+
+    @classmethod
+    def of(cls, reduced: ReducedMatrices, derivatives: int) -> _Equations:
+        """Modal displacements (times omega) and speeds; outputs are speeds where accelerations are wanted."""
+        rigid = reduced.is_rigid
+        order = np.concatenate([np.flatnonzero(rigid), np.flatnonzero(~rigid)])
+        omega, n, n_rigid = reduced.omega[order], len(order), int(rigid.sum())
+        damping = reduced.viscous_equivalent()[np.ix_(order, order)]
+        out, into = reduced.outputs[:, order], reduced.inputs[order]
+        scale = np.where(np.arange(n) < n_rigid, 1.0, np.maximum(omega, 1e-12))
+        stiff = np.where(np.arange(n) < n_rigid, 0.0, omega)
+        a = np.block([[np.zeros((n, n)), np.diag(scale)], [-np.diag(stiff), -damping]])
+        b = np.vstack([np.zeros_like(into), into])
+        place = np.hstack([out / scale, np.zeros_like(out)])
+        speed = np.hstack([np.zeros_like(out), out])
+        c = place if derivatives == 0 else speed
+        d = np.zeros((len(out), into.shape[1]))
+        states = np.concatenate([np.arange(n_rigid), n + np.arange(n_rigid)])
+        rest = np.setdiff1d(np.arange(2 * n), states)
+        turn = np.concatenate([states, rest])
+        return cls(a[np.ix_(turn, turn)], b[turn], c[:, turn], d, 2 * n_rigid, derivatives == 2)
+
+    @property
+    def n_states(self) -> int:
+        return len(self.a)
+
+    def frf(self, frequency: FloatArray) -> np.ndarray:
+        """FRFs in continuous time, (n_frequencies, n_outputs, n_inputs)."""
+        poles, vectors = np.linalg.eig(self.a[self.n_rigid :, self.n_rigid :])
+        into = np.linalg.solve(vectors, self.b[self.n_rigid :].astype(complex))
+        out = self.c[:, self.n_rigid :] @ vectors
+        s = 2j * np.pi * frequency
+        total = np.einsum("fk,ok,ki->foi", 1 / (s[:, None] - poles), out, into) + self.d
+        if self.n_rigid:
+            r = slice(0, self.n_rigid)
+            states = np.linalg.solve(s[:, None, None] * np.eye(self.n_rigid) - self.a[r, r], self.b[r].astype(complex))
+            total = total + self.c[:, r] @ states
+        return np.asarray(total * s[:, None, None] if self.is_differentiated else total)
+
+    def miss(self, frequency: FloatArray, exact: np.ndarray) -> float:
+        """Largest error over the largest value of exact FRFs."""
+        return float(np.abs(self.frf(frequency) - exact).max() / np.abs(exact).max())
+
+    def cut(self, order: int, highest: float) -> _Equations:
+        """The stable equations with `order` states that say most of the FRFs up to `highest` Hz.
+
+        Balancing on a band may leave unstable equations; then all frequencies count.
+        """
+        keep, r = max(order - self.n_rigid, 0), self.n_rigid
+        if order >= self.n_states:
+            return self
+        a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
+        into, out = self._balanced(highest)
+        left, right = out[:keep], into[:, :keep]
+        reduced_a = left @ a @ right
+        if np.linalg.eigvals(reduced_a).real.max(initial=-1.0) >= 0:
+            into, out = self._balanced(None)
+            left, right = out[:keep], into[:, :keep]
+            reduced_a = left @ a @ right
+        whole = np.zeros((r + keep,) * 2)
+        whole[:r, :r], whole[r:, r:] = self.a[:r, :r], reduced_a
+        made = np.vstack([self.b[:r], left @ b]), np.hstack([self.c[:, :r], c @ right])
+        direct = self.d if self.is_differentiated else self._direct(keep, left, right, highest)
+        return _Equations(whole, *made, direct, r, self.is_differentiated)
+
+    def _direct(self, keep: int, left: FloatArray, right: FloatArray, highest: float) -> FloatArray:
+        """The direct part that makes up for the cut states at the middle of the band."""
+        r = self.n_rigid
+        s = 2j * np.pi * 0.5 * highest
+        a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
+        exact = c @ np.linalg.solve(s * np.eye(len(a)) - a, b.astype(complex))
+        small = left @ a @ right
+        cut = (c @ right) @ np.linalg.solve(s * np.eye(keep) - small, (left @ b).astype(complex))
+        return np.asarray(self.d + (exact - cut).real)
+
+    def _balanced(self, highest: float | None) -> tuple[FloatArray, FloatArray]:
+        """Columns that make states of those balanced up to `highest` Hz, and rows the other way, those that say most first."""
+        r = self.n_rigid
+        a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
+        one = np.eye(len(a))
+        inside = one / 2
+        if highest is not None:
+            omega = 2 * np.pi * highest
+            inside = (1j / (2 * np.pi) * linalg.logm((a + 1j * omega * one) @ np.linalg.inv(a - 1j * omega * one))).real
+        reach = linalg.solve_continuous_lyapunov(a, -(inside @ b @ b.T + b @ b.T @ inside.T))
+        seen = linalg.solve_continuous_lyapunov(a.T, -(inside.T @ c.T @ c + c.T @ c @ inside))
+        roots = [_root(matrix) for matrix in (reach, seen)]
+        left, sizes, right = np.linalg.svd(roots[1].T @ roots[0])
+        size = 1 / np.sqrt(np.maximum(sizes, np.finfo(float).tiny))
+        return roots[0] @ right.T * size, (roots[1] @ left * size).T
+
+    def sampled(self, rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The equations from sample to sample for constant loads in between; as they are where there is no rate."""
+        c, d = (self.c @ self.a, self.d + self.c @ self.b) if self.is_differentiated else (self.c, self.d)
+        if rate is None:
+            return self.a, self.b, c, d
+        n, m = self.b.shape
+        wide = np.zeros((n + m, n + m))
+        wide[:n, :n], wide[:n, n:] = self.a / rate, self.b / rate
+        step = linalg.expm(wide)[:n]
+        return step[:, :n], step[:, n:], c, d
+
+
+def _root(matrix: FloatArray) -> FloatArray:
+    """F with F F' = the positive part of a symmetric matrix."""
+    values, vectors = linalg.eigh((matrix + matrix.T) / 2)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -1,0 +1,252 @@
+"""Auto- and cross-spectra of a universal file (function types 2, 3 and 9), assembled to one spectral matrix."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray
+from structid.core.dof import Dof
+from structid.core.errors import FileError, InputError
+from structid.core.units import Quantity, parse_unit
+from structid.files.uff.blocks import read_blocks
+from structid.files.uff.nodes import read_nodes
+from structid.files.uff.units import UnitFactors, read_unit_factors
+from structid.records.formats.bare import channel_units
+from structid.records.formats.gaps import sourced
+from structid.records.formats.options import ReadOptions, option_words
+from structid.records.formats.uff.abscissa import one_axis_unit
+from structid.records.formats.uff.axes import in_global_axes
+from structid.records.formats.uff.frf import AVERAGES
+from structid.records.formats.uff.functions import Function, read_function
+from structid.records.formats.uff.scales import QUANTITIES, UNKNOWN, channel_scale, dof_of
+from structid.records.spectrum import SpectrumRecord
+
+#: Function types: auto spectrum, cross spectrum, power spectral density.
+SPECTRA = (2, 3, 9)
+_FREQUENCY_TYPE = 18
+_PER_HERTZ = re.compile(r" ?(?:/|per) ?\(?(?:hz|hertz)\)?$", re.IGNORECASE)
+_ROOT = re.compile(r"(?:/|per) ?(?:\u221a|sqrt|rt|root)|rms|pk|peak", re.IGNORECASE)
+_SQUARE = re.compile(
+    r"(?:\((?P<bracketed>.+)\)|(?P<bare>[^/()*^]+?)) ?(?:(?:\^|\*\*)?2|\u00b2)$|(?P<said>.+?)[ -]?(?:sq\.?|squared)$",
+    re.IGNORECASE,
+)
+_SPLIT_SQUARE = re.compile(r"([a-z]+)(?:\^|\*\*)?2/(s|sec)(?:\^|\*\*)?4$", re.IGNORECASE)
+#: Relative size of imaginary parts and negative values of autospectra that are rounding.
+_ROUNDED = 1e-4
+_USED = ("channels", "columns", "units", "quantities", "axis_unit", "axes", "averages", "array")
+
+
+def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
+    """The spectra of the universal file at `path` between all channels and those that every channel is measured against.
+
+    A cross-spectrum is that of its response with the conjugate of its reference; one of two channels is the conjugate of the
+    other way round. The unit of a label is a square (``g^2/Hz``, ``(m/s^2)^2``) or a product (``g*m/s``).
+
+    Raises
+    ------
+    FileError
+        If there are none, a cross-spectrum has no phase, pairs are doubled or missing, or units are not said or not squares.
+    """
+    other = next((name for name in options.given() if name not in _USED), None)
+    if other is not None:
+        raise InputError(f"{path}: `{other}` is not about spectra; leave it out", other)
+    blocks = read_blocks(path)
+    tables = [block for block in blocks if block.number == 58]
+    every = [read_function(path, block, place) for place, block in enumerate(tables, 1)]
+    functions = [function for function in every if function.kind in SPECTRA]
+    if options.columns:
+        numbers = {str(number) for number in options.columns}
+        functions = [function for function in functions if str(function.place) in numbers]
+    if not functions:
+        raise FileError(f"{path}: holds no spectra of motion (function types 2, 3 and 9); export them, or histories")
+    factors = None if options.units else read_unit_factors(path, blocks)
+    to_hertz, axis_words = one_axis_unit(path, functions, "frequencies", options)
+    by_pair: dict[tuple[Dof, Dof], Function] = {}
+    for function in functions:
+        pair = _pair(path, function)
+        if pair in by_pair:
+            raise FileError(
+                f"{path}: has the spectrum of {pair[0]} and {pair[1]} twice, as functions {by_pair[pair].place} and"
+                f" {function.place}; keep one of them"
+            )
+        by_pair[pair] = function
+    channels, references = _complete(path, by_pair)
+    frequency = functions[0].axis * to_hertz
+    for function in functions:
+        if (
+            function.axis.shape != frequency.shape
+            or np.abs(function.axis * to_hertz - frequency).max() > 1e-6 * frequency[-1]
+        ):
+            raise FileError(
+                f"{path}: function {function.place} has other frequencies than the first; export all with one setting"
+            )
+    is_density = _densities(path, functions)
+    quantities, values = _matrix(path, by_pair, channels, references, factors, options)
+    turned = ""
+    if options.axes != "named":
+        nodes = read_nodes(path, blocks)
+        sides = in_global_axes(path, nodes, channels, quantities), in_global_axes(path, nodes, references)
+        channels, references, turned = sides[0].dofs, sides[1].dofs, sides[0].words
+        left, right = (np.eye(len(side.dofs)) if side.matrix is None else side.matrix for side in sides)
+        values = left @ values @ right.T
+    scale = "power spectral densities" if is_density else "squares of amplitudes a line"
+    words = (
+        f"{len(functions)} spectra between {len(channels)} channels and {len(references)} references, {scale} by their labels,"
+        " one-sided or two-sided, which the file does not say and which changes no mode"
+    )
+    note = "; ".join(filter(None, (words, axis_words, turned)))
+    averages = options.averages if options.averages is not None else _averages(functions)
+    return SpectrumRecord(frequency, values, channels, references, quantities, averages, sourced(path, note))
+
+
+def _pair(path: Path, function: Function) -> tuple[Dof, Dof]:
+    """Response and reference; an autospectrum may leave the reference out."""
+    response = dof_of(path, function.response, "response", function.place)
+    if function.reference[1] == 0 and function.kind != 3:
+        return response, response
+    return response, dof_of(path, function.reference, "reference", function.place)
+
+
+def _complete(path: Path, by_pair: dict[tuple[Dof, Dof], Function]) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
+    """All channels, and those with a spectrum to every channel."""
+    channels = tuple(dict.fromkeys(dof for pair in by_pair for dof in pair))
+    if len({dof.unsigned for dof in channels}) < len(channels):
+        raise FileError(
+            f"{path}: names a channel in both senses ({', '.join(map(str, channels))}); give each its own name"
+        )
+
+    def lacking(reference: Dof) -> list[Dof]:
+        return [dof for dof in channels if (dof, reference) not in by_pair and (reference, dof) not in by_pair]
+
+    references = tuple(dof for dof in channels if not lacking(dof))
+    if not references:
+        best = min(channels, key=lambda dof: len(lacking(dof)))
+        missing = ", ".join(map(str, lacking(best)[:6]))
+        raise FileError(
+            f"{path}: no channel has a cross-spectrum to every other one; {best} lacks {missing}: autospectra alone tell no mode"
+            " shape, export the cross-spectra to a reference too, or the histories"
+        )
+    return channels, references
+
+
+def _densities(path: Path, functions: Sequence[Function]) -> bool:
+    """Whether all spectra are densities by their labels or types."""
+    found = {function.kind == 9 or _is_per_hertz(function) for function in functions}
+    if len(found) > 1:
+        raise FileError(f"{path}: some spectra are densities and some are not; export all with one setting")
+    return found.pop()
+
+
+def _is_per_hertz(function: Function) -> bool:
+    below = function.denominator
+    return (
+        bool(_PER_HERTZ.search(function.ordinate.label))
+        or below.number == _FREQUENCY_TYPE
+        or below.label.strip().lower() == "hz"
+    )
+
+
+def _matrix(
+    path: Path,
+    by_pair: dict[tuple[Dof, Dof], Function],
+    channels: tuple[Dof, ...],
+    references: tuple[Dof, ...],
+    factors: UnitFactors | None,
+    options: ReadOptions,
+) -> tuple[tuple[Quantity, ...], ComplexArray]:
+    """Quantities of the channels and the spectral matrix in SI units, (n_lines, n_channels, n_references)."""
+    stated: dict[Dof, float] = {}
+    quantity_of: dict[Dof, str] = {}
+    if options.units:
+        quantities, scales = channel_units(path, channels, options)
+        stated = dict(zip(channels, scales.tolist(), strict=True))
+        quantity_of = dict(zip(channels, quantities, strict=True))
+    columns = []
+    for reference in references:
+        column = []
+        for channel in channels:
+            function = by_pair.get((channel, reference)) or by_pair[reference, channel]
+            response, other = _pair(path, function)
+            values = _values(path, function, response, other)
+            if stated:
+                factor = stated[response] * stated[other]
+            else:
+                factor = 1.0
+                for dof, label in zip((response, other), _sides(path, function), strict=True):
+                    side = replace(function.ordinate, label=label)
+                    quantity, part = channel_scale(path, side, dof, factors, "units")
+                    if quantity_of.setdefault(dof, quantity) != quantity:
+                        raise FileError(
+                            f"{path}: {dof} is {quantity_of[dof]} in one spectrum and {quantity} in another"
+                        )
+                    factor *= part
+            column.append(factor * (values if (channel, reference) == (response, other) else values.conj()))
+        columns.append(np.stack(column, axis=1))
+    for dof, quantity in quantity_of.items():
+        if quantity not in ("displacement", "velocity", "acceleration"):
+            raise FileError(
+                f"{path}: the spectra of {dof} are of {quantity}, not of motion; choose others with `columns`"
+            )
+    return tuple(cast(Quantity, quantity_of[dof]) for dof in channels), np.stack(columns, axis=2)
+
+
+def _values(path: Path, function: Function, response: Dof, reference: Dof) -> ComplexArray:
+    values = np.asarray(function.values, np.complex128)
+    if response == reference:
+        size = float(np.abs(values).max())
+        if size == 0 or (values.real < -_ROUNDED * size).any() or np.abs(values.imag).max() > _ROUNDED * size:
+            raise FileError(
+                f"{path}: function {function.place}, the autospectrum of {response}, is not positive throughout; export it again"
+            )
+        return values.real.astype(np.complex128)
+    if not np.iscomplexobj(function.values) or not values.imag.any():
+        raise FileError(
+            f"{path}: function {function.place}, the cross-spectrum of {response} and {reference}, holds real numbers only, without"
+            " the phase that tells a mode shape; export complex values"
+        )
+    return values
+
+
+def _sides(path: Path, function: Function) -> tuple[str, str]:
+    """The units of both motions by the label of their product; blank where there is none."""
+    below = function.denominator
+    if below.number in QUANTITIES and below.number not in UNKNOWN:
+        raise FileError(
+            f"{path}: function {function.place} is a spectrum with a motion or force below it: a ratio, perhaps; say the unit"
+            f" of the motion: {option_words(units='g')}"
+        )
+    label = " ".join(function.ordinate.label.split())
+    if not label:
+        return "", ""
+    body = _PER_HERTZ.sub("", label)
+    square, split = _SQUARE.fullmatch(body), _SPLIT_SQUARE.fullmatch(body)
+    candidates = [(f"{split[1]}/s^2",) * 2] if split else []
+    candidates += [(next(part for part in square.groups() if part),) * 2] if square else []
+    candidates += [(body[:k], body[k + 1 :]) for k, letter in enumerate(body) if letter in "*.\u00b7 "]
+    for left, right in candidates if not _ROOT.search(label) else []:
+        if _is_unit(left) and _is_unit(right):
+            return left, right
+    raise FileError(
+        f"{path}: the spectrum of function {function.place} has unit {label!r}, no square or product of motions as g^2/Hz or"
+        f" (m/s^2)^2 is; say the unit of the motion where the values are squares of it: {option_words(units='g')}"
+    )
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        parse_unit(text)
+    except InputError:
+        return False
+    return True
+
+
+def _averages(functions: Sequence[Function]) -> int | None:
+    """Number of averages that the titles of all spectra agree on, or None."""
+    counts = {int(match["count"]) if (match := AVERAGES.search(f.titles)) else None for f in functions}
+    return counts.pop() if len(counts) == 1 else None

@@ -1,0 +1,98 @@
+"""Predicted responses with their 95 % bands, before and after changes."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.prediction.predict import PredictedChange, Prediction
+from structid.report.drawing import palette
+from structid.report.rendering import plot
+
+#: Points of a curve at most; a history beyond them is drawn by the extremes of its stretches.
+_MOST_POINTS = 3000
+#: Panels that a picture shows.
+_MOST_PANELS = 9
+#: Orders of magnitude that an FRF shows below its largest value.
+_DECADES = 1e-5
+
+
+def frf_figure(found: Prediction | PredictedChange) -> plot.Figure:
+    """Magnitudes of predicted FRFs with their bands, a channel at a time."""
+    parts = _shown(found)
+    first = next(iter(parts.values()))
+    axes = first.quantity.axes
+    frequency = np.asarray(axes["frequency"], dtype=float)
+    panels = []
+    for o, output in enumerate(axes["output"]):
+        for i, load in enumerate(axes["input"]):
+            traces: list[plot.Trace] = []
+            largest = max(float(np.abs(part.values[:, o, i]).max()) for part in parts.values())
+            for label, colour, part in _coloured(parts):
+                low = np.maximum(part.low[:, o, i], _DECADES * largest)
+                traces.append(_band(frequency, low, part.high[:, o, i], colour, label))
+                traces.append(
+                    plot.Curve(
+                        frequency, np.abs(part.values[:, o, i]), plot.Pen(colour, 1.8, _dash(label)), label=label,
+                        hover=plot.NUMBERS,
+                    )
+                )  # fmt: skip
+            x, y = plot.Axis("frequency", "Hz"), plot.Axis("magnitude", first.quantity.unit, log=True)
+            panels.append(plot.panel(x, y, *traces, title=f"{output} per force at {load}"))
+    return _figure(
+        panels, "Channel", "The shaded band holds the true magnitude at each line with a probability of 95 %."
+    )
+
+
+def history_figure(found: Prediction | PredictedChange) -> plot.Figure:
+    """Predicted motion over time with its band, a sensor at a time."""
+    parts = _shown(found)
+    first = next(iter(parts.values()))
+    axes = first.quantity.axes
+    time = np.asarray(axes["time"], dtype=float)
+    stride = max(1, -(-len(time) // _MOST_POINTS))
+    panels = []
+    for o, output in enumerate(axes["output"]):
+        traces: list[plot.Trace] = []
+        for label, colour, part in _coloured(parts):
+            x, low, high, value = (
+                each[::stride] for each in (time, part.low[:, o], part.high[:, o], part.values[:, o].real)
+            )
+            traces.append(_band(x, low, high, colour, label))
+            traces.append(plot.Curve(x, value, plot.Pen(colour, 1.4, _dash(label)), label=label, hover=plot.NUMBERS))
+        y = plot.Axis(getattr(first.quantity, "motion", "motion"), first.quantity.unit)
+        panels.append(plot.panel(plot.Axis("time", "s"), y, *traces, title=str(output)))
+    note = f" One sample in {stride} is drawn." if stride > 1 else ""
+    return _figure(
+        panels, "Sensor", f"The shaded band holds the true motion at each instant with a probability of 95 %.{note}"
+    )
+
+
+def _figure(panels: list[plot.Panel], label: str, caption: str) -> plot.Figure:
+    """One panel, or one at a time to choose from."""
+    if len(panels) == 1:
+        return plot.Figure(tuple(panels), (900.0, 420.0), caption=caption)
+    shown = tuple(range(min(len(panels), _MOST_PANELS)))
+    return plot.Figure(tuple(panels), (900.0, 420.0), caption=caption, choice=plot.Choice(label, shown, (420.0, 260.0)))
+
+
+def _shown(found: Prediction | PredictedChange) -> dict[str, Prediction]:
+    if isinstance(found, PredictedChange):
+        return {"before the change": found.before, "after the change": found.after}
+    return {"predicted": found}
+
+
+def _coloured(parts: dict[str, Prediction]) -> list[tuple[str, str, Prediction]]:
+    colours = (palette.BLUE, palette.VERMILLION)
+    return [(label, colour, part) for (label, part), colour in zip(parts.items(), colours, strict=False)]
+
+
+def _dash(label: str) -> Literal["solid", "dash"]:
+    return "dash" if label.startswith("before") else "solid"
+
+
+def _band(x: FloatArray, low: FloatArray, high: FloatArray, colour: str, label: str) -> plot.Area:
+    outline = np.concatenate([x, x[::-1], x[:1]]), np.concatenate([high, low[::-1], high[:1]])
+    return plot.Area(*outline, colour, 0.22, f"95 % band, {label}")

@@ -1,0 +1,127 @@
+"""Predictions as the terminal shows them, and their page."""
+
+from __future__ import annotations
+
+import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
+
+from structid.core.display import counted
+from structid.prediction.predict import PredictedChange, Prediction
+from structid.report.figures.prediction import frf_figure, history_figure
+from structid.report.page import Page
+from structid.report.tables import Table, printed
+from structid.report.text import NOTHING, number, percent, unit_text, value_words
+from structid.study.run.predicting import PREDICTION_PAGE, StudyPrediction, parts_of
+
+#: Part of a value that rounding makes at most.
+_ROUNDING = 1e-9
+
+
+def modes_table(found: Prediction | PredictedChange) -> Table:
+    """Natural frequencies and damping ratios, before and after changes where there are any."""
+    parts = parts_of(found)
+    header: tuple[str, ...]
+    if isinstance(found, PredictedChange):
+        header = ("Mode", "Before (Hz)", "After (Hz)", "Change (Hz)", "Damping before", "Damping after")
+    else:
+        header = ("Mode", "Frequency (Hz)", "95 % interval", "Damping ratio", "95 % interval")
+    rows = []
+    for k in range(len(next(iter(parts.values())).values)):
+        cells = [str(k + 1)]
+        if isinstance(found, PredictedChange):
+            cells += [_value(part, (k, 0), float(found.before.values[k, 0])) for part in parts.values()]
+            cells += [_percent(part, (k, 1)) for name, part in parts.items() if name != "difference"]
+        else:
+            cells += [
+                _value(found, (k, 0)),
+                _interval(found, (k, 0)),
+                _percent(found, (k, 1)),
+                _interval(found, (k, 1), 100),
+            ]
+        rows.append(tuple(cells))
+    return Table(header, tuple(rows), tuple(range(len(header))))
+
+
+def maxima_table(found: Prediction | PredictedChange) -> Table:
+    """The largest motion of each sensor."""
+    parts = parts_of(found)
+    first = next(iter(parts.values()))
+    unit = unit_text(first.quantity.unit)
+    names = {"value": "Largest"}
+    header = ["Sensor"]
+    for name in parts:
+        header += [f"{names.get(name, name.capitalize())} ({unit})", "95 % interval"]
+    rows = []
+    for i, output in enumerate(first.quantity.axes["output"]):
+        cells = [str(output)]
+        for part in parts.values():
+            cells += [number(float(part.values[i])), _interval(part, (i,))]
+        rows.append(tuple(cells))
+    return Table(tuple(header), tuple(rows), tuple(range(1, len(header))))
+
+
+def _value(part: Prediction, index: tuple[int, ...], size: float = 0.0) -> str:
+    """Value and deviation; 0 where both are rounding of values of this `size`."""
+    value, std = float(part.values[index]), float(part.std[index])
+    return "0" if max(abs(value), std) <= _ROUNDING * size else value_words(value, std)
+
+
+def _percent(part: Prediction, index: tuple[int, ...]) -> str:
+    return percent(float(part.values[index]), signed=False)
+
+
+def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> str:
+    low, high = factor * float(part.low[index]), factor * float(part.high[index])
+    if not np.isfinite([low, high]).all():
+        return NOTHING
+    return f"{number(low)} to {number(high)}{' %' if factor == 100 else ''}"
+
+
+def heading(found: StudyPrediction) -> str:
+    """What was predicted, in one line."""
+    what = [name for name, part in (("FRFs", found.frf), ("motion", found.history)) if part is not None]
+    told = f"{' and '.join([*what, 'modes'])} predicted from {found.folder}"
+    return f"{told}; {', '.join(found.changes)}" if found.changes else told
+
+
+def width_words(found: StudyPrediction) -> str:
+    """How wide the bands of the FRFs are; "" where there are none."""
+    if found.frf is None:
+        return ""
+    words = []
+    for name, part in parts_of(found.frf).items():
+        if name != "difference":
+            size = np.abs(part.values)
+            half = np.divide(part.high - part.low, 2 * size, out=np.zeros(size.shape), where=size > 0)
+            words.append(f"{'' if name == 'value' else name + ' '}{percent(float(np.median(half)), signed=False)}")
+    return f"Half-width of the 95 % band of the FRFs, median over lines: {', '.join(words)}"
+
+
+def prediction_text(found: StudyPrediction) -> list[RenderableType]:
+    """Heading, natural modes, largest motions, and what the bands include."""
+    parts: list[RenderableType] = [Text(heading(found), style="bold"), printed(modes_table(found.modes))]
+    if found.maxima is not None:
+        parts.append(printed(maxima_table(found.maxima)))
+    parts += [Text(words) for words in (width_words(found), found.words) if words]
+    return parts
+
+
+def prediction_page(found: StudyPrediction) -> Page:
+    """The page and its figures."""
+    figures = {}
+    if found.frf is not None:
+        figures["prediction_frf"] = frf_figure(found.frf)
+    if found.history is not None:
+        figures["prediction_history"] = history_figure(found.history)
+    words = {
+        "title": found.title or "Structure",
+        "heading": heading(found),
+        "changes": found.changes,
+        "bands": found.words,
+        "width": width_words(found),
+        "modes": modes_table(found.modes),
+        "maxima": None if found.maxima is None else maxima_table(found.maxima),
+        "n_draws": counted(next(iter(parts_of(found.modes).values())).n_draws, "model"),
+    }
+    return Page(PREDICTION_PAGE, "prediction.html.j2", figures, words)

@@ -1,0 +1,23 @@
+"""Sensed motion as the terminal shows it."""
+
+from __future__ import annotations
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from structid.prediction.virtual_sensing import SensedMotion
+from structid.report.tables import Table, printed
+from structid.report.text import number
+
+
+def sensing_text(found: SensedMotion) -> list[RenderableType]:
+    """Heading, a row an output and force, the sensors that were left out, and what the record does not tell."""
+    shown = found.overview()
+    parts: list[RenderableType] = [Text(shown.words.partition(";")[0], style="bold")]
+    parts.append(printed(Table(tuple(shown.header), tuple(map(tuple, shown.rows)), (1, 2))))
+    for dof, z in found.checks:
+        good = z < 2
+        verdict = "as it should be" if good else "more than it should be: the model or the forces are wrong there"
+        parts.append(Text(f"{dof}, left out: error {number(z, 2)} times its stated deviation, {verdict}"))
+    parts += [Text(f"note: {words}") for words in found.words]
+    return parts

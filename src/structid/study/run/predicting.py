@@ -1,0 +1,239 @@
+"""`structid predict`: FRFs, histories and modes of a results folder, before and after changes, with bands; and their files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+
+from structid.core.constraints import Limits, require_declared
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import InputError
+from structid.core.json_types import Entry
+from structid.core.units import FrfKind
+from structid.prediction.changes import Change, changed_model
+from structid.prediction.predict import (
+    N_DRAWS,
+    PredictedChange,
+    Prediction,
+    predict,
+    predict_change,
+)
+from structid.prediction.quantities import Frf, History, Maxima, NaturalModes, Quantity
+from structid.records import ReadOptions, TimeRecord, read_record
+from structid.study.results.stored_model import stored_loads, stored_model, stored_study
+from structid.study.schema.study import Study
+
+PREDICTION_PAGE = "prediction.html"
+_KINDS: dict[str, FrfKind] = {"receptance": "receptance", "mobility": "mobility", "accelerance": "accelerance"}
+
+
+@dataclass(frozen=True)
+class PredictOptions:
+    """What is predicted.
+
+    Parameters
+    ----------
+    sensors : str
+        Degrees of freedom whose motion is predicted, with commas between: `401X+,12Z`.
+    loads : str
+        Degrees of freedom at which unit forces act, with commas between; those of the measured record by default.
+    kind : str
+        Of the FRFs: receptance, mobility or accelerance.
+    band : tuple of float, optional
+        Lowest and highest frequency, Hz; the fitted band by default.
+    lines : int
+        Number of frequencies.
+    history : Path, optional
+        File of measured or designed forces, as a record: the motion that they cause from rest is predicted too.
+    motion : str
+        Of that history: displacement, velocity or acceleration.
+    modes : int
+        Number of natural modes.
+    draws : int
+        Models within the uncertainty behind each band.
+    seed : int
+        Of those models.
+    """
+
+    sensors: str = ""
+    loads: str = ""
+    kind: str = "accelerance"
+    band: tuple[float, float] | None = None
+    lines: Annotated[int, Limits(least=2)] = 400
+    history: Path | None = None
+    motion: str = "acceleration"
+    modes: Annotated[int, Limits(least=1)] = 8
+    draws: Annotated[int, Limits(least=50)] = N_DRAWS
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        require_declared(self)
+        if self.kind not in _KINDS:
+            raise InputError(f"`kind` must be one of {', '.join(_KINDS)}, got {self.kind!r}", "kind")
+        if self.band is not None and not 0 < self.band[0] < self.band[1]:
+            raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {self.band}", "band")
+
+
+@dataclass(frozen=True, eq=False)
+class StudyPrediction:
+    """What was predicted from a results folder; `PredictedChange` where there are changes.
+
+    Attributes
+    ----------
+    folder : Path
+        The results that it is made from.
+    title : str
+    modes : Prediction or PredictedChange
+    frf, history, maxima : the same or None
+    changes : tuple of str
+        In words.
+    """
+
+    folder: Path
+    title: str
+    modes: Prediction | PredictedChange
+    frf: Prediction | PredictedChange | None
+    history: Prediction | PredictedChange | None
+    maxima: Prediction | PredictedChange | None
+    changes: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        """What the bands include."""
+        shown = self.frf or self.modes
+        return shown.before.words if isinstance(shown, PredictedChange) else shown.words
+
+
+def predict_study(
+    folder: Path, options: PredictOptions, changes: Sequence[Change] = (), study: Path | None = None
+) -> StudyPrediction:
+    """Predictions from a results folder of `structid identify`.
+
+    Raises
+    ------
+    InputError
+        If the folder, its study, a place or a change cannot be used.
+    NoAnswerError
+        If the data do not determine the model.
+    """
+    source = stored_study(folder, study)
+    model, error = stored_model(folder, source)
+    changed_model(model.structure, model.parameters, changes)
+    sensors = parse_dofs(_texts(options.sensors))
+
+    def of(quantity: Quantity) -> Prediction | PredictedChange:
+        if changes:
+            return predict_change(model, quantity, changes, options.draws, options.seed, error)
+        return predict(model, quantity, options.draws, options.seed, error)
+
+    frf = history = maxima = None
+    if sensors:
+        loads = parse_dofs(_texts(options.loads) or stored_loads(folder))
+        band = options.band or source.options.band or _no_band(source)
+        frf = of(Frf(sensors, loads, np.linspace(*band, options.lines), _KINDS[options.kind]))
+    if options.history is not None:
+        if not sensors:
+            raise InputError("`sensors` must name where the motion under `history` is wanted, got none", "sensors")
+        pushed = _history(options.history, sensors, options.motion)
+        history, maxima = of(pushed), of(Maxima(pushed))
+    words = tuple(change.words for change in changes)
+    return StudyPrediction(folder, source.title, of(NaturalModes(options.modes)), frf, history, maxima, words)
+
+
+def _texts(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def _no_band(study: Study) -> tuple[float, float]:
+    raise InputError("`band` must be given: the study does not state one under [method]", "band")
+
+
+def _history(path: Path, sensors: tuple[Dof, ...], motion: str) -> History:
+    """The motion under the forces of a record."""
+    record = read_record(path, ReadOptions())
+    if not isinstance(record, TimeRecord):
+        raise InputError(f"{path}: holds FRFs; `history` takes forces over time", "history")
+    pushes = [i for i, quantity in enumerate(record.quantities) if quantity == "force"]
+    if not pushes:
+        raise InputError(f"{path}: holds no force; a channel in N or N m is one", "history")
+    loads = tuple(record.channels[i] for i in pushes)
+    return History(sensors, loads, record.values[:, pushes], record.sampling_rate, motion)
+
+
+def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
+    """The content of prediction.json."""
+    modes = parts_of(found.modes)
+    return {
+        "title": found.title,
+        "results": found.folder.as_posix(),
+        "changes": list(found.changes),
+        "bands": found.words,
+        "level": 0.95,
+        "modes": [
+            {
+                "frequency_hz": {name: _value(part, (k, 0)) for name, part in modes.items()},
+                "damping_ratio": {name: _value(part, (k, 1)) for name, part in modes.items()},
+            }
+            for k in range(
+                len(found.modes.before.values if isinstance(found.modes, PredictedChange) else found.modes.values)
+            )
+        ],
+        **(
+            {
+                "maxima": [
+                    {"output": output, **{name: _value(part, (i,)) for name, part in parts_of(found.maxima).items()}}
+                    for i, output in enumerate(next(iter(parts_of(found.maxima).values())).quantity.axes["output"])
+                ]
+            }
+            if found.maxima is not None
+            else {}
+        ),
+    }
+
+
+def parts_of(found: Prediction | PredictedChange) -> dict[str, Prediction]:
+    """The predictions by their names in files: ``value``, or ``before``, ``after`` and ``difference``."""
+    if isinstance(found, PredictedChange):
+        return {"before": found.before, "after": found.after, "difference": found.difference}
+    return {"value": found}
+
+
+def _value(part: Prediction, index: tuple[int, ...]) -> dict[str, Entry]:
+    ends = [float(part.low[index]), float(part.high[index])]
+    return {"value": float(np.real(part.values[index])), "std": float(part.std[index]), "interval_95": ends}
+
+
+def prediction_csv(found: Prediction | PredictedChange) -> str:
+    """A table of one quantity: its axis, then value and ends of the band of every channel; FRFs as real and imaginary part too."""
+    parts = parts_of(found)
+    first = next(iter(parts.values()))
+    axis, *channels = first.quantity.axes.items()
+    names = [f"{a}/{b}" for a in channels[0][1] for b in channels[1][1]] if len(channels) > 1 else list(channels[0][1])
+    header, columns = [f"{axis[0]} ({'Hz' if axis[0] == 'frequency' else 's'})"], [np.asarray(axis[1], dtype=float)]
+    for label, part in parts.items():
+        before = "" if label == "value" else f"{label} "
+        tables = {"low": part.low, "high": part.high}
+        if np.iscomplexobj(part.values):
+            tables = {
+                "real": part.values.real,
+                "imaginary": part.values.imag,
+                "magnitude": np.abs(part.values),
+                **tables,
+            }
+        else:
+            tables = {"value": part.values.real, **tables}
+        for what, table in tables.items():
+            flat = table.reshape(len(columns[0]), -1)
+            header += [f"{before}{name} {what} ({first.quantity.unit})" for name in names]
+            columns += list(flat.T)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([[f"{value:.9g}" for value in row] for row in np.column_stack(columns).tolist()])
+    return text.getvalue()

@@ -1,0 +1,124 @@
+"""`structid sense`: the motion that a record tells of places without a sensor, by the model of a results folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.json_types import Entry
+from structid.prediction.virtual_sensing import SensedMotion, UnknownForces, sense
+from structid.records import ReadOptions, TimeRecord, read_record
+from structid.records.record import QUANTITY_UNITS
+from structid.study.results.stored_model import stored_model, stored_study
+
+
+@dataclass(frozen=True)
+class SenseOptions:
+    """What is told from a record.
+
+    Parameters
+    ----------
+    wanted : str
+        Degrees of freedom whose motion is wanted, with commas between.
+    motion : str
+        displacement, velocity or acceleration.
+    unknown : str
+        Degrees of freedom at which forces act that were not measured, with commas between.
+    correlation_time : float, optional
+        Time, s, over which these forces forget themselves; needed with `unknown`.
+    force_std : float, optional
+        Standard deviation of these forces, N; the likeliest by default.
+    leave_out : str
+        Sensors that are not used but compared, with commas between.
+    draws : int
+        Models within the uncertainty.
+    """
+
+    wanted: str = ""
+    motion: str = "displacement"
+    unknown: str = ""
+    correlation_time: float | None = None
+    force_std: float | None = None
+    leave_out: str = ""
+    draws: int = 20
+
+    def __post_init__(self) -> None:
+        if self.unknown and self.correlation_time is None:
+            raise InputError(
+                "`correlation_time` must be given with `unknown`: the time, s, over which the forces forget themselves, such as 0.1"
+                " for traffic",
+                "correlation_time",
+            )
+
+
+def sense_record(
+    folder: Path, path: Path, read: ReadOptions, options: SenseOptions, study: Path | None = None
+) -> SensedMotion:
+    """The motion at the wanted places of `options` during the record at `path`.
+
+    Raises
+    ------
+    InputError
+        If the folder, the record or a place cannot be used.
+    NoAnswerError
+        If the data do not determine the model, or the sensors do not tell the motion.
+    """
+    if not _texts(options.wanted):
+        raise InputError("`wanted` must name where motion is wanted, such as 12Y, got none", "wanted")
+    model, _ = stored_model(folder, stored_study(folder, study))
+    record = read_record(path, read)
+    if not isinstance(record, TimeRecord):
+        raise InputError(f"{path}: holds FRFs; motion at other places is told from time histories")
+    unknown = None
+    if options.unknown and options.correlation_time is not None:
+        unknown = UnknownForces(_texts(options.unknown), options.correlation_time, options.force_std)
+    left = _texts(options.leave_out)
+    return sense(model, record, _texts(options.wanted), options.motion, unknown, left, options.draws)
+
+
+def _texts(text: str) -> list[str]:
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
+def sensed_csv(found: SensedMotion) -> str:
+    """Time, then value and standard deviation of every output and every unknown force."""
+    unit = QUANTITY_UNITS[found.motion][0]
+    header, columns = ["time (s)"], [found.time]
+    for dof, value, std in zip(found.outputs, found.values.T, found.std.T, strict=True):
+        header += [f"{dof} {found.motion} ({unit})", f"{dof} std ({unit})"]
+        columns += [value, std]
+    for dof, value, std in zip(found.force_dofs, found.forces.T, found.force_std.T, strict=True):
+        header += [f"{dof} force (N)", f"{dof} force std (N)"]
+        columns += [value, std]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows([[f"{value:.9g}" for value in row] for row in np.column_stack(columns).tolist()])
+    return text.getvalue()
+
+
+def sensed_summary(found: SensedMotion, folder: Path, path: Path) -> dict[str, Entry]:
+    """The content of sensed.json."""
+
+    def rows(dofs: tuple[object, ...], values: np.ndarray, std: np.ndarray) -> list[dict[str, Entry]]:
+        sizes = np.sqrt((values**2).mean(axis=0)), np.sqrt((std**2).mean(axis=0))
+        return [
+            {"where": str(dof), "root_mean_square": float(size), "std": float(deviation)}
+            for dof, size, deviation in zip(dofs, *sizes, strict=True)
+        ]
+
+    return {
+        "results": folder.as_posix(),
+        "record": path.name,
+        "motion": found.motion,
+        "outputs": list(rows(found.outputs, found.values, found.std)),
+        "forces": list(rows(found.force_dofs, found.forces, found.force_std)),
+        "force_prior_std": found.prior_std,
+        "left_out": [{"sensor": str(dof), "error_over_stated_deviation": z} for dof, z in found.checks],
+        "warnings": list(found.words),
+    }

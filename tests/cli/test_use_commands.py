@@ -1,0 +1,127 @@
+"""The commands `predict`, `sense` and `export`: what they print and write, and what they refuse."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+from typer.testing import CliRunner
+
+import structid as sid
+from structid.cli import app as cli
+from structid.fem.importers import read_matrices
+from study_cases import write_chain
+
+RUN = CliRunner()
+
+
+def invoke(*arguments: object):
+    return RUN.invoke(cli.app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("use")
+    study = write_chain(folder)
+    done = invoke("identify", study, "--out", folder / "out", "--no-report")
+    assert done.exit_code == 0, done.stderr
+    return folder / "out"
+
+
+def test_predict_writes_bands_and_a_page(results, tmp_path):
+    done = invoke(
+        "predict", results, "--sensors", "2X,3X", "--lines", 30, "--draws", 60, "--modes", 3, "--out", tmp_path / "p"
+    )
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[0].startswith("FRFs and modes predicted from")
+    told = json.loads((tmp_path / "p" / "prediction.json").read_text())
+    identified = json.loads((results / "estimate.json").read_text())
+    for mode, own in zip(told["modes"], identified["modes"], strict=False):
+        value = mode["frequency_hz"]["value"]
+        assert value["value"] == pytest.approx(own["frequency_hz"])
+        assert value["interval_95"][0] < value["value"] < value["interval_95"][1]
+    table = np.genfromtxt(tmp_path / "p" / "frf.csv", delimiter=",", names=True)
+    assert len(table) == 30
+    assert "95 % band" in (tmp_path / "p" / "prediction.html").read_text(encoding="utf-8")
+
+
+def test_predict_tells_what_a_change_does(results, tmp_path):
+    done = invoke(
+        "predict", results, "--mass", "1@2", "--draws", 60, "--modes", 2, "--out", tmp_path / "p", "--no-report"
+    )
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "1 kg added at node 2" in done.stdout
+    first = json.loads((tmp_path / "p" / "prediction.json").read_text())["modes"][0]["frequency_hz"]
+    assert first["after"]["value"] < first["before"]["value"]
+    assert first["difference"]["value"] == pytest.approx(first["after"]["value"] - first["before"]["value"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--mass", "one@2"], "--mass must hold numbers"),
+        (["--mass", "5"], "a mass and a node, as 5@12"),
+        (["--mass", "5@99"], "no node 99"),
+        (["--scale", "stiffness"], "a property and a factor"),
+        (["--damper", "5@2X"], "kg, Hz, damping ratio and a place"),
+        (["--sensors", "9X"], "9X"),
+        (["--sensors", "2X", "--kind", "inertance"], "`kind` must be one of"),
+        (["--history", "push.csv"], "`sensors` must name where the motion"),
+    ],
+)
+def test_predict_names_what_cannot_be(results, tmp_path, arguments, words):
+    done = invoke("predict", results, *arguments, "--out", tmp_path / "p")
+    assert done.exit_code == 2
+    assert words in done.stderr
+    assert not (tmp_path / "p").exists()
+
+
+def test_results_of_another_study_are_refused(results, tmp_path):
+    study = (results / "study.toml").read_text()
+    other = write_chain(tmp_path, study + "\n# changed since\n")
+    done = invoke("predict", results, "--study", other)
+    assert done.exit_code == 2
+    assert "chain.toml has changed since" in done.stderr
+    done = invoke("predict", tmp_path, "--sensors", "2X")
+    assert done.exit_code == 2
+    assert "holds no estimate.json" in done.stderr
+
+
+def test_export_writes_state_equations_and_matrices(results, tmp_path):
+    equations, matrices = tmp_path / "chain.mat", tmp_path / "chain.op4"
+    done = invoke(
+        "export", results, "--state-space", equations, "--matrices", matrices, "--sensors", "2X", "--loads", "1X", "--band", 1, 30,
+        "--motion", "displacement", "--draws", 2,
+    )  # fmt: skip
+    assert (done.exit_code, done.stderr) == (0, "")
+    content = loadmat(equations)
+    assert content["a_draws"].shape == (2, *content["a"].shape)
+    assert "largest error of FRFs" in done.stdout
+    found = {item.name: item.matrix for item in read_matrices(matrices).values()}
+    assert found["MAA"].shape == found["KAA"].shape
+    assert (tmp_path / "chain.dofs.txt").read_text().splitlines()[0] == "1 1"
+    done = invoke("export", results, "--matrices", matrices)
+    assert (done.exit_code, "exists already" in done.stderr) == (2, True)
+    done = invoke("export", results)
+    assert (done.exit_code, "say what to write" in done.stderr) == (2, True)
+
+
+def test_sense_writes_motion_and_forces(results, tmp_path):
+    rng = np.random.default_rng(0)
+    values = np.cumsum(rng.standard_normal((300, 2)), axis=0)
+    values -= values.mean(axis=0)
+    record = sid.TimeRecord(200.0, values, ["1X", "3X"], ["acceleration", "acceleration"])
+    sid.write_record(tmp_path / "record.h5", record)
+    done = invoke(
+        "sense", results, tmp_path / "record.h5", "--wanted", "2X", "--unknown", "2X", "--correlation-time", 0.1, "--draws", 0,
+        "--out", tmp_path / "s",
+    )  # fmt: skip
+    assert (done.exit_code, done.stderr) == (0, "")
+    table = np.genfromtxt(tmp_path / "s" / "sensed.csv", delimiter=",", skip_header=1)
+    assert table.shape == (300, 5)
+    assert np.isfinite(table).all()
+    assert json.loads((tmp_path / "s" / "sensed.json").read_text())["outputs"][0]["where"] == "2X+"
+    done = invoke(
+        "sense", results, tmp_path / "record.h5", "--wanted", "2X", "--unknown", "2X", "--out", tmp_path / "t"
+    )
+    assert (done.exit_code, "`correlation_time` must be given" in done.stderr) == (2, True)

@@ -1,0 +1,88 @@
+"""What decks say in places where nobody looks, and what they say twice: read, or said."""
+
+import pytest
+
+from structid.core.errors import FileError
+from structid.fem.meshes import read_mesh, unassigned
+
+GRIDS = """GRID,1,,0.,0.,0.
+GRID,2,,1.,0.,0.
+GRID,3,,1.,1.,0.
+GRID,4,,0.,1.,0.
+CQUAD4,1,1,1,2,3,4
+"""
+PANEL = "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n*ELEMENT,TYPE=S4,ELSET=S\n1,1,2,3,4\n"
+
+
+def read(tmp_path, text, suffix=".bdf"):
+    path = tmp_path / f"a{suffix}"
+    path.write_text(text)
+    return read_mesh(path)
+
+
+def part_of(mesh, kind):
+    return next(part for part in mesh.parts if part.kind == kind)
+
+
+@pytest.mark.parametrize("line", ["PARAM,WTMASS,.00259", "param  wtmass  2.59-3", "  PARAM, WTMASS , 2.59E-3 $ lbf"])
+def test_the_factor_of_masses_may_stand_in_case_control(tmp_path, line):
+    mesh = read(tmp_path, f"SOL 103\nCEND\n{line}\nBEGIN BULK\n{GRIDS}CONM2,9,1,,500.\nENDDATA\n")
+    assert part_of(mesh, "CONM2").mass == pytest.approx(1.295)
+
+
+def test_two_factors_of_masses_are_refused(tmp_path):
+    with pytest.raises(FileError, match=r"PARAM,WTMASS with the values \.1, \.2"):
+        read(tmp_path, f"BEGIN BULK\nPARAM,WTMASS,.1\nPARAM,WTMASS,.2\n{GRIDS}ENDDATA\n")
+
+
+def test_sets_of_constraints_that_a_set_names_are_taken_together(tmp_path):
+    cards = "MPCADD,100,1,2\nMPC,1,2,1,1.,1,1,-1.\nMPC,2,3,1,1.,2,1,-.5\nMPC,3,4,1,1.,2,1,-1.\n"
+    mesh = read(tmp_path, f"SOL 103\nCEND\nMPC=100\nBEGIN BULK\n{GRIDS}{cards}ENDDATA\n")
+    ties = part_of(mesh, "MPC").ties
+    assert [(str(tie.dependent), [(str(dof), c) for dof, c in tie.depends_on]) for tie in ties] == [
+        ("2X+", [("1X+", 1.0)]),
+        ("3X+", [("2X+", 0.5)]),
+    ]
+    unclear = read(tmp_path, f"BEGIN BULK\n{GRIDS}{cards}ENDDATA\n")
+    assert part_of(unclear, "MPC").obstacle == "it is not clear which set of MPC is meant"
+
+
+def test_elements_that_stand_twice_count_once_or_are_refused(tmp_path):
+    mesh = read(tmp_path, f"BEGIN BULK\n{GRIDS}CQUAD4*,1,1,1,2\n*,3,4\nENDDATA\n")
+    assert len(mesh.cells()) == 1
+    with pytest.raises(FileError, match="CQUAD4 1 stands twice, with other fields"):
+        read(tmp_path, f"BEGIN BULK\n{GRIDS}CQUAD4,1,2,1,2,3,4\nENDDATA\n")
+
+
+@pytest.mark.parametrize(
+    "cards, kind, why",
+    [
+        (
+            "CBUSH,5,6,1,2,,,,0\nPBUSH,6,K,1.\nPBUSHT,6,K,4\n",
+            "CBUSH",
+            "its values depend on frequency or force (PBUSHT, PELAST)",
+        ),
+        (
+            "CELAS1,5,6,1,1\nPELAS,6,1.\nPELAST,6,4\n",
+            "CELAS1",
+            "its values depend on frequency or force (PBUSHT, PELAST)",
+        ),
+    ],
+)
+def test_springs_of_tables_are_listed(tmp_path, cards, kind, why):
+    assert part_of(read(tmp_path, f"BEGIN BULK\n{GRIDS}{cards}ENDDATA\n"), kind).obstacle == why
+
+
+def test_supports_of_grid_points_are_said(tmp_path):
+    mesh = read(tmp_path, "BEGIN BULK\n" + GRIDS.replace("0.,1.,0.\n", "0.,1.,0.,,123456\n") + "ENDDATA\n")
+    assert mesh.notes == ("its PS of grid points are not read: supports are those of the study",)
+
+
+def test_elements_of_a_users_own_belong_to_no_element_set(tmp_path):
+    mesh = read(tmp_path, PANEL + "*USER ELEMENT,TYPE=U1,NODES=2\n1,2\n*ELEMENT,TYPE=U1,ELSET=U\n20,1,2\n", ".inp")
+    assert unassigned(mesh, [mesh.cells("S")]) == "1 cells (U1), in group U"
+
+
+@pytest.mark.parametrize("keyword", ["MASS ADJUST", "MODEL CHANGE"])
+def test_keywords_that_change_masses_are_listed(tmp_path, keyword):
+    assert part_of(read(tmp_path, PANEL + f"*{keyword}, ELSET=S\n5.\n", ".inp"), keyword).obstacle

@@ -1,0 +1,173 @@
+"""Bands against closed forms, shared errors that cancel, and changes against structures made with them."""
+
+import numpy as np
+import pytest
+
+import structid as sid
+from structid.core.errors import InputError, NoAnswerError
+from structid.prediction.changes import changed_model
+from structid.prediction.identified_model import identified_model
+
+NODES = {i: float(i) for i in range(4)}
+
+
+def make_chain(**changes):
+    sets = [
+        sid.PointMass("m", [1, 2, 3], mass=[2.0, 3.0, 1.5]),
+        sid.Spring("k", ["1X", "2X", "3X"], second=None, stiffness=[4e3, 0.0, 0.0]),
+        sid.Spring("between", ["2X", "3X"], ["1X", "2X"], stiffness=[3e3, 2e3]),
+        sid.Dashpot("c", ["1X"], viscous_damping=[4.0]),
+    ]
+    return sid.Structure(NODES, sets, active=["X"], **changes)
+
+
+def make_oscillator(std=0.02, mass_std=0.0):
+    """One mass on a spring; the mass is fixed within a tolerance, and the stiffness follows it so that the frequency stays."""
+    sets = [
+        sid.PointMass("m", [1], mass=2.0),
+        sid.Spring("k", "1X", stiffness=8e3),
+        sid.Dashpot("c", "1X", viscous_damping=3.0),
+    ]
+    structure = sid.Structure({1: 0.0}, sets, active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
+    fixed = {"mass[m]": mass_std} if mass_std else None
+    changes = np.array([[8e3 * mass_std]]) if mass_std else None
+    return identified_model(structure, parameters, parameters.start, np.array([[(8e3 * std) ** 2]]), fixed, changes)
+
+
+def test_band_of_a_frequency_is_half_that_of_the_stiffness():
+    found = sid.predict(make_oscillator(0.02), sid.NaturalModes(1), n_draws=1000)
+    f = np.sqrt(8e3 / 2.0) / (2 * np.pi)
+    assert found.values[0, 0] == pytest.approx(f)
+    assert found.std[0, 0] == pytest.approx(0.01 * f, rel=0.07)
+    assert (found.low[0, 0], found.high[0, 0]) == pytest.approx((f * (1 - 0.0196), f * (1 + 0.0196)), rel=3e-3)
+
+
+def test_an_error_that_mass_and_stiffness_share_cancels_in_the_frequency_and_not_in_the_static_response():
+    model = make_oscillator(1e-9, 0.03)
+    modes = sid.predict(model, sid.NaturalModes(1), n_draws=200)
+    assert modes.std[0, 0] < 1e-3 * modes.values[0, 0]
+    static = sid.predict(model, sid.Frf(["1X"], ["1X"], [0.01], "receptance"), n_draws=1000)
+    assert static.std[0, 0, 0] == pytest.approx(0.03 / 8e3, rel=0.07)
+
+
+def test_frf_is_that_of_a_dense_solution():
+    structure = make_chain()
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "between", each=True)])
+    model = identified_model(structure, parameters, parameters.start, np.zeros((2, 2)))
+    frequency = np.linspace(1, 12, 40)
+    found = sid.predict(model, sid.Frf(["3X", "1X"], ["2X"], frequency), n_draws=50)
+    k = np.array([[4e3 + 3e3, -3e3, 0], [-3e3, 5e3, -2e3], [0, -2e3, 2e3]])
+    w = 2 * np.pi * frequency[:, None, None]
+    z = k + 1j * w * np.diag([4.0, 0, 0]) - w**2 * np.diag([2.0, 3.0, 1.5])
+    exact = -(w**2) * np.linalg.inv(z)[:, [2, 0]][:, :, [1]]
+    assert found.values == pytest.approx(exact, rel=1e-9)
+    assert found.low == pytest.approx(np.abs(exact), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "matrices"),
+    [
+        (sid.AddMass(2, 0.7), (np.diag([2.0, 3.7, 1.5]), [4e3, 3e3, 2e3])),
+        (sid.Scale("stiffness[between:2]", 1.3), (np.diag([2.0, 3.0, 1.5]), [4e3, 3e3, 2.6e3])),
+        (sid.Scale("stiffness[between]", 1.3), (np.diag([2.0, 3.0, 1.5]), [4e3, 3.9e3, 2.6e3])),
+    ],
+)
+def test_changes_are_those_of_the_matrices(change, matrices):
+    structure = make_chain()
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "between", each=True)])
+    changed, moved = changed_model(structure, parameters, [change])
+    values, (mass, (a, b, c)) = moved.values(parameters.start), matrices
+    assert changed.matrix("inertia", values).toarray() == pytest.approx(mass)
+    stiffness = [[a + b, -b, 0], [-b, b + c, -c], [0, -c, c]]
+    assert changed.matrix("elastic", values).toarray() == pytest.approx(np.array(stiffness))
+
+
+def test_a_support_and_a_set_taken_out():
+    structure = make_chain()
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "between", each=True)])
+    held, moved = changed_model(structure, parameters, [sid.AddSupport("2X"), sid.Remove("c")])
+    assert [str(dof.unsigned) for dof in held.dofs] == ["1X+", "3X+"]
+    assert held.matrix("elastic", moved.values(parameters.start)).toarray() == pytest.approx(np.diag([7e3, 2e3]))
+    assert held.matrix("viscous", moved.values(parameters.start)).nnz == 0
+
+
+def test_a_tuned_mass_damper_lowers_its_resonance_as_den_hartog_says():
+    """Den Hartog (1985), Mechanical Vibrations, Eq. 3.32: the two fixed points of an undamped mass lie at sqrt(1 + 2 / ratio)."""
+    ratio, mass, stiffness = 0.05, 10.0, 4e4
+    sets = [sid.PointMass("m", [1], mass=mass), sid.Spring("k", "1X", stiffness=stiffness)]
+    structure = sid.Structure({1: 0.0}, sets, active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
+    model = identified_model(structure, parameters, parameters.start, np.array([[1e-6]]))
+    own = np.sqrt(stiffness / mass) / (2 * np.pi)
+    damping = np.sqrt(3 * ratio / (8 * (1 + ratio)))
+    damper = sid.AddTunedMassDamper("1X", ratio * mass, own / (1 + ratio), damping)
+    frf = sid.Frf(["1X"], ["1X"], np.linspace(0.7 * own, 1.3 * own, 2000), "receptance")
+    found = sid.predict_change(model, frf, [damper], n_draws=50)
+    assert np.abs(found.after.values).max() * stiffness == pytest.approx(np.sqrt(1 + 2 / ratio), rel=0.02)
+
+
+def test_errors_of_both_states_cancel_in_a_change():
+    found = sid.predict_change(make_oscillator(0.02), sid.NaturalModes(1), [sid.AddMass(1, 0.1)], n_draws=400)
+    assert found.difference.std[0, 0] == pytest.approx(abs(found.difference.values[0, 0]) * 0.01, rel=0.2)
+    assert found.before.std[0, 0] > 30 * found.difference.std[0, 0]
+
+
+def test_root_mean_square_under_white_noise():
+    """One mass under white noise S moves by sqrt(S / (4 c k)), root mean square; Crandall and Mark (1963), Eq. 2.45."""
+    density, frequency = 3.0, np.linspace(0.01, 400, 40_000)
+    frf = sid.Frf(["1X"], ["1X"], frequency, "receptance")
+    found = sid.predict(
+        make_oscillator(1e-6), sid.RootMeanSquare(sid.Spectrum(frf, np.full((40_000, 1), density))), n_draws=50
+    )
+    assert found.values[0] == pytest.approx(np.sqrt(density / (4 * 3.0 * 8e3)), rel=1e-3)
+
+
+def test_maxima_are_those_of_the_history():
+    force = np.zeros((200, 1))
+    force[:10] = 50.0
+    history = sid.History(["1X"], ["1X"], force, 500.0, "displacement")
+    motion, largest = (
+        sid.predict(make_oscillator(), quantity, n_draws=50) for quantity in (history, sid.Maxima(history))
+    )
+    assert largest.values == pytest.approx(np.abs(motion.values).max(axis=0))
+    assert largest.low[0] < largest.values[0] < largest.high[0]
+
+
+def test_what_the_data_do_not_determine_is_not_predicted():
+    structure = make_chain()
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "between", each=True)])
+    with pytest.raises(NoAnswerError, match=r"do not determine stiffness\[between:2\]"):
+        identified_model(structure, parameters, parameters.start, np.diag([1.0, np.nan]))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (sid.AddMass(9, 1.0), "no node 9"),
+        (sid.AddMass(1, -1.0), "`mass` must be greater than 0"),
+        (sid.Scale("stiffness[betwen]", 1.1), r"nearest is 'stiffness\[between\]'"),
+        (sid.Scale("stiffness[between:3]", 1.1), "has elements 1 to 2, got 3"),
+        (sid.Remove("d"), "no element set 'd'"),
+        (sid.AddSupport("7X"), "7X"),
+        (sid.AddTunedMassDamper("1RZ", 1.0, 1.0, 0.1), "along X, Y or Z"),
+    ],
+)
+def test_changes_of_what_is_not_there_are_named(change, words):
+    structure = make_chain()
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "between", each=True)])
+    with pytest.raises(InputError, match=words):
+        changed_model(structure, parameters, [change])
+
+
+def test_friction_has_no_history():
+    sets = [
+        sid.PointMass("m", [1], mass=1.0),
+        sid.Spring("k", "1X", stiffness=10.0),
+        sid.Friction("rub", "1X", friction_force=0.1),
+    ]
+    structure = sid.Structure({1: 0.0}, sets, active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
+    model = identified_model(structure, parameters, parameters.start, np.array([[0.01]]))
+    with pytest.raises(InputError, match="dry friction of 'rub'"):
+        sid.predict(model, sid.History(["1X"], ["1X"], np.ones((10, 1)), 10.0))

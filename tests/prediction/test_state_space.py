@@ -1,0 +1,93 @@
+"""State equations against FRFs of the whole model, in continuous time and from sample to sample, and their files."""
+
+import h5py
+import numpy as np
+import pytest
+from scipy import signal
+from scipy.io import loadmat
+
+import structid as sid
+from structid.core.errors import FileError, InputError
+from structid.prediction.identified_model import identified_model
+
+OUTPUTS, INPUTS, BAND = ("20Y", "7Y"), ("20Y", "13Y"), (0.5, 40.0)
+
+
+def make_model(fixed=("0Y", "0RZ")):
+    beam = sid.Beam("beam", [[i, i + 1] for i in range(20)], mass=2.0, bending_stiffness=50.0, loss_factor=0.004)
+    structure = sid.Structure({i: 0.1 * i for i in range(21)}, [beam], fixed=fixed)
+    parameters = sid.parameters(structure, [sid.Unknown("bending_stiffness", "beam")])
+    return identified_model(structure, parameters, parameters.start, np.array([[(0.5) ** 2]]))
+
+
+@pytest.mark.parametrize("fixed", [("0Y", "0RZ"), ()], ids=["clamped", "free"])
+@pytest.mark.parametrize(("motion", "kind"), [("displacement", "receptance"), ("acceleration", "accelerance")])
+def test_the_error_of_the_order_is_the_one_that_is_stated(fixed, motion, kind):
+    model = make_model(fixed)
+    made = sid.state_space(model, OUTPUTS, INPUTS, BAND, motion)
+    hertz = sid.predict(model, sid.NaturalModes(8), n_draws=50).values[:, 0]
+    hertz = hertz[(hertz > BAND[0]) & (hertz < BAND[1])]
+    across = (hertz * (1 + 0.002 * np.linspace(-3, 3, 61)[:, None])).ravel()
+    frequency = np.unique(np.concatenate([np.linspace(*BAND, 800), across]))
+    exact = sid.predict(model, sid.Frf(OUTPUTS, INPUTS, frequency, kind), n_draws=50).values
+    error = np.abs(made.frf(frequency) - exact).max() / np.abs(exact).max()
+    assert error == pytest.approx(made.error, rel=0.2)
+    assert error < 0.02
+    assert len(made.a) <= 16
+
+
+def test_stable_and_low_order_is_found_for_other_programs():
+    made = sid.state_space(make_model(), OUTPUTS, INPUTS, BAND, "velocity")
+    assert np.linalg.eigvals(made.a).real.max() < 0
+    frequency = np.linspace(1, 40, 50)
+    for j in range(2):
+        system = signal.StateSpace(made.a, made.b, made.c, made.d)
+        column = signal.StateSpace(system.A, system.B[:, [j]], system.C[[0]], system.D[[0]][:, [j]])
+        _, response = signal.freqresp(column, 2 * np.pi * frequency)
+        assert response == pytest.approx(made.frf(frequency)[:, 0, j], rel=1e-6)
+
+
+def test_sampled_equations_give_the_same_samples_under_held_loads():
+    model, rate = make_model(), 400.0
+    whole, sampled = (
+        sid.state_space(model, OUTPUTS, INPUTS, BAND, "displacement", 8, sampling_rate=r) for r in (None, rate)
+    )
+    force = np.repeat(np.random.default_rng(0).standard_normal((40, 2)), 50, axis=0)
+    states = np.zeros(len(whole.a))
+    fine = signal.cont2discrete((whole.a, whole.b, whole.c, whole.d), 1 / rate / 50)
+    exact = []
+    for k, u in enumerate(force):
+        if k % 50 == 0:
+            exact.append(whole.c @ states + whole.d @ u)
+        states = fine[0] @ states + fine[1] @ u
+    state, found = np.zeros(len(sampled.a)), []
+    for u in force[::50]:
+        found.append(sampled.c @ state + sampled.d @ u)
+        state = sampled.a @ state + sampled.b @ u
+    assert np.array(found) == pytest.approx(np.array(exact), rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".npz", ".h5"])
+def test_files_hold_what_was_made(tmp_path, suffix):
+    made = sid.state_space(make_model(), OUTPUTS, INPUTS, BAND, "displacement", 6, n_draws=3)
+    path = tmp_path / f"beam{suffix}"
+    made.write(path)
+    if suffix == ".mat":
+        content = loadmat(path)
+    elif suffix == ".npz":
+        content = np.load(path)
+    else:
+        content = {name: data[()] for name, data in h5py.File(path).items()}
+    assert np.asarray(content["a"]) == pytest.approx(made.a)
+    assert np.asarray(content["b_draws"]).shape == (3, 6, 2)
+    assert float(np.ravel(content["largest_error"])[0]) == pytest.approx(made.error)
+
+
+def test_bad_input_is_named(tmp_path):
+    model = make_model()
+    with pytest.raises(InputError, match="`band` must run"):
+        sid.state_space(model, OUTPUTS, INPUTS, (40.0, 5.0))
+    with pytest.raises(InputError, match="`order` must be from 2"):
+        sid.state_space(model, OUTPUTS, INPUTS, BAND, order=5000)
+    with pytest.raises(FileError, match=r"\.mat, \.npz, \.h5"):
+        sid.state_space(model, OUTPUTS, INPUTS, BAND, order=4).write(tmp_path / "beam.txt")
