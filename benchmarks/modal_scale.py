@@ -26,9 +26,17 @@ from structid.modal.full_field import covariance, shared_motions
 
 PAIRS = 5
 CHANNELS, SAMPLES, MODES, NOISE = 100_000, 1000, 10, 0.01
+#: Channels and samples of a covariance, and the bar of its ratio.
+SIZES = ((100, 100_000, 1.5), (500, 50_000, 1.15), (2000, 10_000, 1.15))
 OMEGA = np.linspace(2.0, 40.0, MODES)
 RATE = 50.0
 Row = dict[str, object]
+
+
+def use_tiny_records() -> None:
+    """Put records of some hundred channels in the place of all others."""
+    global CHANNELS, SIZES
+    CHANNELS, SIZES = 500, tuple((n, 2000, bar) for n, _, bar in SIZES)
 
 
 def rows(quick: bool) -> list[Row]:
@@ -59,8 +67,7 @@ def row(what: str, bar: float, figure: float, detail: str) -> Row:
 def covariances(quick: bool) -> Iterator[Row]:
     """Mean of y y' against syrk of the same samples."""
     rng = np.random.default_rng(0)
-    sizes = ((100, 100_000, 1.5), (500, 50_000, 1.15), (2000, 10_000, 1.15))
-    for n, n_times, bar in sizes[: 2 if quick else 3]:
+    for n, n_times, bar in SIZES[: 2 if quick else 3]:
         y = rng.standard_normal((n_times, n))
         turned = y.T  # columns in Fortran order, as BLAS takes them
 
@@ -113,7 +120,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="leave the largest covariance and the modes out")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    parser.add_argument("--tiny", action="store_true", help="few channels and samples, to see that all of it runs")
     chosen = parser.parse_args()
+    if chosen.tiny:
+        use_tiny_records()
     made = []
     for part in (covariances, full_field):
         for one in part(chosen.quick):

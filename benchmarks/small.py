@@ -1,10 +1,10 @@
 """Every benchmark at a size of seconds, so that none rots: that it runs is checked, its figures are not.
 
-    python benchmarks/small.py [NAME ...]
+    python benchmarks/small.py [--all] [NAME ...]
 
 Each script of this folder and of `accuracy` has a line in `SMALL`, or in `NOT_RUN` with the reason. A script fails where
 it ends in an error; an exit code of 1 is a missed bar, which small sizes and busy machines do not tell. The exit code is
-the number of scripts that failed.
+the number of scripts that failed. Those of `LONG` run with `--all`, or where they are named.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ SMALL: dict[str, str] = {
     "frequency_domain_end_to_end.py": "solid --shape 10 4 6 --lines 6 --iterations 2 --folder {folder}/solid",
     "gauss_newton_step.py": "",
     "matrix_files.py": "--entries 20000",
-    "modal_scale.py": "--quick",
+    "modal_scale.py": "--tiny --quick",
+    "prediction_speed.py": "--size 6 --lines 40 --outputs 4 --draws 50 --large 12",
     "plate_damage.py": "--out {folder}/plate --shape 8 4 --lines 6 --sensors 6",
     "scaling.py": "--out {folder}/scaling --quick --only modal_samples",
     "time_domain.py": "--quick --repeats 1 --only dense",
-    "time_domain_beside.py": "{src} --repeats 1",
+    "time_domain_beside.py": "{src} --repeats 1 --only exact",
     "time_domain_chain.py": "--elements 50 --gigabytes 0.002",
     "correlation.py": "",
     "accuracy/base_motion.py": "--repeats 3",
@@ -47,7 +48,7 @@ SMALL: dict[str, str] = {
     "accuracy/frame_shape_noise.py": "--seeds 1 --pieces 6",
     "accuracy/frame_twin.py": "--repeats 2 --stride 20 --workers 1",
     "accuracy/free_beam_time.py": "--repeats 1 --samples 200",
-    "accuracy/frf_modes.py": "--repeats 2 --beyond 1",
+    "accuracy/frf_modes.py": "--repeats 1 --beyond 1",
     "accuracy/garteur.py": "",
     "accuracy/held_values.py": "--repeats 2",
     "accuracy/iasc_asce.py": "{data}/iasc_asce_phase_1 --cases 1 --patterns 0 --samples 2001",
@@ -58,6 +59,9 @@ SMALL: dict[str, str] = {
     "accuracy/planned_test.py": "--repeats 1 --candidates 6 --parts a",
     "accuracy/roller_place.py": "--repeats 3",
     "accuracy/shells.py": "--finest 4",
+    "accuracy/left_out_sensors.py": "--sensors 401X+ --draws 50",
+    "accuracy/predictions.py": "--repeats 1 --only chain",
+    "accuracy/virtual_sensing.py": "--repeats 1 --samples 300",
     "accuracy/short_records.py": "--repeats 1",
     "accuracy/sierra_blocks.py": "--corners 1",
     "accuracy/six_masses.py": "--arrangements 4 --short",
@@ -67,7 +71,17 @@ SMALL: dict[str, str] = {
     "accuracy/tie_rod.py": "--repeats 20 --holds",
     "accuracy/translations_only.py": "--elements 9 --repeats 1",
     "accuracy/varying_records.py": "--repeats 1 --setups 4",
-    "accuracy/wrong_models.py": "--set development --only twin-0",
+    "accuracy/wrong_models.py": "--set development --only two_span-frf-near-mass-6",
+}
+#: Scripts that take more than five seconds of processor at their smallest size.
+LONG = {
+    "accuracy/expanded_shapes.py",
+    "accuracy/frame_models.py",
+    "accuracy/frame_shape_noise.py",
+    "accuracy/frame_twin.py",
+    "accuracy/frf_modes.py",
+    "accuracy/garteur.py",
+    "scaling.py",
 }
 #: Scripts that CI cannot run, with the reason.
 NOT_RUN: dict[str, str] = {
@@ -83,16 +97,16 @@ NOT_RUN: dict[str, str] = {
 
 
 def main(names: list[str]) -> int:
-    """Run the scripts named, all by default, print a line for each, and return how many failed."""
+    """Run the scripts named, all but the long ones by default, print a line for each, and return how many failed."""
+    if "--all" in names:
+        names = list(SMALL)
     for name in names:
         if name not in SMALL:
             print(f"{name}: {NOT_RUN.get(name, 'there is no such benchmark')}")
             return 1
-    failed = [name for name in names or SMALL if not run_script(name)]
-    print(
-        f"{len(names or SMALL) - len(failed)} of {len(names or SMALL)} benchmarks run"
-        + "".join(f"; {n} failed" for n in failed)
-    )
+    names = names or [name for name in SMALL if name not in LONG]
+    failed = [name for name in names if not run_script(name)]
+    print(f"{len(names) - len(failed)} of {len(names)} benchmarks run" + "".join(f"; {n} failed" for n in failed))
     return len(failed)
 
 

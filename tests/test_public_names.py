@@ -10,6 +10,7 @@ import sys
 
 import pytest
 
+from structid.cli.app import COMMANDS
 from study_cases import write_chain
 
 PACKAGES = ("structid", "structid.records", "structid.modal")
@@ -74,6 +75,38 @@ def test_the_help_needs_no_command():
         "structid._version", "structid.lazy", "structid.core", "structid.core.errors", "structid.cli", "structid.cli.app",
         "structid.cli.base", "structid.cli.commands", "structid.cli.flags",
     }  # fmt: skip
+
+
+#: Commands whose flags are options of records, of files of modes or of meshes; the others need no array for their help.
+WITH_ARRAYS = {"modes", "convert", "init"}
+#: Commands that still import their work for their help.
+WITH_WORK = {"predict", "sense", "export"}
+DRAWING = {"matplotlib", "plotly", "jinja2", "rich", "h5py", "scipy.optimize", "scipy.signal"}
+
+
+def test_the_help_of_a_command_needs_nothing_of_its_work():
+    """All helps in one process: 0.2 s of processor each, where the work's own modules take 2 s."""
+    words = [[name, "--help"] for name in COMMANDS if name not in WITH_ARRAYS | WITH_WORK]
+    loaded = modules_after(
+        "from typer.testing import CliRunner; from structid.cli.app import app; "
+        f"assert not any(CliRunner().invoke(app, w).exit_code for w in {words})"
+    )
+    assert (DRAWING | {"numpy", "scipy"}).isdisjoint(loaded)
+    parts = {name for name in loaded if name.startswith("structid.") and not name.startswith("structid.cli.commands.")}
+    assert parts <= {
+        "structid._version", "structid.lazy", "structid.core", "structid.core.constraints", "structid.core.errors",
+        "structid.cli", "structid.cli.app", "structid.cli.base", "structid.cli.commands", "structid.cli.flags",
+        "structid.compare", "structid.compare.correlation", "structid.compare.correlation.options",
+        "structid.compare.states", "structid.compare.states.options",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(WITH_ARRAYS))
+def test_the_help_of_a_command_with_options_of_files_needs_no_drawing_and_no_study(name):
+    loaded = modules_after(called(name, "--help"))
+    assert DRAWING.isdisjoint(loaded)
+    packages = {".".join(module.split(".")[:2]) for module in loaded if module.startswith("structid.")}
+    assert {"structid.report", "structid.forward", "structid.identification", "structid.inversion"}.isdisjoint(packages)
 
 
 def test_check_and_identify_draw_nothing_and_open_no_format_but_their_own(tmp_path):

@@ -35,7 +35,7 @@ def decay_errors(method: str, kinds: tuple[int, ...], noise: float, ratio: float
     omega = beam_omega(10)
     errors, damping = [], []
     for seed in seeds:
-        found = identify_modes(beam_decay(noise, ratio, seed, kinds), method, [24], 20, n_pieces=0)
+        found = identify_modes(beam_decay(noise, ratio, seed, kinds), method, orders=[24], block_rows=20, n_pieces=0)
         near = nearest(found.omega, omega)
         errors.append(found.omega[near] / omega - 1)
         damping.append(found.damping_ratio[near] - ratio)
@@ -82,7 +82,7 @@ def decay_coverage(seeds: range) -> None:
             errors, stds = [], []
             for seed in seeds:
                 record = decay(omega, shapes, 60.0, 0.1, noise=0.01, seed=seed, velocity=np.ones(4), damping_ratio=0.01)
-                found = identify_modes(record, method, [order], 12)
+                found = identify_modes(record, method, orders=[order], block_rows=12)
                 assert found.covariance is not None
                 near, std = nearest(found.omega, omega), np.sqrt(np.diag(found.covariance))
                 near = np.concatenate([near, found.n_modes + near])
@@ -106,7 +106,7 @@ def coverage(seeds: range) -> None:
             inside: list[list[np.ndarray]] = [[], [], []]
             counts = []
             for seed in seeds:
-                found = identify_modes(ambient_chain(seed), method, orders, 20, n_pieces=20)
+                found = identify_modes(ambient_chain(seed), method, orders=orders, block_rows=20, n_pieces=20)
                 near, n = nearest(found.omega, omega), found.n_modes
                 assert found.covariance is not None
                 assert found.shape_std is not None

@@ -11,7 +11,6 @@ from structid.unknowns.tolerances import EXACT
 TRUTH = {"k.1": 4e5, "k.2": 3e5, "k.3": 3.5e5, "m.1": 20.0, "m.2": 22.0, "m.3": 18.0}
 LINES = np.linspace(2.0, 45.0, 180)
 LOSS = 0.02
-REPEATS = 30
 
 
 def exact():
@@ -60,11 +59,19 @@ def with_a_floor(values, rng):
 
 
 @pytest.mark.parametrize(
-    "simulated",
-    [declared, *(pytest.param(kind, marks=pytest.mark.long) for kind in (of_the_model, of_repeats, with_a_floor))],
+    ("simulated", "repeats"),
+    [
+        (declared, 10),
+        *(
+            pytest.param(kind, 30, marks=pytest.mark.long)
+            for kind in (declared, of_the_model, of_repeats, with_a_floor)
+        ),
+    ],
 )
-def test_relative_noise_leaves_no_bias(simulated):
+def test_relative_noise_leaves_no_bias(simulated, repeats):
     """30 repeats (seed 11): the mean error of every value within 3.5 of its own deviations, 90 to 99 % of intervals cover.
+
+    Of 10 repeats the coverage may be three and a half binomial deviations of the 60 values below 95 %.
 
     The simulated model and record are exact but for the noise, and the options say so.
     """
@@ -72,11 +79,12 @@ def test_relative_noise_leaves_no_bias(simulated):
     structure, unknown = tower()
     truth = np.array(list(TRUTH.values()))
     errors, covered = [], []
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         record, options = simulated(values, rng)
         found = sid.identify(structure, unknown, record, sid.IdentifyOptions(tolerances=EXACT, **options)).estimate
         errors.append((found.values - truth) / found.std)
         low, high = found.interval().T
         covered.append((low <= truth) & (truth <= high))
-    assert np.abs(np.mean(errors, axis=0)).max() < 3.5 / np.sqrt(REPEATS)
-    assert 0.90 <= np.mean(covered) <= 0.99
+    assert np.abs(np.mean(errors, axis=0)).max() < 3.5 / np.sqrt(repeats)
+    least, most = (0.90, 0.99) if repeats == 30 else (0.85, 1.0)
+    assert least <= np.mean(covered) <= most

@@ -230,7 +230,7 @@ def test_an_error_of_the_system_is_one_line(study, monkeypatch):
     def failing(*_arguments):
         raise OSError(errno.EIO, "Input/output error", "disk")
 
-    monkeypatch.setattr("structid.cli.commands.check.load_study", failing)
+    monkeypatch.setattr("structid.study.schema.study.load_study", failing)
     done = invoke("check", study)
     assert done.exit_code == 2
     assert done.stderr == "error: disk: Input/output error; check the disk and the permissions\n"

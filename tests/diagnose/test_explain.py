@@ -105,8 +105,9 @@ def by_name(found):
 
 @pytest.mark.parametrize(
     ("column", "gain", "kind", "where"),
-    [pytest.param(2, 0.85, "sensor_gain", "3X", marks=pytest.mark.long), (4, 1 / 9.80665, "unit", "5Y")],
+    [(2, 0.85, "sensor_gain", "3X"), (4, 1 / 9.80665, "unit", "5Y")],
 )
+@pytest.mark.long
 def test_a_gain_or_unit_in_histories_is_named_first_and_its_study_is_right(tmp_path, column, gain, kind, where):
     result, fits = answered(written_histories(tmp_path, of_histories(off()), gains={column: gain}))
     assert result.diagnosis.judgement.verdict == "wrong_model"
@@ -217,6 +218,7 @@ def test_elements_that_are_too_long_are_named_where_beams_are_cut_already(tmp_pa
     assert "mesh" in [cause.kind for cause in result.diagnosis.named]
 
 
+@pytest.mark.long
 def test_two_faults_are_both_named_and_the_first_is_not_told_as_all_of_it(tmp_path):
     both = _with(_FORGOTTEN, SOFT)
     result, _ = answered(written(tmp_path, off(), both))
@@ -431,7 +433,9 @@ def test_an_element_that_differs_by_scatter_and_moves_nothing_is_no_cause(found,
 @pytest.mark.parametrize("misfit, left, is_cause", [(7.5, 1.04, True), (7.5, 1.4, False), (3.9, 1.04, False)])
 def test_two_changes_that_leave_noise_alone_are_causes_whatever_each_removes(misfit, left, is_cause):
     first = Cause("mass", ("7",), "", 0.3, 0.7 * misfit)
-    assert are_causes([first, Cause("joint", ("a:1/2RZ",), "", 0.8, left, is_second=True)], misfit) is is_cause
+    second = Cause("joint", ("a:1/2RZ",), "an end turns", 0.8, left, is_second=True)
+    assert second.line == "beside the first, an end turns"
+    assert are_causes([first, second], misfit) is is_cause
 
 
 @pytest.mark.parametrize("leaves_noise", [True, False])

@@ -130,7 +130,7 @@ def test_a_foot_that_lets_go_of_all_rotations_is_named_whole(tmp_path):
     first = result.diagnosis.causes[0]
     assert (first.kind, first.where) == ("support", ("1RX", "1RY", "1RZ"))
     assert first.chi_square_per_dof < 1.2
-    assert "the supports 1RX, 1RY, 1RZ are flexible together" in first.words
+    assert "the supports 1RX, 1RY, 1RZ are flexible" in first.words
     assert '+ first = ["1RX", "1RY", "1RZ"]' in first.lines
     assert any(line.startswith("+ fixed") and '"1 X Y Z"' in line for line in first.lines)
 
@@ -150,7 +150,7 @@ def test_a_foot_lets_go_of_all_rotations_at_once(tmp_path):
     near = fit_near(base, (pinned, foot.strength, np.inf), PLAIN_TOOLS)
     fitted = load_fit(base, pinned, fit_fully(base, (pinned, foot.strength, near["theta"]), PLAIN_TOOLS))
     assert fitted.cost < 1.2 * base.modified.target.n_data < 0.01 * base.cost
-    assert pinned.sentence(None) == "the supports 1RX, 1RY, 1RZ are flexible together"
+    assert pinned.sentence(None) == "the supports 1RX, 1RY, 1RZ are flexible"
     _, lines = suggestion_text(load_study(path), fitted.modified.changes)
     assert '+ first = ["1RX", "1RY", "1RZ"]' in lines
 
@@ -278,7 +278,7 @@ def test_a_drive_that_is_turned_is_named_with_its_direction(tmp_path):
     result, _ = answered(path)
     first = result.diagnosis.causes[0]
     assert (first.kind, first.where) == ("direction", ("3X", "3Y"))
-    assert first.words == "the drive at 3X is turned towards 3Y"
+    assert first.words == "the force at 3X is turned towards 3Y"
     assert first.chi_square_per_dof < 1.2
     [aimed] = [line for line in first.lines if line.startswith("+ depends_on")]
     cosine, sine = (float(text) for text in re.findall(r", (-?[\d.]+)\]", aimed))

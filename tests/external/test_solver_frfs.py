@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from structid.cli import app as cli
 from structid.core.dof import parse_dofs
 from structid.core.errors import FileError
-from structid.external.deck import with_lines
+from structid.external.deck import with_frequencies
 from structid.external.frfs.model import FrfRuns
 from structid.external.frfs.output import FrfsOut
 from structid.external.solved import Units
@@ -343,7 +343,7 @@ def test_looking_at_a_study_in_the_workbench_reads_what_is_kept(tmp_path):
 
 
 def test_lines_stand_beside_the_deck_and_where_it_marks_them():
-    made = with_lines({"a.bdf": "FREQ,1,{{frequency}}\nMAT1,1,{{E}}\n", "b": "x {{ frequency:8 }}|"}, [1.5, 20.0])
+    made = with_frequencies({"a.bdf": "FREQ,1,{{frequency}}\nMAT1,1,{{E}}\n", "b": "x {{ frequency:8 }}|"}, [1.5, 20.0])
     assert made["a.bdf"] == "FREQ,1,1.5\nFREQ,1,20.\nMAT1,1,{{E}}\n"
     assert made["b"] == "x 1.5     |\nx 20.     |\n"
     assert made["frequencies.csv"] == "1.5\n20.\n"

@@ -40,8 +40,13 @@ DATA = Path(__file__).parents[2].parent / "shared" / "data"
 OMEGA = 2 * np.pi * chain()[0]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("inputs", [(0,), (3, 0)])
+@pytest.mark.parametrize(
+    ("inputs", "kind"),
+    [
+        *(((0,), kind) for kind in KINDS),
+        *(pytest.param((3, 0), kind, marks=[pytest.mark.long] * (kind != "mobility")) for kind in KINDS),
+    ],
+)
 def test_frfs_without_noise_give_exact_modes_of_unit_mass(kind, inputs):
     """1e-9 in frequency and damping ratio, 1e-8 in shapes: rounding, amplified by the condition of the sweep."""
     frequency, shapes = chain()

@@ -68,6 +68,7 @@ def test_storeys_and_losses_from_three_seconds(benchmark):
     assert abs(hurt.estimate.values[-1] - benchmark.DAMPING_RATIO) < 4 * hurt.estimate.std[-1]
 
 
+@pytest.mark.long
 def test_intervals_hold_the_truth_over_noise_of_other_seeds(benchmark, capsys):
     if not RECORDS.exists():
         pytest.skip("the benchmark's numbers are kept outside the package")

@@ -35,7 +35,7 @@ def all_motions(**damping):
 def test_one_step_solve_is_exact_from_any_start(damping):
     record = all_motions(**damping)
     rng = np.random.default_rng(41)
-    starts = [POSTULATED, *(ACTUAL * np.exp(rng.uniform(-1.5, 1.5, (20, 12))))]
+    starts = [POSTULATED, *(ACTUAL * np.exp(rng.uniform(-1.5, 1.5, (5, 12))))]
     for start in starts:
         structure = cantilever(start, **damping)
         found = one_step_values(structure, parameters(structure, UNKNOWNS), record)

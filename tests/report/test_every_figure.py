@@ -24,7 +24,8 @@ from written_reports import Report
 
 from modes_cases import ambient
 from structid.compare.correlation.correlating import correlate
-from structid.compare.states.comparing import CompareOptions, compare
+from structid.compare.states.comparing import compare
+from structid.compare.states.options import CompareOptions
 from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
 from structid.report.comparison import comparison_page

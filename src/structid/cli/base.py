@@ -27,6 +27,9 @@ EXIT_CODES = {
     INTERRUPTED: "interrupted",
 }
 
+#: A run writes at most one file of its checkpoint in this time, s: a killed run may have to do so much again.
+CHECKPOINT_SECONDS = 5.0
+
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Study file; see docs/study-file.md.")]
 Workers = Annotated[int | None, typer.Option("--workers", metavar="N", help="Work on N processes [default: 1].")]
 Scheduler = Annotated[

@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.cli.tables import groups, heading, new_table
-from structid.core.display import MOST_WARNINGS, figures
+from structid.core.display import MOST_WARNINGS, format_number
 from structid.diagnose.fixed_value_influence import resting_words
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.ratios import ON_FORCE
@@ -41,21 +41,23 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
     for i in found.listed:
         name = estimate.names[i]
         note = notes.get(i) or ("" if estimate.identified[i] else "not identified")
-        spreads = (figures(estimate.std[i], 2), figures(estimate.std_noise[i], 2))
-        numbers = (figures(estimate.initial[i]), figures(estimate.values[i]), *spreads)
-        span = " to ".join(figures(end, digits) for end, digits in zip(ends[i], span_digits(*ends[i]), strict=True))
+        spreads = (format_number(estimate.std[i], 2), format_number(estimate.std_noise[i], 2))
+        numbers = (format_number(estimate.initial[i]), format_number(estimate.values[i]), *spreads)
+        span = " to ".join(
+            format_number(end, digits) for end, digits in zip(ends[i], span_digits(*ends[i]), strict=True)
+        )
         table.add_row(name, estimate.units[i], *numbers, span, note)
     modes = new_table("mode", "frequency Hz", "damping ratio")
     for i, (frequency, ratio) in enumerate(zip(found.modes.frequency, found.modes.damping_ratio, strict=True)):
-        modes.add_row(str(i + 1), figures(frequency), figures(ratio, 3))
+        modes.add_row(str(i + 1), format_number(frequency), format_number(ratio, 3))
     peaks = new_table("resonance measured Hz", "fitted model Hz")
     for peak in found.resonances:
-        peaks.add_row(figures(peak.measured), figures(peak.predicted))
+        peaks.add_row(format_number(peak.measured), format_number(peak.predicted))
     identifiability = estimate.identifiability
     facts = [
         f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
         f"rank {identifiability.rank} of {identifiability.n_free}{' free' if estimate.at_bound else ''} parameters, condition"
-        f" {figures(identifiability.condition, 3)}"
+        f" {format_number(identifiability.condition, 3)}"
         f"; {estimate.misfit_words}"
         f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}"
         f"; intervals: {found.intervals.kind}",
@@ -67,7 +69,7 @@ def identification_summary(result: StudyResult) -> list[RenderableType]:
         for one in found.varied
         for words in (f"{one.words}; each record's own in the results", *one.outlying_words)
     ]
-    mass = f"total mass: {figures(found.total_mass)} kg, standard deviation {figures(found.total_mass_std, 2)} kg"
+    mass = f"total mass: {format_number(found.total_mass)} kg, standard deviation {format_number(found.total_mass_std, 2)} kg"
     tables = ([modes] if modes.row_count else []) + ([peaks] if found.resonances else [])
     shown = [*_alternatives(found.alternatives), *_pairs(found), *tables]
     together = groups(identifiability)
@@ -99,7 +101,7 @@ def _verdict(result: StudyResult) -> list[RenderableType]:
         )
         for cause in causes[:_MOST_CAUSES]:
             alike = " (cannot be told from the first)" if cause.is_alike and cause is not causes[0] else ""
-            row = f"{100 * cause.share:.1f} %", figures(cause.chi_square_per_dof, 3), cause.study
+            row = f"{100 * cause.share:.1f} %", format_number(cause.chi_square_per_dof, 3), cause.study
             table.add_row(cause.line + alike, *row)
         shown.append(table)
     return shown
@@ -112,9 +114,11 @@ def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
     count = min(len(sets), _MOST_SETS)
     table = new_table("parameter", "unit", *(f"set {k + 1}" for k in range(count)))
     for name, unit, values in zip(sets.names, sets.units, sets.values[:count].T.tolist(), strict=True):
-        table.add_row(name, unit, *(figures(value) for value in values))
+        table.add_row(name, unit, *(format_number(value) for value in values))
     if sets.deciding is not None:
-        table.add_row(sets.deciding.name, sets.deciding.unit, *(figures(v, 3) for v in sets.deciding.predicted[:count]))
+        table.add_row(
+            sets.deciding.name, sets.deciding.unit, *(format_number(v, 3) for v in sets.deciding.predicted[:count])
+        )
     more = f"; {len(sets) - count} more are in the results" if len(sets) > count else ""
     return [Text(sets.search_words + more), table]
 
@@ -125,16 +129,20 @@ def _changes_summary(result: StudyResult) -> list[RenderableType]:
     estimate = found.estimate
     facts = [
         f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
-        f"{len(estimate.names)} parameters, the data determine {figures(estimate.determined, 3)} combinations of them;"
+        f"{len(estimate.names)} parameters, the data determine {format_number(estimate.determined, 3)} combinations of them;"
         f" {estimate.misfit_words}; standard deviations from"
         f" {estimate.covariance_basis.replace('_', ' ')}",
         *_fit_facts(found.fits),
     ]
     table = new_table("parameter that moved most", "unit", "initial", "value", "std")
     for i in largest_changes(estimate, _MOST_CHANGES):
-        numbers = (figures(estimate.initial[i]), figures(estimate.values[i]), figures(estimate.std[i], 2))
+        numbers = (
+            format_number(estimate.initial[i]),
+            format_number(estimate.values[i]),
+            format_number(estimate.std[i], 2),
+        )
         table.add_row(estimate.names[i], estimate.units[i], *numbers)
-    mass = f"total mass: {figures(found.total_mass)} kg, standard deviation {figures(found.total_mass_std, 2)} kg"
+    mass = f"total mass: {format_number(found.total_mass)} kg, standard deviation {format_number(found.total_mass_std, 2)} kg"
     rest = f"all of them in {PARAMETERS}"
     head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
     return [*head, *map(Text, facts), table, Text(found.assumption), Text(rest), Text(mass)]
@@ -142,7 +150,7 @@ def _changes_summary(result: StudyResult) -> list[RenderableType]:
 
 def _fit_facts(fits: Sequence[RecordFit]) -> list[str]:
     """How well responses are fitted."""
-    errors = [figures(median(fit.relative_error.ravel().tolist()), 3) for fit in fits]
+    errors = [format_number(median(fit.relative_error.ravel().tolist()), 3) for fit in fits]
     if len(fits) == 1:
         judged, used = fits[0].evaluation, fits[0].problem.record
         return [
@@ -161,19 +169,19 @@ def _pairs(found: Identification) -> list[RenderableType]:
         for i, mode in enumerate(fit.problem.data.measured.tolist()):
             table.add_row(
                 str(mode + 1),
-                figures(fit.measured.frequency[mode]),
-                figures(fit.problem.data.frequency_std[i], 2),
-                figures(fit.fitted.frequency[i]),
-                figures(fit.fitted.mac[i], 3),
-                figures(fit.initial.frequency[i]),
-                figures(fit.initial.mac[i], 3),
+                format_number(fit.measured.frequency[mode]),
+                format_number(fit.problem.data.frequency_std[i], 2),
+                format_number(fit.fitted.frequency[i]),
+                format_number(fit.fitted.mac[i], 3),
+                format_number(fit.initial.frequency[i]),
+                format_number(fit.initial.mac[i], 3),
             )
         shown.append(table)
     if found.ratios is not None:
         table = new_table("ratio", "value", "std", "95 % interval")
         rows = zip(found.ratios.names, found.ratios.values, found.ratios.std, found.ratios.ends, strict=True)
         for name, value, std, ends in rows:
-            span = f"{figures(ends[0])} to {figures(ends[1])}"
-            table.add_row(f"{name} / {found.ratios.reference}", figures(value), figures(std, 2), span)
+            span = f"{format_number(ends[0])} to {format_number(ends[1])}"
+            table.add_row(f"{name} / {found.ratios.reference}", format_number(value), format_number(std, 2), span)
         shown.append(table)
     return [*shown]

@@ -84,9 +84,9 @@ def _made(options: type[T], told: Mapping[str, object]) -> T:
 
 def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
     """One parameter for each field of a dataclass, and each field of a dataclass that it holds."""
-    from structid.core.constraints import declared_words
+    from structid.core.constraints import parameter_descriptions
 
-    kinds, words = get_type_hints(options), declared_words(options)
+    kinds, words = get_type_hints(options), parameter_descriptions(options)
     for field in fields(options):
         kind, default = kinds[field.name], None if field.default is MISSING else field.default
         inner = _inner(kind)

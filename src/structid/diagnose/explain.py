@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.errors import InputError, StructidError
 from structid.diagnose.causes import MOST_DOFS
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted, is_clear
@@ -262,7 +262,7 @@ def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
         return (_OF_RECORDS,)
     parts = [explanation, *([] if explanation.further is None else [explanation.further])]
     left_out = sum(part.left_out for part in parts)
-    words = [f"{counted(left_out, 'likely change')} not tried"] * (left_out > 0)
+    words = [f"{plural(left_out, 'likely change')} not tried"] * (left_out > 0)
     words += ["other pairs of causes not tried"] * explanation.is_single
     spent = sum(part.spent for part in parts)
     ended = f"the search for causes ended after {spent:.2g} s of the processor"
@@ -280,7 +280,7 @@ def _friction_like(cause: Cause) -> tuple[Cause, ...]:
     """Friction beside a damper to the ground: one level of a broad-band drive does not distinguish them."""
     if cause.kind != "dashpot" or len(cause.where) > 1:
         return ()
-    words = f"something rubs at {cause.where[0]}: one level of the drive does not distinguish it from a damper"
+    words = f"something rubs at {cause.where[0]}: one level of the force cannot distinguish it from a damper"
     return (replace(cause, kind="friction", words=words, is_alike=True, has_fit=False),)
 
 

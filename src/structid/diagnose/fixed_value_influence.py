@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.diagnose.thresholds import (
     CLEAR_DOUBT_RISK,
     DOUBT_RISK,
@@ -110,7 +110,7 @@ def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
     if not most:
         return ""
     first = most[0]
-    others = f" ({counted(len(most) - 1, 'other')} of this kind on the page)" if len(most) > 1 else ""
+    others = f" ({plural(len(most) - 1, 'other')} of this kind on the page)" if len(most) > 1 else ""
     return (
         f"what the model holds matters: {first.moved_words}{others}; state its `tolerance`, 0 where it is exact, or make it an"
         " unknown with a prior"

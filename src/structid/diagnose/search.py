@@ -445,7 +445,7 @@ def _refits_in_time(
 
 
 def _simpler(base: Fitted, one: Fitted) -> list[Item]:
-    """What swings of its own far above all lines, as the mass that it is, far below them as a spring, to be refitted."""
+    """A local resonance far above all lines as the mass that it is, far below them as a spring, to be refitted."""
     limit = _limit_of(base, one)
     if limit is None:
         return []

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.core.display import Overview, Shown, counted, listed
+from structid.core.display import Overview, Shown, join_words, plural
 from structid.diagnose.data_rows import misfit_of_lines
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
 from structid.diagnose.split_consistency import Disagreement, disagreements
@@ -404,13 +404,13 @@ def _judged(
         if by_priors:
             words = (
                 "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
-                f" {listed(by_priors, 4)}: the record cannot test what they say."
+                f" {join_words(by_priors, 4)}: the record cannot test what they say."
             )
             return Judgement("approximate", words, (words,))
         words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
         if estimate.degrees_of_freedom < FEW_FREEDOMS:
             words += (
-                f" But {counted(estimate.n_data, 'value')} hardly test {counted(len(estimate.names), 'parameter')}: a wrong model"
+                f" But {plural(estimate.n_data, 'value')} hardly test {plural(len(estimate.names), 'parameter')}: a wrong model"
                 " may fit as well."
             )
         return Judgement("sound", words)

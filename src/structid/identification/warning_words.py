@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.forward import RecordProblem
 from structid.identification.together import by_name
 from structid.inversion import Estimate, Status
@@ -37,7 +37,7 @@ def _unidentified(found: Estimate) -> list[str]:
     if not found.uncertainty.has_matrix:
         words = (
             f"{len(lost)} of {len(found.names)} parameters are not identified: their standard deviations are larger than"
-            f" their values or not known: {listed([found.names[i] for i in lost], 4)}"
+            f" their values or not known: {join_words([found.names[i] for i in lost], 4)}"
         )
         return [words] if lost.size else []
     where = ["at the initial values " if found.std[i] <= abs(found.values[i]) else "" for i in lost]
@@ -55,7 +55,7 @@ def unused_damping(
     if not open_ones or not any(problem.facts.leaves_damping_out for problem in problems):
         return []
     return [
-        f"damping is not determined ({listed([names[i] for i in open_ones], 3)}), and the measured damping ratios are not used:"
+        f"damping is not determined ({join_words([names[i] for i in open_ones], 3)}), and the measured damping ratios are not used:"
         " write `use_damping = true` in"
         " [record.modes]"
     ]

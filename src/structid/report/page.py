@@ -13,7 +13,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from structid._version import __version__
-from structid.files import atomic_write, made_folder
+from structid.files import atomic_write, make_folder
 from structid.report.rendering.browser import clean, embedded, legend
 from structid.report.rendering.plot import Figure
 
@@ -63,7 +63,7 @@ class Page:
         FileError
             If a file cannot be written.
         """
-        path = made_folder(Path(folder)) / self.file
+        path = make_folder(Path(folder)) / self.file
         if png:
             from structid.report.rendering.png import write_pngs  # imported here, so that pages do not wait for it
 

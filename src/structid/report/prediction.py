@@ -6,7 +6,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.prediction.predict import PredictedChange, Prediction
 from structid.report.figures.prediction import frf_figure, history_figure
 from structid.report.page import Page
@@ -122,6 +122,6 @@ def prediction_page(found: StudyPrediction) -> Page:
         "width": width_words(found),
         "modes": modes_table(found.modes),
         "maxima": None if found.maxima is None else maxima_table(found.maxima),
-        "n_draws": counted(next(iter(parts_of(found.modes).values())).n_draws, "model"),
+        "n_draws": plural(next(iter(parts_of(found.modes).values())).n_draws, "model"),
     }
     return Page(PREDICTION_PAGE, "prediction.html.j2", figures, words)

@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 
 import structid as sid
 from structid.cli import app as cli
-from structid.compare.states.comparing import CompareOptions, compare
+from structid.compare.states.comparing import compare
+from structid.compare.states.options import CompareOptions
 from structid.compare.states.state import carried, stored_state, unchanged_parameters
 from structid.core.errors import InputError
 from structid.inversion.comparison.comparison import Comparison

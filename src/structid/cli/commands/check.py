@@ -2,22 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from statistics import median
-
-from rich.console import RenderableType
-from rich.text import Text
-
 from structid.cli.base import NOT_DETERMINED, StudyPath, fail
-from structid.cli.tables import groups, heading, new_table, show
-from structid.core.display import figures
-from structid.inversion import Status
-from structid.records.formats import keep_records
-from structid.study.run.check import CheckResult, check_study
-from structid.study.schema.study import load_study
 
-#: Warnings that stand first; the others come last.
-_MOST_WARNINGS = 5
 _KEPT_BYTES = 500_000_000
 
 
@@ -30,97 +16,18 @@ def check(study: StudyPath) -> None:
     Examples:
       structid check frame.toml
     """
+    from structid.cli.check_summary import check_summary  # the help needs none of these
+    from structid.cli.tables import show
+    from structid.inversion.estimate import Status
+    from structid.records.formats import keep_records
+    from structid.study.run.check import check_study
+    from structid.study.schema.study import load_study
+
     keep_records(_KEPT_BYTES)  # histories are looked at once more beside what is made of them
     try:
         result = check_study(load_study(study))
     finally:
         keep_records(0)
-    show(_summary(result))
+    show(check_summary(result))
     if not result.determined:
         fail(f"{Status.NOT_IDENTIFIABLE.words} (predicted at the initial values)", NOT_DETERMINED)
-
-
-def _summary(result: CheckResult) -> list[RenderableType]:
-    """What `structid check` says: record, sensors, modes, rank and predicted accuracy."""
-    study = result.study
-    facts = [
-        *(f"record: {words}" for words in result.records),
-        f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
-        f" {figures(result.total_mass)} kg at the start, predicted standard deviation {figures(result.total_mass_std, 2)} kg"
-        if study.structure.has_matrices
-        else "structure: FRFs of a solver alone, which tell no masses, modes or mesh",
-    ]
-    facts += study.structure.file_notes
-    facts += [] if study.solved is None else list(study.solved.facts)
-    facts += [f"{one.title}{fact}" for one in result.beside for fact in one.facts]
-    facts += [result.mesh] if isinstance(result.mesh, str) and result.mesh else []
-    channels = new_table("channel", "role", "sees")
-    for channel in result.channels:
-        channels.add_row(channel.channel, channel.role, channel.seen)
-    head = [
-        *heading(study.title, result.warnings[:_MOST_WARNINGS]),
-        *map(Text, facts),
-        channels,
-        *([_modes(result)] if result.modes else []),
-        *_resonances(result),
-    ]
-    more = [Text(f"also: {one}", style="yellow") for one in result.warnings[_MOST_WARNINGS:]]
-    if not result.covariance.has_matrix:
-        return [*head, Text(_prediction(result)), *more]
-    found = result.identifiability
-    rank = f"rank {found.rank} of {len(result.names)} parameters from the data alone, condition" + (
-        f" {figures(found.condition, 3)}; predicted at the"
-        " initial values, for a model that is right and errors that are independent from line to line:"
-    )
-    table = new_table("parameter", "unit", "initial", "predicted std", "relative")
-    for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
-        table.add_row(name, unit, figures(start), figures(std, 2), figures(std / abs(start) if start else math.nan, 2))
-    held = [Text(result.assumption)] if result.assumption else []
-    return [*head, Text(rank), table, *held, *groups(found), *more]
-
-
-def _modes(result: CheckResult) -> RenderableType:
-    """The modes of the initial model, and how far its elements put them off."""
-    by_mesh = {} if isinstance(result.mesh, str) else dict(zip(result.mesh.number, result.mesh.error, strict=True))
-    columns = ("mode", "frequency Hz", "damping ratio", "in band", "lines per half-power bandwidth")
-    table = new_table(*columns, *(("off by the mesh %",) if by_mesh else ()))
-    for i, mode in enumerate(result.modes):
-        lines = figures(mode.lines_per_bandwidth, 3) if mode.in_band else ""
-        off = ((f"{100 * by_mesh[i]:+.2g}" if i in by_mesh else "",)) if by_mesh else ()
-        inside = "yes" if mode.in_band else "no"
-        table.add_row(str(i + 1), figures(mode.frequency), figures(mode.damping_ratio, 3), inside, lines, *off)
-    return table
-
-
-def _resonances(result: CheckResult) -> list[RenderableType]:
-    """Measured resonances beside the initial model's, record by record."""
-    found: list[RenderableType] = []
-    for one in result.beside:
-        if not one.resonances:
-            continue
-        table = new_table(f"{one.title}measured Hz", "model Hz", "model above %", "in half-bandwidths", "MAC")
-        for pair in one.resonances:
-            above = 100 * (pair.model / pair.measured - 1)
-            table.add_row(
-                figures(pair.measured) if math.isfinite(pair.measured) else "none",
-                figures(pair.model) if math.isfinite(pair.model) else "none",
-                f"{above:+.2g}" if math.isfinite(above) else "",
-                f"{pair.half_bandwidths:+.2g}" if math.isfinite(pair.half_bandwidths) else "",
-                figures(pair.mac, 2) if math.isfinite(pair.mac) else "",
-            )
-        found.append(table)
-    return found
-
-
-def _prediction(result: CheckResult) -> str:
-    """How well very many parameters would be known, in words."""
-    relative = (result.std / result.sizes).tolist()
-    known = sorted(value for value in relative if math.isfinite(value))
-    lost = len(relative) - len(known)
-    words = f"{len(relative)} parameters, of which the data determine about {result.identifiability.rank} combinations"
-    if known:
-        words += (
-            f"; predicted standard deviations with the smoothness above: median {figures(100 * median(known), 2)} %,"
-            f" largest {figures(100 * known[-1], 2)} %"
-        )
-    return words + (f"; {lost} that neither data nor smoothness see" if lost else "")

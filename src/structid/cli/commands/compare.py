@@ -18,18 +18,13 @@ from structid.cli.base import (
     results_folder,
     say,
 )
-from structid.cli.progress import run_progress
-from structid.cli.tables import show
-from structid.compare.states import comparing
-from structid.core.json_types import json_text
-from structid.report.comparison import comparison_page, comparison_text
-from structid.study.results.folder import staged_folder
+from structid.compare.states.options import CompareOptions
 
 
 def compare(
     baseline: Annotated[Path, typer.Argument(metavar="BASELINE", help="Study file, or results folder of identify.")],
     later: Annotated[Path, typer.Argument(metavar="LATER", help="The same of the later state.")],
-    options: comparing.CompareOptions,
+    options: CompareOptions,
     out: Annotated[Path | None, results_folder("<later>_comparison")] = None,
     report: Report = True,
     png: Png = False,
@@ -45,13 +40,21 @@ def compare(
       structid compare before_results after_results --level 0.01
       structid compare before_results after.toml --unchanged mass --out damage
     """
+    from structid.cli.progress import run_progress  # the help needs none of these
+    from structid.cli.tables import show
+    from structid.compare.states.comparing import COMPARE_PAGE, comparison_summary
+    from structid.compare.states.comparing import compare as compare_states
+    from structid.core.json_types import json_text
+    from structid.report.comparison import comparison_page, comparison_text
+    from structid.study.results.folder import staged_folder
+
     check_png(report, png)
     with run_progress(100) as progress:
-        found = comparing.compare(baseline, later, options, progress.search)
+        found = compare_states(baseline, later, options, progress.search)
     folder = out if out is not None else beside_call(f"{later.stem if later.is_file() else later.name}_comparison")
     name = "compare.json"
-    with staged_folder(folder, comparing.COMPARE_PAGE) as staged:
-        (staged / name).write_text(json_text(comparing.comparison_summary(found)), encoding="utf-8")
+    with staged_folder(folder, COMPARE_PAGE) as staged:
+        (staged / name).write_text(json_text(comparison_summary(found)), encoding="utf-8")
         if report:
             name = comparison_page(found).write(staged, png).name
     show(comparison_text(found))

@@ -8,15 +8,7 @@ from typing import Annotated
 import typer
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, beside_call, check_png, fail, results_folder, say
-from structid.cli.tables import show
-from structid.compare.correlation.correlating import CORRELATION_PAGE, correlation_summary, expanded_record
-from structid.compare.correlation.correlating import correlate as correlated
 from structid.compare.correlation.options import CorrelateOptions
-from structid.core.json_types import json_text
-from structid.modal.formats.files import write_modes
-from structid.report.correlation import correlation_page, correlation_text
-from structid.study.results.folder import staged_folder
-from structid.study.schema.study import load_study
 
 
 def correlate(
@@ -41,6 +33,15 @@ def correlate(
       structid correlate frame.toml --at frame_results --out after
       structid correlate wing.toml --expansion dynamic --model-error 0.01
     """
+    from structid.cli.tables import show  # the help needs none of these
+    from structid.compare.correlation.correlating import CORRELATION_PAGE, correlation_summary, expanded_record
+    from structid.compare.correlation.correlating import correlate as correlated
+    from structid.core.json_types import json_text
+    from structid.modal.formats.files import write_modes
+    from structid.report.correlation import correlation_page, correlation_text
+    from structid.study.results.folder import staged_folder
+    from structid.study.schema.study import load_study
+
     check_png(report, png)
     found = correlated(load_study(study), options, at)
     folder, name = out if out is not None else beside_call(f"{study.stem}_correlation"), "correlation.json"

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from structid.cli.base import Png, Report, Scheduler, StudyPath, Workers, results_folder
+from structid.cli.base import CHECKPOINT_SECONDS, Png, Report, Scheduler, StudyPath, Workers, results_folder
 from structid.cli.commands.identify import CauseSeconds, Seconds, identify
-from structid.study.run.checkpoint import CHECKPOINT_SECONDS
 
 
 def explain(

@@ -8,11 +8,12 @@ from contextlib import closing
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from structid.cli.base import (
+    CHECKPOINT_SECONDS,
     INTERRUPTED,
     NOT_DETERMINED,
     WRONG_MODEL,
@@ -27,23 +28,12 @@ from structid.cli.base import (
     results_folder,
     say,
 )
-from structid.cli.console import identification_summary
-from structid.cli.progress import ProgressFile, run_progress
-from structid.cli.tables import show
-from structid.diagnose.explain import time_for_causes
-from structid.diagnose.refits import Fitted
-from structid.diagnose.time_budget import TimeBudget
-from structid.inversion import Status
-from structid.study.results.folder import staged_folder, write_results
-from structid.study.results.result import StudyResult
-from structid.study.results.suggestions import write_suggestions
-from structid.study.run.checkpoint import CHECKPOINT_SECONDS, Checkpoint, checkpoint_folder, fingerprint
-from structid.study.run.diagnosis import diagnose_study
-from structid.study.run.long_run import LongRun
-from structid.study.run.run import run_from_start
-from structid.study.run.start_workers import start_workers
-from structid.study.run.workers import WorkersLostError
-from structid.study.schema.study import load_study
+
+if TYPE_CHECKING:
+    from structid.diagnose.refits import Fitted
+    from structid.study.results.result import StudyResult
+    from structid.study.run.checkpoint import Checkpoint
+    from structid.study.run.long_run import LongRun
 
 Seconds = Annotated[
     float, typer.Option("--checkpoint", metavar="SECONDS", min=0, help="Least time between checkpoints; 0: all.")
@@ -95,6 +85,22 @@ def identify(
       structid identify frame.toml --resume
       structid identify frame.toml --workers 8 --png
     """
+    from structid.cli.console import identification_summary  # the help needs none of these
+    from structid.cli.progress import ProgressFile, run_progress
+    from structid.cli.tables import show
+    from structid.diagnose.explain import time_for_causes
+    from structid.diagnose.time_budget import TimeBudget
+    from structid.inversion.estimate import Status
+    from structid.study.results.folder import staged_folder
+    from structid.study.results.suggestions import write_suggestions
+    from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
+    from structid.study.run.diagnosis import diagnose_study
+    from structid.study.run.long_run import LongRun
+    from structid.study.run.run import run_from_start
+    from structid.study.run.start_workers import start_workers
+    from structid.study.run.workers import WorkersLostError
+    from structid.study.schema.study import load_study
+
     check_png(report, png)
     crew = start_workers(workers, scheduler)
     read = load_study(study, work=LongRun(crew))
@@ -152,6 +158,8 @@ def identify(
 
 def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
     """The name of what to read first in `folder`; drawing is imported here, so that nothing else waits for it."""
+    from structid.study.results.folder import write_results
+
     write_results(result, folder)
     if not report:
         return "estimate.json"

@@ -8,17 +8,9 @@ from typing import Annotated
 import typer
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, beside_call, check_png, fail, results_folder, say
-from structid.cli.tables import show
-from structid.core.display import file_names
 from structid.core.errors import InputError
-from structid.modal.formats.files import read_modes
-from structid.modal.merging import merged_setups
 from structid.modal.survey.options import ModesOptions
-from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
-from structid.records.formats import ReadOptions, read_geometry
-from structid.report.modes import merged_text, modes_page, modes_text
-from structid.study.results.folder import staged_folder
-from structid.study.results.modes import write_merged, write_modes_results
+from structid.records.formats.options import ReadOptions
 
 
 def modes(
@@ -59,6 +51,12 @@ def modes(
       structid modes lower_floors.uff upper_floors.uff --out tower
       structid modes modes_of_a.uff modes_of_b.uff --merge --out tower
     """
+    from structid.cli.tables import show  # the help needs none of these
+    from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
+    from structid.report.modes import modes_page, modes_text
+    from structid.study.results.folder import staged_folder
+    from structid.study.results.modes import write_modes_results
+
     check_png(report, png)
     if merge:
         _merge(records, options, read, geometry, out)
@@ -82,6 +80,16 @@ def _merge(
     paths: list[Path], options: ModesOptions, read: ReadOptions, geometry: Path | None, out: Path | None
 ) -> None:
     """Modes of set-ups from files that hold modes, merged and written as files that a study takes as a record."""
+    from structid.cli.tables import show
+    from structid.core.display import file_names
+    from structid.modal.formats.files import read_modes
+    from structid.modal.merging import merged_setups
+    from structid.modal.survey.survey import MODES_PAGE
+    from structid.records.formats import read_geometry
+    from structid.report.modes import merged_text
+    from structid.study.results.folder import staged_folder
+    from structid.study.results.modes import write_merged
+
     if options != ModesOptions() or read != ReadOptions():
         raise InputError(
             "`--merge` takes files of modes as they are; leave the options of reading and identification out"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -19,17 +19,9 @@ from structid.cli.base import (
     results_folder,
     say,
 )
-from structid.files import claimed
-from structid.inversion.regression.local_reduction import Engine, Kernels
-from structid.study.results.folder import staged_folder
-from structid.study.run.motion import (
-    MOTION_SUMMARY,
-    MOTION_TABLE,
-    MotionOptions,
-    MotionResult,
-    motion_of_study,
-    write_motion,
-)
+
+if TYPE_CHECKING:
+    from structid.study.run.motion import MotionResult
 
 
 def motion(
@@ -58,6 +50,11 @@ def motion(
       structid motion bridge.toml --threads 2 --checkpoint bridge.npz
       structid motion bridge.toml --workers 4 --checkpoint bridge.npz
     """
+    from structid.files import claimed  # the help needs none of these
+    from structid.inversion.regression.local_reduction import Engine, Kernels
+    from structid.study.results.folder import staged_folder
+    from structid.study.run.motion import MOTION_SUMMARY, MOTION_TABLE, MotionOptions, motion_of_study, write_motion
+
     work = Kernels(cast(Engine, engine), threads)
     options = MotionOptions(work, chunk, checkpoint, workers, scheduler)
     try:

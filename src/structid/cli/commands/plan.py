@@ -7,11 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 from structid.cli.base import NOT_DETERMINED, Png, Report, StudyPath, beside_call, check_png, fail, results_folder, say
-from structid.cli.tables import show
-from structid.report.planning import plan_page, plan_text
-from structid.study.results.folder import staged_folder
-from structid.study.results.plan import PLAN_PAGE, write_plan
-from structid.study.schema.plan import load_plan, planned
 
 
 @dataclass(frozen=True)
@@ -56,6 +51,12 @@ def plan(
       structid plan frame.toml --sensors 4
       structid plan frame.toml --sensors 4 --loads 1 --frequencies 24 --target 0.02 --out frame_plan
     """
+    from structid.cli.tables import show  # the help needs none of these
+    from structid.report.planning import plan_page, plan_text
+    from structid.study.results.folder import staged_folder
+    from structid.study.results.plan import PLAN_PAGE, write_plan
+    from structid.study.schema.plan import load_plan, planned
+
     check_png(report, png)
     read = load_plan(study, **{name: value for name, value in asdict(wanted).items() if value is not None})
     found = planned(read)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import RenderableType
 
 from structid.cli.base import Png, say
-from structid.cli.progress import run_progress
-from structid.cli.tables import new_table, show
-from structid.core.display import figures
-from structid.report.reproduce import write_reproduction
-from structid.reproduce import run
-from structid.reproduce.item import Item
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from structid.reproduce.item import Item
 
 
 def reproduce(
@@ -32,6 +30,11 @@ def reproduce(
       structid reproduce
       structid reproduce --chapter 4 --out chapter_4
     """
+    from structid.cli.progress import run_progress  # the help needs none of these
+    from structid.cli.tables import show
+    from structid.report.reproduce import write_reproduction
+    from structid.reproduce import run
+
     with run_progress(0) as progress:
         chapters = run.CHAPTERS if chapter is None else (chapter,)
         items = run.reproduce(chapters, lambda name, done: progress.tasks(name, round(100 * done), 100))
@@ -42,8 +45,11 @@ def reproduce(
 
 def _summary(items: Iterable[Item]) -> list[RenderableType]:
     """Verdict and largest difference of every table and figure."""
+    from structid.cli.tables import new_table
+    from structid.core.display import format_number
+
     table = new_table("item", "verdict", "largest difference", "title")
     for item in items:
         largest = item.max_abs_difference
-        table.add_row(item.name, item.verdict.value, "-" if largest is None else figures(largest, 2), item.title)
+        table.add_row(item.name, item.verdict.value, "-" if largest is None else format_number(largest, 2), item.title)
     return [table]

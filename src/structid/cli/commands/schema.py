@@ -9,8 +9,6 @@ from typing import Annotated
 import typer
 
 from structid.cli.base import say
-from structid.files import atomic_write
-from structid.study.json_schema import study_schema
 
 Target = Annotated[
     Path | None,
@@ -28,6 +26,9 @@ def schema(target: Target = None) -> None:
       structid schema study.schema.json
       structid schema | less
     """
+    from structid.files import atomic_write  # the help needs none of these
+    from structid.study.json_schema import study_schema
+
     text = json.dumps(study_schema(), indent=2, ensure_ascii=False) + "\n"
     if target is None:
         typer.echo(text, nl=False)

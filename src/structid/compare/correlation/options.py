@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
-from structid.compare.correlation.expansion import Method, Reduction
 from structid.core.constraints import NotNegative, require_declared
+
+Reduction: TypeAlias = Literal["guyan", "serep"]
+Method: TypeAlias = Literal["serep", "dynamic"]
 
 
 @dataclass(frozen=True)

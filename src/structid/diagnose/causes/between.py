@@ -119,7 +119,7 @@ class LoadBetween(Candidate):
         return _edits(model, self.record or 0, self.where, self.bends, strength, "load ")
 
     def sentence(self, value: float | None) -> str:
-        return f"the drive at {self.where[0]} acts between its node and that of {self.where[1]}"
+        return f"the force at {self.where[0]} acts between its node and that of {self.where[1]}"
 
 
 def _lines(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel, Dof, bool]]:

@@ -49,4 +49,4 @@ class FaultyChannel(Candidate):
         return [UseChannels(self.record or 0, self.others)]
 
     def sentence(self, value: float | None) -> str:
-        return f"sensor {self.where[0]} does not go with the others: noisy, clipped or dead"
+        return f"sensor {self.where[0]} fits far worse than the others: noisy, clipped, dead, or turned"

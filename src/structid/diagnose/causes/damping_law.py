@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import Dof
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.model_edits import AddPart, AddUnknown, Edit, Edits, SetProperty, rounded
@@ -89,7 +89,7 @@ class DampingLaw(Candidate):
         return edits
 
     def sentence(self, value: float | None) -> str:
-        return f"damping of {listed(self.where[:-1])} is {self.where[-1]}"
+        return f"damping of {join_words(self.where[:-1])} is {self.where[-1]}"
 
 
 def _plain(values: list[float]) -> float | list[float]:

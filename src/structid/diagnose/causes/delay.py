@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.causes.channels import FACTORS, channels, index_of
 from structid.diagnose.effects import scaled_channel
@@ -50,7 +50,7 @@ class SensorDelay(Candidate):
 
     def sentence(self, value: float | None) -> str:
         if len(self.where) > 1:
-            return f"sensors {listed(self.where)} are late by one time, as of one card"
+            return f"sensors {join_words(self.where)} are late by one time, as of one card"
         return f"sensor {self.where[0]} is late"
 
 
@@ -75,4 +75,4 @@ class LoadDelay(Candidate):
         return [AddChannelError(self.record or 0, entry)]
 
     def sentence(self, value: float | None) -> str:
-        return f"the drive at {self.where[0]} is late"
+        return f"the force at {self.where[0]} is late"

@@ -101,7 +101,7 @@ class LoadDirection(Candidate):
         return follower(model, self.record or 0, name, dof, label, pairs, AddNode(label, dof.node), "load ")
 
     def sentence(self, value: float | None) -> str:
-        return f"the drive at {self.where[0]} is turned towards {self.where[1]}"
+        return f"the force at {self.where[0]} is turned towards {self.where[1]}"
 
 
 def follower(

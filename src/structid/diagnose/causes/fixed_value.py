@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.model_edits import AddUnknown, Edits
 from structid.diagnose.tested_model import TestedModel
@@ -52,8 +52,8 @@ class FixedValue(Candidate):
 
     def sentence(self, value: float | None) -> str:
         if len(self.where) > 1:
-            return f"{listed(self.where)}, which the study holds, are off by one factor"
-        return f"{self.where[0]}, which the study holds, is not what the model says"
+            return f"{join_words(self.where)}, which the study fixes, are off by one factor"
+        return f"{self.where[0]}, which the study fixes, is not what the model says"
 
 
 def fixed_values(structure: Structure, unknown: Parameters, kinds: Sequence[str] = ELASTIC) -> tuple[FixedValue, ...]:

@@ -93,7 +93,7 @@ class LoadGain(Candidate):
         return "unit" if self.mistaken_unit(value) else self.kind
 
     def sentence(self, value: float | None) -> str:
-        return gain_sentence(f"the drive at {self.where[0]}", self.mistaken_unit(value), value)
+        return gain_sentence(f"the force at {self.where[0]}", self.mistaken_unit(value), value)
 
 
 def gain_sentence(channel: str, unit: str, gain: float | None) -> str:

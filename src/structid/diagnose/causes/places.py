@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from structid.core.arrays import ComplexArray, IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import Dof
 from structid.diagnose.effects import Directions, direction_of
 from structid.diagnose.receptances import ElementMatrix, Receptances
@@ -120,4 +120,4 @@ def record_words(title: str) -> str:
 
 def few_words(places: tuple[str, ...]) -> str:
     """All of few places, the first of many and how many more there are."""
-    return listed(places) if len(places) <= _SHOWN + 1 else f"{listed(places, _SHOWN)} stretches"
+    return join_words(places) if len(places) <= _SHOWN + 1 else f"{join_words(places, _SHOWN)} stretches"

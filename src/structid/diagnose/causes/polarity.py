@@ -60,4 +60,4 @@ class LoadPolarity(Candidate):
         return [RenameChannels(self.record or 0, {f"load {self.where[0]}": f"{self.where[0]}-"})]
 
     def sentence(self, value: float | None) -> str:
-        return f"the drive at {self.where[0]} acts with the opposite sense"
+        return f"the force at {self.where[0]} acts with the opposite sense"

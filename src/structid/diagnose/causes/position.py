@@ -35,4 +35,4 @@ class LoadPosition(Candidate):
         return [RenameChannels(self.record or 0, {f"load {self.where[0]}": self.where[1]})]
 
     def sentence(self, value: float | None) -> str:
-        return f"the drive at {self.where[0]} acts at {self.where[1]}"
+        return f"the force at {self.where[0]} acts at {self.where[1]}"

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import Dof
 from structid.diagnose.causes.added import unknown_of_either_sign
 from structid.diagnose.causes.candidate import Candidate
@@ -72,7 +72,7 @@ class SensorMass(Candidate):
         return [*edits, unknown_of_either_sign("mass", name, strength)]
 
     def sentence(self, value: float | None) -> str:
-        return f"each sensor has a mass that is {lack_words(value)}: at nodes {listed(self.where, _SHOWN)}"
+        return f"each sensor has a mass that is {lack_words(value)}: at nodes {join_words(self.where, _SHOWN)}"
 
 
 def _sensed(receptances: Receptances) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.model_edits import AddUnknown, Edits, SetProperty, rounded
 from structid.diagnose.tested_model import TestedModel
@@ -76,7 +76,7 @@ class ShearFlexibility(Candidate):
 
     def sentence(self, value: float | None) -> str:
         if len(self.where) > 1:
-            return f"{listed(self.where)} shear: they are no slender beams"
+            return f"{join_words(self.where)} shear: they are no slender beams"
         return f"{self.where[0]} shears: it is no slender beam"
 
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import InputError
 from structid.diagnose.causes.added import added_spring
@@ -71,7 +71,7 @@ class Support(Candidate):
         dof = parse_dof(self.where[0])
         held = {one.unsigned for setup in model.setups for one in setup.structure.fixed}
         if not held.issuperset(parse_dof(place) for place in self.where):
-            raise InputError(f"{listed(self.where)} is not held")
+            raise InputError(f"{join_words(self.where)} is not held")
         to_base, end = self._driving_end(model, dof)
         name = model.unique_name(f"support {self.where[0]}")
         first = list(self.where) if len(self.where) > 1 else self.where[0]
@@ -90,5 +90,5 @@ class Support(Candidate):
 
     def sentence(self, value: float | None) -> str:
         if len(self.where) > 1:
-            return f"the supports {listed(self.where)} are flexible together"
+            return f"the supports {join_words(self.where)} are flexible"
         return f"the support {self.where[0]} is flexible"

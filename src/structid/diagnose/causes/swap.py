@@ -70,4 +70,4 @@ class SwappedLoads(Candidate):
         return [RenameChannels(self.record or 0, {f"load {first}": second, f"load {second}": first})]
 
     def sentence(self, value: float | None) -> str:
-        return f"the drives at {' and '.join(self.where)} are exchanged"
+        return f"the forces at {' and '.join(self.where)} are exchanged"

@@ -70,7 +70,7 @@ def expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tupl
 
 
 def _may_replicate(line: bytes) -> bool:
-    """Whether a line of bulk data may stand for others: it begins with `=`, or has a field `=` or `*n`."""
+    """True if a line of bulk data may stand for other cards: it begins with `=`, or has a field `=` or `*n`."""
     text = line.split(b"$")[0].strip()
     if text.startswith(b"="):
         return True
@@ -82,7 +82,7 @@ def _may_replicate(line: bytes) -> bool:
 
 
 def _fields(text: bytes) -> list[bytes]:
-    """The fields of a card in free, small or large format."""
+    """The fields of a card line in free, small or large format, stripped."""
     if b"," in text:
         return [field.strip() for field in text.split(b",")]
     text = text.expandtabs(8)
@@ -92,21 +92,22 @@ def _fields(text: bytes) -> list[bytes]:
 
 
 def _next_card(previous: list[bytes], steps: list[bytes], where: str) -> list[bytes]:
-    """The fields of the card behind `previous`."""
+    """The fields of the card that replication `steps` make of the `previous` one."""
     card: list[bytes] = []
-    for place, word in enumerate(steps):
-        before = previous[place] if place < len(previous) else b""
+    for index, word in enumerate(steps):
+        before = previous[index] if index < len(previous) else b""
         if word == b"==":
-            return card + previous[place:]
+            return card + previous[index:]
         step = _STEP.match(word)
-        if step is not None and place > 0:
-            card.append(_stepped(before, step[1], where))
+        if step is not None and index > 0:
+            card.append(_add_step(before, step[1], where))
         else:
             card.append(before if word == b"=" else word)
     return card
 
 
-def _stepped(before: bytes, step: bytes, where: str) -> bytes:
+def _add_step(before: bytes, step: bytes, where: str) -> bytes:
+    """The number `before` plus `step`, as text; `where` is for errors."""
     if _WHOLE.match(before or b"0") and _WHOLE.match(step):
         return b"%d" % (int(before or b"0") + int(step))
     try:

@@ -110,6 +110,7 @@ class ReadOptions:
     csv: CsvLayout | None = None
 
     def __post_init__(self) -> None:
+        """Convert and check the fields."""
         for name in _LISTS:
             object.__setattr__(self, name, _as_texts(name, getattr(self, name)))
         object.__setattr__(self, "time_column", str(self.time_column))
@@ -121,9 +122,9 @@ class ReadOptions:
         if self.sampling_rate is not None and not _is_positive(self.sampling_rate):
             raise InputError(f"`sampling_rate` must be a positive number of Hz, got {self.sampling_rate!r}")
 
-        for name, known in (("axes", get_args(Axes)), ("resample", get_args(Resample))):
-            if getattr(self, name) not in known:
-                raise InputError(f"`{name}` must be {known[1]}, or left out, got {getattr(self, name)!r}", name)
+        for name, allowed in (("axes", get_args(Axes)), ("resample", get_args(Resample))):
+            if getattr(self, name) not in allowed:
+                raise InputError(f"`{name}` must be {allowed[1]}, or left out, got {getattr(self, name)!r}", name)
         for name in ("start", "stop"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, (int, float)) and math.isfinite(value)):
@@ -148,6 +149,7 @@ def _is_positive(value: object) -> bool:
 
 
 def _as_texts(name: str, value: str | Iterable[object]) -> tuple[str, ...]:
+    """The option `name` as a tuple of texts: a list, or one text with commas."""
     if isinstance(value, str):
         return tuple(part.strip() for part in value.split(",") if part.strip())
     try:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.dof import DIRECTIONS, Dof
 from structid.fem import (
     Bar,
@@ -91,7 +91,7 @@ def structure_picture(
     placed, lost = place(wanted, character, 0.08 * per_inch, obstacles)
     if lost:
         are = "is" if lost == 1 else "are"
-        left = f"{counted(lost, 'label')} that would cover another {are} left out of the drawing"
+        left = f"{plural(lost, 'label')} that would cover another {are} left out of the drawing"
         notes = (*notes, f"{left}; point at an element to read its name.")
     axes = _axes(frame, low, {dof.direction for dof in (*outputs, *inputs)})
     behind = (

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.inversion import Status
 from structid.report.correlation import side_by_side_chapter
 from structid.report.figures.fields import field_figures
@@ -82,7 +82,7 @@ def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
         ("Misfit over what is expected", number(float(np.sqrt(estimate.misfit)), 3), f"{estimate.n_data} data"),
         ("Median relative FRF error", error, f"initial model {before}"),
         ("Total mass", mass, f"standard deviations {basis}"),
-        ("Search", counted(estimate.n_iterations, "iteration"), search_reason(estimate)),
+        ("Search", plural(estimate.n_iterations, "iteration"), search_reason(estimate)),
     )
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, resting
 from structid.diagnose.verdict import Cause, Diagnosis
 from structid.identification.identified import Identification
@@ -210,7 +210,7 @@ def verdict_words(diagnosis: Diagnosis | None) -> dict[str, object]:
             "mark": _MARKS[judgement.verdict],
             "reasons": judgement.reasons[1:],
             "heading": "What explains the misfit" if diagnosis.causes else "What would lower the misfit",
-            "tried": f"{counted(diagnosis.n_tried, 'change')} of model and record tried" if diagnosis.n_tried else "",
+            "tried": f"{plural(diagnosis.n_tried, 'change')} of model and record tried" if diagnosis.n_tried else "",
             "causes": Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None,
             "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
         },

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
 from structid.identification.alternatives import Alternatives
@@ -287,7 +287,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     of = f"{n} free ones" if n < len(found.names) else str(n)
     basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
     chance = f"{found.degrees_of_freedom} degrees of freedom, probability {number(found.chi_square_probability, 2)}"
-    steps = f"{counted(found.n_iterations, 'iteration')}; {found.message}"
+    steps = f"{plural(found.n_iterations, 'iteration')}; {found.message}"
     remark = "; an error of 1 % in the force is one of 1 % here" if identification.rests_on_force else ""
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")

@@ -73,6 +73,7 @@ class PredictOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        """Check each option; `InputError` for an unknown kind or a band that is none."""
         require_declared(self)
         if self.kind not in _KINDS:
             raise InputError(f"`kind` must be one of {', '.join(_KINDS)}, got {self.kind!r}", "kind")

@@ -164,7 +164,7 @@ def _check(opened: OpenFolder, study: str) -> Entry:
 
 
 def _needs(opened: OpenFolder, study: str) -> Entry:
-    from structid.study.run.needs import available_bytes, expected
+    from structid.study.run.resources import available_bytes, expected
     from structid.study.schema.study import load_study
 
     needs, duration = expected(load_study(opened.inside(study), work=LOOKING))

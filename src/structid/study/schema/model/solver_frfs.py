@@ -36,7 +36,7 @@ class WantedFrfs(NamedTuple):
 
 
 def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
-    """What all records need, those lines inside the band or the evaluation band.
+    """The lines and channels that all records need from the solver; lines only inside the band or the evaluation band.
 
     Parameters
     ----------
@@ -64,14 +64,15 @@ def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
             '`gives = "frfs"` needs a [record]: it says at which lines and places the solver is to give FRFs'
         )
     options = read_method(root.section("method"))
-    records = [_record(one, files) for one in sections]
+    records = [_read_frf_record(one, files) for one in sections]
     lines = [line for record in records for line in _lines(record, options)]
     outputs = tuple(dict.fromkeys(dof.unsigned for record in records for dof in record.outputs))
     inputs = tuple(dict.fromkeys(dof.unsigned for record in records for dof in record.inputs))
     return WantedFrfs(np.unique(lines), outputs, inputs)
 
 
-def _record(section: Section, files: InputFiles) -> FrfRecord:
+def _read_frf_record(section: Section, files: InputFiles) -> FrfRecord:
+    """The FRF record of a section; `StudyError` if it is nothing that a solver's FRFs can be compared with."""
     for key, words in _NOT_OF_FRFS.items():
         if key in section.table:
             raise section.error(f'is nothing for a solver with `gives = "frfs"`: {words}', key)

@@ -1,0 +1,57 @@
+"""What `structid doctor` prints: what is installed, and what a study will need."""
+
+from __future__ import annotations
+
+from structid.cli.progress import clock
+from structid.study.run.doctor import OPTIONAL, Installation
+from structid.study.run.resources import Duration, Needs, gigabytes
+
+
+def installed_lines(found: Installation) -> list[str]:
+    """Versions, packages that are missing, factorizers, threads and memory."""
+    required = ", ".join(f"{name} {version}" for name, version in found.required.items())
+    has = ", ".join(f"{name} {version}" for name, version in found.optional.items() if version)
+    lacks = [f"{name}: {OPTIONAL[name]}" for name, version in found.optional.items() if not version]
+    free = f"{gigabytes(found.free_bytes)} free"
+    return [
+        f"structid {found.structid}, Python {found.python}, {found.system}",
+        f"packages: {required}",
+        f"optional packages: {has or 'none'}",
+        *(f"not installed: {line}" for line in lacks),
+        f"factorizers: {', '.join(found.factorizers)}; the first is used",
+        f"threads: {found.processors} processors; {'; '.join(found.blas)}",
+        f"memory: {free}",
+    ]
+
+
+def needed_lines(needs: Needs, duration: Duration, free: int, workers: int) -> list[str]:
+    """Size, memory and time of a study, with `free` bytes of memory and so many workers."""
+    size = needs.sizes
+    records = f"{size.n_records} records, the largest with " if size.n_records > 1 else ""
+    starts = f", {needs.starts} starts" if needs.starts > 1 else ""
+    intervals = ", with its intervals" if needs.interval_seconds else ""
+    room = f" of {gigabytes(free)} free"
+    on = f" on {workers} workers" if workers > 1 else ""
+    return [
+        "",
+        f"study: {size.n_dofs} degrees of freedom, {size.n_elements} element matrices, {size.n_parameters} parameters;"
+        f" {records}{size.n_lines} lines, {size.n_channels} channels; {size.n_rows} residuals",
+        f"memory: about {gigabytes(needs.bytes_needed)}{room} (records {gigabytes(size.record_bytes)}, one Jacobian"
+        f" {gigabytes(size.jacobian_bytes)})",
+        f"time: {clock(needs.line_seconds)} a line with its derivatives, {clock(needs.iteration_seconds)} an iteration;"
+        f" the search{starts}{intervals} {clock(duration.search)}, the program's start and the report"
+        f" {clock(duration.around)}",
+        f"in all: about {_duration_words(duration)}{on}",
+    ]
+
+
+def _duration_words(duration: Duration) -> str:
+    if duration.is_tried and duration.causes:
+        return (
+            f"{clock(duration.least)}, of which {clock(duration.causes)} to look for causes: the search was tried, and its fit"
+            " misses the noise"
+        )
+    if duration.is_tried:
+        return f"{clock(duration.least)}; the search was tried, and came to its end"
+    more = f", {clock(duration.most)} where causes of a misfit are sought" if duration.causes else ""
+    return f"{clock(duration.least)}{more}; the search takes too long to be tried"

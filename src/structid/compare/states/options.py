@@ -1,0 +1,59 @@
+"""How two states are compared, as the flags of the command say it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from structid.core.errors import InputError
+
+
+@dataclass(frozen=True)
+class CompareOptions:
+    """How two states are compared. Every field is a flag of the command; a list may be one text with commas.
+
+    Parameters
+    ----------
+    unchanged : sequence of str
+        What is the same in both states: names, kinds or patterns, as in mass or 'mass[beam:*],loss_factor'.
+    level : float
+        Accepted rate of false declarations.
+    power : float
+        Probability that belongs to the detection limit.
+    correction : {"holm", "benjamini_hochberg"}
+        holm (family-wise) or benjamini_hochberg.
+    least : float or str
+        Least change of interest, as a part or in per cent, as in 0.01 or 1%: only what is surely larger is declared.
+    """
+
+    unchanged: Sequence[str] = ()
+    level: float = 0.05
+    power: float = 0.9
+    correction: Literal["holm", "benjamini_hochberg"] = "holm"
+    least: float | str = 0.0
+
+    def __post_init__(self) -> None:
+        """Convert `least` to a fraction, and `unchanged` from text between commas to a tuple of names."""
+        object.__setattr__(self, "least", least_part(self.least))
+        if isinstance(self.unchanged, str):
+            names = tuple(name.strip() for name in self.unchanged.split(",") if name.strip())
+            object.__setattr__(self, "unchanged", names)
+
+
+def least_part(given: float | str) -> float:
+    """A least change of interest as a part, from a number or a text such as ``1 %``.
+
+    Raises
+    ------
+    InputError
+        If it is no number of at least 0 and below 1.
+    """
+    text = str(given).strip()
+    try:
+        part = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        part = float("nan")
+    if not 0 <= part < 1:
+        raise InputError(f"`least` must be at least 0 and below 1, got {given!r}; 0.01 and 1% are one per cent")
+    return part
