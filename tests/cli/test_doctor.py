@@ -188,12 +188,12 @@ def test_progress_tells_the_time_left(monkeypatch):
     for done in range(11):
         progress.tasks("bootstrap replicates", done, 10)
         now[0] += 2.0
-    assert said[4] == "bootstrap replicates: 4 of 10, 12 s left"
+    assert said[4] == "bootstrap replicates: 4 of 10, about 12 s left"
     assert said[10] == "bootstrap replicates: 10 of 10"
     for iteration in range(1, 4):
         progress.search("final", iteration, 12.5)
         now[0] += 1.0
-    assert said[-1] == "final search, sum of squares 12.5, iteration 3, 1 s each, at most 1:37 min left"
+    assert said[-1] == "final: iteration 3, 1 s each, misfit 12.5"
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(0.345, "0.34 s"), (59.0, "59 s"), (185, "3:05 min"), (7800, "2:10 h")])

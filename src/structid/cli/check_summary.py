@@ -47,7 +47,7 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     found = result.identifiability
     rank = f"rank {found.rank} of {len(result.names)} parameters from the data alone, condition" + (
         f" {format_number(found.condition, 3)}; predicted at the"
-        " initial values, for a model that is right and errors that are independent from line to line:"
+        f" initial values, for a model that is right and errors that are independent from {_apart(result)}:"
     )
     table = new_table("parameter", "unit", "initial", "predicted std", "relative")
     for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
@@ -62,18 +62,24 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     return [*head, Text(rank), table, *held, *groups(found), *more]
 
 
+def _apart(result: CheckResult) -> str:
+    """Between which data errors are taken as independent."""
+    has_lines = not result.modes or any(math.isfinite(mode.lines_per_bandwidth) for mode in result.modes)
+    return "line to line" if has_lines else "mode to mode"
+
+
 def _modes(result: CheckResult) -> RenderableType:
     """The modes of the initial model, and how far its elements put them off."""
     by_mesh = {} if isinstance(result.mesh, str) else dict(zip(result.mesh.number, result.mesh.error, strict=True))
-    columns = ("mode", "frequency Hz", "damping ratio", "in band", "lines per half-power bandwidth")
+    has_lines = any(math.isfinite(mode.lines_per_bandwidth) for mode in result.modes)
+    of_lines = ("in band", "lines per half-power bandwidth") if has_lines else ()
+    columns = ("mode", "frequency Hz", "damping ratio", *of_lines)
     table = new_table(*columns, *(("off by the mesh %",) if by_mesh else ()))
     for i, mode in enumerate(result.modes):
         lines = format_number(mode.lines_per_bandwidth, 3) if mode.in_band else ""
         off = ((f"{100 * by_mesh[i]:+.2g}" if i in by_mesh else "",)) if by_mesh else ()
-        inside = "yes" if mode.in_band else "no"
-        table.add_row(
-            str(i + 1), format_number(mode.frequency), format_number(mode.damping_ratio, 3), inside, lines, *off
-        )
+        inside = ("yes" if mode.in_band else "no", lines) if has_lines else ()
+        table.add_row(str(i + 1), format_number(mode.frequency), format_number(mode.damping_ratio, 3), *inside, *off)
     return table
 
 
@@ -83,7 +89,7 @@ def _resonances(result: CheckResult) -> list[RenderableType]:
     for one in result.beside:
         if not one.resonances:
             continue
-        table = new_table(f"{one.title}measured Hz", "model Hz", "model above %", "in half-bandwidths", "MAC")
+        table = new_table(f"{one.title}measured Hz", "model Hz", "model above %", "in half widths", "MAC")
         for pair in one.resonances:
             above = 100 * (pair.model / pair.measured - 1)
             table.add_row(

@@ -115,7 +115,7 @@ def data_array(
     try:
         import xarray
     except ImportError as error:
-        raise InputError("`xarray` must be installed for labelled arrays; `pip install xarray`") from error
+        raise InputError("`xarray` must be installed for labelled arrays; `pip install 'structid[tables]'`") from error
     labels = {axis: list(given) for axis, given in axes.items()}
     return xarray.DataArray(values, labels, tuple(axes), name, dict(about))
 
@@ -131,5 +131,5 @@ def data_frame(columns: Mapping[str, Iterable[object]], index: str) -> pd.DataFr
     try:
         import pandas
     except ImportError as error:
-        raise InputError("`pandas` must be installed for data frames; `pip install pandas`") from error
+        raise InputError("`pandas` must be installed for data frames; `pip install 'structid[tables]'`") from error
     return pandas.DataFrame(dict(columns)).set_index(index)

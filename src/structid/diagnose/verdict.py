@@ -24,7 +24,6 @@ from structid.diagnose.thresholds import (
     LOCAL_MISFIT,
     MATTERS,
     MOST_OF_MISFIT,
-    MOSTLY_PRIOR,
     NEARLY_ALL,
     NOISE_TOLERANCE,
     NOT_THE_WHOLE,
@@ -52,7 +51,6 @@ _INTERVALS = {
     "noise": "the intervals are those of the noise that was taken",
 }
 NOT_TRIED = "no change of model or record was tried that might explain it: `structid explain` does"
-NOT_TRIED_HERE = "no change of model or record was tried that might explain it: `structid.explain(identification)` does"
 
 
 @dataclass(frozen=True)
@@ -365,7 +363,7 @@ def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
     part = abs(first.after / first.before - 1) if first.before else np.inf
     words = (
         f"Approximate: the model explains the record to within its noise, but the record asks for a change: {told[0]}."
-        f" {first.name} may move by {100 * part:.2g} %, {most.moves:.2g} of its deviations: the intervals hold either way."
+        f" {first.name} may move by {100 * part:.2g} %, {most.moves:.2g} standard deviations: the intervals hold either way."
     )
     return Judgement("approximate", words, told)
 
@@ -509,10 +507,13 @@ def _judged(
     words = (
         f"Approximate: {misfit}; that is more than the data show, and {_INTERVALS['noise']}."
         if _is_below_noise(identification)
-        else f"Approximate: {misfit}; resonances agree, so do most values from parts of the data: the intervals carry the misfit."
+        else f"Approximate: {misfit}; the intervals include the model error."
     )
     if apart:
-        words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
+        words += (
+            f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}; this part of"
+            " the model is wrong, or depends on frequency or place."
+        )
     words += also
     if suggestions:
         first = suggestions[0]
@@ -551,11 +552,7 @@ def _untested(identification: Identification) -> Judgement:
 
 def _by_priors(identification: Identification) -> list[str]:
     """Parameters of which their own priors know more than the data."""
-    share = identification.prior_share
-    if share is None:
-        return []
-    pairs = zip(identification.estimate.names, share, np.isfinite(identification.prior_std), strict=True)
-    return [name for name, part, has_prior in pairs if has_prior and part > MOSTLY_PRIOR]
+    return [identification.estimate.names[index] for index in identification.by_prior]
 
 
 def _is_large(identification: Identification) -> bool:
@@ -613,11 +610,11 @@ def _searched(n_tried: int) -> str:
 
 
 def _apart(one: Disagreement) -> str:
-    first, second = (f"{float(f'{value:.3g}'):.9g}" for value in one.values)
+    first, second = (f"{float(f'{value:.3g}'):,.9g}" for value in one.values)
     unit = "" if one.unit in ("", "1") else f" {one.unit}"
     return (
-        f"{one.name} is {first}{unit} from {one.parts[0]} and {second}{unit} from {one.parts[1]},"
-        f" {one.distance:.0f} standard deviations apart"
+        f"{one.name} is {first}{unit} from {one.parts[0]} and {second}{unit} from {one.parts[1]}"
+        f" ({one.distance:.0f} standard deviations apart)"
     )
 
 
@@ -646,7 +643,7 @@ def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
 
 def _missed(measured: float, predicted: float, distance: float) -> tuple[float, str]:
     share = 100 * abs(predicted / measured - 1)
-    words = f"the model misses the resonance at {measured:.4g} Hz by {share:.2g} %, {distance:.1f} half-bandwidths"
+    words = f"the model misses the resonance at {measured:.4g} Hz by {share:.2g} %, {distance:.1f} times half its resonance width"
     return float(distance), words
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from importlib import import_module
+
+import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import Overview, Shown
@@ -29,6 +30,9 @@ from structid.inversion.intervals.intervals import Intervals
 from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
+
+#: Part of a parameter's variance from which on it is owed to priors.
+_MOSTLY = 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -207,16 +211,13 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
         )
 
     def overview(self) -> Overview:
-        """The verdict, and what its estimate shows."""
-        shown = self.estimate.overview()
-        return replace(shown, words=f"{self.verdict_words} {shown.words}")
+        """Parameters as its estimate shows them."""
+        return self.estimate.overview()
 
-    @cached_property
-    def verdict_words(self) -> str:
-        """Whether the answer is to be trusted, in a sentence or two; `structid.explain` tells why where it is not."""
-        verdict = import_module("structid.diagnose.verdict")
-        words: str = verdict.judged(self, untried=verdict.NOT_TRIED_HERE).words
-        return words
+    def summary(self) -> str:
+        """Verdict, next step, and a row for each parameter: what `print` shows."""
+        view: Shown = import_module("structid.study.results.view").results_view(self)
+        return view.summary()
 
     @property
     def listed(self) -> tuple[int, ...]:
@@ -227,6 +228,14 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     def seen_from(self, number: int) -> Identification:
         """The same with the record of responses at position `number` (from 0) as the only one."""
         return replace(self, fits=(self.fits[number],))
+
+    @property
+    def by_prior(self) -> tuple[int, ...]:
+        """Positions of the parameters of which their own priors know more than the data."""
+        if self.prior_share is None:
+            return ()
+        is_by_prior = np.isfinite(self.prior_std) & (self.prior_share > _MOSTLY)
+        return tuple(np.flatnonzero(is_by_prior).tolist())
 
     @property
     def own_index(self) -> IntArray:

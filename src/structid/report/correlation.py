@@ -18,6 +18,7 @@ from structid.compare.correlation.correlating import (
 from structid.compare.correlation.modes import ModesCorrelation
 from structid.compare.correlation.responses import ResponsesCorrelation
 from structid.core.display import first_warnings, plural
+from structid.core.quantities import NOTHING, likeness, number, percent
 from structid.identification.identified import Identification
 from structid.report.figures.correlation import (
     ALONE,
@@ -30,8 +31,7 @@ from structid.report.figures.correlation import (
 from structid.report.figures.side_by_side import side_by_side_figure
 from structid.report.page import Page
 from structid.report.rendering import plot
-from structid.report.tables import Table, printed, provenance_facts
-from structid.report.text import NOTHING, likeness, number, percent
+from structid.report.tables import Table, printed, provenance_table
 
 #: Modes of a basis that are named at most.
 _MOST_NAMED = 8
@@ -254,6 +254,6 @@ def correlation_page(found: StudyCorrelation) -> Page:
         "warnings": found.warnings,
         "parts": parts,
         "channels": channels_table(found),
-        "provenance": provenance_facts(asdict(found.provenance)),
+        "provenance": provenance_table(asdict(found.provenance)),
     }
     return Page(CORRELATION_PAGE, "correlation.html.j2", figures, words)

@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.core.display import first_warnings, plural
+from structid.core.quantities import exact, percent, value_words, with_std
 from structid.modal.merging import Merging
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult
 from structid.records import FrfRecord
@@ -23,8 +24,7 @@ from structid.report.figures.survey import (
     stabilization_figure,
 )
 from structid.report.page import Page
-from structid.report.tables import Table, printed, provenance_facts
-from structid.report.text import exact, percent, value_words, with_std
+from structid.report.tables import Table, printed, provenance_table
 from structid.similarity import mac
 
 _HEADER = ("mode", "frequency (Hz)", "damping ratio (%)", "MPC", "poles in the cluster", "cluster (Hz)", "remarks")
@@ -192,7 +192,7 @@ def modes_page(result: ModesResult) -> Page:
         "facts": (record_words(result), method_words(result)),
         "steps": result.steps,
         "modes": mode_table(result),
-        "provenance": provenance_facts(asdict(result.provenance)),
+        "provenance": provenance_table(asdict(result.provenance)),
     }
     return Page(
         MODES_PAGE, "modes.html.j2", {name: figure for name, figure in drawn.items() if figure is not None}, words

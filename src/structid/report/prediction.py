@@ -7,11 +7,11 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.core.display import plural
+from structid.core.quantities import NOTHING, number, percent, unit_text, value_words
 from structid.prediction.predict import PredictedChange, Prediction
 from structid.report.figures.prediction import frf_figure, history_figure
 from structid.report.page import Page
 from structid.report.tables import Table, printed
-from structid.report.text import NOTHING, number, percent, unit_text, value_words
 from structid.study.run.predicting import PREDICTION_PAGE, StudyPrediction, parts_of
 
 #: Part of a value that rounding makes at most.

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, locked
+from structid.core.display import Overview, Shown, format_number, plural
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns, begun_at
@@ -24,8 +25,8 @@ from structid.unknowns.unknown import Unknown
 Entry = TypeVar("Entry")
 
 
-@dataclass(frozen=True, eq=False)
-class Parameters(NamedUnknowns):
+@dataclass(frozen=True, eq=False, repr=False)
+class Parameters(Shown, NamedUnknowns):
     """Named unknowns of a structure; property values are ``offset + design @ p`` for physical parameters p.
 
     Attributes
@@ -51,6 +52,30 @@ class Parameters(NamedUnknowns):
     def values(self, physical: FloatArray) -> FloatArray:
         """Property values of the structure for physical parameters, (n_values,)."""
         return self.offset + self.design @ physical
+
+    def overview(self) -> Overview:
+        """How many there are, and one row each: start, prior, unit and element sets."""
+        words = f"{plural(self.n_params, 'parameter')}, {int(self.priors.stated.sum())} with a prior"
+        rows = [
+            (
+                name,
+                format_number(start),
+                f"{format_number(mean)} ± {format_number(std, 2)}" if stated else "",
+                unit,
+                ", ".join(map(str, elements)),
+            )
+            for name, start, mean, std, stated, unit, elements in zip(
+                self.names,
+                self.start,
+                self.priors.mean,
+                self.priors.std,
+                self.priors.stated,
+                self.units,
+                self.elements,
+                strict=True,
+            )
+        ]
+        return Overview(words, ("parameter", "start", "prior", "unit", "elements"), rows)
 
     @property
     def has_priors(self) -> bool:

@@ -165,7 +165,7 @@ def _unchanged_test(
 ) -> UnchangedTest:
     """Test that the parameters `names` are the same in both states, against states in which they are free.
 
-    `n_fixed` fixed values are the same in both states too.
+    `cost` is the sum of squares with them the same, `separate_cost` with them free; `n_fixed` fixed values are common to both.
     """
     shared = [name for name in names if name in later.estimate.names]
     tests = compare_states(baseline.estimate, later.estimate, ())

@@ -182,7 +182,7 @@ class Footpoint:
 
 
 def footpoint(point: FloatArray, corners: FloatArray) -> Footpoint:
-    """The `Footpoint` of a point (3,) on a face whose nodes are at `corners` (n_nodes, 3)."""
+    """The point of a face nearest to a `point` (3,); the face has its nodes at `corners` (n_nodes, 3)."""
     shape = CELLS[_FACETS[len(corners)]]
     local = _nearest(shape, point, corners)
     weights = shape.values(local[None])[0]

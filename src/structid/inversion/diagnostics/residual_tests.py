@@ -114,7 +114,7 @@ class ResidualTests:
         n_names = len({test.name for test in self.series})
         if self.not_white:
             said.append(
-                f"residual of {_listed(self.not_white, n_names)} is not white"
+                f"residual of {_listed(self.not_white, n_names)} has an order that noise has not"
                 f" ({_told(self.whiteness_probability)}): model error there"
             )
         if self.one_sided:

@@ -174,7 +174,7 @@ class _Listing:
             self._read_context(line)
 
     def _read_columns(self, number: int, line: str) -> None:
-        """Read a line between the title of a vector and its rows: form of complex parse_numbers, column headings."""
+        """Read a line between the title of a vector and its rows: form of complex numbers, column headings."""
         assert self.vector is not None
         text = line.strip()
         if text in _FORMS:
@@ -237,7 +237,7 @@ class _Listing:
         self.last_row = number
 
     def _fields(self, number: int, line: str, first: int, is_grid: bool, is_phase: bool = False) -> list[str]:
-        """The six parse_numbers of a row as texts, from columns that begin at `first`; "" for a blank one."""
+        """The six numbers of a row as texts, from columns that begin at `first`; "" for a blank one."""
         self.first_column = first
         fields = [line[first + k * _WIDTH : first + (k + 1) * _WIDTH].strip() for k in range(6)]
         tail = line[first + 6 * _WIDTH :].strip()

@@ -199,7 +199,7 @@ def same_eigenvalue(first: float, other: float) -> bool:
 
 
 def complex_values(first: FloatArray, second: FloatArray, is_polar: bool) -> NumberArray:
-    """Complex parse_numbers from real and imaginary parts, or from magnitudes and phases in deg."""
+    """Complex numbers from real and imaginary parts, or from magnitudes and phases in deg."""
     return np.asarray(first * np.exp(1j * np.deg2rad(second)) if is_polar else first + 1j * second)
 
 

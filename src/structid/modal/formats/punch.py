@@ -32,7 +32,7 @@ _SUBCASE = re.compile(r"^\$SUBCASE ID\s*=\s*(\d+)")
 _SUPERELEMENT = re.compile(r"^\$SUPERELEMENT(?: ID)?\s*=\s*(\d+)|^\$SEID\s*=\s*(\d+)")
 #: What else may stand above a vector.
 _HEADINGS = ("TITLE", "SUBTITLE", "LABEL", "RANDOM", "ENTIRE", "COORDINATE")
-#: Columns of a punched line: a label, or ``-CONT-``, the kind of point, three parse_numbers, and the number of the line.
+#: Columns of a punched line: a label, or ``-CONT-``, the kind of point, three numbers, and the number of the line.
 _LABEL, _KIND, _FIRST, _WIDTH, _END = slice(0, 10), slice(10, 18), 18, 18, 72
 _CONTINUED = "-CONT-"
 #: Numbers of a point by the form that they are punched in.
@@ -87,7 +87,7 @@ def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes
         fields = [line[_FIRST + k * _WIDTH : _FIRST + (k + 1) * _WIDTH].strip() for k in range(3)]
         if not all(fields):
             raise FileError(
-                f"{path}, line {number}: must hold three parse_numbers, got {line[:_END].strip()!r}; the file is cut short,"
+                f"{path}, line {number}: must hold three numbers, got {line[:_END].strip()!r}; the file is cut short,"
                 f" {RUN_AGAIN}"
             )
         label, kind = line[_LABEL].strip(), line[_KIND].strip()
@@ -142,7 +142,7 @@ def _printed_mode(path: Path, key: VectorKey, vector: _Vector, eigenvalue: compl
     for node, values in vector.rows.items():
         if len(values) != width:
             raise FileError(
-                f"{path}: point {node} of mode {key.mode} has {len(values)} of its {width} parse_numbers; the file is cut short"
+                f"{path}: point {node} of mode {key.mode} has {len(values)} of its {width} numbers; the file is cut short"
             )
     texts: Sequence[str] = [text for values in vector.rows.values() for text in values]
     table = parse_numbers(path, texts).reshape(-1, width)

@@ -33,8 +33,8 @@ class Spectra(NamedTuple):
 
 def frf_from_time(
     records: TimeRecord | Sequence[TimeRecord],
-    inputs: Iterable[str | Dof],
-    outputs: Iterable[str | Dof],
+    inputs: Iterable[str | Dof] = (),
+    outputs: Iterable[str | Dof] = (),
     estimator: Estimator = "H1",
     segment_length: int | None = None,
     overlap: float = 0.5,
@@ -53,9 +53,11 @@ def frf_from_time(
     records : TimeRecord or sequence of TimeRecord
         One long record, or repeats (such as hammer impacts) that are averaged.
     inputs : iterable of str or Dof
-        Force channels, or accelerations of supports, which give transmissibility.
+        Force channels, or accelerations of supports, which give transmissibility. All forces by default,
+        or where there is none all supports that move.
     outputs : iterable of str or Dof
         Motion channels. Displacements, velocities and accelerations side by side become one kind, by powers of i omega.
+        All channels of motion that are no inputs by default.
     estimator : {"H1", "H2", "Hv"}
         H1 and Hv take any number of inputs, H2 one.
     segment_length : int, optional
@@ -94,8 +96,8 @@ def frf_from_time(
     15, 70-73. Rocklin, Crowley and Vold (1985), IMAC 3 (Hv).
     """
     repeats = [records] if isinstance(records, TimeRecord) else list(records)
-    loads, sensors = parse_dofs(inputs), parse_dofs(outputs)
     require_alike(repeats, segment_length)
+    loads, sensors = _loads_and_sensors(repeats[0], parse_dofs(inputs), parse_dofs(outputs))
     length = segment_length if segment_length is not None else repeats[0].values.shape[0]
     step = segment_step(length, overlap)
     measured = _quantities(repeats[0], sensors, quantity)
@@ -142,6 +144,17 @@ def _are_supports(record: TimeRecord, inputs: tuple[Dof, ...]) -> bool:
     if any(driven) and not all(driven):
         raise InputError("inputs are forces and accelerations of supports together; name those of one kind in `inputs`")
     return any(driven)
+
+
+def _loads_and_sensors(
+    record: TimeRecord, inputs: tuple[Dof, ...], outputs: tuple[Dof, ...]
+) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
+    """Those given, or by their quantities: forces are loads, motions are sensors."""
+    pairs = list(zip(record.channels, record.quantities, strict=True))
+    forces, supports = ([dof for dof, own in pairs if own == name] for name in ("force", "support_acceleration"))
+    loads = inputs or tuple(forces or supports)
+    moving = (dof for dof, quantity in pairs if quantity != "force" and dof not in loads)
+    return loads, outputs or tuple(dict.fromkeys(moving))
 
 
 def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity | None) -> list[Quantity]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from structid.core.display import plural
+from structid.core.quantities import NOTHING, likeness, number, percent, with_std
 from structid.forward.modal.problem import pull
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
 from structid.report.tables import Table
-from structid.report.text import NOTHING, likeness, number, percent, with_std
 
 _FORMS = {
     "output": "frequencies and shapes of paired modes over their standard deviations",

@@ -14,8 +14,8 @@ import numpy as np
 
 from structid.core.errors import FileError
 from structid.core.json_types import Entry, json_text
+from structid.core.quantities import with_unit
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
-from structid.diagnose.verdict import Diagnosis
 from structid.files import claimed, require_no_file
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.record_fit import RecordFit
@@ -27,6 +27,7 @@ from structid.study.results.changes import PARAMETERS, changes_summary, changes_
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.modal import modal_summary
 from structid.study.results.result import StudyResult
+from structid.study.results.view import ParameterResult, ResultsView
 
 _REPORT = "report.html"
 #: File of a results folder that says where its study is.
@@ -112,11 +113,11 @@ def _way_to(path: Path, folder: Path) -> str:
 
 def estimate_summary(result: StudyResult) -> dict[str, Entry]:
     """Content of estimate.json, before numbers that are not finite become null."""
-    answer = result.identification
+    view, answer = result.view, result.identification
     estimate, identifiability = answer.estimate, answer.estimate.identifiability
     has_matrix = estimate.uncertainty.has_matrix
     return {
-        **_verdict(result.diagnosis),
+        **_verdict(view),
         "title": result.study.title,
         "status": estimate.status.value,
         "status_text": estimate.status_words,
@@ -142,9 +143,9 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **modal_summary(answer),
         "total_mass": {"value": answer.total_mass, "std": answer.total_mass_std, "unit": "kg"},
         "rests_on_force": answer.rests_on_force,
-        **_held(() if result.diagnosis is None else result.diagnosis.sensitivities),
+        **_held(view.diagnosis.sensitivities),
         **_tolerances(estimate),
-        **({"parameters": _parameters(answer)} if has_matrix else changes_summary(estimate)),
+        **({"parameters": [_parameter(one) for one in view.parameters]} if has_matrix else changes_summary(estimate)),
         "regularization": [
             {"name": item.name, "rule": item.rule, **_strengths(item, has_matrix), "text": item.words,
              "settled": item.converged}
@@ -256,17 +257,16 @@ def varied_summary(answer: Identification) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _verdict(diagnosis: Diagnosis | None) -> dict[str, Entry]:
-    """The verdict and the causes of a misfit, as entries of estimate.json."""
-    if diagnosis is None:
-        return {}
+def _verdict(view: ResultsView) -> dict[str, Entry]:
+    """The verdict, what to do, and the causes of a misfit."""
+    diagnosis, judgement = view.diagnosis, view.diagnosis.judgement
     causes, suggestions = (
-        [{**asdict(entry), "where": entry.where[0] if len(entry.where) == 1 else entry.where} for entry in entries]
-        for entries in (diagnosis.causes, diagnosis.suggestions)
+        [{**asdict(cause), "where": cause.where[0] if len(cause.where) == 1 else cause.where} for cause in listed]
+        for listed in (diagnosis.causes, diagnosis.suggestions)
     )
-    judgement = diagnosis.judgement
     return {
         "verdict": judgement.verdict, "verdict_text": judgement.words, "verdict_reasons": judgement.reasons,
+        "headline": view.headline, "next_step": view.next_step, "advice": view.advice,
         "causes": causes, "suggestions": suggestions, "n_changes_tried": diagnosis.n_tried,
     }  # fmt: skip
 
@@ -327,37 +327,27 @@ def _at_bound(one: AtBound | None) -> dict[str, Entry] | None:
     }
 
 
-def _parameters(identification: Identification) -> list[dict[str, Entry]]:
-    """One row for each parameter: value, deviations by source, interval, bounds and prior."""
-    estimate = identification.estimate
-    parts = [problem.parameters for problem in identification.problems]
-    prior_share = (
-        np.full(len(estimate.names), np.nan) if identification.prior_share is None else identification.prior_share
-    )
-    bounds = {bound.index: bound for bound in estimate.at_bound}
-    n = len(estimate.names)
-    tolerances = np.zeros(n) if estimate.fixed is None else np.sqrt(np.diag(estimate.fixed.covariance))
-    elements = {name: sets for part in parts for name, sets in zip(part.names, part.elements, strict=True)}
-    return [
-        {
-            "name": name,
-            "kind": estimate.kinds[i],
-            "property": name.split("[")[0],
-            "elements": elements.get(name, ()),
-            "unit": estimate.units[i],
-            "value": estimate.values[i],
-            "std": estimate.std[i],
-            "std_noise": estimate.std_noise[i],
-            "std_model_error": estimate.std_model_error[i],
-            "std_tolerances": tolerances[i],
-            "interval_95": identification.intervals.ends[i],
-            "initial": estimate.initial[i],
-            "identified": bool(estimate.identified[i]),
-            "at_bound": _at_bound(bounds.get(i)),
-            "ran_away": i in identification.ran_away,
-            "prior_mean": identification.prior_mean[i],
-            "prior_std": identification.prior_std[i],
-            "prior_share": prior_share[i],
-        }
-        for i, name in enumerate(estimate.names)
-    ]
+def _parameter(parameter: ParameterResult) -> dict[str, Entry]:
+    return {
+        "name": parameter.name,
+        "kind": parameter.kind,
+        "property": parameter.name.split("[")[0],
+        "elements": parameter.elements,
+        "unit": parameter.unit,
+        "value": parameter.value,
+        "std": parameter.std,
+        "std_noise": parameter.std_noise,
+        "std_model_error": parameter.std_model_error,
+        "std_tolerances": parameter.std_tolerances,
+        "interval_95": parameter.interval,
+        "initial": parameter.initial,
+        "identified": parameter.identified,
+        "state": parameter.state,
+        "text": with_unit(parameter.value_text, parameter.unit_text),
+        "interval_text": with_unit(parameter.interval_text, parameter.unit_text),
+        "at_bound": _at_bound(parameter.bound),
+        "ran_away": parameter.ran_away,
+        "prior_mean": parameter.prior_mean,
+        "prior_std": parameter.prior_std,
+        "prior_share": parameter.prior_share,
+    }

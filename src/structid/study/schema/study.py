@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+from structid.core.display import Overview, Shown, plural
 from structid.core.json_types import Entry, Plain
 from structid.external.solved import Solved
 from structid.fem import MeasuredComponent, Structure
@@ -21,8 +22,8 @@ from structid.study.schema.unknowns import read_regularization
 from structid.unknowns import Parameters
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
+@dataclass(frozen=True, eq=False, repr=False)
+class Study(Shown):
     """A study file as read and checked; nothing of the record's content has been read yet.
 
     Attributes
@@ -48,6 +49,12 @@ class Study:
     digests: Mapping[str, str]
     solved: Solved | None = None
     measured: Mapping[tuple[str, str], MeasuredComponent] = field(default_factory=dict)
+
+    def overview(self) -> Overview:
+        """Title and counts, and the parameters with their starts and priors."""
+        structure, records = self.structure, plural(len(self.setups), "record")
+        words = f"{self.title}: {plural(structure.n_dofs, 'degree')} of freedom, {records}"
+        return replace(self.parameters.overview(), words=f"{words}, {self.parameters.overview().words}")
 
     @property
     def structure(self) -> Structure:

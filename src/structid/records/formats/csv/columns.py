@@ -31,7 +31,7 @@ from structid.records.formats.named_channels import (
     record_of,
     scale_of_times,
 )
-from structid.records.formats.options import ReadOptions, option_words
+from structid.records.formats.options import ReadOptions, layout_words, option_words
 from structid.records.formats.selection import selected
 from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
 
@@ -42,8 +42,9 @@ _PART_WORDS = {
     "phase": "phase", "angle": "phase", "coherence": "coherence", "coh": "coherence", "std": "std",
 }  # fmt: skip
 _PAIR = re.compile(
-    r"(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)(\s*\[(?P<unit>[^\[\]]*)\])?"
-    rf"((?<=\])|[\s_])\s*\(?(?P<part>{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})\)?\.?"
+    r"(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)"
+    r"(\s*\[(?P<unit>[^\[\]]*)\]|\s*\((?P<round>[^()]*(?:\([^()]*\)[^()]*)*)\))?"
+    rf"((?<=[\])])|[\s_])\s*\(?(?P<part>{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})\)?\.?"
     r"(\s*[\[(](?P<own>[^\[\]]*)[\])])?",
     re.IGNORECASE,
 )
@@ -292,22 +293,61 @@ def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
                 "outputs",
             )
         combinations = product(options.outputs, options.inputs, layout.parts)
-        return [_Head(a, b, units[j], part) for j, (a, b, part) in enumerate(combinations, start=1)]
+        assumed = [_Head(a, b, units[j], part) for j, (a, b, part) in enumerate(combinations, start=1)]
+        _require_headers_agree(table, assumed)
+        return assumed
     heads = []
     for j, name in enumerate(table.names[1:], start=1):
         match = _PAIR.fullmatch(name) if len(name) <= LONGEST_NAME else None
         if match is None:
             raise _column(table, j, text=(
                 "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, magnitude, phase, std,"
-                " coherence); or say what the columns are: `outputs`, `inputs` and `unit` in [record], and"
-                ' `parts = ["re", "im"]` in [record.csv], for every output and input in this order'
+                f" coherence); or say what the columns are by {option_words(outputs=None, inputs=None, unit=None)} and"
+                f" {layout_words(parts='re,im')}, for every output and input in this order"
             ))  # fmt: skip
-        unit = match["unit"] or match["own"] or table.units[j]
+        unit = match["unit"] or match["round"] or match["own"] or table.units[j]
         part = _PART_WORDS[match["part"].lower()]
         heads.append(
             _Head(match["output"], match["input"], (match["own"] or table.units[j]) if part == "phase" else unit, part)
         )
-    return heads
+    return _output_first(heads, options)
+
+
+def _output_first(heads: list[_Head], options: ReadOptions) -> list[_Head]:
+    """Heads of which the first name is the sensor: turned where only the other order agrees with `outputs` and `inputs`."""
+    names = [list(dict.fromkeys(pair)) for pair in zip(*((head.output, head.input) for head in heads), strict=True)]
+    counts = [len(own) for own in names]
+    if all(map(as_dof, names[0] + names[1])):
+        given = {as_dof(name) for name in options.inputs}
+        is_turned = (
+            bool(given) and given >= {as_dof(name) for name in names[0]} and not given >= set(map(as_dof, names[1]))
+        )
+    else:
+        wanted = [len(options.outputs), len(options.inputs)]
+        is_turned = 0 not in wanted and counts != wanted and counts[::-1] == wanted
+    return [head._replace(output=head.input, input=head.output) for head in heads] if is_turned else heads
+
+
+def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
+    """Raise `InputError` where the headers say another part, sensor or load of a column than its place does."""
+    meant: dict[tuple[str, str], str] = {}
+    for j, head in enumerate(assumed, start=1):
+        name = table.names[j]
+        match = _PAIR.fullmatch(name) if len(name) <= LONGEST_NAME else None
+        last = re.search(r"([A-Za-z]+)\)?\.?$", name)
+        part = match["part"] if match is not None else last[1] if last is not None else ""
+        said = _PART_WORDS.get(part.lower(), head.part)
+        told = (
+            [] if match is None else [("output", match["output"], head.output), ("input", match["input"], head.input)]
+        )
+        own = next((role for role, word, name in told if meant.setdefault((role, word), name) != name), "")
+        if said != head.part or own:
+            raise _column(
+                table,
+                j,
+                text=f"the header contradicts `parts`, `outputs` and `inputs`, by which it is {head.part} of"
+                f" {head.output}/{head.input}; leave `parts` out where headers say what columns are, or correct its order",
+            )
 
 
 def _names_by_user(table: Table, option: str, names: list[str], by_user: tuple[str, ...]) -> dict[str, str]:
@@ -359,7 +399,7 @@ def _phase_factor(table: Table, j: int, unit: str, layout: CsvLayout) -> float:
         factor = _PHASE_UNITS["deg"]
     if factor is None:
         raise InputError(
-            'does not say whether its phases are deg or rad; give `phase_unit = "deg"` or "rad" in [record.csv]'
+            f"does not say whether its phases are deg or rad; give {layout_words(phase_unit='deg')}, or rad"
         )
     return factor
 

@@ -14,6 +14,7 @@ from structid.core.display import plural
 from structid.core.errors import FileError, InputError
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_time_unit, parse_unit
 from structid.records.formats.csv.layout import SEPARATORS, CsvLayout
+from structid.records.formats.options import layout_words
 
 #: Headers of times, in small letters, as structid writes them and the like.
 _TIMES = ("time_s", "time [s]", "time (s)")
@@ -260,7 +261,7 @@ def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout
         grouped = next((cell.strip() for row in cells[:_HEAD] for cell in row if _GROUPED.fullmatch(cell.strip())), "")
         raise FileError(
             f"{path}: has no line that holds only numbers in its first {min(len(cells), _HEAD)} lines; give what stands"
-            " above the numbers in `skip_rows`, or `separator` and `decimal` in [record.csv]"
+            f" above the numbers in {layout_words(skip_rows=None)}, or {layout_words(separator=None, decimal=None)}"
             + (f"; {grouped!r} looks like thousands separators: export without them" if grouped else "")
         )
     units = _are_units(cells[first - 1])
@@ -268,8 +269,8 @@ def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout
     shown = ", ".join(cell.strip() for cell in cells[head][:6])
     raise FileError(
         f"{path}: lines {skip + 1} to {skip + first} stand above the numbers; where line {skip + head + 1} ({shown:.60}) names"
-        f" the columns, give `skip_rows = {skip + head}` in [record.csv]"
-        + ("" if units else ", and `header_rows` where units follow in one more line")
+        f" the columns, give {layout_words(skip_rows=skip + head)}"
+        + ("" if units else f", and {layout_words(header_rows=None)} where units follow in one more line")
     )
 
 
@@ -289,6 +290,6 @@ def _has_decimal_commas(
     if len(seen) == 2:
         raise FileError(
             f"{path}: line {seen[True]} has decimal commas and line {seen[False]} decimal points; export all numbers alike, or"
-            ' give `decimal = "comma"` or "point" in [record.csv] and leave the other lines out'
+            f' give {layout_words(decimal="comma")} or "point" and leave the other lines out'
         )
     return seen.popitem()[0] if seen else False

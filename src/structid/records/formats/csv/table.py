@@ -26,6 +26,7 @@ from structid.records.formats.csv.recognition import (
     is_number,
     recognised,
 )
+from structid.records.formats.options import layout_words
 
 _FEW = 20
 
@@ -147,8 +148,8 @@ def _read_text(path: Path, layout: CsvLayout) -> str:
     except UnicodeError as error:
         at = error.start if isinstance(error, UnicodeDecodeError) else 0
         raise FileError(
-            f"{path}: is not {layout.encoding.upper()} text (byte {at}); save it as CSV UTF-8, or give `encoding`, as in"
-            ' "cp1252" or "utf-16", in [record.csv]'
+            f"{path}: is not {layout.encoding.upper()} text (byte {at}); save it as CSV UTF-8, or give"
+            f" {layout_words(encoding='cp1252')} (or utf-16)"
         ) from error
     except (OSError, LookupError) as error:
         raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
@@ -157,7 +158,7 @@ def _read_text(path: Path, layout: CsvLayout) -> str:
     if not text.endswith(("\n", "\r")) and not layout.footer_rows:
         raise FileError(
             f"{path}: its last line has no end, so it may be truncated; copy it again, end the line, or leave it out with"
-            " `footer_rows = 1` in [record.csv]"
+            f" {layout_words(footer_rows=1)}"
         )
     return text
 
@@ -181,12 +182,12 @@ def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
         raise FileError(
             f"{path}: line {grid.header_line} names {len(names)} columns, but line {grid.first_line} has {count} cells: other"
             " separators in the header, decimal commas between commas, or merged cells; export all lines alike, name every"
-            " column, or give `separator`, `decimal` or `skip_rows` in [record.csv]"
+            f" column, or give {layout_words(separator=None)}, {layout_words(decimal=None)} or {layout_words(skip_rows=None)}"
         )
     if "" in names:
         raise FileError(
             f"{path}: line {grid.header_line}, column {names.index('') + 1} has no name, as where cells were merged; name every"
-            " column, or leave the line out with `skip_rows` and give `header_rows = 0` in [record.csv]"
+            f" column, or leave the line out with {layout_words(skip_rows=None, header_rows=0)}"
         )
     if len(names) < 2 and is_axis(names[0]):
         raise FileError(
@@ -308,7 +309,7 @@ def _footer_error(path: Path, grid: Grid, i: int, count: int) -> FileError | Non
     shown = ", ".join(cell.strip() for cell in tail[0][:4])
     return FileError(
         f"{path}: line {grid.first_line + len(grid.rows) - len(tail)} ({shown:.60}) ends the numbers: a footer? Leave it out with"
-        f" `footer_rows = {n_left}` in [record.csv] (--csv-footer-rows {n_left} on the command line)"
+        f" {layout_words(footer_rows=n_left)}"
     )
 
 
@@ -320,7 +321,7 @@ def _bad_cell_error(path: Path, line: int, row: list[str], cells: list[str], nam
         except ValueError:
             hint = ""
             if re.fullmatch(r"[+-]?\d{1,3}([.,' ]\d{3})*[.,]\d+", row[j].strip()):
-                hint = "; export without thousands separators, or give `decimal` in [record.csv]"
+                hint = f"; export without thousands separators, or give {layout_words(decimal=None)}"
             elif re.fullmatch(r"#.*|n/?a|-+|null|none|error|over(flow|load)?", row[j].strip(), re.IGNORECASE):
                 hint = "; clear the cell where a sample is missing: gaps are told, cut or filled"
             return FileError(f"{path}: line {line}, column {j + 1} ({name}) must be a number, got {row[j]!r:.60}{hint}")

@@ -162,7 +162,9 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
 def _read_entries(
     entries: list[Section], dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader
 ) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
-    """The groups of the entries, and those of their degrees of freedom that the files mark as constrained."""
+    """Matrix groups of the tables `entries` (on `dofs`, or those that the files state), and the degrees of freedom marked
+    as constrained.
+    """
     groups = [(entry, _read_group(entry, dofs, units, reader)) for entry in entries]
     constrained = [
         item.held for matrices in reader.known.values() for item in matrices.values() if item.held is not None
