@@ -64,7 +64,7 @@ def study(
     write_record(folder / "frf.npz", _turned(record))
     own = "".join(parameter(name, value) + unknown(name) for name, value in start.items())
     files = MATRICES if gives == "matrices" else 'frfs = "{stem}.csv"'
-    structure = "[structure]\ntolerance = 0\n" if gives == "matrices" else ""  # FRFs alone hold nothing that has one
+    structure = "[structure]\ntolerance = 0\n"
     path = folder / "study.toml"
     path.write_text(
         f"""
@@ -224,7 +224,8 @@ def test_half_a_file_is_refused_and_finished_runs_are_kept(tmp_path):
         (lambda t: t[: t.index("[record]")], "needs a [record]"),
         (lambda t: t + "[record.time]\n", "time histories are fitted by matrices or modes"),
         (lambda t: t + DECAY, "'model' is known by its FRFs alone, which a window's decay cannot be computed with"),
-        (lambda t: t.replace("[structure.solver]\n", '[structure]\nfixed = ["1"]\n[structure.solver]\n', 1), "put it in the deck"),
+        (lambda t: t.replace("tolerance = 0\n", "tolerance = 0.02\n"), "leave it out, or write 0"),
+        (lambda t: t.replace("tolerance = 0\n", 'fixed = ["1"]\n'), "put it in the deck"),
     ],
 )  # fmt: skip
 def test_a_study_that_asks_for_more_than_frfs_is_refused(tmp_path, edit, message):

@@ -395,16 +395,26 @@ def _judged(
             " unknown, with a prior where it is known a little."
         )
         return Judgement("approximate", words, told)
+    by_priors = (
+        _by_priors(identification) if (is_sound(identification) or _is_quiet(identification)) and not causes else []
+    )
+    rank, n_free = estimate.identifiability.rank, estimate.identifiability.n_free
+    if by_priors:
+        open_ones = f" (the data determine {rank} of {n_free} combinations)" if rank < n_free else ""
+        words = (
+            "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
+            f" {join_words(by_priors, 4)}{open_ones}: the record cannot test what they say."
+        )
+        return Judgement("approximate", words, (words,))
     if is_sound(identification) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"
         at_bound = "; ".join(one.words for one in estimate.at_bound)
-        by_priors = _by_priors(identification)
-        if by_priors:
+        if rank < n_free and estimate.uncertainty.has_matrix:
             words = (
-                "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
-                f" {join_words(by_priors, 4)}: the record cannot test what they say."
+                "Sound: the model explains the record to within its noise, and data and regularization together determine every"
+                f" parameter (the data alone {rank} of {n_free} combinations)."
             )
-            return Judgement("approximate", words, (words,))
+            return Judgement("sound", words)
         words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
         if estimate.degrees_of_freedom < FEW_FREEDOMS:
             words += (

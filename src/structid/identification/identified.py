@@ -31,8 +31,8 @@ from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
 
-#: Part of a parameter's variance from which on it is owed to priors.
-_MOSTLY = 0.5
+#: Part of a variance from which on it is owed to priors, and of a direction's largest entry from which on a parameter is in it.
+_MOSTLY, _TAKES_PART = 0.5, 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -231,10 +231,14 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
 
     @property
     def by_prior(self) -> tuple[int, ...]:
-        """Positions of the parameters of which their own priors know more than the data."""
+        """Positions of the parameters that their own priors tell more of than the data, alone or in an unseen combination."""
         if self.prior_share is None:
             return ()
-        is_by_prior = np.isfinite(self.prior_std) & (self.prior_share > _MOSTLY)
+        is_open = np.zeros(len(self.prior_share), dtype=bool)
+        for direction in self.estimate.identifiability.directions:
+            size = np.abs(direction.vector)
+            is_open |= size > _TAKES_PART * size.max()
+        is_by_prior = np.isfinite(self.prior_std) & ((self.prior_share > _MOSTLY) | is_open)
         return tuple(np.flatnonzero(is_by_prior).tolist())
 
     @property

@@ -17,6 +17,7 @@ from structid.unknowns.named_unknowns import DAMPING, MAY_VANISH
 _FAR = 1e3
 #: What warnings say of a value whose interval reaches 0, and of standard deviations that are larger than those of noise.
 MAY_BE_ZERO = "is not significantly different from 0"
+OTHER_MINIMA = "searches ended at this minimum"
 INCLUDES_MODEL_ERROR = "standard deviations include the model error"
 
 
@@ -83,7 +84,7 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     is_open = found.n_fitting < 2 and found.n_starts > 1 and found.n_agreeing < found.n_starts
     if is_open and not found.is_exhaustive:
         warnings.append(
-            f"{found.n_agreeing} of {found.n_starts} searches ended at this minimum, the others at worse ones:"
+            f"{found.n_agreeing} of {found.n_starts} {OTHER_MINIMA}, the others at worse ones:"
             " there may be a better one still; start closer, or try more `restarts`"
         )
     if found.disagreement is not None:

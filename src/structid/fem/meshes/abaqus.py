@@ -228,7 +228,7 @@ def _reference_points(assembly: Assembly, factor: float) -> dict[int, FloatArray
 def _cell_groups(assembly: Assembly, rows_of: list[dict[int, int]]) -> dict[str, tuple[IntArray, ...]]:
     """Rows of each element set in each block."""
     return {
-        name: tuple(_rows(members, rows) for rows in rows_of)
+        name: tuple(_rows_of_members(members, rows) for rows in rows_of)
         for name, members in _members_of_sets(assembly, False).items()
     }
 
@@ -269,7 +269,7 @@ def _members_of_sets(assembly: Assembly, is_nodes: bool) -> dict[str, set[int]]:
     return {name: members for name, members in sets.items() if name}
 
 
-def _rows(members: set[int], rows: dict[int, int]) -> IntArray:
+def _rows_of_members(members: set[int], rows: dict[int, int]) -> IntArray:
     return np.array(sorted(rows[label] for label in members if label in rows), dtype=np.int64)
 
 

@@ -347,7 +347,7 @@ def _is_simple(matrix: FloatArray) -> bool:
 def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
     """Springs and dashpots between degrees of freedom or to the ground, and one matrix group of those in other directions."""
     sets: list[ElementSet] = []
-    ends = [_ends(spring.weights) for spring in springs]
+    ends = [_spring_dofs(spring.weights) for spring in springs]
     for grounded in (False, True):
         rows = [
             (spring, pair)
@@ -400,7 +400,7 @@ def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
     return sets
 
 
-def _ends(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | None] | None:
+def _spring_dofs(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | None] | None:
     """The two degrees of freedom of a spring along global axes, or one and None for the ground; None if it is oblique."""
     pairs = [(Dof(node, direction), weight) for (node, direction), weight in weights.items() if weight]
     if any(abs(abs(weight) - 1) > _ROUNDING for _, weight in pairs) or len(pairs) not in (1, 2):
@@ -441,10 +441,18 @@ def _renumbered_tie(tie: DeckTie, stands_for: Mapping[int, int]) -> DeckTie | No
         kept = [node for node in dict.fromkeys(dependents) if node != main]
         return RigidLink(tie.name, main, kept, tie.directions) if kept else None
     dependent = _renumbered_dof(tie.dependent, stands_for)
-    pairs = [(_renumbered_dof(dof, stands_for), factor) for dof, factor in tie.depends_on]
-    if pairs == [(dependent, 1.0)]:
+    factors: dict[Dof, float] = {}
+    for dof, factor in tie.depends_on:
+        other = _renumbered_dof(dof, stands_for)
+        factors[other] = factors.get(other, 0.0) + factor
+    left = 1.0 - factors.pop(dependent, 0.0)  # of the dependent, where it follows itself
+    factors = {dof: factor for dof, factor in factors.items() if factor}
+    if abs(left) > _ROUNDING:
+        return Constraint(tie.name, dependent, [(dof, factor / left) for dof, factor in factors.items()])
+    if not factors:
         return None
-    return Constraint(tie.name, dependent, pairs)
+    dependent, first = factors.popitem()
+    return Constraint(tie.name, dependent, [(dof, -factor / first) for dof, factor in factors.items()])
 
 
 def _renumbered_dof(dof: Dof, stands_for: Mapping[int, int]) -> Dof:

@@ -140,7 +140,7 @@ class _Deck:
 
     def rows(self, name: str) -> list[list[str]]:
         """The fields of each card of a name, in words."""
-        return _rows(self.cards, name)
+        return _words_of_cards(self.cards, name)
 
 
 def read_parts(
@@ -180,7 +180,7 @@ def read_parts(
 
 def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
     """PARAM,WTMASS of the bulk data or of case control; 1 without it."""
-    stated = [words[1] for words in _rows(cards, "PARAM") if words[0] == "WTMASS"]
+    stated = [words[1] for words in _words_of_cards(cards, "PARAM") if words[0] == "WTMASS"]
     stated += [word.decode("latin-1").upper() for word in _WTMASS.findall(text.case_control)]
     factors = {_real(word) for word in stated}
     if len(factors) > 1:
@@ -231,7 +231,7 @@ def _read_cards(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> lis
     return split_by_obstacle(name, items)
 
 
-def _rows(cards: Mapping[str, Cards], name: str) -> list[list[str]]:
+def _words_of_cards(cards: Mapping[str, Cards], name: str) -> list[list[str]]:
     return [cards[name].row_words(row) for row in range(len(cards[name]))] if name in cards else []
 
 

@@ -42,7 +42,7 @@ def expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tupl
         repeat = _REPEAT.match(text.strip().rstrip(b", \t"))
         if not text.strip() or (head[:1].isalpha() and not _may_replicate(line)):
             if text.strip():
-                previous, steps, continued = _fields(text), [], False
+                previous, steps, continued = _card_fields(text), [], False
             expanded.append(line)
             numbers.append(number)
             continue
@@ -61,7 +61,7 @@ def expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tupl
         n_repeated += count
         if n_repeated > _MOST_CARDS:
             raise FileError(f"{locate(number)}: {n_repeated} cards are repeated up to here; at most {_MOST_CARDS} are")
-        steps = steps if repeat is not None else _fields(text)
+        steps = steps if repeat is not None else _card_fields(text)
         for _ in range(count):
             previous = _next_card(previous, steps, locate(number))
             expanded.append(b",".join(previous))
@@ -78,10 +78,10 @@ def _may_replicate(line: bytes) -> bool:
         return False
     if not text[:1].isalpha() or b"," not in text:
         return False
-    return any(field == b"=" or field == b"==" or _STEP.match(field) for field in _fields(text)[1:])
+    return any(field == b"=" or field == b"==" or _STEP.match(field) for field in _card_fields(text)[1:])
 
 
-def _fields(text: bytes) -> list[bytes]:
+def _card_fields(text: bytes) -> list[bytes]:
     """The fields of a card line in free, small or large format, stripped."""
     if b"," in text:
         return [field.strip() for field in text.split(b",")]

@@ -199,7 +199,7 @@ class _Listing:
         assert self.vector is not None
         if match := _POINT_ROW.match(line):
             node, kind = int(match[1]), match[2]
-            fields = self._fields(number, line, match.start(2) + _TO_FIRST, kind == "G")
+            fields = self._six_numbers(number, line, match.start(2) + _TO_FIRST, kind == "G")
         elif match := _GRID_ROW.match(line):
             node, kind, fields = int(match[1]), "G", line[match.end() :].split()
             if len(fields) != 6 or not all(map(_NUMBER.match, fields)):
@@ -230,13 +230,13 @@ class _Listing:
         self.state = "rows"
         if self.node < 0:
             return
-        fields = self._fields(number, line, self.first_column, True, self.vector.is_polar is True)
+        fields = self._six_numbers(number, line, self.first_column, True, self.vector.is_polar is True)
         if self.repeated and self.repeated != [fields]:
             raise self._two_motions(number, self.node)
         self.vector.rows[self.node].append(fields)
         self.last_row = number
 
-    def _fields(self, number: int, line: str, first: int, is_grid: bool, is_phase: bool = False) -> list[str]:
+    def _six_numbers(self, number: int, line: str, first: int, is_grid: bool, is_phase: bool = False) -> list[str]:
         """The six numbers of a row as texts, from columns that begin at `first`; "" for a blank one."""
         self.first_column = first
         fields = [line[first + k * _WIDTH : first + (k + 1) * _WIDTH].strip() for k in range(6)]

@@ -18,6 +18,7 @@ from structid.identification.identified import Identification
 from structid.identification.warning_words import (
     INCLUDES_MODEL_ERROR,
     MAY_BE_ZERO,
+    OTHER_MINIMA,
     estimate_warnings,
     unidentified_warnings,
 )
@@ -295,7 +296,8 @@ def _advice(found: Identification, diagnosis: Diagnosis, sentences: Sequence[str
     acts = [
         words
         for words in found.warnings
-        if words not in elsewhere and not any(part in words for part in (INCLUDES_MODEL_ERROR, MAY_BE_ZERO))
+        if words not in elsewhere
+        and not any(part in words for part in (INCLUDES_MODEL_ERROR, MAY_BE_ZERO, OTHER_MINIMA))
     ]
     lines.extend(sentence(words) for words in acts if words not in of_estimate)
     flags = zip(estimate.names, estimate.identified, estimate.is_free, strict=True)

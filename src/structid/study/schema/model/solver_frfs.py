@@ -51,8 +51,14 @@ def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
     """
     root = Section(own.source, (), own.source.table)
     structure = root.inner("structure")
-    for key in structure.table:
-        if key not in ("solver", "nodes"):
+    for key, value in structure.table.items():
+        if key == "tolerance" and value != 0:
+            raise structure.error(
+                "cannot be carried where a solver gives FRFs alone, which do not say what its model holds: leave it out, or write"
+                ' 0; the `calibration` of a [record] is carried, and `gives = "matrices"` or `"modes"` carries tolerances',
+                key,
+            )
+        if key not in ("solver", "nodes", "tolerance"):
             raise structure.error(
                 "stands beside a solver that gives FRFs alone, so that it cannot act on them; put it in the deck, or take `gives ="
                 ' "matrices"` or `"modes"`',
