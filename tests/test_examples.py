@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from structid import read_record
 from structid.cli.app import app
-from structid.explanation.answer import criticized
+from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
@@ -80,7 +80,7 @@ def test_the_plate_in_calculix_gives_both_moduli(tmp_path, study):
 def test_the_measured_frame_is_approximate():
     """What `make demo` says of it: one value of some sixteen differs between parts of the data, and is named."""
     ready = started(load_study(EXAMPLES / "three_storey_frame" / "study.toml"))
-    result, _ = criticized(ready, run_started(ready), explain=False)
-    judgement = result.criticism.judgement
+    result, _ = diagnose_study(ready, run_started(ready), explain=False)
+    judgement = result.diagnosis.judgement
     assert judgement.verdict == "approximate"
     assert "Do not rely on stiffness[yaw guide]" in judgement.words

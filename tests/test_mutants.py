@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = {"core", "criticism", "dynamics", "explanation", "external", "fem", "forward", "identification", "inversion",
+PACKAGES = {"core", "diagnose", "dynamics", "external", "fem", "forward", "identification", "inversion",
             "modal", "planning", "records", "report", "similarity", "study", "unknowns", "compare"}  # fmt: skip
 
 

@@ -23,11 +23,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.linalg import eigh
 
-from structid.criticism.verdict import is_sound
-from structid.explanation.answer import criticized
+from structid.diagnose.verdict import is_sound
 from structid.modal import ModalRecord
 from structid.modal.formats.files import write_modes
 from structid.modal.modal_record import independent_errors
+from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
@@ -128,12 +128,12 @@ def told(seed: int, factor: float) -> Told:
         path, truth = study(Path(name), seed, factor)
         ready = started(load_study(path))
         before = run_started(ready)
-        after, _ = criticized(ready, before, explain=False)
-    assert after.criticism is not None
-    named = after.criticism.suggestions
+        after, _ = diagnose_study(ready, before, explain=False)
+    assert after.diagnosis is not None
+    named = after.diagnosis.suggestions
     return Told(
         is_sound(before.identification),
-        after.criticism.judgement.verdict,
+        after.diagnosis.judgement.verdict,
         named[0].where[0] if named else "",
         _holding(before.identification.intervals.ends, before.estimate.names, truth),
         _holding(after.identification.intervals.ends, before.estimate.names, truth),

@@ -22,7 +22,7 @@ from scipy.linalg import eigh, expm
 
 import structid as sid
 from structid.core.dof import parse_dofs
-from structid.criticism.verdict import judged
+from structid.diagnose.verdict import judged
 from structid.modal import ModalRecord
 from structid.modal.modal_record import independent_errors
 from structid.unknowns.tolerances import Tolerances

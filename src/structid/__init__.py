@@ -14,6 +14,7 @@ Records: FrfRecord, TimeRecord, ModalRecord, read_record, write_record, CsvLayou
 Identification: identify, identify_together, IdentifyOptions, Identification, Setup, TimeSetup, ModalSetup,
     ModalSettings, identify_time, TimeOptions, TimeFit, load_study, run_study,
     results_view, ResultsView
+Diagnosis: explain, Diagnosis, Cause
 Modes: identify_modes, merge_modes, modes_of_file, ModesOptions, pseudo_rayleigh
 Test and model: correlated_modes, correlated_responses, pair_modes, expand, mac, comac, ecomac, orthogonality,
     frac, fdac, subspace_angles

@@ -31,7 +31,7 @@ from structid.dynamics.normal_modes import modes
 from structid.fem.places import AimedSensor
 from structid.forward import FrfProblem
 from structid.forward.frf.response import response
-from structid.identification.before.reduction import frf_truncation, modes_truncation
+from structid.identification.fits.truncation import frf_truncation, modes_truncation
 from structid.planning.options import resolved
 from structid.unknowns import penalty
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from structid.diagnosis.fields import fields_at
 
 from measured_cases import BENDING, FREQUENCY, MOUNT, asked, beam_on_machine, dense_frf, machine_receptance
 from structid import (
@@ -26,7 +27,6 @@ from structid import (
     parameters,
     simulated_record,
 )
-from structid.criticism.fields import fields_at
 from structid.forward.frf.response import response
 from structid.unknowns.tolerances import EXACT
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid import Dashpot, FrfRecord, PointMass, Spring, Structure, Unknown, identify, parameters
-from structid.criticism.verdict import judged
+from structid.diagnose.verdict import judged
 from structid.inversion import Status
 
 MASS, STIFFNESS, DAMPING = np.array([100.0, 100, 100, 80]), np.array([2e5, 1.8e5, 1.6e5, 1.5e5]), 120.0

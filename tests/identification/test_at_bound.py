@@ -5,7 +5,7 @@ import pytest
 from chain_cases import bounded, chain, found, record
 
 from structid import FrfProblem, Status
-from structid.criticism.verdict import judged
+from structid.diagnose.verdict import judged
 from structid.inversion import LevenbergMarquardt
 from structid.inversion.problems.wrapped import FixedVariable
 from structid.inversion.search.least_squares import minimize

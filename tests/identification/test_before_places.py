@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from structid.diagnose.checks.loose_parts import coarse_elements, structure_findings
+from structid.diagnose.checks.mesh import mesh_errors
 from structid.fem import Beam, Friction, PointMass, RigidLink, RotaryInertia, Spring, Structure
-from structid.identification.before.mesh import mesh_errors
-from structid.identification.before.places import coarse_elements, structure_findings
 
 NODES = {n: [float(n), 0.0] for n in range(1, 9)}
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from structid import Base, Beam, FrfRecord, PointMass, Spring, Structure, Unknown, parameters
+from structid.diagnose.checks.aligned_responses import _tells, aligned, in_order, resonance_pairs
+from structid.diagnose.checks.channels import channel_warnings
 from structid.forward import FrfProblem, simulated_record
-from structid.identification.before.aligned import _tells, aligned, in_order, resonance_pairs
-from structid.identification.before.channels import channel_warnings
 
 FREQUENCY = np.arange(2.0, 60.0, 0.2)
 STOREYS = (1, 2, 3, 4, 5)

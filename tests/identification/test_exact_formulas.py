@@ -5,7 +5,7 @@ import pytest
 
 from structid import TimeRecord
 from structid.core.dof import parse_dof
-from structid.identification.before.mesh import _limit
+from structid.diagnose.checks.mesh import _limit
 from structid.identification.fits.ratios import _std
 from structid.identification.fits.resonances import peaks
 from structid.identification.setups.histories_as_frfs import _Hit, _of_hit

@@ -12,7 +12,7 @@ import pytest
 from scipy.linalg import eigh
 
 import structid as sid
-from structid.criticism.verdict import judged
+from structid.diagnose.verdict import judged
 from structid.forward.fixed_values import with_fixed_values
 from structid.inversion.fixed_values import FIXED
 from structid.modal import ModalRecord

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from structid import Bar, Base, Beam, Joint, MatrixGroup, Plate, PointMass, Solid, SpaceBeam, Spring, Structure
+from structid.diagnose.checks.mesh import mesh_errors
+from structid.diagnose.checks.refined_mesh import refined
 from structid.dynamics.normal_modes import modes
 from structid.fem.elements import Membrane
-from structid.identification.before.mesh import mesh_errors
-from structid.identification.before.refining import refined
 
 #: (beta L) of a cantilever; Blevins (1979), Formulas for Natural Frequency and Mode Shape, table 8-1.
 CANTILEVER = np.array([1.87510407, 4.69409113, 7.85475744, 10.99554073])
@@ -264,7 +264,7 @@ def test_sliding_nodes_beside_cells_are_not_judged():
 
 
 def test_a_model_too_large_is_not_solved(monkeypatch):
-    monkeypatch.setattr("structid.identification.before.mesh._MOST_DOFS", 10)
+    monkeypatch.setattr("structid.diagnose.checks.mesh._MOST_DOFS", 10)
     structure = cantilever(3)
     assert "more than 10 degrees of freedom" in mesh_errors(structure, structure.values, (0.1, 15.0))
 

@@ -7,7 +7,7 @@ import pytest
 from chain_cases import STIFFNESS, chain, record
 
 from structid import FrfProblem, Prior, Status, identify, parameters
-from structid.criticism.verdict import judged
+from structid.diagnose.verdict import judged
 from structid.inversion import LevenbergMarquardt
 from structid.inversion.estimate import estimate
 from structid.unknowns import Unknown

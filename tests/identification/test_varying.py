@@ -13,12 +13,11 @@ from typer.testing import CliRunner
 
 import structid as sid
 from structid.cli import app as cli
-from structid.criticism.verdict import judged
-from structid.explanation.answer import criticized
-from structid.explanation.refits import Fitted
-from structid.explanation.screening import of_study
-from structid.explanation.suggestions import suggestion_text
-from structid.explanation.trial import base_trial
+from structid.diagnose.modified_model import base_model
+from structid.diagnose.refits import Fitted
+from structid.diagnose.screening import screen_sets
+from structid.diagnose.tested_model import TestedModel
+from structid.diagnose.verdict import judged
 from structid.forward import RecordProblem
 from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
@@ -27,6 +26,8 @@ from structid.identification.varying import _chances
 from structid.inversion.problem import DataRows
 from structid.inversion.search.work import ALONE
 from structid.records.formats import write_record
+from structid.study.results.suggestions import suggestion_text
+from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
@@ -316,29 +317,31 @@ CLAMPS = np.exp([0.03, -0.04, 0.02, 0.05, -0.02])
 def test_of_changes_of_the_study_one_step_promises_most_of_a_value_of_each_record(benchmark, tmp_path):
     ready = started(load_study(study(tmp_path, benchmark, benchmark.CLAMP * CLAMPS, "")))
     found = run_started(ready).identification
-    trial = base_trial(ready.study, ready.setups, found.problems, found.estimate.theta)
+    trial = base_model(TestedModel(ready.setups, ready.study.options), found.problems, found.estimate.theta)
     base = Fitted(trial, found.estimate.theta, found.estimate.goodness.chi_square)
-    first = min(of_study(base, ALONE, "changes of the study"), key=lambda row: row.left)
+    first = min(screen_sets(base, ALONE, "changes of the study"), key=lambda row: row.left)
     assert (first.candidate.kind, first.candidate.where) == ("varies", ("stiffness[clamp]",))
     assert first.left < 0.2 * base.cost
-    assert suggestion_text(ready.study, [(first.candidate, first.strength)])[1] == ("+ varies = true",)
+    assert suggestion_text(ready.study, trial.changed(first.candidate, first.strength).changes)[1] == (
+        "+ varies = true",
+    )
 
 
 @pytest.mark.long
 def test_one_value_for_clamps_that_differ_is_a_wrong_model_whose_cause_is_named(benchmark, tmp_path):
     clamps = benchmark.CLAMP * CLAMPS
     ready = started(load_study(study(tmp_path, benchmark, clamps, "")))
-    result, fits = criticized(ready, run_started(ready))
-    assert result.criticism.judgement.verdict == "wrong_model"
-    assert (result.criticism.causes[0].kind, result.criticism.causes[0].where) == ("varies", ("stiffness[clamp]",))
-    assert "stiffness[clamp] differs from record to record" in result.criticism.judgement.words
-    text, lines = suggestion_text(result.study, fits[0].trial.changes)
+    result, fits = diagnose_study(ready, run_started(ready))
+    assert result.diagnosis.judgement.verdict == "wrong_model"
+    assert (result.diagnosis.causes[0].kind, result.diagnosis.causes[0].where) == ("varies", ("stiffness[clamp]",))
+    assert "stiffness[clamp] differs from record to record" in result.diagnosis.judgement.words
+    text, lines = suggestion_text(result.study, fits[0].modified.changes)
     assert [line for line in lines if line.startswith("+")] == ["+ varies = true"]
     again = tmp_path / "again.toml"
     again.write_text(text)
     ready = started(load_study(again))
-    better, _ = criticized(ready, run_started(ready))
-    assert better.criticism.judgement.verdict == "sound"
+    better, _ = diagnose_study(ready, run_started(ready))
+    assert better.diagnosis.judgement.verdict == "sound"
 
 
 def test_two_records_say_nothing_of_a_scatter(benchmark, tmp_path):

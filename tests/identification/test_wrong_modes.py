@@ -8,7 +8,7 @@ from chain_cases import STIFFNESS, chain, record
 from scipy import linalg
 
 from structid import ModalRecord, Spring, Status, Structure, Unknown, identify, parameters
-from structid.criticism.verdict import judged
+from structid.diagnose.verdict import judged
 from structid.identification.identify import identify_together
 from structid.identification.setups.modal import ModalSettings, ModalSetup
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg, stats
 
 import structid as sid
-from structid.criticism.verdict import judged
+from structid.diagnose.verdict import judged
 from structid.forward import ModalProblem
 from structid.identification.warning_words import estimate_warnings
 from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem

@@ -29,7 +29,7 @@ from structid.records.formats import write_record
 from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
 from structid.study.run.long_run import LongRun
 from structid.study.run.run import run_study
-from structid.study.run.start import started
+from structid.study.run.start import started, study_problems
 from structid.study.schema.study import load_study
 from study_cases import CHAIN, chain_record, complaints, write_chain
 
@@ -301,3 +301,18 @@ def test_a_new_run_replaces_the_checkpoint_of_an_old_one(tmp_path):
     Checkpoint(tmp_path / "c", owner, seconds=0.0).finished("a", 1)
     assert Checkpoint(tmp_path / "c", owner).entries == {}
     assert not (tmp_path / "c").exists()
+
+
+def test_what_was_reached_is_told_of_a_search_that_is_taken_from_a_checkpoint_and_json_has_no_nan(tmp_path):
+    owner = {"layout": "structid checkpoint 1", "versions": {}, "inputs": {}}
+    [problem] = study_problems(load_study(write_chain(tmp_path / "study", SEVERAL)))
+    first = LongRun(checkpoint=Checkpoint(tmp_path / "c", owner, seconds=0.0))
+    minimum = first.minimize(problem, LevenbergMarquardt(max_iterations=3))
+    again = Checkpoint(tmp_path / "c", owner, resume=True, seconds=0.0)
+    run = LongRun(checkpoint=again)
+    again.write(run.so_far())
+    text = (tmp_path / "c" / "so_far.json").read_text(encoding="utf-8")
+    assert json.loads(text, parse_constant=pytest.fail)["sum_of_squares"] is None
+    run.minimize(problem, LevenbergMarquardt(max_iterations=3))
+    values = [entry["value"] for entry in run.so_far()["parameters"]]
+    assert values == pytest.approx(problem.physical(minimum.theta).tolist())

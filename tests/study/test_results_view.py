@@ -11,7 +11,7 @@ import pytest
 
 from structid.cli.console import identification_summary
 from structid.core.json_types import json_text
-from structid.criticism.verdict import Cause, Criticism, Judgement
+from structid.diagnose.verdict import Cause, Diagnosis, Judgement
 from structid.report.identification.page import report_page
 from structid.study.results.folder import estimate_summary
 from structid.study.results.view import MOST_ADVICE, ParameterResult, parameter_states, results_view, sentence
@@ -37,7 +37,7 @@ def texts(parts) -> str:
 
 def test_console_json_and_page_say_the_same(result):
     view, summary = result.view, json.loads(json_text(estimate_summary(result)))
-    page = report_page(result.identification, criticism=view.criticism).text
+    page = report_page(result.identification, diagnosis=view.diagnosis).text
     assert summary["headline"] == view.headline
     assert summary["next_step"] == view.next_step
     assert view.headline in page
@@ -78,7 +78,7 @@ def test_what_is_not_determined_is_advised_on_once(rigid):
 
 
 def judged(result, words, verdict="wrong_model", **named):
-    return results_view(result.identification, Criticism(Judgement(verdict, words), **named))
+    return results_view(result.identification, Diagnosis(Judgement(verdict, words), **named))
 
 
 def test_a_verdict_has_one_sentence_or_the_second_that_says_why(result):
@@ -110,18 +110,18 @@ def test_changes_that_explain_nothing_do_not_stand_under_cause(result):
     words = (
         "Approximate: the misfit is twice the noise that the record states for all its channels. A change would help."
     )
-    criticism = Criticism(Judgement("approximate", words), suggestions=(change,), n_tried=40)
-    page = report_page(result.identification, criticism=criticism).text
+    diagnosis = Diagnosis(Judgement("approximate", words), suggestions=(change,), n_tried=40)
+    page = report_page(result.identification, diagnosis=diagnosis).text
     assert "<h2>Cause</h2>" not in page
     assert "Changes that lower the misfit without explaining it" in page
-    caused = report_page(result.identification, criticism=replace(criticism, causes=(change,), suggestions=())).text
+    caused = report_page(result.identification, diagnosis=replace(diagnosis, causes=(change,), suggestions=())).text
     assert "<h2>Cause</h2>" in caused
 
 
 def test_no_more_advice_is_printed_than_a_reader_takes_in(result):
     words = " ".join(["Undetermined: the data do not determine every parameter of this long model.", *["Act."] * 9])
     noted = replace(result.identification, warnings=tuple(f"note {i}" for i in range(9)))
-    view = results_view(noted, Criticism(Judgement("undetermined", words)))
+    view = results_view(noted, Diagnosis(Judgement("undetermined", words)))
     assert len(view.advice) > MOST_ADVICE
     printed = texts(identification_summary(SimpleNamespace(view=view, solver=None)))
     assert printed.count("\n- ") == MOST_ADVICE

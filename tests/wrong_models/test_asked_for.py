@@ -1,17 +1,19 @@
 """Changes far below the noise of any line that the record of a sound answer asks for all the same."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 from wrong_models.faults import Fault
 from wrong_models.study_files import Case, written
 
-from structid.criticism.candidate import Candidate
-from structid.criticism.pool import pool
-from structid.criticism.verdict import is_sound
-from structid.explanation.answer import criticized
-from structid.explanation.refits import Fitted
-from structid.explanation.trial import base_trial
+from structid.diagnose.causes import candidates
+from structid.diagnose.modified_model import base_model
+from structid.diagnose.refits import Fitted
+from structid.diagnose.tested_model import TestedModel
+from structid.diagnose.verdict import is_sound
+from structid.study.run.diagnosis import diagnose_study
 from structid.study.run.run import run_started
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
@@ -39,22 +41,22 @@ def test_a_mass_that_chi_square_does_not_show_is_named_and_intervals_reach_over_
     """5 g are missing at a node: chi-square is within its 25 %, and values are up to three of their deviations off."""
     ready, result, truth = answered(tmp_path, Fault("mass", "8", "0.005"))
     assert not all(held(result.identification, truth))
-    found, fits = criticized(ready, result)
-    judgement = found.criticism.judgement
+    found, fits = diagnose_study(ready, result)
+    judgement = found.diagnosis.judgement
     assert judgement.verdict == "approximate"
     assert "the record asks for a change: a mass at node 8 is missing in the model" in judgement.words
-    assert found.criticism.suggestions[0].found[0][1] == pytest.approx(0.005, rel=0.2)
-    assert not found.criticism.causes
-    assert len(fits) == len(found.criticism.suggestions)
+    assert found.diagnosis.suggestions[0].found[0][1] == pytest.approx(0.005, rel=0.2)
+    assert not found.diagnosis.causes
+    assert len(fits) == len(found.diagnosis.suggestions)
     assert all(held(found.identification, truth))
-    unasked, _ = criticized(ready, result, explain=False)
-    assert unasked.criticism.judgement.verdict == "sound"
+    unasked, _ = diagnose_study(ready, result, explain=False)
+    assert unasked.diagnosis.judgement.verdict == "sound"
 
 
 def test_a_right_model_is_asked_for_nothing(tmp_path):
     ready, result, _ = answered(tmp_path)
-    found, fits = criticized(ready, result)
-    assert found.criticism.judgement.verdict == "sound"
+    found, fits = diagnose_study(ready, result)
+    assert found.diagnosis.judgement.verdict == "sound"
     assert not fits
     assert np.array_equal(found.identification.intervals.ends, result.identification.intervals.ends)
 
@@ -62,12 +64,12 @@ def test_a_right_model_is_asked_for_nothing(tmp_path):
 def test_scores_are_those_of_normal_noise_and_steps_those_of_a_column_more(tmp_path):
     ready, result, _ = answered(tmp_path)
     estimate = result.identification.estimate
-    trial = base_trial(ready.study, ready.setups, result.identification.problems, estimate.theta)
+    trial = base_model(TestedModel(ready.setups, ready.study.options), result.identification.problems, estimate.theta)
     base = Fitted(trial, estimate.theta, estimate.goodness.chi_square)
-    point = trial.looked_at(trial.seen, base.theta, np.inf)
+    point = trial.point_at(trial.shown_problems, base.theta, np.inf)
     assert len(point.residual) == estimate.goodness.n_data  # all lines, unlike the screen of a misfit
-    candidates = [one for one in pool(point.records, ["rail"]) if one.kind == "mass"]
-    found = point.asked(candidates)
+    masses = [one for one in candidates(point.records, ["rail"]) if one.kind == "mass"]
+    found = point.requested(masses)
     assert len(found) > 5
     assert stats.kstest([one.score for one in found], "halfnorm").pvalue > 1e-3
     [fields] = point.records
@@ -77,7 +79,7 @@ def test_scores_are_those_of_normal_noise_and_steps_those_of_a_column_more(tmp_p
         column = (fields.problem.data_rows(changed) - fields.problem.data_rows(fields.frf)) / small
         step = -np.linalg.lstsq(np.column_stack([point.basis, column]), point.residual, rcond=None)[0][-1]
         assert one.strength == pytest.approx(step, rel=1e-3)
-    bounded = [Candidate(one.kind, one.where, one.effect, one.strengths, (0.0, np.inf)) for one in candidates]
-    assert {one.candidate.where for one in point.asked(bounded)} == {
+    bounded = [replace(one, bounds=(0.0, np.inf)) for one in masses]
+    assert {one.candidate.where for one in point.requested(bounded)} == {
         one.candidate.where for one in found if one.strength > 0
     }

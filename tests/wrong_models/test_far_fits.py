@@ -4,9 +4,10 @@ import numpy as np
 from wrong_models.faults import Fault
 from wrong_models.study_files import Case, written
 
-from structid.explanation.refits import Fitted, approached
-from structid.explanation.screening import shortlisted
-from structid.explanation.trial import base_trial
+from structid.diagnose.modified_model import base_model
+from structid.diagnose.refits import Fitted, fit_near
+from structid.diagnose.screening import shortlist_candidates
+from structid.diagnose.tested_model import TestedModel
 from structid.inversion.search.work import ALONE
 from structid.study.run.start import started
 from structid.study.schema.study import load_study
@@ -18,11 +19,11 @@ def test_exchanged_loads_are_fitted_whatever_a_model_bent_to_them_shows(tmp_path
     problems = tuple(setup.prepared(ready.study.options).problem for setup in ready.setups)
     [problem] = problems
     away = problem.theta_start + np.log([0.005, 1e-4, 1e-6, 0.05, 1e6, 1e4])  # where the search ran to
-    trial = base_trial(ready.study, ready.setups, problems, away)
+    trial = base_model(TestedModel(ready.setups, ready.study.options), problems, away)
     base = Fitted(trial, away, float(np.sum(problem.residual(away) ** 2)))
-    found = shortlisted(base, ALONE, "causes").rows
+    found = shortlist_candidates(base, ALONE, "causes").rows
     [swap] = [one for one in found if one.candidate.kind == "load_swap"]
-    end = approached(base, (swap.candidate, swap.strength, np.inf), ALONE)
+    end = fit_near(base, (swap.candidate, swap.strength, np.inf), ALONE)
     assert end["cost"] < 1e-2 * base.cost
     assert end["cost"] < 1.5 * problem.n_data
 
@@ -33,7 +34,7 @@ def test_sensors_that_look_exchanged_are_fitted_so_whatever_a_model_bent_to_them
     problems = tuple(setup.prepared(ready.study.options).problem for setup in ready.setups)
     [problem] = problems
     away = problem.theta_start + np.log([0.12, 27.0, 1e-6, 6.6, 660.0, 1e-6])  # where the search ran to
-    trial = base_trial(ready.study, ready.setups, problems, away)
+    trial = base_model(TestedModel(ready.setups, ready.study.options), problems, away)
     base = Fitted(trial, away, float(np.sum(problem.residual(away) ** 2)))
-    first = shortlisted(base, ALONE, "causes").rows[0]
+    first = shortlist_candidates(base, ALONE, "causes").rows[0]
     assert (first.candidate.kind, first.candidate.where) == ("swap", ("6Y", "8Y"))

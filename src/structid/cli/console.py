@@ -8,13 +8,13 @@ from rich.text import Text
 from structid.cli.tables import groups, new_table
 from structid.core.display import first_warnings, plural
 from structid.core.quantities import NOTHING, number, percent, prefixed, span_text, with_std
-from structid.explanation.suggestions import FOLDER as SUGGESTIONS
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.ratios import ON_FORCE
 from structid.identification.identified import Identification
 from structid.study.results.changes import PARAMETERS
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import UPDATED
+from structid.study.results.suggestions import FOLDER as SUGGESTIONS
 from structid.study.results.view import MOST_ADVICE, ResultsView
 
 #: Rows of parameters that are printed; those that are not determined come first where there are more.
@@ -114,10 +114,10 @@ def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
 
 def _causes(view: ResultsView) -> list[RenderableType]:
     """Changes of model or record that lower the misfit."""
-    causes = view.criticism.named
+    causes = view.diagnosis.named
     if not causes:
         return []
-    heading = "cause" if view.criticism.causes else "change that lowers the misfit but does not explain it"
+    heading = "cause" if view.diagnosis.causes else "change that lowers the misfit but does not explain it"
     table = new_table(heading, "misfit removed", "chi-square per dof left", "study ready to run")
     for cause in causes[:_MOST_CAUSES]:
         alike = " (the data cannot distinguish it from the first)" if cause.is_alike and cause is not causes[0] else ""

@@ -14,6 +14,7 @@ _WORD = re.compile(
     r"^\s*(?P<node>\d{1,15})(?:\s*[:_])?\s*(?:(?P<before>[+-])\s*)?(?P<direction>R?[XYZ])\s*(?:(?P<after>[+-])\s*)?$",
     re.IGNORECASE,
 )
+_SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ]){2,})\s*$", re.IGNORECASE)
 _LOAD = "load "
 _NUMBER = re.compile(r"^\s*(?P<node>\d{1,15})\.0?(?P<component>[1-6])\s*(?:(?P<after>[+-])\s*)?$")
 
@@ -112,6 +113,15 @@ def as_dof(text: str) -> Dof | None:
 def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
     """Each text of `texts` as a `Dof`, in order."""
     return tuple(parse_dof(text) for text in texts)
+
+
+def dofs_of_text(text: str) -> list[Dof]:
+    """``1X`` or ``1X-`` is one degree of freedom, ``1 X RZ`` two of node 1, ``1`` all six."""
+    several = _SEVERAL.match(text)
+    words = [several[1] + direction for direction in several[2].split()] if several else [text]
+    if text.strip().isdigit():
+        words = [f"{text.strip()}{direction}" for direction in DIRECTIONS]
+    return [parse_dof(word) for word in words]
 
 
 def renamed(

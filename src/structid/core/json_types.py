@@ -4,15 +4,32 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from collections.abc import Mapping, MutableMapping, Sequence
+from typing import Any, TypeAlias, TypeVar, overload
 
 import numpy as np
+
+T = TypeVar("T")
 
 #: What a file of TOML or JSON holds, without the dates of TOML, which no key takes.
 Plain: TypeAlias = "str | int | float | bool | Sequence[Plain] | Mapping[str, Plain] | None"
 #: What a file of results or a checkpoint is made of: arrays and numbers of NumPy too.
 Entry: TypeAlias = "str | int | float | bool | np.ndarray | np.generic | Sequence[Entry] | Mapping[str, Entry] | None"
+#: Tables that are edited, such as those of a study file; they are checked when they are read again.
+Tables: TypeAlias = MutableMapping[str, Any]
+
+
+@overload
+def as_list(value: list[T] | tuple[T, ...]) -> list[T]: ...
+@overload
+def as_list(value: str) -> list[str]: ...
+@overload
+def as_list(value: Sequence[T]) -> list[T]: ...
+@overload
+def as_list(value: T) -> list[T]: ...
+def as_list(value: object) -> object:
+    """A single entry as a list of one."""
+    return list(value) if isinstance(value, list | tuple) else [value]
 
 
 def json_text(value: Entry) -> str:

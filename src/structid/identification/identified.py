@@ -14,14 +14,16 @@ from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.alternatives import Alternatives
-from structid.identification.before.reduction import Truncation
 from structid.identification.fits.missed import Missed
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.ratios import Ratios
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import Resonance
+from structid.identification.fits.truncation import Truncation
 from structid.identification.joint_problem import indices_of
+from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held
+from structid.identification.setups.setup import AnySetup
 from structid.identification.varying import Varied
 from structid.inversion import Estimate, Problem
 from structid.inversion.intervals.intervals import Intervals
@@ -112,6 +114,9 @@ class Identification(Shown, IdentificationPlots):
         Records, or kinds of values of modes, that the answer misses beyond their errors, the worst first.
     freed : tuple of RecordProblem
         The problems with the fixed values of their models among the unknowns, within tolerances; () where these are exact.
+    setups : tuple of RecordSetup
+        Set-ups of the records.
+    options : IdentifyOptions or None
     alternatives : Alternatives or None
         Sets of values that fit the data equally well; None where one only was found.
     mesh : str
@@ -131,6 +136,8 @@ class Identification(Shown, IdentificationPlots):
     truncations: tuple[Truncation, ...] = ()
     missed: tuple[Missed, ...] = ()
     freed: tuple[RecordProblem, ...] = ()
+    setups: tuple[AnySetup, ...] = ()
+    options: IdentifyOptions | None = None
     alternatives: Alternatives | None = None
     mesh: str = ""
 

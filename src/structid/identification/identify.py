@@ -169,6 +169,8 @@ def identify_together(
         truncations=truncations,
         missed=missed_parts(titles(setups) if len(setups) > 1 else [""], problems, found, freed),
         freed=freed,
+        setups=tuple(setups),
+        options=chosen,
         alternatives=alternatives(found, problems),
     )
 

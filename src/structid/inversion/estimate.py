@@ -379,6 +379,7 @@ class Estimate(Shown):
         half = quantile * self.std_free
         with np.errstate(over="ignore"):
             ends = np.stack([self.parameters.to_physical(self.theta + sign * half) for sign in (-1, 1)], axis=1)
+        ends[np.abs(ends) < np.finfo(float).tiny] = 0.0
         absent = self.may_be_absent(level)
         ends[absent] = np.stack([np.zeros(absent.sum()), (self.values + quantile * self.std)[absent]], axis=1)
         return ends

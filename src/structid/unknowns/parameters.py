@@ -15,7 +15,7 @@ from structid.core.arrays import FloatArray, locked
 from structid.core.display import Overview, Shown, format_number, plural
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns
+from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns, begun_at
 from structid.unknowns.parameter_groups import ParameterGroup, element_sets, label_of, parameter_group, require_distinct
 from structid.unknowns.priors import Coupling, no_priors, priors_of
 from structid.unknowns.scatter import BEGUN, Scatter
@@ -39,12 +39,15 @@ class Parameters(Shown, NamedUnknowns):
         How the parameters make up the property values.
     scatters : tuple of Scatter
         Which of them differ from record to record.
+    unknowns : tuple of Unknown
+        The declarations that they were made of; see `parameters`.
     """
 
     elements: tuple[tuple[str, ...], ...]
     offset: FloatArray
     design: sparse.csc_array
     scatters: tuple[Scatter, ...] = field(default=(), kw_only=True)
+    unknowns: tuple[Unknown, ...] = field(default=(), kw_only=True)
 
     def values(self, physical: FloatArray) -> FloatArray:
         """Property values of the structure for physical parameters, (n_values,)."""
@@ -125,6 +128,7 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
     >>> parameters(cantilever, [Unknown("mass", "beam", each=True)]).names
     ('mass[beam:1]', 'mass[beam:2]')
     """
+    unknowns = tuple(unknowns)
     groups = [parameter_group(structure, unknown) for unknown in unknowns]
     require_distinct(groups)
     offset, design = _assemble_map(structure, groups)
@@ -154,9 +158,29 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
         offset=locked(offset),
         design=design,
         scatters=tuple(_scatter_of(group) for group in groups if group.unknown.varies is not False),
+        unknowns=unknowns,
     )
     _require_tolerances_of_fixed(structure, design)
     return made.started_at(made.start)
+
+
+def redeclared(known: Parameters, structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
+    """The parameters of other declarations or of a changed structure; names that stay begin where they did, and stay coupled.
+
+    Raises
+    ------
+    InputError
+        As `parameters` does, or if a parameter that is coupled is gone.
+    """
+    made = begun_at(parameters(structure, unknowns), dict(zip(known.names, known.start.tolist(), strict=True)))
+    if not known.couplings:
+        return made
+    used = np.logical_or.reduce([coupling.used for coupling in known.couplings])
+    gone = [name for name, is_used in zip(known.names, used, strict=True) if is_used and name not in made.names]
+    if gone:
+        raise InputError(f"{gone[0]} is coupled to other parameters and must stay; leave the coupling out")
+    index = np.array([made.names.index(name) if name in made.names else 0 for name in known.names])
+    return replace(made, couplings=tuple(coupling.at(index, made.n_params) for coupling in known.couplings))
 
 
 def _require_tolerances_of_fixed(structure: Structure, design: sparse.csc_array) -> None:

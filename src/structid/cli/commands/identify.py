@@ -30,7 +30,7 @@ from structid.cli.base import (
 )
 
 if TYPE_CHECKING:
-    from structid.explanation.refits import Fitted
+    from structid.diagnose.refits import Fitted
     from structid.study.results.result import StudyResult
     from structid.study.run.checkpoint import Checkpoint
     from structid.study.run.long_run import LongRun
@@ -91,11 +91,13 @@ def identify(
     from structid.cli.progress import ProgressFile, run_progress
     from structid.cli.tables import show
     from structid.core.isolation import paths_as_called
-    from structid.explanation.answer import criticized, time_for_causes, write_suggestions
-    from structid.explanation.time_budget import TimeBudget
+    from structid.diagnose.explain import time_for_causes
+    from structid.diagnose.time_budget import TimeBudget
     from structid.inversion.estimate import Status
     from structid.study.results.folder import staged_folder
+    from structid.study.results.suggestions import write_suggestions
     from structid.study.run.checkpoint import Checkpoint, checkpoint_folder, fingerprint
+    from structid.study.run.diagnosis import diagnose_study
     from structid.study.run.long_run import LongRun
     from structid.study.run.run import run_from_start
     from structid.study.run.start_workers import start_workers
@@ -130,7 +132,7 @@ def identify(
                 clock = TimeBudget()
                 ready, result = run_from_start(read, progress.search, run)
                 budget = partial(time_for_causes, clock.spent) if seconds is None else partial(TimeBudget, seconds)
-                result, fits = criticized(ready, result, explain, run, budget, write_before_search)
+                result, fits = diagnose_study(ready, result, explain, run, budget, write_before_search)
             name = write(result, fits)
         except KeyboardInterrupt:
             flags = ["--no-report"] * (not report) + ["--png"] * png + _EXPLAIN[explain]
@@ -148,7 +150,7 @@ def identify(
     show(identification_summary(result, verbose, paths_as_called(str(folder))))
     say(folder / name)
     estimate = result.identification.estimate
-    verdict = result.criticism.judgement.verdict if result.criticism is not None else ""
+    verdict = result.diagnosis.judgement.verdict if result.diagnosis is not None else ""
     if verdict == "wrong_model":
         raise typer.Exit(WRONG_MODEL)
     if estimate.status is not Status.CONVERGED:
@@ -171,7 +173,7 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
     from structid.report import write_report
 
     return write_report(
-        result.identification, folder, result.study.title, asdict(result.provenance), png, result.criticism
+        result.identification, folder, result.study.title, asdict(result.provenance), png, result.diagnosis
     ).name
 
 

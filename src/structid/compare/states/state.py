@@ -14,7 +14,7 @@ import numpy as np
 from structid.core.arrays import FloatArray, locked
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError
-from structid.criticism.verdict import NOT_TRIED, Judgement, Verdict, judged
+from structid.diagnose.verdict import NOT_TRIED, Judgement, Verdict, judged
 from structid.fem import Structure
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
 from structid.inversion import Estimate, Status

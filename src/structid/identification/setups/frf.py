@@ -9,17 +9,17 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
-from structid.core.errors import InputError, NoLinesError, SingularModelError
+from structid.core.errors import InputError, NoLinesError
 from structid.dynamics.reduced_sweep import FEWEST_LINES
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, FrfProblem, ResponseCache, measures_everything, one_step_values
 from structid.forward.channel_errors import ChannelErrors, Measured
 from structid.forward.channel_unknowns import channel_errors
-from structid.identification.before.reduction import Truncation, frf_truncation
 from structid.identification.checks import record_warnings
 from structid.identification.fits.record_fit import Own, RecordFit, record_fit
+from structid.identification.fits.truncation import Truncation, frf_truncation
 from structid.identification.options import IdentifyOptions
-from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
+from structid.identification.setups.setup import Prepared, RecordSetup
 from structid.records import FrfRecord
 from structid.records.quality.findings import Finding
 from structid.unknowns import Parameters
@@ -126,15 +126,6 @@ class Setup(RecordSetup[FrfProblem]):
         used = used_lines(self.record, options)
         judged = self.record.band(*options.evaluation_band) if options.evaluation_band else used
         return used.frequency, judged.frequency
-
-    def looked_at(self, prepared: Prepared[FrfProblem], options: IdentifyOptions) -> Look:
-        problem = prepared.problem
-        predicted = problem.predicted(problem.theta_start)
-        if not np.isfinite(predicted).all():
-            raise SingularModelError(
-                "the initial model's response is not finite; check its masses, stiffnesses and supports"
-            )
-        return look(problem, predicted)
 
     def truncation(self, problem: FrfProblem, theta: FloatArray) -> Truncation | None:
         return frf_truncation(problem, theta)

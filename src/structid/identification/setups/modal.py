@@ -14,11 +14,10 @@ from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward import ChannelUnknown, ModalProblem, ModalSettings, channel_errors
 from structid.forward.channel_errors import ChannelErrors, Measured
-from structid.identification.before.aligned import ResonancePair
-from structid.identification.fits.modal_fit import ModalFit, modal_fit, paired_modes
+from structid.identification.fits.modal_fit import ModalFit, modal_fit
 from structid.identification.fits.record_fit import Own
 from structid.identification.options import IdentifyOptions
-from structid.identification.setups.setup import Look, Prepared, RecordSetup
+from structid.identification.setups.setup import Prepared, RecordSetup
 from structid.modal import ModalRecord
 from structid.unknowns import Parameters
 
@@ -87,15 +86,6 @@ class ModalSetup(RecordSetup[ModalProblem]):
         record = self.record
         span = f"{record.frequency[0]:.5g} to {record.frequency[-1]:.5g} Hz"
         return f"{record.n_modes} modes from {span} at {len(record.channels)} sensors{record.unknown_words}, {record.source}"
-
-    def looked_at(self, prepared: Prepared[ModalProblem], options: IdentifyOptions) -> Look:
-        problem = prepared.problem
-        theta = np.asarray(problem.theta_start)
-        problem.residual(theta)
-        pairs = paired_modes(problem, theta)
-        own = (problem.data.frequency.tolist(), pairs.frequency.tolist(), pairs.mac.tolist())
-        found = [ResonancePair(*each) for each in zip(*own, strict=True)]
-        return Look((*found, *(ResonancePair(np.nan, f, np.nan) for f in pairs.passed_over.tolist())))
 
     def modal_fit(self, title: str, problem: ModalProblem, own: Own, options: IdentifyOptions) -> ModalFit:
         return modal_fit(title, problem, own, options.n_modes)

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.forward import ChannelErrors, ChannelUnknown, FrfProblem, RecordProblem
+from structid.forward import ChannelErrors, ChannelUnknown, RecordProblem
 from structid.forward.channel_errors import Measured
-from structid.identification.before.aligned import ResonancePair, aligned
-from structid.identification.before.channels import ChannelWarnings, channel_warnings
-from structid.identification.before.reduction import Truncation, modes_truncation
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import Own, RecordFit
+from structid.identification.fits.truncation import Truncation, modes_truncation
 from structid.identification.options import IdentifyOptions
 from structid.inversion import Estimate
 from structid.inversion.search.work import StageProgress, Work
@@ -29,21 +27,6 @@ from structid.records.quality.findings import Finding
 from structid.unknowns import Parameters
 
 P = TypeVar("P", bound=RecordProblem)
-
-
-@dataclass(frozen=True)
-class Look:
-    """A record beside its initial model.
-
-    Attributes
-    ----------
-    resonances : tuple of ResonancePair
-    warnings : ChannelWarnings
-        Senses, units and levels of channels that do not look right.
-    """
-
-    resonances: tuple[ResonancePair, ...] = ()
-    warnings: ChannelWarnings = field(default_factory=ChannelWarnings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +54,8 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         What its histories show by themselves of single channels.
     calibration : float or None
         Standard deviation of the common gain of its channels, a part; that of the options' tolerances where None.
+    channel_unknowns : sequence of ChannelUnknown
+        Errors of its sensors and loads that are identified too.
     """
 
     structure: Structure
@@ -79,6 +64,7 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
     name: str
     faults: tuple[Finding, ...] = ()
     calibration: float | None = None
+    channel_unknowns: Sequence[ChannelUnknown] = ()
 
     @abstractmethod
     def prepared(self, options: IdentifyOptions) -> Prepared[P]:
@@ -128,16 +114,6 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
         """The estimate by `own_estimator`."""
         raise TypeError("the record has no estimator of its own; search its problem")
 
-    def looked_at(self, prepared: Prepared[P], options: IdentifyOptions) -> Look:
-        """The initial model evaluated, and the record beside it.
-
-        Raises
-        ------
-        SingularModelError, InputError
-            If it cannot be evaluated.
-        """
-        return Look()
-
     def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:
         """Truncation by reduced components of the structure, as this record sees it; None where it has none."""
         values = problem.property_values(problem.physical(theta))
@@ -150,12 +126,6 @@ class RecordSetup(Generic[P], metaclass=ABCMeta):
     def modal_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> ModalFit | None:
         """The answer beside its modes, where it has some."""
         return None
-
-
-def look(problem: FrfProblem, predicted: ComplexArray) -> Look:
-    """FRFs beside the initial model, which gives `predicted` at their lines."""
-    beside = aligned(problem, predicted)
-    return Look(beside.pairs, channel_warnings(beside))
 
 
 #: A record of any kind; its problem is only handed back to it.

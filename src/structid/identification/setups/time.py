@@ -33,7 +33,7 @@ from structid.identification.fits.record_fit import Own, RecordFit, record_fit
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.averaged import AveragedHistories
 from structid.identification.setups.frf import inside, used_lines
-from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
+from structid.identification.setups.setup import Prepared, RecordSetup
 from structid.inversion import Estimate
 from structid.inversion.search.work import StageProgress, Work
 from structid.records import FrfRecord, TimeRecord
@@ -202,10 +202,6 @@ class TimeSetup(RecordSetup[RecordProblem]):
         judged = shown.band(*options.evaluation_band) if options.evaluation_band else used_lines(shown, options)
         used = super().axes(options)[0] if self.own_estimator else _spectra(self, options).frequency
         return used, judged.frequency
-
-    def looked_at(self, prepared: Prepared[RecordProblem], options: IdentifyOptions) -> Look:
-        beside = self.shown_problem(options, prepared.problem.channels)
-        return look(beside, beside.predicted(beside.theta_start))
 
     @property
     def own_estimator(self) -> str:

@@ -9,7 +9,7 @@ from structid.records.record import TimeRecord
 
 Severity = Literal["note", "warning", "unusable"]
 #: Kinds that say that one channel did not measure its motion.
-CHANNEL_FAULTS = ("dead", "constant", "clipped", "drop_out", "spikes")
+CHANNEL_FAULTS = ("dead", "constant", "clipped", "drop_out", "spikes", "double_hit")
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Finding:
     Attributes
     ----------
     kind : str
-        ``dead``, ``constant``, ``clipped``, ``drop_out``, ``late_start``, ``spikes``, ``level``, ``short``,
+        ``dead``, ``constant``, ``clipped``, ``double_hit``, ``drop_out``, ``late_start``, ``spikes``, ``level``, ``short``,
         ``aliasing``, ``mains`` or, from `prepare`, ``filter``, from `drifts`, ``drift``.
     words : str
         What was found where, with numbers, and the remedy.

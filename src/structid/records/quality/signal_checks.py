@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.records.quality.double_hits import double_hit
 from structid.records.quality.findings import Finding, channel_name
 from structid.records.quality.sample_faults import clipped_samples, drop_outs, spikes
 from structid.records.quality.spectral_checks import spectral_checks
@@ -18,8 +19,8 @@ _MUCH = 0.05  # part of samples clipped or lost from which a channel is unusable
 def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -> tuple[Finding, ...]:
     """Findings on every channel and on the record as a whole; empty for a sound record.
 
-    Looked for are dead and constant channels, clipping, drop-outs (runs of one value), spikes, levels far from those of
-    the other channels, records of a few periods only, power up to the Nyquist frequency (aliasing), and lines of the
+    Looked for are dead and constant channels, double hits, clipping, drop-outs (runs of one value), spikes, levels far from
+    those of the other channels, records of a few periods only, power up to the Nyquist frequency (aliasing), and lines of the
     mains.
 
     Parameters
@@ -109,11 +110,13 @@ def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
         )
         findings.append(Finding("clipped", words, "unusable" if fraction > _MUCH else "warning", name))
     findings += _drop_out_findings(record, i)
+    twice = double_hit(record, i) if record.quantities[i] == "force" else None
+    findings += [] if twice is None else [twice]
     thrown = spikes(y) if record.quantities[i] != "force" else np.zeros(n, dtype=bool)
     if thrown.any():
         words = (
             f"channel {name} has {thrown.sum()} samples thrown off the motion around them (spikes), the first at sample "
-            f'{np.argmax(thrown)}; check plugs and grounding, or interpolate them with `outliers` = "replace"'
+            f"{np.argmax(thrown)}; check plugs and grounding, or interpolate them with `structid prepare --outliers replace`"
         )
         findings.append(Finding("spikes", words, "warning", name))
     return findings

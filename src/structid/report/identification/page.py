@@ -8,8 +8,8 @@ from pathlib import Path
 
 from structid.core.display import plural
 from structid.core.quantities import NOTHING, number, percent, with_unit
-from structid.criticism.held import HeldValue, resting
-from structid.criticism.verdict import Cause, Criticism
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity, resting
+from structid.diagnose.verdict import Cause, Diagnosis
 from structid.identification.identified import Identification
 from structid.report.correlation import side_by_side_chapter
 from structid.report.drawing.changes import shadings
@@ -53,7 +53,7 @@ def write_report(
     title: str = "",
     provenance: Mapping[str, object] | None = None,
     png: bool = False,
-    criticism: Criticism | None = None,
+    diagnosis: Diagnosis | None = None,
 ) -> Path:
     """Path of ``report.html`` in `folder`.
 
@@ -69,7 +69,7 @@ def write_report(
         Versions, digests of input files, settings: shown as they are at the end.
     png : bool
         Whether the figures are written as PNG files too, in ``figures``.
-    criticism : Criticism, optional
+    diagnosis : Diagnosis, optional
         Whether the answer is to be trusted, and what would explain a misfit.
 
     Returns
@@ -82,17 +82,17 @@ def write_report(
     FileError
         If a file cannot be written.
     """
-    return report_page(identification, title, provenance, criticism).write(folder, png)
+    return report_page(identification, title, provenance, diagnosis).write(folder, png)
 
 
 def report_page(
     identification: Identification,
     title: str = "",
     provenance: Mapping[str, object] | None = None,
-    criticism: Criticism | None = None,
+    diagnosis: Diagnosis | None = None,
 ) -> Page:
     """The page and its figures."""
-    view = results_view(identification, criticism, title or "Structural identification", provenance)
+    view = results_view(identification, diagnosis, title or "Structural identification", provenance)
     found, structure = identification.estimate, identification.structure
     drawn = structure_picture(structure, identification.sensors, identification.loads)
     band = band_used(identification.fits[:1], identification.modal_fits)
@@ -214,10 +214,10 @@ def _status_warning(identification: Identification) -> str:
 
 def verdict_words(view: ResultsView) -> dict[str, object]:
     """What the template shows of the verdict, of causes and of changes that explain nothing."""
-    criticism = view.criticism
-    causes = criticism.named
+    diagnosis = view.diagnosis
+    causes = diagnosis.named
     table = Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None
-    telling = [one for one in criticism.held if abs(one.distance[one.most_moved]) >= _TELLING]
+    telling = [one for one in diagnosis.sensitivities if abs(one.distance[one.most_moved]) >= _TELLING]
     return {
         "verdict": {
             "words": view.headline,
@@ -226,24 +226,24 @@ def verdict_words(view: ResultsView) -> dict[str, object]:
             "advice": view.advice[:MOST_ADVICE],
             "more": view.advice[MOST_ADVICE:],
         },
-        "reasons": criticism.judgement.reasons,
-        "causes": table if criticism.causes else None,
-        "lowering": None if criticism.causes else table,
+        "reasons": diagnosis.judgement.reasons,
+        "causes": table if diagnosis.causes else None,
+        "lowering": None if diagnosis.causes else table,
         "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
-        "tried": f"{plural(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
+        "tried": f"{plural(diagnosis.n_tried, 'change')} of model and record tried" if diagnosis.n_tried else "",
         "held": held_table(telling) if telling else None,
-        "held_left": plural(len(criticism.held) - len(telling), "fixed value")
-        if len(telling) < len(criticism.held)
+        "held_left": plural(len(diagnosis.sensitivities) - len(telling), "fixed value")
+        if len(telling) < len(diagnosis.sensitivities)
         else "",
     }
 
 
-def held_table(held: Sequence[HeldValue]) -> Table:
+def held_table(held: Sequence[FixedValueSensitivity]) -> Table:
     """Sensitivity of the values to what the model fixes, that which moves a value farthest first."""
     return Table(_HELD, tuple(_held_row(one) for one in resting(held)), (2, 3, 4))
 
 
-def _held_row(one: HeldValue) -> tuple[str, ...]:
+def _held_row(one: FixedValueSensitivity) -> tuple[str, ...]:
     at = one.most_moved
     pull = f"{percent(one.pull, 2)} ± {percent(one.pull_std, 2, signed=False)}" if one.pull_std > 0 else NOTHING
     return one.name, one.parameters[at], percent(0.01 * one.influence[at], 2), number(abs(one.distance[at]), 2), pull

@@ -15,7 +15,7 @@ import numpy as np
 from structid.core.errors import FileError
 from structid.core.json_types import Entry, json_text
 from structid.core.quantities import with_unit
-from structid.criticism.held import HeldValue
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity
 from structid.files import claimed, require_no_file
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.record_fit import RecordFit
@@ -143,7 +143,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **modal_summary(answer),
         "total_mass": {"value": answer.mass.total, "std": answer.mass.std, "unit": "kg"},
         "rests_on_force": answer.mass.rests_on_force,
-        **_held(view.criticism.held),
+        **_held(view.diagnosis.sensitivities),
         **_tolerances(estimate),
         **({"parameters": [_parameter(one) for one in view.parameters]} if has_matrix else changes_summary(estimate)),
         "regularization": [
@@ -176,7 +176,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _held(held: Sequence[HeldValue]) -> dict[str, Entry]:
+def _held(held: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
     """What the values rest on, where that was looked at."""
     if not held:
         return {}
@@ -259,15 +259,15 @@ def varied_summary(answer: Identification) -> dict[str, Entry]:
 
 def _verdict(view: ResultsView) -> dict[str, Entry]:
     """The verdict, what to do, and the causes of a misfit."""
-    criticism, judgement = view.criticism, view.criticism.judgement
+    diagnosis, judgement = view.diagnosis, view.diagnosis.judgement
     causes, suggestions = (
         [{**asdict(cause), "where": cause.where[0] if len(cause.where) == 1 else cause.where} for cause in listed]
-        for listed in (criticism.causes, criticism.suggestions)
+        for listed in (diagnosis.causes, diagnosis.suggestions)
     )
     return {
         "verdict": judgement.verdict, "verdict_text": judgement.words, "verdict_reasons": judgement.reasons,
         "headline": view.headline, "next_step": view.next_step, "advice": view.advice,
-        "causes": causes, "suggestions": suggestions, "n_changes_tried": criticism.n_tried,
+        "causes": causes, "suggestions": suggestions, "n_changes_tried": diagnosis.n_tried,
     }  # fmt: skip
 
 

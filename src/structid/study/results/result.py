@@ -12,7 +12,7 @@ import scipy
 from structid._version import __version__
 from structid.core.display import Overview, Shown
 from structid.core.provenance import Provenance
-from structid.criticism.verdict import Criticism
+from structid.diagnose.verdict import Diagnosis
 from structid.dynamics.receptance import factorizer_words
 from structid.identification.identified import Identification
 from structid.inversion import Estimate
@@ -30,7 +30,7 @@ class StudyResult(Shown):
     study : Study
     identification : Identification
     provenance : Provenance
-    criticism : Criticism, optional
+    diagnosis : Diagnosis, optional
         Whether the answer is to be trusted, and what would explain a misfit.
     solver : SolverAnswer, optional
         The study's solver at the answer.
@@ -39,7 +39,7 @@ class StudyResult(Shown):
     study: Study
     identification: Identification
     provenance: Provenance
-    criticism: Criticism | None = None
+    diagnosis: Diagnosis | None = None
     solver: SolverAnswer | None = None
 
     @property
@@ -50,7 +50,7 @@ class StudyResult(Shown):
     @cached_property
     def view(self) -> ResultsView:
         """The answer as console, files and pages show it."""
-        return results_view(self.identification, self.criticism, self.study.title, asdict(self.provenance))
+        return results_view(self.identification, self.diagnosis, self.study.title, asdict(self.provenance))
 
     def overview(self) -> Overview:
         """Title and verdict, and the parameters."""
@@ -58,7 +58,7 @@ class StudyResult(Shown):
         return replace(shown, words=f"{self.study.title}\n{shown.words}")
 
     def __repr__(self) -> str:
-        verdict = "not judged" if self.criticism is None else self.criticism.judgement.verdict.replace("_", " ")
+        verdict = "not judged" if self.diagnosis is None else self.diagnosis.judgement.verdict.replace("_", " ")
         return f"<{type(self).__name__}: {self.study.title}: {verdict}>"
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from structid.core.display import Overview, Shown, join_words, plural
 from structid.core.quantities import exact, number, percent, prefixed, span_text, with_std, with_unit
-from structid.criticism.held import resting_words
-from structid.criticism.verdict import Cause, Criticism, judged
+from structid.diagnose.fixed_value_influence import resting_words
+from structid.diagnose.verdict import Cause, Diagnosis, judged
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.warning_words import (
@@ -151,7 +151,7 @@ class ResultsView(Shown):
     Attributes
     ----------
     identification : Identification
-    criticism : Criticism
+    diagnosis : Diagnosis
         Verdict and causes.
     title : str
     headline : str
@@ -172,7 +172,7 @@ class ResultsView(Shown):
     """
 
     identification: Identification
-    criticism: Criticism
+    diagnosis: Diagnosis
     title: str
     headline: str
     next_step: str
@@ -186,7 +186,7 @@ class ResultsView(Shown):
     @property
     def verdict(self) -> str:
         """Sound, approximate, wrong_model, undetermined or untested."""
-        return self.criticism.judgement.verdict
+        return self.diagnosis.judgement.verdict
 
     @property
     def listed(self) -> tuple[ParameterResult, ...]:
@@ -213,7 +213,7 @@ class ResultsView(Shown):
 
 def results_view(
     identification: Identification,
-    criticism: Criticism | None = None,
+    diagnosis: Diagnosis | None = None,
     title: str = "",
     provenance: Mapping[str, object] | None = None,
 ) -> ResultsView:
@@ -222,7 +222,7 @@ def results_view(
     Parameters
     ----------
     identification : Identification
-    criticism : Criticism, optional
+    diagnosis : Diagnosis, optional
         Verdict and causes; without it the verdict is made here, and no causes are looked for.
     title : str
         Heading.
@@ -249,16 +249,16 @@ def results_view(
     >>> [(one.name, one.state) for one in view.parameters]
     [('stiffness[spring]', 'determined')]
     """
-    criticism = criticism or Criticism(judged(identification))
-    sentences = _BETWEEN_SENTENCES.split(criticism.judgement.words)
+    diagnosis = diagnosis or Diagnosis(judged(identification))
+    sentences = _BETWEEN_SENTENCES.split(diagnosis.judgement.words)
     n_headline = 2 if len(sentences[0]) < _SHORT_SENTENCE else 1
-    advice = _advice(identification, criticism, sentences[n_headline:])
+    advice = _advice(identification, diagnosis, sentences[n_headline:])
     return ResultsView(
         identification=identification,
-        criticism=criticism,
+        diagnosis=diagnosis,
         title=title,
         headline=" ".join(sentences[:n_headline]),
-        next_step=_next_step(criticism, any(_DOUBTFUL in words for words in advice)),
+        next_step=_next_step(diagnosis, any(_DOUBTFUL in words for words in advice)),
         advice=advice,
         parameters=_parameters(identification),
         channels=tuple(channel for fit in identification.fits for channel in _channels(fit)),
@@ -268,10 +268,10 @@ def results_view(
     )
 
 
-def _next_step(criticism: Criticism, is_any_doubtful: bool) -> str:
-    verdict = criticism.judgement.verdict
-    if verdict == "wrong_model" and criticism.causes:
-        first = criticism.causes[0]
+def _next_step(diagnosis: Diagnosis, is_any_doubtful: bool) -> str:
+    verdict = diagnosis.judgement.verdict
+    if verdict == "wrong_model" and diagnosis.causes:
+        first = diagnosis.causes[0]
         run = f"`structid identify {first.study}`" if first.study else ""
         if first.kind in _OF_THE_MODEL and run:
             return f"Run {run}, which has this change."
@@ -281,14 +281,14 @@ def _next_step(criticism: Criticism, is_any_doubtful: bool) -> str:
     return _NOT_ALL if verdict == "approximate" and is_any_doubtful else _NEXT_STEPS[verdict]
 
 
-def _advice(found: Identification, criticism: Criticism, sentences: Sequence[str]) -> tuple[str, ...]:
+def _advice(found: Identification, diagnosis: Diagnosis, sentences: Sequence[str]) -> tuple[str, ...]:
     """What to do, in sentences: what the verdict says beyond its headline, causes, and warnings that ask for an act."""
     estimate = found.estimate
     lines = list(sentences)
-    if criticism.causes:
-        lines.extend(_alternative(cause) for cause in criticism.causes[1:3])
-    elif criticism.suggestions and criticism.suggestions[0].study:
-        first = criticism.suggestions[0]
+    if diagnosis.causes:
+        lines.extend(_alternative(cause) for cause in diagnosis.causes[1:3])
+    elif diagnosis.suggestions and diagnosis.suggestions[0].study:
+        first = diagnosis.suggestions[0]
         lines = [f"{line.removesuffix('.')} ({first.study})." if first.words in line else line for line in lines]
     tests = () if estimate.goodness.residual_tests is None else estimate.goodness.residual_tests.words
     elsewhere = {*tests, *unidentified_warnings(estimate), f"{estimate.status_words} ({estimate.message})"}
@@ -309,7 +309,7 @@ def _advice(found: Identification, criticism: Criticism, sentences: Sequence[str
         )
     directions = [f"the data determine {direction.words}" for direction in estimate.identifiability.directions]
     lines.extend(sentence(words) for words in acts if words in of_estimate and words not in directions[1:])
-    if words := resting_words(criticism.held):
+    if words := resting_words(diagnosis.sensitivities):
         lines.append(sentence(words))
     return tuple(dict.fromkeys(lines))
 

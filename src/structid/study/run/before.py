@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.diagnose.checks.aligned_responses import ResonancePair
+from structid.diagnose.checks.initial_comparison import InitialComparison
+from structid.diagnose.checks.mesh import MeshErrors, mesh_errors
 from structid.dynamics import Modes
 from structid.forward import ModalProblem, RecordProblem
-from structid.identification.before.aligned import ResonancePair
-from structid.identification.before.mesh import MeshErrors, mesh_errors
 from structid.identification.fits.resonances import LEAST_DAMPING
-from structid.identification.setups.setup import AnySetup, Look
+from structid.identification.setups.setup import AnySetup
 from structid.inversion.averaging import expected_square
 from structid.records import FrfRecord, TimeRecord
 from structid.records.quality.signal_checks import signal_checks
@@ -63,7 +64,12 @@ class RecordCheck:
 
 
 def checked_record(
-    title: str, source: RecordSource, setup: AnySetup, problem: RecordProblem, look: Look, modes: Modes
+    title: str,
+    source: RecordSource,
+    setup: AnySetup,
+    problem: RecordProblem,
+    comparison: InitialComparison,
+    modes: Modes,
 ) -> RecordCheck:
     """The checks of one record before a fit: resonances beside the model's, and warnings on signals and windows.
 
@@ -74,7 +80,7 @@ def checked_record(
     setup : RecordSetup
     problem : RecordProblem
         Problem of the lines in the band.
-    look : Look
+    comparison : InitialComparison
     modes : Modes
         Modes of the initial model.
     """
@@ -84,12 +90,12 @@ def checked_record(
         found = [one for one in signal_checks(record) if one.severity != "note"]
         slow = drifts(record) if not any(one.kind == "short" for one in found) else ()
         warnings += [one.words for one in (*found, *slow)]
-    warnings += _leakage_warnings(source, histories, problem, modes)
+    warnings += leaking_windows(source, histories, problem, modes)
     lost = setup.truncation(problem, problem.theta_start)
     warnings += [lost.warning] if lost is not None and lost.warning else []
     reduced = () if lost is None else (*(one.words for one in setup.structure.reductions), lost.words)
     read = tuple(f"read: {record.source}" for record in histories if "; " in record.source)
-    return RecordCheck(title, _resonances(look, modes), tuple(warnings), (*read, *reduced, *_facts(setup)))
+    return RecordCheck(title, _resonances(comparison, modes), tuple(warnings), (*read, *reduced, *_facts(setup)))
 
 
 def checked_mesh(setup: AnySetup, problem: RecordProblem, theta: FloatArray | None = None) -> MeshErrors | str:
@@ -123,17 +129,17 @@ def mesh_warnings(
     return tuple(f"the values carry an error of the mesh: {words}" for words in dict.fromkeys(messages) if words)
 
 
-def _resonances(look: Look, modes: Modes) -> tuple[ResonanceCheck, ...]:
+def _resonances(comparison: InitialComparison, modes: Modes) -> tuple[ResonanceCheck, ...]:
     """Measured resonances with the model's and their distance in half-bandwidths.
 
     Where the model has no peak between lines, a mode that is near and has no other partner is taken.
     """
     free = np.ones(len(modes.frequency), dtype=bool)
-    for pair in look.resonances:
+    for pair in comparison.resonances:
         if free.size and np.isfinite(pair.model):
             free[np.abs(modes.frequency - pair.model).argmin()] = False
     checks = []
-    for pair in look.resonances:
+    for pair in comparison.resonances:
         model, distance = pair.model, float("nan")
         distances = np.abs(modes.frequency - (pair.measured if np.isnan(model) else model))
         if np.isnan(model):
@@ -165,7 +171,7 @@ def _facts(setup: AnySetup) -> tuple[str, ...]:
     )
 
 
-def _leakage_warnings(
+def leaking_windows(
     source: RecordSource, histories: list[TimeRecord], problem: RecordProblem, modes: Modes
 ) -> list[str]:
     """Warnings if the window of averaged spectra blurs resonances in the band; empty for other records."""

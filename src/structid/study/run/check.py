@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.diagnose.checks.loose_parts import PlacedFinding, coarse_elements, structure_findings
+from structid.diagnose.checks.mesh import MeshErrors
 from structid.dynamics import Modes
 from structid.fem.places import AimedSensor, MeshPoint
 from structid.forward import RecordProblem
-from structid.identification.before.mesh import MeshErrors
-from structid.identification.before.places import PlacedFinding, coarse_elements, structure_findings
 from structid.identification.fits.model_modes import rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.fixed_values import fixed_values, freed_problems
@@ -193,9 +193,9 @@ def check_study(study: Study) -> CheckResult:
     titled = prefixes(ready.setups)
     values = study.parameters.values(study.parameters.start)
     beside = [
-        checked_record(title, source.record, setup, part, look, modes_of_part)
-        for title, source, setup, part, look, modes_of_part in zip(
-            titled, study.setups, ready.setups, ready.problems, ready.looks, modes, strict=True
+        checked_record(title, source.record, setup, part, comparison, modes_of_part)
+        for title, source, setup, part, comparison, modes_of_part in zip(
+            titled, study.setups, ready.setups, ready.problems, ready.comparisons, modes, strict=True
         )
     ]
     mesh = checked_mesh(ready.setups[0], ready.problems[0])

@@ -11,13 +11,13 @@ import shutil
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, TypedDict, cast
 
 import numpy as np
 
 from structid._version import __version__
 from structid.core.errors import FileError
-from structid.core.json_types import Entry, Plain
+from structid.core.json_types import Entry, Plain, json_text
 from structid.files import atomic_write, claim, damage_told, make_folder, release
 from structid.files.npy import npz_arrays
 from structid.files.worker import filled, plain
@@ -158,7 +158,7 @@ class Checkpoint:
         """Create the folder with the description of its run, unless that is done."""
         if not self._is_made:
             make_folder(self.folder)
-            _write_json(self.folder / _RUN, self.owner)
+            _write_json(self.folder / _RUN, cast(Mapping[str, Entry], self.owner))
             self._is_made = True
 
     def _write_all(self) -> None:
@@ -224,9 +224,9 @@ def _require_checkpoint(folder: Path) -> None:
         raise FileError(f"{folder}: holds {foreign[0]}, which is no checkpoint; move it, or give another --out")
 
 
-def _write_json(path: Path, value: Mapping[str, object]) -> None:
+def _write_json(path: Path, value: Mapping[str, Entry]) -> None:
     with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
+        temporary.write_text(json_text(value), encoding="utf-8")
 
 
 def _save(path: Path, tree: Mapping[str, Entry]) -> None:

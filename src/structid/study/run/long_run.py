@@ -48,6 +48,11 @@ class Reached:
             return self.tasks
         return f"{self.search}, iteration {self.iteration}, sum of squares {self.cost:.5g}"
 
+    def take(self, name: str, problem: Problem, minimum: Minimum) -> None:
+        """Where a search has ended, now or before an interruption."""
+        self.search, self.iteration, self.cost = name, len(minimum.costs) - 1, float(minimum.costs[-1])
+        self.problem, self.theta = problem, minimum.theta
+
     def summary(self) -> dict[str, Entry]:
         """The values reached so far, as plain values without uncertainty."""
         summary: dict[str, Entry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
@@ -126,8 +131,11 @@ class LongRun:
         if checkpoint is None:
             return minimize(spread_problem, method, theta, progress, _Keeper(name, problem, self.reached, None))
         if name in checkpoint.entries:
-            return restored_minimum(problem, method, checkpoint.entries[name])
+            minimum = restored_minimum(problem, method, checkpoint.entries[name])
+            self.reached.take(name, problem, minimum)
+            return minimum
         minimum = minimize(spread_problem, method, theta, progress, _Keeper(name, problem, self.reached, checkpoint))
+        self.reached.take(name, problem, minimum)
         checkpoint.finished(name, stored_minimum(minimum))
         return minimum
 

@@ -15,7 +15,7 @@ import psutil
 
 from structid.core.errors import InputError, StructidError
 from structid.core.isolation import NEUTRAL_FOLDER, SAFE_FLAGS, child_environment
-from structid.criticism.verdict import is_sound
+from structid.diagnose.verdict import is_sound
 from structid.forward import RecordProblem
 from structid.forward.frf.products import STORED_BYTES
 from structid.identification.identify import identify_together
@@ -281,7 +281,7 @@ class _Tried:
 def _start_seconds() -> float:
     """Seconds that a Python process takes to import what a run uses."""
     begun = time.perf_counter()
-    words = "import structid.study.run.run, structid.report, structid.criticism.verdict"
+    words = "import structid.study.run.run, structid.report, structid.diagnose.verdict"
     subprocess.run([sys.executable, *SAFE_FLAGS, "-c", words], check=True, cwd=NEUTRAL_FOLDER, env=child_environment())
     return time.perf_counter() - begun
 

@@ -10,16 +10,17 @@ import numpy as np
 
 from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
+from structid.diagnose.checks.initial_comparison import InitialComparison, compare_with_initial_model
+from structid.diagnose.checks.mesh import MeshErrors
 from structid.external.model import SolverModel
 from structid.fem import Structure
 from structid.forward import RecordProblem, ResponseCache
-from structid.identification.before.mesh import MeshErrors
 from structid.identification.checks import require_sound_model
 from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.mesh_pieces import MeshPieces
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.modal import ModalSetup
-from structid.identification.setups.setup import AnySetup, Look, Prepared, prefixes, prepared_warnings, titles
+from structid.identification.setups.setup import AnySetup, Prepared, prefixes, prepared_warnings, titles
 from structid.identification.setups.time import TimeSetup
 from structid.records import FrfRecord, TimeRecord
 from structid.study.run.before import checked_mesh
@@ -42,7 +43,7 @@ class Start:
     problems : tuple of RecordProblem
         Of the lines in the band, one a record.
     warnings : tuple of str
-    looks : tuple of Look
+    comparisons : tuple of InitialComparison
         Each record beside its initial model.
     mesh : MeshPieces or None
         Into how many pieces beams are cut, where the study leaves it open; None where it says.
@@ -52,18 +53,18 @@ class Start:
     setups: tuple[AnySetup, ...]
     problems: tuple[RecordProblem, ...]
     warnings: tuple[str, ...]
-    looks: tuple[Look, ...]
+    comparisons: tuple[InitialComparison, ...]
     mesh: MeshPieces | None = None
 
     @property
     def channel_warnings(self) -> tuple[str, ...]:
         """Those that only a comparison with the initial models gives."""
-        return self._titled(look.warnings.words for look in self.looks)
+        return self._titled(comparison.warnings.words for comparison in self.comparisons)
 
     @property
     def sensor_warnings(self) -> tuple[str, ...]:
         """Those of them that a sound answer proves wrong."""
-        return self._titled(look.warnings.of_sensors for look in self.looks)
+        return self._titled(comparison.warnings.of_sensors for comparison in self.comparisons)
 
     @property
     def fault_warnings(self) -> tuple[str, ...]:
@@ -93,12 +94,12 @@ def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPi
     """The records of `setups` compared with their initial models; see `started`."""
     records = zip(prefixes(setups), setups, study.setups, strict=True)
     pairs = [_prepare_record(study, source, setup, name) for name, setup, source in records]
-    prepared, looks = [ready for ready, _ in pairs], tuple(look for _, look in pairs)
+    prepared, comparisons = [ready for ready, _ in pairs], tuple(comparison for _, comparison in pairs)
     with study.root.located():
         same = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
         joint_problem(same)
     warnings = [f'`subdivide = "auto"`: {mesh.words}'] if mesh is not None and mesh.obstacle else []
-    return Start(study, setups, same, (*warnings, *prepared_warnings(setups, prepared)), looks, mesh)
+    return Start(study, setups, same, (*warnings, *prepared_warnings(setups, prepared)), comparisons, mesh)
 
 
 def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces | None]:
@@ -218,7 +219,7 @@ def _channel_key(section: Section, key: str) -> str:
 
 def _prepare_record(
     study: Study, source: SetupSource, setup: AnySetup, name: str
-) -> tuple[Prepared[RecordProblem], Look]:
+) -> tuple[Prepared[RecordProblem], InitialComparison]:
     """The problem of one record and its comparison with the initial model; `name` begins warnings about it."""
     method, structure, options = study.section("method"), study.section("structure"), study.options
     place = source.section.section("modes") or source.section
@@ -231,7 +232,7 @@ def _prepare_record(
         require_sound_model(setup.structure, values, min(used[0], judged[0]))
     with placed_mechanism(structure), place.located():
         prepared = setup.prepared(options)
-        return prepared, setup.looked_at(prepared, options)
+        return prepared, compare_with_initial_model(setup, prepared.problem, options)
 
 
 @contextmanager

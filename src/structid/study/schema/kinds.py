@@ -7,11 +7,11 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypedDict, TypeVar, get_args, get_origin, overload
+from typing import Annotated, Any, Literal, TypedDict, TypeVar, get_args, get_origin
 
 from structid.core.constraints import Limits, alternatives
 from structid.core.dof import Dof
-from structid.core.json_types import Plain
+from structid.core.json_types import Plain, as_list
 from structid.fem.elements.connector import Ends, OtherEnds
 from structid.fem.elements.element import Nodes, OptionalSignedValues, OptionalValues, Tolerance, Values, Vector
 from structid.fem.elements.friction import End, OtherEnd
@@ -298,19 +298,6 @@ def kind_of(annotation: object) -> Kind:
 def _is_list(annotation: object) -> bool:
     origin = get_origin(annotation)
     return isinstance(origin, type) and issubclass(origin, Iterable) and not issubclass(origin, Mapping)
-
-
-@overload
-def as_list(value: list[T] | tuple[T, ...]) -> list[T]: ...
-@overload
-def as_list(value: str) -> list[str]: ...
-@overload
-def as_list(value: Sequence[T]) -> list[T]: ...
-@overload
-def as_list(value: T) -> list[T]: ...
-def as_list(value: object) -> object:
-    """A single entry as a list of one."""
-    return list(value) if isinstance(value, list | tuple) else [value]
 
 
 def flat(nodes: int | Sequence[int | Sequence[int]]) -> list[int]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import TypeVar
 
 from structid.core.errors import InputError
 from structid.core.json_types import Plain
@@ -18,8 +18,6 @@ from structid.study.schema.tables import Given, Key, Table, own_table
 from structid.study.schema.toml_lines import KeyPath, parse_toml, toml_lines
 
 T = TypeVar("T")
-#: Tables of a study file to be changed, which are checked when they are read again.
-Tables: TypeAlias = MutableMapping[str, Any]
 _LABEL = re.compile(r"\d{1,9}")
 
 

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from structid.core.arrays import IntArray
 from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.json_types import Entry
+from structid.diagnose.checks.loose_parts import PlacedFinding, structure_findings
 from structid.fem import Dashpot, Friction, Joint, PointMass, RotaryInertia, Solid, Spring, Structure
 from structid.fem.elements import ElementSet
 from structid.fem.meshes import read_mesh
 from structid.fem.places import AimedSensor, MeshPoint
 from structid.fem.supports import RigidLink
-from structid.identification.before.places import PlacedFinding, structure_findings
 from structid.report.drawing.faces import AREA_CORNERS, SOLID_CORNERS, SOLID_FACES, is_cells
 from structid.study.schema.kinds import as_list
 from structid.workbench.work.model import ReadModel, read_model

@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.core.json_types import Tables
 from structid.external.solved import Solved
 from structid.forward import RecordProblem
 from structid.identification.identified import Identification
 from structid.inversion.search.work import Work
-from structid.study.schema.section import Tables
 from structid.study.schema.study import Study, edited_study
 from structid.unknowns.named_unknowns import begun_at
 

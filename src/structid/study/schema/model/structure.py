@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import difflib
 import inspect
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Annotated, cast
 
 from structid.core.constraints import Limits, Positive
-from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.core.dof import Dof, dofs_of_text, parse_dof
 from structid.core.errors import InputError
 from structid.external.solved import Solved
 from structid.fem import (
@@ -72,7 +71,6 @@ Components = list[tuple[Section, Component]]
 Measured = list[tuple[Section, MeasuredComponent]]
 Parts = tuple[Elements, Ties, list[Dof], Measured]
 
-_SEVERAL = re.compile(r"^\s*(\d+)((?:\s+R?[XYZ]){2,})\s*$", re.IGNORECASE)
 _RIGID_LINK, _CONSTRAINT = (
     table_of(RigidLink, dependents=NODES, directions=TEXTS),
     table_of(Constraint, depends_on=WEIGHTED),
@@ -478,15 +476,6 @@ def _read_measured_component(entry: Section, files: InputFiles, nodes: Positions
         return [_known_dof(entry, "interface", dof, nodes) for dof in dofs]
 
     return read_measured(entry, files, known)
-
-
-def dofs_of_text(text: str) -> list[Dof]:
-    """Degrees of freedom of a text: ``1X`` or ``1X-`` is one, ``1 X RZ`` two of node 1, ``1`` all six."""
-    several = _SEVERAL.match(text)
-    words = [several[1] + direction for direction in several[2].split()] if several else [text]
-    if text.strip().isdigit():
-        words = [f"{text.strip()}{direction}" for direction in DIRECTIONS]
-    return [parse_dof(word) for word in words]
 
 
 def _ties(section: Section, nodes: Positions) -> Ties:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from structid.core.constraints import Count, NotNegative, Positive
-from structid.core.dof import Dof, parse_dofs, renamed
-from structid.core.errors import InputError
+from structid.core.dof import Dof, parse_dofs
 from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.records import FrfRecord, TimeRecord, from_repeats, with_coherence_noise, with_declared_noise
+from structid.records.corrections import rename_channels, segment_duration
 from structid.records.formats import CsvLayout, ReadOptions, how_read, read_record
 from structid.records.quality.findings import CHANNEL_FAULTS, Finding
 from structid.records.quality.signal_checks import channel_checks
@@ -28,11 +27,6 @@ from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, table_of
 from structid.study.schema.unknowns import CHANNEL_ERROR
 from structid.unknowns.tolerances import Tolerances
-
-#: Largest difference of line spacings that rounding explains, as a part of their mean.
-_EVEN = 0.02
-
-R = TypeVar("R", bound=FrfRecord | TimeRecord)
 
 
 @dataclass(frozen=True)
@@ -266,19 +260,11 @@ def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | N
         record = replace(record, decay=np.full(len(record.frequency), source.window_decay))
     if source.leakage is not None:
         with source.section.located("leakage"):
-            record = replace(record, segment=_segment(record))
+            record = replace(record, segment=segment_duration(record))
     with source.section.located("channels_used"):
         record = record.channels(as_recorded(source.channels.used, record)) if source.channels.used else record
     with source.section.located("sensors"):
-        return _rename_record(record, used_names(source.channels.aimed, (*record.outputs, *record.inputs)))
-
-
-def _segment(record: FrfRecord) -> float:
-    """Duration in s of the segments behind an FRF record: one over the spacing of its lines."""
-    gaps = np.diff(record.frequency)
-    if not len(gaps) or np.ptp(gaps) > _EVEN * gaps.mean():
-        raise InputError("the lines are not evenly spaced, so that they do not tell how long the segments were")
-    return float(1 / gaps.mean())
+        return rename_channels(record, used_names(source.channels.aimed, (*record.outputs, *record.inputs)))
 
 
 def load_histories(
@@ -315,7 +301,7 @@ def load_histories(
         variance=variance,
     )
     with source.section.located("sensors"):
-        return _rename_record(record, used_names(source.channels.aimed, record.channels))
+        return rename_channels(record, used_names(source.channels.aimed, record.channels))
 
 
 def read_histories(source: RecordSource) -> list[TimeRecord]:
@@ -329,10 +315,10 @@ def _read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
     """The records of all files of a source, relabelled, with accelerations of driven supports marked as inputs."""
     records = [read_record(path, source.options) for path in source.paths]
     with source.section.located("relabel"):
-        records = [_rename_record(record, source.channels.relabel) for record in records]
+        records = [rename_channels(record, source.channels.relabel) for record in records]
     with source.section.located("sensors"):
         for record in records:
-            _rename_record(
+            rename_channels(
                 record, source.channels.aimed
             )  # whether every channel is there; they get these names when all is chosen
     driven = [_mark_support_motion(record, source.channels.supports) for record in records]
@@ -361,20 +347,6 @@ def _mark_support_motion(record: FrfRecord | TimeRecord, supports: frozenset[Dof
         "support_acceleration" if moved else quantity for moved, quantity in zip(inputs, record.quantities, strict=True)
     ]
     return replace(record, quantities=tuple(kinds))
-
-
-def _rename_record(record: R, names: Mapping[str, str]) -> R:
-    """`record` with its channels renamed by `names` (name in the record: true name)."""
-    if not names:
-        return record
-    if isinstance(record, FrfRecord):
-        outputs, inputs = renamed(record.outputs, record.inputs, names)
-        return replace(record, outputs=outputs, inputs=inputs)
-    is_load = [quantity in LOADS for quantity in record.quantities]
-    pairs = list(zip(record.channels, is_load, strict=True))
-    sensors, loads = renamed([dof for dof, load in pairs if not load], [dof for dof, load in pairs if load], names)
-    left, right = iter(sensors), iter(loads)
-    return replace(record, channels=tuple(next(right if load else left) for load in is_load))
 
 
 def _make_frf_record(records: Sequence[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:

@@ -1,0 +1,62 @@
+"""Beams or bars carry an axial force that the model lacks: a cable, a tie rod, a column, a preloaded frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.model_edits import AddUnknown, Edits, SetProperty, rounded
+from structid.diagnose.tested_model import TestedModel
+from structid.fem import Structure
+from structid.fem.elements import ElementSet
+from structid.fem.elements.element import declarations
+from structid.forward import RecordProblem
+
+#: Parts of the Euler load of a set, or of a strain of a thousandth where it does not bend, that are tried.
+_PARTS = np.array([0.3, -0.3])
+_STRAIN = 1e-3
+_BENDING = ("bending_stiffness", "bending_stiffness_z")
+#: Sets that are tried.
+_MOST_SETS = 6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AxialForce(Candidate):
+    """An axial force in all elements of a set, N; tension is positive."""
+
+    kind: ClassVar[str] = "axial_force"
+
+    @classmethod
+    def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
+        structure = model.setups[0].structure
+        slack = [
+            one
+            for one in structure.elements
+            if "axial_force" in declarations(one) and vars(one)["axial_force"] is None and structure.dimension > 1
+        ]
+        for one in slack if len(slack) <= _MOST_SETS else ():
+            yield cls(where=(one.name,), strengths=_first_guess(structure, one) * _PARTS)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        name, force = self.where[0], rounded(strength)
+        unknown = {"property": "axial_force", "elements": name, "positive": False, "start": force}
+        return [SetProperty(name, "axial_force", force), AddUnknown(unknown)]
+
+    def sentence(self, value: float | None) -> str:
+        kind = "an axial force" if value is None else "a tension" if value > 0 else "a compression"
+        return f"{self.where[0]} carries {kind} that the model lacks"
+
+
+def _first_guess(structure: Structure, element: ElementSet) -> float:
+    """The Euler load of a set as one pinned strut, or the force of a small strain where it does not bend, N."""
+    values = vars(element)
+    bending = next((values[key] for key in _BENDING if key in values), None)
+    if bending is None:
+        return float(_STRAIN * np.mean(values["axial_stiffness"]))
+    ends = np.array([[structure.nodes[n] for n in pair] for pair in element.nodes.tolist()])
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum()
+    return float(np.pi**2 * np.mean(bending) / length**2)

@@ -1,0 +1,175 @@
+"""Sensors and loads between their node and the next one: they follow the beam or bar that is there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.channels import NUMBER_STEPS, Channel, channels, index_of
+from structid.diagnose.causes.direction import follower
+from structid.diagnose.effects import channel_change, channel_reading
+from structid.diagnose.model_edits import AddNode, Edits, rounded
+from structid.diagnose.receptances import Receptances
+from structid.diagnose.tested_model import TestedModel
+from structid.fem import Bar, Beam, SpaceBeam, Structure
+from structid.fem.elements.element import dof_code
+
+#: Where between two nodes a channel may be, in parts of their distance.
+_PARTS = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
+_BOUNDS = (0.0, 1.0)
+
+
+def following(ends: Sequence[FloatArray], axis: int, part: float, bends: bool) -> FloatArray:
+    """How a translation of a point on the line between two nodes follows the directions of both, (2, 6).
+
+    Along the line it is straight, across it cubic where a beam bends between them.
+
+    Parameters
+    ----------
+    ends : two (n_axes,) float arrays
+        Where the nodes are, m.
+    axis : int
+        Of the translation.
+    part : float
+        Of the distance from the first node.
+    bends : bool
+    """
+    line = np.zeros(3)
+    line[: len(ends[0])] = ends[1] - ends[0]
+    length = float(np.linalg.norm(line))
+    tangent, own = line / length, np.eye(3)[axis]
+    along = tangent[axis] * tangent
+    far = part**2 * (3 - 2 * part) if bends else part
+    slopes = length * part * (1 - part) * np.array([1 - part, -part]) * bends
+    found = np.zeros((2, 6))
+    found[:, :3] = np.outer([1 - far, far], own - along) + np.outer([1 - part, part], along)
+    found[:, 3:] = np.outer(slopes, np.cross(tangent, own))
+    return found
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SensorBetween(Candidate):
+    """A sensor part of the way to the next node.
+
+    Attributes
+    ----------
+    bends : bool
+        Whether a beam is there.
+    """
+
+    kind: ClassVar[str] = "between"
+    result_kind: ClassVar[str] = "place"
+    n_hidden: ClassVar[int] = 1
+    other_strengths: ClassVar[tuple[float, ...]] = NUMBER_STEPS
+    bounds: tuple[float, float] = _BOUNDS
+    record: int | None = 0
+    bends: bool
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        for channel, other, bends in _lines(records, 1):
+            where = (channel.dof.place, other.place)
+            yield cls(where=where, strengths=_PARTS, record=channel.record, bends=bends)
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        return _effect(receptances, 1, self.where, self.bends, strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        return _edits(model, self.record or 0, self.where, self.bends, strength, "")
+
+    def sentence(self, value: float | None) -> str:
+        return f"sensor {self.where[0]} sits between its node and that of {self.where[1]}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoadBetween(Candidate):
+    """A load part of the way to the next node.
+
+    Attributes
+    ----------
+    bends : bool
+        Whether a beam is there.
+    """
+
+    kind: ClassVar[str] = "load_between"
+    result_kind: ClassVar[str] = "load_place"
+    n_hidden: ClassVar[int] = 1
+    other_strengths: ClassVar[tuple[float, ...]] = NUMBER_STEPS
+    bounds: tuple[float, float] = _BOUNDS
+    record: int | None = 0
+    bends: bool
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        for channel, other, bends in _lines(records, 2):
+            if records[channel.record].problem.facts.measures_force:
+                where = (channel.dof.place, other.place)
+                yield cls(where=where, strengths=_PARTS, record=channel.record, bends=bends)
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        return _effect(receptances, 2, self.where, self.bends, strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        return _edits(model, self.record or 0, self.where, self.bends, strength, "load ")
+
+    def sentence(self, value: float | None) -> str:
+        return f"the force at {self.where[0]} acts between its node and that of {self.where[1]}"
+
+
+def _lines(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel, Dof, bool]]:
+    """Translations of channels, the next nodes that move in them, and whether a beam is between."""
+    for receptances, channel in channels(records, axis):
+        bends: dict[int, bool] = {}
+        dof = channel.dof
+        for element in receptances.structure.elements if not dof.is_rotation else ():
+            if isinstance(element, Bar | Beam | SpaceBeam):
+                for pair in element.nodes.tolist():
+                    if dof.node in pair:
+                        node = pair[1 - pair.index(dof.node)]
+                        bends[node] = bends.get(node, False) or not isinstance(element, Bar)
+        nodes = receptances.structure.nodes
+        for node, is_beam in bends.items():
+            other = Dof(node, dof.direction)
+            if other in receptances.columns and np.any(np.atleast_1d(nodes[dof.node]) != np.atleast_1d(nodes[node])):
+                yield channel, other, is_beam
+
+
+def _ends(structure: Structure, places: Sequence[str]) -> tuple[tuple[Dof, Dof], list[FloatArray]]:
+    """The degrees of freedom of a channel and of the next node, and where the nodes are."""
+    first, second = (parse_dof(place) for place in places)
+    return (first, second), [np.atleast_1d(structure.nodes[dof.node]) for dof in (first, second)]
+
+
+def _effect(
+    receptances: Receptances, axis: int, places: Sequence[str], bends: bool, strengths: FloatArray
+) -> ComplexArray:
+    index = index_of(receptances, axis, places[0])
+    record = receptances.problem.record
+    sign = (record.outputs if axis == 1 else record.inputs)[index].sign
+    (first, second), ends = _ends(receptances.structure, places)
+    codes = np.array([dof_code(dof.node, direction) for dof in (first, second) for direction in DIRECTIONS])
+    weights = np.stack([following(ends, first.axis, float(part), bends).ravel() for part in strengths])
+    reading = channel_reading(receptances, axis, index, sign * weights @ receptances.reached(codes))
+    return channel_change(receptances, axis, index, reading - receptances.frf.take(index, axis))
+
+
+def _edits(model: TestedModel, record: int, places: Sequence[str], bends: bool, part: float, side: str) -> Edits:
+    """The channel at a new node between two others, which follows them as the beam or bar between them does."""
+    structure = model.setups[record].structure
+    (first, second), ends = _ends(structure, places)
+    label, weights = model.new_node(), following(ends, first.axis, part, bends)
+    pairs = [
+        [f"{dof.node}{direction}", rounded(weight)]
+        for dof, own in zip((first, second), weights.tolist(), strict=True)
+        for direction, weight in zip(DIRECTIONS, own, strict=True)
+        if direction in (structure.active or DIRECTIONS) and rounded(weight)
+    ]
+    name = model.unique_name(f"between {' '.join(places)}")
+    node = AddNode(label, first.node, second.node, part)
+    return follower(model, record, name, first, label, pairs, node, side)

@@ -1,0 +1,116 @@
+"""A candidate cause of a misfit: one change of the model or of a record, at one place."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.diagnose.effects import Directions
+from structid.diagnose.model_edits import Edits
+from structid.diagnose.receptances import Receptances
+from structid.diagnose.tested_model import TestedModel
+from structid.forward import RecordProblem
+
+#: Bounds of a strength that cannot be negative.
+POSITIVE = (0.0, np.inf)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Candidate:
+    """One change that might explain a misfit; each kind is a class of its own.
+
+    Attributes
+    ----------
+    where : tuple of str
+        Degrees of freedom, nodes, elements or channels.
+    strengths : (n,) float array
+        Those that are tried, in the unit of what changes; 0 is no change.
+    bounds : (float, float)
+        Between which a strength makes sense.
+    record : int, optional
+        Position of the only record that it changes.
+    """
+
+    #: Its kind, and what results call that.
+    kind: ClassVar[str]
+    result_kind: ClassVar[str] = ""
+    #: Whether it only damps, leaves data out, or is fitted to the end whatever a linear look says of it.
+    is_damping: ClassVar[bool] = False
+    leaves_data_out: ClassVar[bool] = False
+    is_always_fitted: ClassVar[bool] = False
+    #: Whether its fit also begins at the initial values: where it drags all values along, their fit is far from the truth.
+    begins_at_start: ClassVar[bool] = False
+    #: Parameters that a fit of it determines beside those of the changed model.
+    n_hidden: ClassVar[int] = 0
+    #: Factors on the strength of kinds whose strength is no parameter, or has far minima.
+    other_strengths: ClassVar[tuple[float, ...]] = ()
+
+    where: tuple[str, ...]
+    strengths: FloatArray = field(default_factory=lambda: np.ones(1))
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    record: int | None = None
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidates for records of one structure whose effects follow from its receptances; none by default."""
+        yield from ()
+
+    @classmethod
+    def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
+        """Candidates whose effect is that of the changed model itself, evaluated anew; none by default."""
+        yield from ()
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs); none of a change that only a fit shows."""
+        return np.zeros((len(strengths), *receptances.frf.shape), dtype=np.complex128)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        """The edits that make the change.
+
+        Raises
+        ------
+        InputError
+            If the model has no place for it.
+        """
+        raise NotImplementedError
+
+    def sentence(self, value: float | None) -> str:
+        """What the change says, in a clause; `value` is what a fit found of its parameter."""
+        raise NotImplementedError
+
+    def named_kind(self, value: float | None) -> str:
+        """The kind as results have it."""
+        return self.result_kind or self.kind
+
+    @property
+    def place(self) -> tuple[str, tuple[str, ...]]:
+        """Kind and place, whatever the record."""
+        return self.kind, self.where
+
+    @property
+    def key(self) -> Hashable:
+        """Kind, place and record, of which one strength is fitted."""
+        return self.place, self.record
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Its places as results list them."""
+        return self.where
+
+    @property
+    def handicap(self) -> float:
+        """Difference of the criterion by which it gives way to a simpler cause that says the same."""
+        return 0.0
+
+    @property
+    def n_own(self) -> int:
+        """Parameters that a fit of it determines beside those of the changed model."""
+        return self.n_hidden
+
+    def alike_by(self) -> tuple[Directions, tuple[object, ...]] | None:
+        """What its effect depends on, where that is directions and some values alone."""
+        return None

@@ -1,0 +1,54 @@
+"""A damper acts between a degree of freedom and the ground, or across a spring."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.diagnose.causes.candidate import POSITIVE, Candidate
+from structid.diagnose.causes.places import MOST_ELEMENTS, chosen_dofs, spread, spring_ends, velocity
+from structid.diagnose.effects import Directions, effect_of_addition, stiffness_scale, strengths_about
+from structid.diagnose.model_edits import AddPart, AddUnknown, Edits, rounded
+from structid.diagnose.receptances import Receptances
+from structid.diagnose.tested_model import TestedModel
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Dashpot(Candidate):
+    """A damper from a degree of freedom to the ground, or between the ends of a spring."""
+
+    kind: ClassVar[str] = "dashpot"
+    is_damping: ClassVar[bool] = True
+    bounds: tuple[float, float] = POSITIVE
+    direction: Directions = field(repr=False)
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        first = records[0]
+        places = [((dof.place,), direction) for dof, direction in chosen_dofs(first)]
+        for where, direction in [*places, *spread(list(spring_ends(first)), MOST_ELEMENTS)]:
+            scale = stiffness_scale(first, direction, velocity(first))
+            yield cls(where=where, direction=direction, strengths=strengths_about(scale))
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        return effect_of_addition(receptances, self.direction, velocity(receptances), strengths)
+
+    def alike_by(self) -> tuple[Directions, tuple[object, ...]] | None:
+        return (self.direction, (self.kind, self.strengths.tobytes())) if len(self.where) == 1 else None
+
+    @property
+    def handicap(self) -> float:
+        return 1.0
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        name = model.unique_name(f"dashpot {' '.join(self.where)}")
+        ends = dict(zip(("first", "second"), self.where, strict=False))
+        return [
+            AddPart("dashpot", {"name": name, **ends, "viscous_damping": rounded(strength)}),
+            AddUnknown({"property": "viscous_damping", "elements": name}),
+        ]
+
+    def sentence(self, value: float | None) -> str:
+        return f"a damper acts {'between' if len(self.where) > 1 else 'at'} {' and '.join(self.where)}"

@@ -1,0 +1,78 @@
+"""A sensor or load is late, or several sensors of one card are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.display import join_words
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.channels import FACTORS, channels, index_of
+from structid.diagnose.effects import scaled_channel
+from structid.diagnose.model_edits import AddChannelError, Edits, rounded
+from structid.diagnose.receptances import Receptances
+from structid.diagnose.tested_model import TestedModel
+
+
+def _delays(receptances: Receptances) -> FloatArray:
+    """Delays that are tried, s."""
+    return np.concatenate([sign * FACTORS / (np.pi * receptances.problem.record.frequency[-1]) for sign in (1, -1)])
+
+
+def _effect(receptances: Receptances, axis: Literal[1, 2], places: Sequence[str], delays: FloatArray) -> ComplexArray:
+    factors = np.exp(-receptances.laplace * delays[:, None])
+    indices = [index_of(receptances, axis, place) for place in places]
+    return np.sum([scaled_channel(receptances, axis, index, factors) for index in indices], axis=0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SensorDelay(Candidate):
+    """A sensor, or several by one time, that is late; the strength is the time, s."""
+
+    kind: ClassVar[str] = "delay"
+    record: int | None = 0
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        for receptances, channel in channels(records, 1):
+            yield cls(where=(channel.dof.place,), record=channel.record, strengths=_delays(receptances))
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        return _effect(receptances, 1, self.where, strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        entry = {"property": "delay", "outputs": list(self.where), "start": rounded(strength)}
+        return [AddChannelError(self.record or 0, entry)]
+
+    def sentence(self, value: float | None) -> str:
+        if len(self.where) > 1:
+            return f"sensors {join_words(self.where)} are late by one time, as of one card"
+        return f"sensor {self.where[0]} is late"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoadDelay(Candidate):
+    """A load whose measurement is early; the strength is the time, s."""
+
+    kind: ClassVar[str] = "load_delay"
+    result_kind: ClassVar[str] = "delay"
+    record: int | None = 0
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        for receptances, channel in channels(records, 2):
+            yield cls(where=(channel.dof.place,), record=channel.record, strengths=_delays(receptances))
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        return _effect(receptances, 2, self.where, strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        entry = {"property": "delay", "inputs": list(self.where), "start": rounded(-strength)}
+        return [AddChannelError(self.record or 0, entry)]
+
+    def sentence(self, value: float | None) -> str:
+        return f"the force at {self.where[0]} is late"

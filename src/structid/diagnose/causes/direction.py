@@ -1,0 +1,119 @@
+"""A sensor or load is turned towards another direction of its node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import DIRECTIONS, Dof, parse_dof
+from structid.core.errors import InputError
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.channels import ANGLES, NUMBER_STEPS, channels, index_of, other_directions
+from structid.diagnose.effects import channel_change, channel_reading
+from structid.diagnose.model_edits import AddNode, AddPart, AimSensor, Edits, HoldSupports, RenameChannels, rounded
+from structid.diagnose.receptances import Receptances
+from structid.diagnose.tested_model import TestedModel
+
+#: Angle, rad, within which a sensor that is turned stands at right angles.
+_SQUARE = 0.03
+_BOUNDS = (-np.pi, np.pi)
+
+
+def _effect(receptances: Receptances, axis: int, places: Sequence[str], sign: int, angles: FloatArray) -> ComplexArray:
+    index = index_of(receptances, axis, places[0])
+    column = sign * receptances.columns[parse_dof(places[1])]
+    own = receptances.frf.take(index, axis)
+    turns = angles[:, None, None]
+    reading = channel_reading(receptances, axis, index, column[None])
+    return channel_change(receptances, axis, index, (np.cos(turns) - 1) * own + np.sin(turns) * reading)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SensorDirection(Candidate):
+    """A sensor that is turned by an angle, rad, towards another direction of its node."""
+
+    kind: ClassVar[str] = "direction"
+    other_strengths: ClassVar[tuple[float, ...]] = NUMBER_STEPS
+    strengths: FloatArray
+    bounds: tuple[float, float] = _BOUNDS
+    record: int | None = 0
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        for receptances, channel in channels(records, 1):
+            for place, _ in other_directions(receptances, channel.dof):
+                yield cls(where=(channel.dof.place, place), strengths=ANGLES, record=channel.record)
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        return _effect(receptances, 1, self.where, 1, strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        record, names = self.record or 0, self.where
+        dofs = [parse_dof(name) for name in names]
+        if abs(abs(strength) - np.pi / 2) < _SQUARE:
+            return [RenameChannels(record, {names[0]: names[1] if strength > 0 else f"{names[1]}-"})]
+        vector = [0.0, 0.0, 0.0]
+        for dof, part in zip(dofs, (np.cos(strength), np.sin(strength)), strict=True):
+            if dof.is_rotation:
+                raise InputError(f"{dof} is a rotation, and a sensor is aimed along translations")
+            vector[dof.axis] = rounded(float(part))
+        x, y, z = vector
+        return [AimSensor(record, dofs[0], (x, y, z), model.new_node())]
+
+    def sentence(self, value: float | None) -> str:
+        return f"sensor {self.where[0]} is turned towards {self.where[1]}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoadDirection(Candidate):
+    """A load that is turned by an angle, rad, towards another direction of its node."""
+
+    kind: ClassVar[str] = "load_direction"
+    result_kind: ClassVar[str] = "direction"
+    other_strengths: ClassVar[tuple[float, ...]] = NUMBER_STEPS
+    strengths: FloatArray
+    bounds: tuple[float, float] = _BOUNDS
+    record: int | None = 0
+    sign: int = 1
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        for receptances, channel in channels(records, 2):
+            if not receptances.problem.facts.measures_force:
+                continue
+            for place, _ in other_directions(receptances, channel.dof):
+                where = (channel.dof.place, place)
+                yield cls(where=where, strengths=ANGLES, record=channel.record, sign=channel.dof.sign)
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        return _effect(receptances, 2, self.where, self.sign, strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        """The load acts on a node of its own, whose direction is the sum of both."""
+        dof, label = parse_dof(self.where[0]), model.new_node()
+        weights = (np.cos(strength), np.sin(strength))
+        pairs = [[name, rounded(float(part))] for name, part in zip(self.where, weights, strict=True)]
+        name = model.unique_name(f"drive {self.where[0]}")
+        return follower(model, self.record or 0, name, dof, label, pairs, AddNode(label, dof.node), "load ")
+
+    def sentence(self, value: float | None) -> str:
+        return f"the force at {self.where[0]} is turned towards {self.where[1]}"
+
+
+def follower(
+    model: TestedModel, record: int, name: str, dof: Dof, label: int, pairs: Sequence[object], node: AddNode, side: str
+) -> Edits:
+    """Edits by which a channel is that of a new node, which follows others and is held in all other directions."""
+    acts = f"{label}{dof.direction}"
+    active = model.setups[record].structure.active or DIRECTIONS
+    held = tuple(f"{label}{direction}" for direction in active if direction != dof.direction)
+    return [
+        node,
+        AddPart("constraint", {"name": name, "dependent": acts, "depends_on": list(pairs)}),
+        HoldSupports(held),
+        RenameChannels(record, {f"{side}{dof.place}": acts}),
+    ]

@@ -1,0 +1,59 @@
+"""A measured mode is none of this structure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.model_edits import Edits, UseModes
+from structid.diagnose.tested_model import TestedModel
+from structid.forward import ModalProblem, RecordProblem
+
+_FEWEST_MODES = 2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExtraMode(Candidate):
+    """A mode of a record that is left out.
+
+    Attributes
+    ----------
+    mode : int
+        Its position in the record.
+    others : tuple of int
+        Numbers of the modes that stay, from 1.
+    """
+
+    kind: ClassVar[str] = "extra_mode"
+    leaves_data_out: ClassVar[bool] = True
+    n_hidden: ClassVar[int] = 1
+    record: int | None = 0
+    mode: int
+    others: tuple[int, ...]
+
+    @classmethod
+    def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
+        """Each mode of records of some modes."""
+        for number, problem in enumerate(problems):
+            if isinstance(problem, ModalProblem) and len(problem.data.measured) > _FEWEST_MODES:
+                used = [mode + 1 for mode in problem.data.measured.tolist()]
+                for mode in problem.data.measured.tolist():
+                    where = (f"{problem.record.frequency[mode]:.5g} Hz",)
+                    others = tuple(other for other in used if other != mode + 1)
+                    yield cls(where=where, record=number, mode=mode, others=others)
+
+    def rows_left_out(self, problem: RecordProblem) -> np.ndarray:
+        """Data rows of its record that are left out, (n_data,) bool."""
+        taken: np.ndarray = problem.rows.lines == self.mode
+        return taken
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        return [UseModes(self.record or 0, self.others)]
+
+    def sentence(self, value: float | None) -> str:
+        return f"the mode at {self.where[0]} is none of this structure"

@@ -1,0 +1,70 @@
+"""A property that the model fixes is not what the model says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from structid.core.display import join_words
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.model_edits import AddUnknown, Edits
+from structid.diagnose.tested_model import TestedModel
+from structid.fem import Structure
+from structid.forward import RecordProblem
+from structid.unknowns import Parameters
+
+#: Difference by which all sets that are off by one factor give way to a simpler cause.
+_OF_ALL = 0.25
+ELASTIC = ("mass", "stiffness", "rotary_inertia")
+DAMPING = ("loss_factor", "viscous_damping", "damping_ratio")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FixedValue(Candidate):
+    """A mass, stiffness or damping of a set that no parameter changes, or that of several sets by one factor."""
+
+    kind: ClassVar[str] = "held"
+    result_kind: ClassVar[str] = "untied"
+
+    @classmethod
+    def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
+        setup = model.setups[0]
+        single = [
+            *fixed_values(setup.structure, setup.parameters),
+            *fixed_values(setup.structure, setup.parameters, DAMPING),
+        ]
+        yield from single
+        for prop in dict.fromkeys(_property(one) for one in single):
+            names = tuple(one.where[0] for one in single if _property(one) == prop)
+            if len(names) > 1:  # of one material
+                yield cls(where=names)
+
+    @property
+    def handicap(self) -> float:
+        return _OF_ALL if len(self.where) > 1 else 0.0
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        names = [text.rstrip("]").partition("[")[2] for text in self.where]
+        if len(names) == 1:
+            return [AddUnknown({"property": _property(self), "elements": names[0]})]
+        return [AddUnknown({"property": _property(self), "elements": names, "factor": True})]
+
+    def sentence(self, value: float | None) -> str:
+        if len(self.where) > 1:
+            return f"{join_words(self.where)}, which the study fixes, are off by one factor"
+        return f"{self.where[0]}, which the study fixes, is not what the model says"
+
+
+def fixed_values(structure: Structure, unknown: Parameters, kinds: Sequence[str] = ELASTIC) -> tuple[FixedValue, ...]:
+    """Every property of a set, of some kinds, that no parameter changes."""
+    design = unknown.design.tocsr()
+    return tuple(
+        FixedValue(where=(f"{item.term.property}[{item.element}]",))
+        for item in structure.properties
+        if item.term.kind in kinds and item.term.values.any() and not design[item.values.start : item.values.stop].nnz
+    )
+
+
+def _property(value: Candidate) -> str:
+    return value.where[0].partition("[")[0]

@@ -1,0 +1,103 @@
+"""The calibration or the unit of a sensor or load is off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import parse_dof
+from structid.core.units import MISTAKEN_FORCES, mistaken_motions, mistaken_unit
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.channels import FACTORS, channels, index_of
+from structid.diagnose.effects import scaled_channel
+from structid.diagnose.model_edits import AddChannelError, Edits, rounded
+from structid.diagnose.receptances import Receptances
+from structid.diagnose.tested_model import TestedModel
+
+#: Difference of a gain's logarithm from that of another unit within which it is taken for it.
+_UNIT = 0.05
+#: Logarithm of a gain that a linear look may ask for, at most; factor by which a calibration may be off.
+_LARGEST_LOG, MOST_GAIN = 20.0, 30.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SensorGain(Candidate):
+    """A sensor that reads too much or too little; the strength is the logarithm of its gain."""
+
+    kind: ClassVar[str] = "sensor_gain"
+    record: int | None = 0
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        for _, channel in channels(records, 1):
+            if channel.n_alike > 1:
+                units = np.log([factor for factor, _, _ in mistaken_motions(channel.dof.is_rotation)])
+                logs = np.concatenate([FACTORS, -FACTORS, units, -units])
+                yield cls(where=(channel.dof.place,), record=channel.record, strengths=logs)
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        index = index_of(receptances, 1, self.where[0])
+        return scaled_channel(receptances, 1, index, np.exp(strengths)[:, None].astype(complex))
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        start = rounded(float(np.exp(np.clip(strength, -_LARGEST_LOG, _LARGEST_LOG))))
+        entry = {"property": "gain", "outputs": list(self.where), "start": start}
+        return [AddChannelError(self.record or 0, entry)]
+
+    def mistaken_unit(self, gain: float | None) -> str:
+        """The mistaken unit that a gain stands for; "" where it is that of none."""
+        if gain is None or gain <= 0:
+            return ""
+        return mistaken_unit(math.log(gain), mistaken_motions(parse_dof(self.where[0]).is_rotation), _UNIT)
+
+    def named_kind(self, value: float | None) -> str:
+        return "unit" if self.mistaken_unit(value) else self.kind
+
+    def sentence(self, value: float | None) -> str:
+        return gain_sentence(f"sensor {self.where[0]}", self.mistaken_unit(value), value)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoadGain(Candidate):
+    """A load whose measurement reads too much or too little; the strength is minus the logarithm of its gain."""
+
+    kind: ClassVar[str] = "load_gain"
+    begins_at_start: ClassVar[bool] = True
+    record: int | None = 0
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        units = np.log([factor for factor, _, _ in MISTAKEN_FORCES])
+        for _, channel in channels(records, 2):
+            logs = np.concatenate([FACTORS, -FACTORS, units, -units])
+            yield cls(where=(channel.dof.place,), record=channel.record, strengths=logs)
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        index = index_of(receptances, 2, self.where[0])
+        return scaled_channel(receptances, 2, index, np.exp(strengths)[:, None].astype(complex))
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        start = rounded(float(1 / np.exp(np.clip(strength, -_LARGEST_LOG, _LARGEST_LOG))))
+        return [AddChannelError(self.record or 0, {"property": "gain", "inputs": list(self.where), "start": start})]
+
+    def mistaken_unit(self, gain: float | None) -> str:
+        """The mistaken unit that a gain stands for; "" where it is that of none."""
+        return "" if gain is None or gain <= 0 else mistaken_unit(-math.log(gain), MISTAKEN_FORCES, _UNIT)
+
+    def named_kind(self, value: float | None) -> str:
+        return "unit" if self.mistaken_unit(value) else self.kind
+
+    def sentence(self, value: float | None) -> str:
+        return gain_sentence(f"the force at {self.where[0]}", self.mistaken_unit(value), value)
+
+
+def gain_sentence(channel: str, unit: str, gain: float | None) -> str:
+    """What a gain of a channel says."""
+    if unit:
+        return f"{channel} is in another unit than stated: {unit}"
+    return f"the calibration of {channel} is off" + ("" if gain is None else f" by a factor of {gain:.4g}")

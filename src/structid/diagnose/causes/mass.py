@@ -1,0 +1,69 @@
+"""A mass at a node is missing in the model, or too much in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import DIRECTIONS, Dof
+from structid.diagnose.causes.added import unknown_of_either_sign
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.places import MOST_DOFS, chosen_dofs, inertia, record_words
+from structid.diagnose.effects import (
+    Directions,
+    all_directions,
+    direction_of,
+    effect_of_addition,
+    stiffness_scale,
+    strengths_about,
+)
+from structid.diagnose.model_edits import AddPart, Edits, rounded
+from structid.diagnose.receptances import Receptances
+from structid.diagnose.tested_model import TestedModel
+
+
+def lack_words(value: float | None) -> str:
+    """What is wrong with a mass of this sign."""
+    return "missing in the model" if value is None or value > 0 else "too much in the model"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mass(Candidate):
+    """A mass of either sign that moves in all directions of a node, in all records or in one of them."""
+
+    kind: ClassVar[str] = "mass"
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        yield from cls._at_nodes(records[0])
+        for number, receptances in enumerate(records if len(names) > 1 else ()):
+            if receptances.structure.n_dofs <= MOST_DOFS:
+                yield from cls._at_nodes(receptances, number, names[number])
+
+    @classmethod
+    def _at_nodes(cls, receptances: Receptances, record: int | None = None, name: str = "") -> Iterator[Candidate]:
+        nodes: dict[int, list[Directions]] = {}
+        for dof, direction in chosen_dofs(receptances):
+            if not dof.is_rotation:
+                nodes.setdefault(dof.node, []).append(direction)
+        for node, directions in nodes.items():
+            scale = min(stiffness_scale(receptances, one, inertia(receptances)) for one in directions)
+            where = (str(node),) if record is None else (str(node), name)
+            yield cls(where=where, strengths=strengths_about(scale, (1, -1)), record=record)
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        node = int(self.where[0])
+        moves = [Dof(node, direction) for direction in DIRECTIONS[:3]]
+        directions = all_directions([direction_of((dof, 1.0)) for dof in moves if dof in receptances.columns])
+        return effect_of_addition(receptances, directions, inertia(receptances), strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        name = model.unique_name(f"mass {' '.join(self.where)}")
+        entry = {"name": name, "nodes": [int(self.where[0])], "mass": rounded(abs(strength))}
+        return [AddPart("point_mass", entry, self.record), unknown_of_either_sign("mass", name, strength)]
+
+    def sentence(self, value: float | None) -> str:
+        of_record = f" in {record_words(self.where[1])}" if len(self.where) > 1 else ""
+        return f"a mass at node {self.where[0]} is {lack_words(value)}{of_record}"

@@ -1,0 +1,123 @@
+"""Places of a model where a candidate cause may be: nodes, elements and the parameters that move them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, IntArray
+from structid.core.display import join_words
+from structid.core.dof import Dof
+from structid.diagnose.effects import Directions, direction_of
+from structid.diagnose.receptances import ElementMatrix, Receptances
+from structid.fem import Spring
+
+T = TypeVar("T")
+
+#: Of larger models so many nodes and elements are tried.
+MOST_NODES, MOST_ELEMENTS = 60, 150
+#: Degrees of freedom beyond which only changes of records are tried, which need no Z^-1: it is formed at some forty lines.
+MOST_DOFS = 1200
+#: Places of one cause that are named.
+_SHOWN = 3
+
+
+def spread(items: Sequence[T], most: int) -> list[T]:
+    """All items, or as many as `most` of them, evenly."""
+    if len(items) <= most:
+        return list(items)
+    return [items[i] for i in np.linspace(0, len(items) - 1, most).round().astype(int)]
+
+
+def chosen_nodes(receptances: Receptances) -> set[int]:
+    """The nodes where something may be added."""
+    return set(spread(list(dict.fromkeys(dof.node for dof in receptances.columns)), MOST_NODES))
+
+
+def chosen_dofs(receptances: Receptances) -> Iterator[tuple[Dof, Directions]]:
+    """The degrees of freedom where something may be added, each with its direction."""
+    nodes = chosen_nodes(receptances)
+    for dof in receptances.columns:
+        if dof.node in nodes:
+            yield dof, direction_of((dof, 1.0))
+
+
+def inertia(receptances: Receptances) -> ComplexArray:
+    """s^2, by which a mass enters the dynamic stiffness, (n_lines,)."""
+    return receptances.laplace**2
+
+
+def velocity(receptances: Receptances) -> ComplexArray:
+    """s, by which a damper does, (n_lines,)."""
+    return receptances.laplace
+
+
+def constant(receptances: Receptances, loss: float = 0.0) -> ComplexArray:
+    """1 + i times a loss factor, by which a stiffness does, (n_lines,)."""
+    return np.full_like(receptances.laplace, 1 + 1j * loss)
+
+
+def spring_ends(receptances: Receptances) -> Iterator[tuple[tuple[str, str], Directions]]:
+    """Springs between two ends that both move: the ends, and the direction in which they move apart."""
+    for element in receptances.structure.elements:
+        if isinstance(element, Spring) and element.second is not None:
+            for first, second in zip(element.first, element.second, strict=True):
+                apart = direction_of((second.unsigned, float(second.sign)), (first.unsigned, -float(first.sign)))
+                moves = receptances.reached(apart.codes)
+                if moves.any(axis=1).all() and (apart.weights[:, 0] @ moves)[receptances.undriven].any():
+                    yield (first.place, second.place), apart
+
+
+def moved_elements(receptances: Receptances) -> Iterator[tuple[ElementMatrix, tuple[int, ...]]]:
+    """Stiffness and mass of elements, each with the parameters that move it."""
+    design = receptances.problem.parameters.design.tocsr()
+    for one in receptances.elements(("stiffness", "mass")):
+        yield one, tuple(design.indices[design.indptr[one.row] : design.indptr[one.row + 1]].tolist())
+
+
+def summed(items: Sequence[ElementMatrix]) -> ElementMatrix:
+    """Several element matrices as one, called as their kind where they are of several properties."""
+    first, *more = items
+    if not more:
+        return first
+    codes = np.unique(np.concatenate([one.codes[one.codes >= 0] for one in items]))
+    matrix = np.zeros((len(codes), len(codes)))
+    for one in items:
+        there = one.codes >= 0
+        place: IntArray = np.searchsorted(codes, one.codes[there])
+        matrix[np.ix_(place, place)] += one.matrix[np.ix_(there, there)]
+    prop = first.property if len({one.property for one in items}) == 1 else first.kind
+    return first._replace(property=prop, codes=codes, matrix=matrix)
+
+
+class Factored(NamedTuple):
+    """An element matrix as D D': its directions, its kind and its loss factor."""
+
+    directions: Directions
+    kind: str
+    loss: float
+
+    def law(self, receptances: Receptances) -> ComplexArray:
+        return inertia(receptances) if self.kind == "mass" else constant(receptances, self.loss)
+
+
+def factored(receptances: Receptances, one: ElementMatrix, most: float = np.inf) -> Factored | None:
+    """An element matrix by its directions; None where nothing moves that has it, or it moves in more ways than `most`."""
+    size, vectors = np.linalg.eigh(one.matrix)
+    keep = size > 1e-9 * max(size[-1], 0.0)
+    directions = Directions(one.codes, vectors[:, keep] * np.sqrt(size[keep]))
+    if not 0 < keep.sum() <= most or not len(directions.rows(receptances)[0]):
+        return None
+    return Factored(directions, one.kind, one.loss)
+
+
+def record_words(title: str) -> str:
+    """A record by its name, or by the number that stands for it."""
+    return title if title.startswith("record ") else f"record {title}"
+
+
+def few_words(places: tuple[str, ...]) -> str:
+    """All of few places, the first of many and how many more there are."""
+    return join_words(places) if len(places) <= _SHOWN + 1 else f"{join_words(places, _SHOWN)} stretches"

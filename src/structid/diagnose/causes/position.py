@@ -1,0 +1,38 @@
+"""A sensor or load is at another node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.model_edits import Edits, RenameChannels
+from structid.diagnose.tested_model import TestedModel
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SensorPosition(Candidate):
+    """A sensor that sits at another node; it follows from a look without the sensor."""
+
+    kind: ClassVar[str] = "place"
+    record: int | None = 0
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        return [RenameChannels(self.record or 0, {self.where[0]: self.where[1]})]
+
+    def sentence(self, value: float | None) -> str:
+        return f"sensor {self.where[0]} sits at {self.where[1]}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoadPosition(Candidate):
+    """A load that acts at another node; it is tried of every load."""
+
+    kind: ClassVar[str] = "load_place"
+    record: int | None = 0
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        return [RenameChannels(self.record or 0, {f"load {self.where[0]}": self.where[1]})]
+
+    def sentence(self, value: float | None) -> str:
+        return f"the force at {self.where[0]} acts at {self.where[1]}"

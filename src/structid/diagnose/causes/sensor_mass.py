@@ -1,0 +1,86 @@
+"""Each sensor has a mass that the model lacks, as accelerometers that weigh something."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.display import join_words
+from structid.core.dof import Dof
+from structid.diagnose.causes.added import unknown_of_either_sign
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.mass import lack_words
+from structid.diagnose.causes.places import inertia
+from structid.diagnose.effects import (
+    all_directions,
+    direction_of,
+    effect_of_addition,
+    stiffness_scale,
+    strengths_about,
+)
+from structid.diagnose.model_edits import AddPart, Edit, Edits, rounded
+from structid.diagnose.receptances import Receptances
+from structid.diagnose.tested_model import TestedModel
+
+#: Ways in which all sensors together may move, and places that are named.
+_MOST_WAYS, _SHOWN = 60, 3
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SensorMass(Candidate):
+    """The same mass at the node of every sensor, of each record at its own.
+
+    Attributes
+    ----------
+    nodes : tuple of str
+        The nodes of the sensors of each record.
+    """
+
+    kind: ClassVar[str] = "sensor_mass"
+    nodes: tuple[str, ...]
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        nodes = list(dict.fromkeys(node for one in records for node in _sensed(one)))
+        most = max(len(_translations(one, _sensed(one))) for one in records)
+        if len(nodes) > 1 and most <= _MOST_WAYS:
+            first = next(one for one in records if _sensed(one))
+            moves = _translations(first, _sensed(first))
+            scale = min(stiffness_scale(first, direction_of((dof, 1.0)), inertia(first)) for dof in moves)
+            of_record = tuple(" ".join(map(str, _sensed(one))) for one in records)
+            yield cls(where=tuple(map(str, nodes)), strengths=strengths_about(scale, (1, -1)), nodes=of_record)
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        directions = [direction_of((dof, 1.0)) for dof in _translations(receptances, _sensed(receptances))]
+        if not directions:
+            return np.zeros((len(strengths), *receptances.frf.shape), complex)
+        return effect_of_addition(receptances, all_directions(directions), inertia(receptances), strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        """One set of masses in the structure, or in that of each record where the sensors are not the same."""
+        name = model.unique_name("mass of each sensor")
+        is_same = len(set(self.nodes)) == 1
+        edits: list[Edit] = []
+        for number, nodes in enumerate(self.nodes[:1] if is_same else self.nodes):
+            if nodes:
+                entry = {"name": name, "nodes": [int(node) for node in nodes.split()], "mass": rounded(abs(strength))}
+                edits.append(AddPart("point_mass", entry, None if is_same else number))
+        return [*edits, unknown_of_either_sign("mass", name, strength)]
+
+    def sentence(self, value: float | None) -> str:
+        return f"each sensor has a mass that is {lack_words(value)}: at nodes {join_words(self.where, _SHOWN)}"
+
+
+def _sensed(receptances: Receptances) -> tuple[int, ...]:
+    """The nodes of the sensors that read translations, those that move."""
+    nodes = dict.fromkeys(dof.node for dof in receptances.problem.record.outputs if not dof.is_rotation)
+    return tuple(node for node in nodes if _translations(receptances, (node,)))
+
+
+def _translations(receptances: Receptances, nodes: Collection[int]) -> list[Dof]:
+    """The translations of some nodes that are free."""
+    return [dof for dof in receptances.columns if dof.node in nodes and not dof.is_rotation]

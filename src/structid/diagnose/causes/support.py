@@ -1,0 +1,94 @@
+"""A support gives way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.display import join_words
+from structid.core.dof import Dof, parse_dof
+from structid.core.errors import InputError
+from structid.diagnose.causes.added import added_spring
+from structid.diagnose.causes.candidate import POSITIVE, Candidate
+from structid.diagnose.effects import effect_of_release, strengths_about
+from structid.diagnose.model_edits import (
+    AddNode,
+    Edit,
+    Edits,
+    HoldSupports,
+    MoveBaseSupport,
+    ReleaseSupport,
+    RenameChannels,
+    rounded,
+)
+from structid.diagnose.receptances import Receptances
+from structid.diagnose.tested_model import TestedModel
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Support(Candidate):
+    """A direction, or several together, that some record holds or drives, and that is flexible; the strength is its compliance.
+
+    Attributes
+    ----------
+    driven : tuple of int
+        Positions of the records whose input is at the support.
+    loss_factor : float, optional
+        Of the spring in its place, where that has one of its own.
+    """
+
+    kind: ClassVar[str] = "support"
+    bounds: tuple[float, float] = POSITIVE
+    driven: tuple[int, ...] = ()
+    loss_factor: float | None = None
+
+    @classmethod
+    def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        inputs = [{dof.unsigned for dof in one.problem.record.inputs} for one in records]
+        scales = {
+            dof.unsigned: float(1 / np.median(np.abs(own)))
+            for one in reversed(records)
+            for dof, own in zip(one.loose[0], one.loose[2].T, strict=True)
+        }
+        for dof, scale in scales.items():
+            driven = tuple(number for number, own in enumerate(inputs) if dof in own)
+            yield cls(where=(dof.place,), strengths=strengths_about(scale), driven=driven)
+
+    def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        held, coupling, own = receptances.loose
+        dof = parse_dof(self.where[0])
+        index = [i for i, one in enumerate(held) if one.unsigned == dof]
+        if not index:  # this record neither holds nor drives it
+            return np.zeros((len(strengths), *receptances.frf.shape), complex)
+        return effect_of_release(receptances, coupling[:, :, index[0]], own[:, index[0]], strengths)
+
+    def edits(self, model: TestedModel, strength: float) -> Edits:
+        """A spring in the place of the support, to the ground or to a new node that the base moves."""
+        dof = parse_dof(self.where[0])
+        held = {one.unsigned for setup in model.setups for one in setup.structure.fixed}
+        if not held.issuperset(parse_dof(place) for place in self.where):
+            raise InputError(f"{join_words(self.where)} is not held")
+        to_base, end = self._driving_end(model, dof)
+        name = model.unique_name(f"support {self.where[0]}")
+        first = list(self.where) if len(self.where) > 1 else self.where[0]
+        entry = {"name": name, "first": first, **end, "stiffness": rounded(1 / strength)}
+        released = [ReleaseSupport(parse_dof(place)) for place in self.where]
+        return [*to_base, *released, *added_spring("spring", entry, self.loss_factor)]
+
+    def _driving_end(self, model: TestedModel, dof: Dof) -> tuple[list[Edit], dict[str, str]]:
+        """The other end of a spring at a support that drives: a new node in its place, with its channel."""
+        if not any(base.moves(dof) for setup in model.setups for base in setup.structure.bases):
+            return [], {}
+        label = model.new_node()
+        end = f"{label}{dof.direction}"
+        renamed = [RenameChannels(number, {dof.place: end}) for number in self.driven]
+        return [AddNode(label, dof.node), MoveBaseSupport(dof, label), HoldSupports((end,)), *renamed], {"second": end}
+
+    def sentence(self, value: float | None) -> str:
+        if len(self.where) > 1:
+            return f"the supports {join_words(self.where)} are flexible"
+        return f"the support {self.where[0]} is flexible"

@@ -1,0 +1,1 @@
+"""Checks of a model and its records before a fit: mesh, channels, resonances, loose parts."""

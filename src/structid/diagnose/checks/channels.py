@@ -1,0 +1,261 @@
+"""Sense, unit and level of every sensor and load, told from a record beside the initial model and from reciprocity.
+
+All is told relative to the other channels: parameters that start far off move all channels alike, or by little.
+Limits are set on right models whose parameters start 15 to 30 % off, each on its own: 220 studies of eight structures, 300
+of a shear frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.dof import Dof
+from structid.core.units import MISTAKEN_FORCES, STANDARD_GRAVITY, mistaken_motions, mistaken_unit
+from structid.diagnose.checks.aligned_responses import Aligned, accord, median
+from structid.records import FrfRecord
+
+#: Accord that the others must reach, and well; below which a channel is turned round, or does not go with the model.
+_GOES, _GOES_WELL, _TURNED, _APART = 0.7, 0.9, -0.4, 0.4
+#: Factors, as logarithms: by which a channel may be off, and beyond which its level, and its unit, is wrong.
+_ABOUT_ONE, _LEVEL, _FAR = np.log(1.7), np.log(2.5), np.log(3.0)
+#: Factor of all channels that is told, as a logarithm: where all sensors agree on it within so much, and where they differ.
+_SHARED, _ALIKE, _SHARED_BY_MOST = np.log(1.6), 0.25, np.log(2.5)
+#: Sensors that can agree, accord that they must reach, and part of the resonances with a like.
+_FEWEST, _AGREE, _PAIRED = 3, 0.85, 0.6
+#: How far from a unit's factor a level may be, as a logarithm.
+_NEAR = 0.35
+#: Powers of ten from which on units differ, and how near they must be.
+_DECADES, _NEAR_DECADE = 2, 0.2
+#: Standard deviations from where on a value stands out of its noise.
+_CLEAR = 3.0
+_SUPPORT_REMEDY, _LOAD_REMEDY = "check the sensitivity and unit of its sensor", "check the load cell's sensitivity"
+#: What reciprocity may miss by, and standard errors of that.
+_RECIPROCAL, _ERRORS = 0.05, 6.0
+
+#: Kinds of FRFs whose sensors are accelerometers.
+_ACCELERATIONS = ("accelerance", "transmissibility")
+
+
+class ChannelWarnings(NamedTuple):
+    """What does not look right in the channels of a record: of all of them or of loads, of sensors, and of pairs of places.
+
+    Those of sensors, also that of a support that drives, are false where the model comes to explain the record as it is.
+    """
+
+    of_loads: tuple[str, ...] = ()
+    of_sensors: tuple[str, ...] = ()
+    of_pairs: tuple[str, ...] = ()
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """All of them, the gravest first."""
+        return (*self.of_loads, *self.of_sensors, *self.of_pairs)
+
+
+def channel_warnings(found: Aligned) -> ChannelWarnings:
+    """What does not look right beside the initial model, and by reciprocity."""
+    record, level, agreement = found.record, found.level, found.accord
+    of_pairs = tuple(_reciprocity(record))
+    if not np.isfinite(level).any():
+        return ChannelWarnings(of_pairs=of_pairs)
+    of_loads = (*_whole_record(found, level, agreement), *_single_loads(record, level, agreement))
+    of_sensors = tuple(_sensors(found, level, agreement))
+    if record.is_per_motion:
+        return ChannelWarnings((), (*of_loads, *of_sensors), of_pairs)
+    return ChannelWarnings(of_loads, of_sensors, of_pairs)
+
+
+def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
+    """A factor or a sense that all channels share."""
+    record = found.record
+    common, goes = float(np.nanmedian(level)), float(np.nanmedian(agreement))
+    told = (
+        f"the measured {record.kind} is {np.exp(common):.3g} times the initial model's (median over lines and channels,"
+        " resonance upon resonance)"
+    )
+    decades = common / np.log(10)
+    nearest = round(decades)
+    if abs(nearest) >= _DECADES and abs(decades - nearest) <= _NEAR_DECADE:
+        yield (
+            f"{told}, close to 10^{nearest}: record and model are in different units. structid works in m, N, kg and s."
+            f" {_decade_remedy(nearest)}"
+        )
+        return
+    is_driven = any(sensor.unsigned == load.unsigned for sensor in record.outputs for load in record.inputs)
+    of_support = record.is_per_motion
+    drive = "support" if of_support else "load"
+    if goes <= -_GOES and not is_driven:
+        yield (
+            f"all sensors move against the model: the {drive} {_listed(record.inputs)} {'moves' if of_support else 'acts'} with"
+            f" the opposite sense, or the FRF has another sign convention; relabel the {drive}, as in"
+            ' relabel = {"load 3X" = "3X-"}'
+        )
+    loads = median(level, 0)
+    alike = bool((np.abs(loads - common) < _NEAR).all())
+    paired = [np.isfinite(one.mac) for one in found.pairs]
+    agree = len(level) >= _FEWEST and float(np.nanmax(level) - np.nanmin(level)) < _ALIKE
+    is_clear = abs(common) > (_SHARED if agree else _SHARED_BY_MOST) and abs(goes) >= _AGREE
+    if not (alike and is_clear and any(paired) and np.mean(paired) >= _PAIRED):
+        return
+    if record.kind == "accelerance" and abs(abs(common) - np.log(STANDARD_GRAVITY)) <= _NEAR:
+        yield (
+            f"{told}, close to 9.81: accelerations look to be in m/s^2 and were read as g, or forces in kgf and read as N;"
+            " correct the unit in the file or in [record]"
+            if common > 0
+            else f"{told}, close to 1/9.81: accelerations look to be in g and were read as m/s^2; give"
+            ' unit = "g/N" in [record]'
+        )
+        return
+    if of_support:
+        times = f"{np.exp(common):.2g}" if common > 0 else f"1/{np.exp(-common):.2g}"
+        yield (
+            f"support {_listed(record.inputs)}: its motion is {times} times what the record says, or the model is far off:"
+            f" {told}; {_SUPPORT_REMEDY}"
+        )
+        return
+    unit = mistaken_unit(common, MISTAKEN_FORCES, _NEAR) if agree else ""
+    cause = (
+        f"the force is {np.exp(common):.2g} times what the record says, or the model's masses are too large by that"
+        if common > 0
+        else f"the force is 1/{np.exp(-common):.2g} of what the record says, or the model's masses are too small by that"
+    )
+    remedy = f", as if it were {unit}" if unit else f"; {_LOAD_REMEDY}"
+    yield f"load {_listed(record.inputs)}: {cause}: {told}{remedy}"
+
+
+def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
+    """Loads, or supports that drive, whose level or sense differs from the others'."""
+    if len(record.inputs) < 2:
+        return
+    loads, goes = median(level, 0), median(agreement, 0)
+    of_support = record.is_per_motion
+    drive, acts = ("support", "moves") if of_support else ("load", "acts")
+    for i, load in enumerate(record.inputs):
+        others = np.delete(np.arange(len(loads)), i)
+        reference = float(median(loads[others], 0)) if len(others) > 1 else 0.0
+        if not float(median(goes[others], 0)) >= _GOES:
+            continue
+        if goes[i] <= _TURNED:
+            yield f"{drive} {load} {acts} with the opposite sense at most sensors; check its sign, or relabel it"
+        elif goes[i] >= _GOES and abs(loads[i] - reference) > _ABOUT_ONE and abs(loads[i]) > _ABOUT_ONE:
+            size = loads[i] - reference
+            told = f"{drive} {load}: the measured {record.kind} is {np.exp(size):.2g} times the model's beside other {drive}s"
+            if of_support:
+                yield f"{told}: {_SUPPORT_REMEDY}"
+            else:
+                unit = mistaken_unit(size, MISTAKEN_FORCES, _NEAR)
+                yield f"{told}: {f'the force looks to be {unit}' if unit else _LOAD_REMEDY}"
+
+
+def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
+    """Sensors whose level or sense differs from the others'."""
+    record = found.record
+    apart: list[int] = []
+    for o, fault, size in _faults(level, agreement):
+        sensor = record.outputs[o]
+        if fault == "turned":
+            remedy = f'write relabel = {{"{sensor.place}" = "{sensor.place}-"}}'
+            if sensor.sign < 0:
+                remedy += ", or take that line out where the study has it"
+            yield (
+                f"sensor {sensor} reads with the opposite sense (beside the model and the other sensors); check its sign, or"
+                f" {remedy}"
+            )
+        elif fault == "level":
+            table = mistaken_motions(sensor.is_rotation, record.kind in _ACCELERATIONS)
+            unit = mistaken_unit(size, table, _NEAR)
+            times = f"{np.exp(size):.2g}" if size > 0 else f"1/{np.exp(-size):.2g}"
+            yield f"sensor {sensor} reads {times} times the level of the others beside the model: " + (
+                f"it looks to be {unit}; correct its unit" if unit else "check its sensitivity and unit"
+            )
+        else:
+            apart.append(o)
+    pairs = _exchanged(found, apart)
+    for a, b in pairs:
+        a_dof, b_dof = record.outputs[a], record.outputs[b]
+        yield f"sensors {a_dof} and {b_dof} look exchanged: each moves as the model does at the other"
+    for o in apart:
+        if not any(o in pair for pair in pairs):
+            yield (
+                f"sensor {record.outputs[o]} does not go with the model as the others do: check its direction, place and cable"
+            )
+
+
+def _faults(
+    level: FloatArray, agreement: FloatArray
+) -> Iterator[tuple[int, Literal["turned", "level", "apart"], float]]:
+    """Sensors that do not go with the model as the others do, how, and the logarithm of their level beside theirs."""
+    own, goes = median(level - median(level, 0), 1), median(agreement, 1)
+    if len(own) < 3:
+        return
+    for o in range(len(own)):
+        rest = float(median(np.delete(goes, o), 0))
+        size = float(own[o] - median(np.delete(own, o), 0))
+        if not (np.isfinite(goes[o]) and rest >= _GOES):
+            continue
+        if goes[o] <= _TURNED and abs(size) <= _ABOUT_ONE:
+            yield o, "turned", size
+        elif abs(size) > _FAR and goes[o] >= _APART:
+            yield o, "level", size
+        elif rest >= _GOES_WELL and (goes[o] < _APART or abs(size) > _LEVEL):
+            yield o, "apart", size
+
+
+def _exchanged(found: Aligned, apart: Sequence[int]) -> list[tuple[int, int]]:
+    """Of sensors that stand apart, pairs that being exchanged mends; each sensor once."""
+    pairs: list[tuple[int, int]] = []
+    for a, b in combinations(apart, 2):
+        changed = accord(found.measured[:, [a, b]], found.model[:, [b, a]])
+        is_free = not any({a, b} & set(pair) for pair in pairs)
+        if is_free and np.nanmin(median(changed, 1)) >= _GOES:
+            pairs.append((a, b))
+    return pairs
+
+
+def _reciprocity(record: FrfRecord) -> Iterator[str]:
+    """Pairs of places that were each driven and measured, where the two FRFs differ."""
+    sensors = {dof.unsigned: o for o, dof in enumerate(record.outputs)}
+    loads = {dof.unsigned: i for i, dof in enumerate(record.inputs)}
+    for one, other in combinations([dof for dof in loads if dof in sensors], 2):
+        there = _signed(record, sensors[one], loads[other])
+        back = _signed(record, sensors[other], loads[one])
+        clear = np.isfinite(there) & np.isfinite(back)
+        if clear.sum() < 8:
+            continue
+        ratio = there[clear] / back[clear]
+        size = np.log(np.abs(ratio))
+        middle = float(np.median(size))
+        spread = 1.4826 * float(np.median(np.abs(size - middle))) * 1.2533 / np.sqrt(len(size))
+        turned = float(np.mean(np.cos(np.angle(ratio)))) < _TURNED
+        if turned or abs(middle) > max(_RECIPROCAL, _ERRORS * spread):
+            times = f"{'-' if turned else ''}{np.exp(middle):.3g}"
+            yield (
+                f"reciprocity: {one.place} under a load at {other.place} is {times} times {other.place} under a load at"
+                f" {one.place}, and should be the same: check sense and sensitivity of these sensors and loads"
+            )
+
+
+def _signed(record: FrfRecord, o: int, i: int) -> ComplexArray:
+    """One FRF with the senses of its channels taken out, where it stands out of its noise; NaN elsewhere."""
+    values = record.values[:, o, i] * record.outputs[o].sign * record.inputs[i].sign
+    noise = 0.0 if record.variance is None else np.sqrt(record.variance[:, o, i])
+    return np.where(np.abs(values) > _CLEAR * noise, values, np.nan)
+
+
+def _decade_remedy(decades: int) -> str:
+    if decades == 3:
+        cause = "The record may be in mm (or per kN), or the model's nodes in mm, or its masses in t and stiffnesses in kN/m"
+    elif decades == -3:
+        cause = "The record may be per mN or in km, or the model's stiffnesses in N/mm entered as N/m times 10^6"
+    else:
+        cause = "The record may be in other units than the file says, or a mass or stiffness of the model is"
+    return f'{cause}: give the file\'s unit in [record], as in unit = "mm/N", or correct the model'
+
+
+def _listed(dofs: Sequence[Dof]) -> str:
+    return ", ".join(map(str, dofs))

@@ -1,0 +1,70 @@
+"""Each record beside its initial model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray
+from structid.core.errors import SingularModelError
+from structid.diagnose.checks.aligned_responses import ResonancePair, aligned
+from structid.diagnose.checks.channels import ChannelWarnings, channel_warnings
+from structid.forward import FrfProblem, ModalProblem, RecordProblem
+from structid.identification.fits.modal_fit import paired_modes
+from structid.identification.options import IdentifyOptions
+from structid.identification.setups.setup import AnySetup
+from structid.identification.setups.time import TimeSetup
+
+
+@dataclass(frozen=True)
+class InitialComparison:
+    """A record beside its initial model.
+
+    Attributes
+    ----------
+    resonances : tuple of ResonancePair
+    warnings : ChannelWarnings
+        Senses, units and levels of channels that do not look right.
+    """
+
+    resonances: tuple[ResonancePair, ...] = ()
+    warnings: ChannelWarnings = field(default_factory=ChannelWarnings)
+
+
+def compare_with_initial_model(setup: AnySetup, problem: RecordProblem, options: IdentifyOptions) -> InitialComparison:
+    """The resonances and channels of a record beside those of the initial model.
+
+    Raises
+    ------
+    SingularModelError, InputError
+        If the initial model cannot be evaluated.
+    """
+    if isinstance(problem, ModalProblem):
+        return _compare_modes(problem)
+    if isinstance(setup, TimeSetup):
+        averaged = setup.shown_problem(options, problem.channels)
+        return _compare_responses(averaged, averaged.predicted(averaged.theta_start))
+    if not isinstance(problem, FrfProblem):
+        return InitialComparison()
+    predicted = problem.predicted(problem.theta_start)
+    if not np.isfinite(predicted).all():
+        raise SingularModelError(
+            "the initial model's response is not finite; check its masses, stiffnesses and supports"
+        )
+    return _compare_responses(problem, predicted)
+
+
+def _compare_responses(problem: FrfProblem, predicted: ComplexArray) -> InitialComparison:
+    comparison = aligned(problem, predicted)
+    return InitialComparison(comparison.pairs, channel_warnings(comparison))
+
+
+def _compare_modes(problem: ModalProblem) -> InitialComparison:
+    theta = np.asarray(problem.theta_start)
+    problem.residual(theta)
+    pairs = paired_modes(problem, theta)
+    columns = (problem.data.frequency.tolist(), pairs.frequency.tolist(), pairs.mac.tolist())
+    resonances = [ResonancePair(*row) for row in zip(*columns, strict=True)]
+    extra = [ResonancePair(np.nan, frequency, np.nan) for frequency in pairs.passed_over.tolist()]
+    return InitialComparison((*resonances, *extra))

@@ -1,0 +1,221 @@
+"""How far off the frequencies of a model are by the size of its elements: held against refined ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.diagnose.checks.refined_mesh import Refined, n_split, obstacle, refined, split_power
+from structid.dynamics import Modes
+from structid.fem import Structure
+from structid.identification.fits.model_modes import structure_modes
+from structid.identification.fits.resonances import LEAST_DAMPING
+from structid.similarity.pairing import assigned
+
+#: Degrees of freedom of the finest model that is solved, and modes that are looked at.
+_MOST_DOFS, _MOST_MODES = 20_000, 40
+#: Degrees of freedom up to which all modes come at once.
+_ALL = 600
+#: Damping ratio where there is none.
+_USUAL_DAMPING = 0.01
+#: Pieces from which on smaller elements are no remedy.
+_MOST_PIECES = 16
+#: Part of a half-bandwidth by which a mode may be off by its mesh, and relative change of a frequency that is rounding.
+_PART, _ROUNDING = 0.1, 1e-6
+#: Powers of the element length that errors go with; the usual one where only one refinement can be solved.
+_ORDERS, _USUAL = (1.0, 6.0), 2.0
+#: Parts of the band's end up to which modes are looked at, below which they are a rigid body's, and up to which one is lost.
+_LOOKED, _RIGID, _LOST = 1.3, 1e-3, 0.97
+#: Likeness from which on a mode of the refined model is one of the coarse model's, and how far apart they may be.
+_ALIKE, _FARTHEST = 0.5, 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeshErrors:
+    """Modes of a model beside those that it would have with elements of no size.
+
+    Attributes
+    ----------
+    structure : Structure
+    number : (n_judged,) int array
+        Of each mode in the band, from 0.
+    frequency, damping_ratio : (n_judged,) float arrays
+        With the elements as they are, Hz and 1; ratios are at least 0.001, and 0.01 where there is no damping.
+    error, order : (n_judged,) float arrays
+        Relative, positive where the frequency is too high; and the power of the element length that it goes with.
+    passed_over : (n_lost,) float array
+        Hz: modes of the refined model in the band that these elements do not have.
+    deviation : float
+        Relative, the least of measured frequencies; infinite where none are measured.
+    """
+
+    structure: Structure
+    number: IntArray
+    frequency: FloatArray
+    damping_ratio: FloatArray
+    error: FloatArray
+    order: FloatArray
+    passed_over: FloatArray
+    deviation: float
+
+    @cached_property
+    def allowed(self) -> FloatArray:
+        """Relative, (n_judged,): a tenth of each half-bandwidth, or `deviation` where that is less."""
+        return np.minimum(_PART * self.damping_ratio, self.deviation)
+
+    @property
+    def tolerance(self) -> float:
+        """The least of `allowed`."""
+        return float(self.allowed.min(initial=min(_PART * _USUAL_DAMPING, self.deviation)))
+
+    @cached_property
+    def needed(self) -> int:
+        """Pieces that each element is to be cut into (along each of its edges) so that no mode in the band is off by more.
+
+        0 where these are enough.
+        """
+        size = np.abs(self.error)
+        if not (size > self.allowed).any():
+            return 0
+        return int(np.ceil(np.max((size / self.tolerance) ** (1 / self.order)) - 1e-9))
+
+    @property
+    def n_elements(self) -> int:
+        """So many elements that then are."""
+        return n_split(self.structure) * max(self.needed, 1) ** split_power(self.structure)
+
+    @property
+    def worst(self) -> int:
+        """Position of the mode that is farthest off in parts of what is allowed."""
+        return int((np.abs(self.error) / self.allowed).argmax())
+
+    @property
+    def half_bandwidths(self) -> FloatArray:
+        """Errors in half-bandwidths, without sign."""
+        return np.abs(self.error) / self.damping_ratio
+
+    @property
+    def words(self) -> str:
+        """The mode that is farthest off, and what would mend it; "" where none is."""
+        if not self.needed and not self.passed_over.size:
+            return ""
+        if self.passed_over.size:
+            listed = ", ".join(f"{value:.4g}" for value in self.passed_over[:3])
+            found = f"with smaller elements the model has modes at {listed} Hz that it lacks with these"
+        else:
+            worst = self.worst
+            sense = "high" if self.error[worst] > 0 else "low"
+            off = (
+                f"{abs(self.error[worst]) / self.tolerance:.2g} times the deviation that is stated of measured modes"
+                if self.tolerance == self.deviation
+                else f"{self.half_bandwidths[worst]:.2g} times half its resonance width"
+            )
+            found = (
+                f"the mesh is too coarse: mode {self.number[worst] + 1} at {self.frequency[worst]:.4g} Hz is"
+                f" {100 * abs(self.error[worst]):.2g} % too {sense}, {off}"
+            )
+        if not self.needed or self.needed > _MOST_PIECES:
+            return f"{found}; refine the mesh, or take elements of higher order"
+        remedy = (
+            f"cells 1/{self.needed} as long bring"
+            if any(made.cells for made in self.structure.elements)
+            else f"`subdivide = {self.structure.subdivide * self.needed}` in [structure] brings"
+        )
+        whom = (
+            "it"
+            if not self.passed_over.size and np.count_nonzero(np.abs(self.error) > self.allowed) == 1
+            else "every mode"
+        )
+        return f"{found}; {remedy} {whom} below {100 * self.tolerance:.2g} % ({self.n_elements} elements)"
+
+
+def mesh_errors(
+    structure: Structure, values: FloatArray, band: tuple[float, float], deviation: float = np.inf
+) -> MeshErrors | str:
+    """How far off the modes in `band` are, or in words why that is not known; "" where there is nothing to refine.
+
+    The model is solved with elements a half and a quarter as long; what is left goes with a power of the length that the
+    three show (Richardson).
+
+    Parameters
+    ----------
+    structure : Structure
+    values : (n_values,) float array
+        Property values.
+    band : (float, float)
+        Hz.
+    deviation : float
+        Relative, the least of measured frequencies: what else a mode may be off by.
+
+    References
+    ----------
+    Roache (1994), Perspective: a method for uniform reporting of grid refinement studies, J. Fluids Eng. 116, 405-413.
+    """
+    why = obstacle(structure)
+    if why is not None:
+        return why
+    finer = [made for made in (refined(structure, values, times, _MOST_DOFS) for times in (2, 4)) if made is not None]
+    if not finer:
+        return f"the mesh was not judged: twice as fine, the model has more than {_MOST_DOFS} degrees of freedom"
+    low, high = band
+    own = structure_modes(structure, values, min(_MOST_MODES, structure.n_dofs))
+    looked = np.flatnonzero((own.frequency <= _LOOKED * high) & (own.frequency > _RIGID * high))
+    if not looked.size:
+        return "the mesh was not judged: the initial model has no mode in the band"
+    count = len(looked) + int(looked[0])
+    frequency = own.frequency[looked]
+    other: list[FloatArray] = []
+    for made in finer:
+        found = structure_modes(made.structure, made.values, _ALL if made.structure.n_dofs <= _ALL else count + 8)
+        if np.count_nonzero(found.frequency <= _RIGID * high) > np.count_nonzero(own.frequency <= _RIGID * high):
+            return (
+                "the mesh was not judged: pieces of its bars would move sideways without stiffness; make beams of them to"
+                " have it judged"
+            )
+        pairs = _paired(structure, values, own, looked, made, found)
+        other.append(np.where(pairs >= 0, found.frequency[pairs], np.nan))
+        lost = found.frequency[np.setdiff1d(np.arange(len(found.frequency)), pairs)]
+    limit, order = _limit(frequency, other)
+    kept = np.isfinite(limit) & (np.maximum(limit, frequency) >= low) & (np.minimum(limit, frequency) <= high)
+    error = frequency[kept] / limit[kept] - 1
+    ratio = own.damping_ratio[looked[kept]]
+    damping = np.where(ratio > 0, np.maximum(ratio, LEAST_DAMPING), _USUAL_DAMPING)
+    lost = lost[(lost > max(low, _RIGID * high)) & (lost < _LOST * high)]
+    return MeshErrors(structure, looked[kept], frequency[kept], damping, error, order[kept], lost, deviation)
+
+
+def _limit(frequency: FloatArray, finer: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Frequencies with elements of no size, and the powers of the length that errors go with, (n,) each."""
+    first = frequency - finer[0]
+    order = np.full(len(frequency), _USUAL)
+    last, change = finer[0], first
+    if len(finer) == 2:
+        second = finer[0] - finer[1]
+        is_clear = (
+            (np.abs(first) > _ROUNDING * frequency) & (np.abs(second) > _ROUNDING * frequency) & (first * second > 0)
+        )
+        ratio = np.divide(first, second, out=np.full(len(frequency), 2**_USUAL), where=is_clear)
+        order = np.clip(np.log2(np.maximum(ratio, 1.0)), *_ORDERS)
+        last, change = finer[1], second
+    return last - change / (2**order - 1), order
+
+
+def _paired(
+    structure: Structure, values: FloatArray, own: Modes, looked: IntArray, made: Refined, found: Modes
+) -> IntArray:
+    """Which mode of the refined model is each of the modes `looked`; -1 where none is."""
+    rows = made.places(structure)
+    mass = structure.matrix("inertia", values)
+    coarse, fine = own.mode_shapes[:, looked], found.mode_shapes[rows]
+    size = np.einsum("dm,dm->m", fine, mass @ fine)
+    likeness = (coarse.T @ (mass @ fine)) ** 2 / np.where(size > 0, size, 1.0)
+    near = np.abs(np.log(np.maximum(found.frequency, 1e-300) / own.frequency[looked][:, None])) < _FARTHEST
+    likeness = np.where(near, likeness, 0.0)
+    pairs: IntArray = np.full(len(looked), -1)
+    left, right = assigned(likeness)
+    good = likeness[left, right] >= _ALIKE
+    pairs[left[good]] = right[good]
+    return pairs

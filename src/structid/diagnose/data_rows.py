@@ -1,0 +1,77 @@
+"""Whitened data rows: their size line by line, lines and tones that stand out, and the price of rows with larger errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy import ndimage
+
+from structid.core.arrays import FloatArray
+from structid.forward import FrfProblem, RecordProblem, SpectraProblem
+
+#: A line is outlying where its misfit is so many times that of the lines about it.
+_OUTLYING = 8.0
+_ABOUT = 21
+#: Lines side by side; more of them are a resonance that the model misses.
+_LONGEST = 3
+#: Tones in one look, and lines beside one at which the square of it times less of its misfit is left, at most.
+_LOUDEST, _SKIRT = 6, 4
+
+
+def scaled_misfit(squares: float, n_rows: int) -> float:
+    """Twice the negative logarithm of the likelihood of rows whose errors are larger by one factor, the likeliest, less a constant.
+
+    Rows as stated have `squares` instead; one parameter is the price of the factor.
+    """
+    return float(n_rows * (1 + np.log(squares / n_rows))) if squares > n_rows > 0 else squares
+
+
+def rows_of(problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[tuple[RecordProblem, FloatArray]]:
+    """Each problem with its own of the whitened data rows (n_rows,) of all."""
+    first = 0
+    for problem in problems:
+        yield problem, residual[first : first + problem.n_data]
+        first += problem.n_data
+
+
+def misfit_of_lines(problem: RecordProblem, residual: FloatArray) -> FloatArray:
+    """Mean square of the whitened data rows (n_data,) of each line, (n_lines,)."""
+    count = np.bincount(problem.rows.lines, minlength=len(problem.frequency))
+    found: FloatArray = np.bincount(problem.rows.lines, residual**2, len(problem.frequency)) / np.maximum(count, 1)
+    return found
+
+
+def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]:
+    """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; none where they are many."""
+    frequency = problem.frequency
+    size = misfit_of_lines(problem, residual)
+    level = np.maximum(ndimage.median_filter(size, _ABOUT, mode="nearest"), 1.0)
+    out = np.flatnonzero(size > _OUTLYING * level)
+    if not 0 < len(out) <= max(3, len(frequency) // 10):
+        return ()
+    runs = [run for run in np.split(out, np.flatnonzero(np.diff(out) > 1) + 1) if len(run) <= _LONGEST]
+    if not runs:
+        return ()
+    edges = np.concatenate([[2 * frequency[0] - frequency[1]], frequency, [2 * frequency[-1] - frequency[-2]]])
+    middles = np.array([(a + b) / 2 for a, b in pairwise(edges)])
+    return tuple(f"{middles[run[0]]:.5g} to {middles[run[-1] + 1]:.5g} Hz" for run in runs)
+
+
+def tones(problem: SpectraProblem, residual: FloatArray) -> tuple[str, ...]:
+    """Steady tones in the misfit of a record, as ``50.003 Hz``: its lines fall off from a peak as 1 / (f - f0)^2.
+
+    The two lines about a tone have amplitudes in inverse proportion to their distances from it.
+    """
+    frequency, size = problem.frequency, misfit_of_lines(problem, residual)
+    level = np.maximum(ndimage.median_filter(size, _ABOUT, mode="nearest"), 1.0)
+    peaks = np.flatnonzero((size == ndimage.maximum_filter(size, 2 * _SKIRT + 1)) & (size > _OUTLYING * level))
+    found = []
+    for k in peaks[np.argsort(-size[peaks])][:_LOUDEST].tolist():
+        if max(size[max(k - _SKIRT, 0)], size[min(k + _SKIRT, len(size) - 1)]) > size[k] / _SKIRT**2:
+            continue
+        near = k + 1 if k == 0 or (k + 1 < len(size) and size[k + 1] > size[k - 1]) else k - 1
+        weights = np.sqrt(size[[k, near]])
+        found.append(float(weights @ frequency[[k, near]] / weights.sum()))
+    return tuple(f"{value:.7g} Hz" for value in sorted(found))

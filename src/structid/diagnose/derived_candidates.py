@@ -1,0 +1,100 @@
+"""Changes that no linear look is taken at, which follow from those that one promises much of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from structid.core.dof import Dof
+from structid.core.errors import InputError
+from structid.diagnose.causes import LoadPosition, SensorPolarity, SensorPosition
+from structid.diagnose.causes.delay import SensorDelay
+from structid.diagnose.causes.offset import MassOffset
+from structid.diagnose.refits import Fitted
+from structid.diagnose.score_test import Screened
+from structid.diagnose.screening import Shortlist
+from structid.fem import Structure
+
+#: Ratio of delays up to which they are one, and factors on a lever that is looked at.
+_SAME_TIME, _OTHER_LEVERS = 1.5, (-1.0, 0.25, -0.25)
+#: Nodes about that of a load or sensor where it may have been.
+_NEIGHBOURS = 4
+
+
+def derived_candidates(base: Fitted, shortlist: Shortlist) -> list[Screened]:
+    """What else is worth a fit.
+
+    Sensors that are late together, masses off their nodes otherwise, sensors of the wrong sense and at other nodes where they
+    are better left out, loads at other nodes, and feet that let go of all rotations.
+    """
+    rows = shortlist.rows
+    lost = shortlist.lost
+    return [*_of_one_card(rows), *_off_otherwise(rows), *_turned(rows, lost), *_misplaced(base, lost), *shortlist.feet]
+
+
+def _of_one_card(rows: Sequence[Screened]) -> list[Screened]:
+    """Sensors that are late by about the same time, the most telling two, three and so on: they share a card or a cable."""
+    late = [row for row in rows if isinstance(row.candidate, SensorDelay)]
+    alike = [
+        row
+        for row in late
+        if row.candidate.record == late[0].candidate.record
+        and 1 / _SAME_TIME < row.strength / late[0].strength < _SAME_TIME
+    ]
+    found = []
+    for count in range(2, len(alike) + 1):
+        places = tuple(row.candidate.where[0] for row in alike[:count])
+        strength = float(np.median([row.strength for row in alike[:count]]))
+        shared = replace(late[0].candidate, where=places)
+        found.append(Screened(shared, strength, late[0].left))
+    return found
+
+
+def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened]:
+    """Sensors of the wrong sense where one is better left out; seen as FRFs, modes show them as half of that."""
+    known = {row.candidate.where for row in rows if isinstance(row.candidate, SensorPolarity)}
+    return [
+        Screened(SensorPolarity(where=row.candidate.where, record=row.candidate.record), 1.0, row.left)
+        for row in lost
+        if row.candidate.where not in known
+    ]
+
+
+def _misplaced(base: Fitted, lost: Sequence[Screened]) -> list[Screened]:
+    """Loads, and sensors that are better left out, at one of the nodes about their own."""
+    found = []
+    better_out = {(row.candidate.record, row.candidate.where[0]) for row in lost}
+    for number, setup in enumerate(base.modified.setups):
+        for role, dofs in setup.channels:
+            is_load, known = role == "input", {dof.unsigned for dof in dofs}
+            if is_load and setup.structure.driven(dofs):
+                continue
+            for dof in dofs:
+                if is_load or (number, dof.place) in better_out:
+                    others = [one for one in _about(setup.structure, dof) if one not in known]
+                    kind = LoadPosition if is_load else SensorPosition
+                    pairs = [(dof.place, one.place) for one in others]
+                    found += [Screened(kind(where=pair, record=number), 1.0, base.cost) for pair in pairs]
+    return found
+
+
+def _about(structure: Structure, dof: Dof) -> list[Dof]:
+    """The same direction at the nearest nodes that are free to move in it."""
+    nodes = {label: np.asarray(position) for label, position in structure.nodes.items()}
+    distance = {label: float(np.linalg.norm(x - nodes[dof.node])) for label, x in nodes.items() if label != dof.node}
+    found = []
+    for label in sorted(distance, key=lambda one: distance[one])[: 2 * _NEIGHBOURS]:
+        with suppress(InputError):
+            other = Dof(label, dof.direction)
+            structure.require_places([other])
+            found.append(other)
+    return found[:_NEIGHBOURS]
+
+
+def _off_otherwise(rows: Sequence[Screened]) -> list[Screened]:
+    """Masses off their nodes to the other side, and by less: the misfit goes with the lever and its square."""
+    off = [row for row in rows if isinstance(row.candidate, MassOffset)][:3]
+    return [replace(row, strength=factor * row.strength) for row in off for factor in _OTHER_LEVERS]

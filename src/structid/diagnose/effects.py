@@ -1,0 +1,167 @@
+"""Effects of changes on frequency response functions, by the receptances of the unchanged model.
+
+Z is complex symmetric; all products are with the transpose. x = Z^-1 f are the motions under the loads, y = Z^-1 s those
+under unit forces at the sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.dof import Dof
+from structid.diagnose.receptances import Receptances
+from structid.fem.elements.element import dof_code
+
+_STEPS = np.array([0.005, 0.02, 0.08, 0.25, 0.6, 1.0, 1.8, 4.0, 12.0, 60.0])
+
+
+def strengths_about(scale: float, signs: tuple[int, ...] = (1,)) -> FloatArray:
+    """Strengths over five decades about `scale`."""
+    return np.concatenate([sign * scale * _STEPS for sign in signs])
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """Directions D in any model: degrees of freedom by their codes, (n_codes,), and their weights, (n_codes, m)."""
+
+    codes: IntArray
+    weights: FloatArray
+
+    def rows(self, receptances: Receptances) -> tuple[IntArray, FloatArray]:
+        """The free degrees of freedom that take part, and D on them, (n_rows, m)."""
+        directions = receptances.reached(self.codes).T @ self.weights
+        rows = np.flatnonzero(directions.any(axis=1))
+        return rows, directions[rows]
+
+    def projected(self, receptances: Receptances) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """D'x, (n_lines, m, n_inputs), D'y, (n_lines, m, n_outputs), and G = D' Z^-1 D, (n_lines, m, m)."""
+        rows, d = self.rows(receptances)
+        flexibility: ComplexArray = d.T @ receptances.flexibility[:, rows[:, None], rows] @ d
+        return d.T @ receptances.under_loads[:, rows], d.T @ receptances.under_sensors[:, rows], flexibility
+
+
+def direction_of(*ends: tuple[Dof, float]) -> Directions:
+    """One direction of some degrees of freedom, each with its weight."""
+    codes = [dof_code(dof.node, dof.direction) for dof, _ in ends]
+    return Directions(np.array(codes), np.array([[weight] for _, weight in ends]))
+
+
+def all_directions(several: Sequence[Directions]) -> Directions:
+    """Some single directions, each by itself."""
+    return Directions(np.concatenate([one.codes for one in several]), np.eye(len(several)))
+
+
+def stiffness_scale(receptances: Receptances, directions: Directions, law: ComplexArray) -> float:
+    """Strength at which an added part with this law (n_lines,) is as stiff as the structure there, at most lines."""
+    rows, weights = directions.rows(receptances)
+    d = weights[:, 0]
+    return float(1 / np.median(np.abs(law * (d @ receptances.flexibility[:, rows[:, None], rows] @ d))))
+
+
+def effect_of_addition(
+    receptances: Receptances, directions: Directions, law: ComplexArray, strengths: FloatArray
+) -> ComplexArray:
+    """Change of the FRF for a part q a(s) D D' added to Z: dh = -(D'y)' q a (I + q a G)^-1 D'x.
+
+    Parameters
+    ----------
+    receptances : Receptances
+    directions : Directions
+        D.
+    law : (n_lines,) complex array
+        a.
+    strengths : (n_strengths,) float array
+        q.
+    """
+    m = directions.weights.shape[1]
+    if m > 1:
+        return effect_of_coupling(receptances, directions, (strengths[:, None] * law)[:, :, None, None] * np.eye(m))
+    x, y, g = directions.projected(receptances)
+    weight = strengths[:, None] * law
+    inner = (weight / (1 + weight * g[:, 0, 0]))[:, :, None, None]
+    change: ComplexArray = inner * (-np.swapaxes(y, 1, 2) * x * receptances.factor)
+    return change
+
+
+def effect_of_coupling(receptances: Receptances, directions: Directions, k: ComplexArray) -> ComplexArray:
+    """Change of the FRF for a symmetric change D K D' of Z: dh = -(D'y)' K (I + G K)^-1 D'x.
+
+    Parameters
+    ----------
+    receptances : Receptances
+    directions : Directions
+        D.
+    k : (n_strengths, n_lines, m, m) complex array
+        K.
+    """
+    x, y, g = directions.projected(receptances)
+    inner = k @ np.linalg.solve(np.eye(g.shape[-1]) + g @ k, np.broadcast_to(x, (len(k), *x.shape)))
+    change: ComplexArray = -np.swapaxes(y, 1, 2) @ inner * receptances.factor
+    return change
+
+
+def effect_of_friction(receptances: Receptances, directions: Directions, strengths: FloatArray) -> ComplexArray:
+    """Change of the FRF for dry friction r per unit of drive along one direction, by harmonic balance: stiffness i r / |x|.
+
+    |x| is the sliding amplitude with friction: |x|^2 - 2 r |x| Im g + r^2 |g|^2 = |x0|^2, where x0 is the motion without it
+    and g = d' Z^-1 d. For one load.
+    """
+    x, y, g = directions.projected(receptances)
+    x, y, g = x[:, 0, 0], y[:, 0], g[:, 0, 0]
+    r = strengths[:, None]
+    inside = np.maximum((r * g.imag) ** 2 - (r * np.abs(g)) ** 2 + np.abs(x) ** 2, 0.0)
+    sliding = np.maximum(r * g.imag + np.sqrt(inside), 1e-6 * np.abs(x))
+    weight = 1j * r / sliding
+    inner = weight / (1 + weight * g) * x
+    change: ComplexArray = -(inner[:, :, None] * y)[..., None] * receptances.factor
+    return change
+
+
+def effect_of_release(
+    receptances: Receptances, coupling: ComplexArray, own: ComplexArray, strengths: FloatArray
+) -> ComplexArray:
+    """Change of the FRF for a part that gets a compliance q: dh = (R'y)' q / (1 + q zeta) R'x, zeta = Z_cc - R' Z^-1 R.
+
+    Parameters
+    ----------
+    receptances : Receptances
+    coupling : (n_lines, n_dofs) complex array
+        R: Z between the released part and the free degrees of freedom.
+    own : (n_lines,) complex array
+        Z_cc, of the part alone.
+    strengths : (n_strengths,) float array
+    """
+    rows = np.flatnonzero(coupling.any(axis=0))
+    r = coupling[:, None, rows]
+    x, y = (r @ receptances.under_loads[:, rows])[:, 0], (r @ receptances.under_sensors[:, rows])[:, 0]
+    zeta = own - (r @ receptances.flexibility[:, rows[:, None], rows] @ np.swapaxes(r, 1, 2))[:, 0, 0]
+    weight = strengths[:, None] / (1 + strengths[:, None] * zeta)
+    change: ComplexArray = (weight[:, :, None, None] * y[:, :, None] * x[:, None, :]) * receptances.factor
+    return change
+
+
+def channel_reading(receptances: Receptances, axis: int, i: int, ways: FloatArray) -> ComplexArray:
+    """FRFs of one channel if it picked the motion in other `ways` (n, n_dofs): (n, n_lines, channels of the other side).
+
+    The channel is the i-th output for axis 1, the i-th input for axis 2.
+    """
+    under = receptances.under_loads if axis == 1 else receptances.under_sensors
+    factor = np.broadcast_to(receptances.factor, receptances.frf.shape).take(i, axis)
+    reading: ComplexArray = np.swapaxes(ways @ under, 0, 1) * factor
+    return reading
+
+
+def channel_change(receptances: Receptances, axis: int, i: int, change: ComplexArray) -> ComplexArray:
+    """Changes of one channel as changes of all FRFs; see `channel_reading`."""
+    of_all = np.zeros((len(change), *receptances.frf.shape), dtype=np.complex128)
+    np.moveaxis(of_all, axis + 1, 0)[i] = change
+    return of_all
+
+
+def scaled_channel(receptances: Receptances, axis: int, i: int, factors: ComplexArray) -> ComplexArray:
+    """Changes of all FRFs where one channel is multiplied by `factors` (n_strengths, n_lines or 1)."""
+    return channel_change(receptances, axis, i, (factors - 1)[:, :, None] * receptances.frf.take(i, axis))

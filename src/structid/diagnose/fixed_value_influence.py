@@ -1,0 +1,176 @@
+"""What the values of an answer rest on: the properties that its model holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray
+from structid.core.display import plural
+from structid.diagnose.thresholds import (
+    CLEAR_DOUBT_RISK,
+    DOUBT_RISK,
+    DOUBTED_TOLERANCES,
+    MATTERS,
+    SHIFTS,
+    TOLD_SENSITIVITY,
+)
+from structid.inversion.linearization import triangle_of
+
+#: Part of a column's length that is left off the parameters' columns, below which the data do not tell it from them.
+_TOLD = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class FixedValueSensitivity:
+    """A property that the model holds, and what the answer would be with another value of it; to first order.
+
+    Attributes
+    ----------
+    name : str
+        Such as ``mass[deck]``.
+    parameters : tuple of str
+        Those that it moves.
+    influence : (n_params,) float array
+        Relative change of each parameter over that of the held value.
+    distance : (n_params,) float array
+        Change of each parameter, in its standard deviations, where the held value is 1 % larger.
+    pull, pull_std : float
+        By what part of itself the record would change it were it free as well, and the deviation of that; NaN where the
+        record does not tell.
+    tolerance : float
+        Standard deviation that the answer allows it, in parts of its value.
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    influence: FloatArray
+    distance: FloatArray
+    pull: float
+    pull_std: float
+    tolerance: float = 0.0
+
+    @property
+    def most_moved(self) -> int:
+        """Position of the parameter that it moves farthest."""
+        return int(np.argmax(np.abs(self.distance)))
+
+    @property
+    def moved_by_pull(self) -> int | None:
+        """Position of the parameter that the pull moves farthest, where that is beyond its interval and 1 %."""
+        moves = 100 * np.abs(self.distance * self.pull)
+        matters = (moves > MATTERS) & (np.abs(self.influence * self.pull) > SHIFTS)
+        return int(np.argmax(np.where(matters, moves, 0.0))) if matters.any() else None
+
+    @property
+    def moved_words(self) -> str:
+        """What 1 % of it does to the parameter that it moves farthest."""
+        at = self.most_moved
+        moved = f"{self.parameters[at]} {_percent(0.01 * self.influence[at])}, {abs(self.distance[at]):.2g} standard deviations"
+        return f"with {self.name} 1 % larger, {moved}"
+
+    @property
+    def words(self) -> str:
+        """What the record says of it, in a clause."""
+        more = f"{_percent(self.pull)} (standard deviation {abs(100 * self.pull_std):.2g} %)"
+        words = f"the record would have {self.name}, which the model fixes, {more}"
+        at = self.moved_by_pull
+        if at is None:
+            return words
+        return f"{words}, and then {self.parameters[at]} {_percent(self.influence[at] * self.pull)}"
+
+    def is_doubted(self, among: int, risk: float = DOUBT_RISK) -> bool:
+        """Whether the record would have another value, beyond the chance that it does so with any of `among`, and it matters."""
+        if not self.pull_std > 0 or self.moved_by_pull is None or abs(self.pull) <= DOUBTED_TOLERANCES * self.tolerance:
+            return False
+        return abs(self.pull) > float(special.ndtri(1 - risk / (2 * among))) * self.pull_std
+
+
+def _percent(part: float) -> str:
+    return f"{abs(100 * part):.2g} % {'larger' if part > 0 else 'smaller'}"
+
+
+def doubted(held: Sequence[FixedValueSensitivity]) -> tuple[FixedValueSensitivity, ...]:
+    """Those that the record would rather have otherwise, the clearest first."""
+    found = [one for one in held if one.is_doubted(len(held))]
+    return tuple(sorted(found, key=lambda one: -abs(one.pull / one.pull_std)))
+
+
+def resting(held: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity]:
+    """Those that move a value most first."""
+    return sorted(held, key=lambda one: -abs(one.distance[one.most_moved]))
+
+
+def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
+    """What the intervals take for granted; "" where no held value matters."""
+    most = [one for one in resting(held) if abs(one.distance[one.most_moved]) >= TOLD_SENSITIVITY]
+    if not most:
+        return ""
+    first = most[0]
+    others = f" ({plural(len(most) - 1, 'other')} of this kind on the page)" if len(most) > 1 else ""
+    return (
+        f"fixed values matter: {first.moved_words}{others}; state its `tolerance`, 0 where it is exact, or make it an"
+        " unknown with a prior"
+    )
+
+
+def is_clear(held: Sequence[FixedValueSensitivity]) -> bool:
+    """Whether a held value is doubted so much that all that may be wrong is to be looked through."""
+    return any(one.is_doubted(len(held), CLEAR_DOUBT_RISK) for one in held)
+
+
+def influences(
+    jacobian: FloatArray,
+    residual: FloatArray,
+    parameters: Sequence[str],
+    names: Sequence[str],
+    std: FloatArray,
+    scale: float,
+) -> tuple[FixedValueSensitivity, ...]:
+    """What each held value does to the parameters, and what the residual asks of it: a score test of each alone.
+
+    With J_p of the parameters, J_q of a held value, both by relative changes, and r the residual: the parameters follow by
+    -(J_p' J_p)^-1 J_p' J_q; what J_q has off J_p, w, would have q change by -w'r / w'w, with deviation `scale` / |w|.
+
+    Parameters
+    ----------
+    jacobian : (n_rows, n_params + n_held) float array
+        Whitened, by relative changes, the parameters first.
+    residual : (n_rows,) float array
+    parameters, names : sequence of str
+        Of the parameters, and of the held values.
+    std : (n_params,) float array
+        Standard deviations of the parameters, in parts of them.
+    scale : float
+        Standard deviation of a row; NaN where it is not that of noise.
+
+    Returns
+    -------
+    tuple of FixedValueSensitivity
+        Those that the residual sees; none where it does not determine the parameters.
+
+    References
+    ----------
+    Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57.
+    """
+    r = triangle_of(np.column_stack([jacobian, residual]))
+    n_params = len(parameters)
+    own = r[:n_params, :n_params]
+    if not np.abs(np.diag(own)).min(initial=np.inf) > _TOLD * np.linalg.norm(own, axis=0).max(initial=0.0):
+        return ()
+    inverse = np.linalg.inv(own)
+    columns, rest = r[:, n_params:-1], r[n_params:, -1]
+    found = []
+    for name, column in zip(names, columns.T, strict=True):
+        size, off = float(np.linalg.norm(column)), column[n_params:]
+        if size == 0:
+            continue
+        left = float(np.linalg.norm(off))
+        is_told = left > _TOLD * size
+        influence = -inverse @ column[:n_params]
+        pull, deviation = (-float(off @ rest) / left**2, scale / left) if is_told else (np.nan, np.nan)
+        found.append(FixedValueSensitivity(name, tuple(parameters), influence, 0.01 * influence / std, pull, deviation))
+    return tuple(found)

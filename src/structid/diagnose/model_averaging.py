@@ -1,0 +1,93 @@
+"""Uncertainty that holds whichever of the likely changes is the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import special
+
+from structid.core.display import join_words
+from structid.diagnose.refits import Fitted
+from structid.identification.identified import Identification
+from structid.identification.identify import total_mass
+from structid.identification.warning_words import estimate_warnings
+from structid.inversion.uncertainty import DenseCovariance
+
+#: Ends of intervals below it are 0: the smallest numbers of the machine.
+_NOTHING = 1e-300
+
+Ends = dict[str, tuple[float, float]]
+
+
+def intervals_of(fitted: Fitted, level: float) -> Ends:
+    """Normal intervals of the free variables of a fitted study, in physical units by name; see `Estimate.interval`."""
+    target, theta = fitted.modified.target, fitted.theta
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        std = np.sqrt(np.diag(fitted.covariance_with_tolerances)) / np.abs(target.slope(theta))
+        half = float(special.ndtri(0.5 + level / 2)) * std
+        ends = np.sort([target.physical(theta + side * half) for side in (-1, 1)], axis=0)
+    ends = np.where(np.abs(ends) < _NOTHING, 0.0, ends)
+    return dict(zip(target.names, zip(*ends.tolist(), strict=True), strict=True))
+
+
+def widened(found: Identification, likely: Sequence[Fitted], direction: str | None) -> Identification:
+    """An answer whose intervals and standard deviations reach over enlarged models that may be the truth.
+
+    Intervals are the union of its own and theirs; its covariance is the mean over all of these models of their own
+    covariance and of the square of their distance from its values. No weights: with misfits as large as those of wrong models they
+    give everything to one of the enlarged models, which need not be the right one. What these disagree about by more than
+    its value is not identified.
+
+    Parameters
+    ----------
+    found : Identification
+    likely : sequence of Fitted
+    direction : str, optional
+        Of the total mass.
+
+    References
+    ----------
+    Draper (1995), J. R. Stat. Soc. B 57, Eq. (11), with equal weights and about the answer's own values.
+    """
+    if not likely or found.target is None:
+        return found
+    estimate, own = found.estimate, found.intervals
+    ends, covariance = own.ends.copy(), estimate.covariance_of_data
+    squares = [covariance]
+    for fitted in likely:
+        place = {name: number for number, name in enumerate(fitted.modified.target.names)}
+        here = np.array([number for number, name in enumerate(estimate.names) if name in place], dtype=np.intp)
+        there = np.array([place[estimate.names[number]] for number in here], dtype=np.intp)
+        change = np.array(list(fitted.values.values()))[there] - estimate.values[here]
+        square = covariance.copy()
+        square[np.ix_(here, here)] = fitted.covariance[np.ix_(there, there)] + np.outer(change, change)
+        if np.isfinite(square).all():
+            squares.append(square)
+        others = np.array(list(intervals_of(fitted, own.level).values()))[there]
+        ends[here] = np.stack([np.fmin(ends[here, 0], others[:, 0]), np.fmax(ends[here, 1], others[:, 1])], axis=1)
+    many = "one change" if len(likely) == 1 else f"{len(likely)} changes"
+    words = f"intervals and deviations hold with the model as it is and with {many} that would explain the misfit about as well"
+    union = DenseCovariance(np.mean(squares, axis=0))
+    known = estimate.identified & ~(union.std > found.target.unknowns.sizes(estimate.values))
+    lost = [
+        name for name, before, now in zip(estimate.names, estimate.identified, known, strict=True) if before and not now
+    ]
+    notes = (
+        (words, f"these disagree by more than the value about {join_words(lost)}: not identified") if lost else (words,)
+    )
+    wider = replace(
+        estimate,
+        spread=replace(estimate.spread, model_error=union, covariance_basis="model_error", identified=known),
+    )
+    before, now = estimate_warnings(estimate), estimate_warnings(wider)
+    kept = [one for one in found.warnings if one in now or one not in before]
+    _, std = total_mass(found.problems[0], wider, direction, found.freed[0] if found.freed else None)
+    return replace(
+        found,
+        estimate=wider,
+        warnings=(*(one for one in now if one not in kept), *kept),
+        intervals=replace(own, ends=ends, notes=(*own.notes, *notes)),
+        mass=replace(found.mass, std=std),
+    )

@@ -1,0 +1,587 @@
+"""Edits of a model and its records, each of which acts on set-ups and can be written into a study file as well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from structid.core.dof import DIRECTIONS, Dof, dofs_of_text, parse_dof
+from structid.core.errors import InputError
+from structid.core.json_types import Tables, as_list
+from structid.diagnose.study_tables import (
+    NoStudyTextError,
+    append,
+    element_table,
+    is_declaration_of,
+    keep_elements,
+    label_of,
+    record_tables,
+    release,
+    rename_channels,
+    support_tables,
+    take_out_element,
+)
+from structid.diagnose.tested_model import ModelDraft
+from structid.fem import ELEMENT_TYPES, Base, Constraint, RigidLink
+from structid.fem.places import AimedSensor, unit_direction
+from structid.forward import ChannelUnknown
+from structid.identification.setups.modal import ModalSetup, chosen_modes
+from structid.identification.setups.time import TimeSetup
+from structid.modal import ModalRecord
+from structid.records import FrfRecord, TimeRecord
+from structid.records.corrections import segment_duration
+from structid.unknowns import Unknown
+
+_DIGITS = 6
+_TIES: dict[str, type[RigidLink] | type[Constraint]] = {"rigid_link": RigidLink, "constraint": Constraint}
+
+
+class Edit(Protocol):
+    """One edit of a model and its records."""
+
+    def apply(self, draft: ModelDraft) -> None:
+        """Make the edit.
+
+        Raises
+        ------
+        InputError
+            If the model or its records have no place for it.
+        """
+
+    def write(self, study: Tables) -> None:
+        """Write it into the tables of a study.
+
+        Raises
+        ------
+        NoStudyTextError
+            If the study has no line for it.
+        """
+
+
+Edits: TypeAlias = Sequence[Edit]
+
+
+def rounded(value: float) -> float:
+    """A value with the digits that a study shows."""
+    return float(f"{value:.{_DIGITS}g}")
+
+
+@dataclass(frozen=True)
+class AddPart:
+    """An element set, or a tie, in the structure of one record or of all.
+
+    Attributes
+    ----------
+    table : str
+        Its type as a study calls it, such as ``spring`` or ``rigid_link``.
+    entry : mapping
+        Arguments of the type, which are the keys of its table.
+    record : int, optional
+    """
+
+    table: str
+    entry: Mapping[str, Any]
+    record: int | None = None
+
+    def apply(self, draft: ModelDraft) -> None:
+        structures = draft.structures if self.record is None else [draft.structure_of(self.record)]
+        for structure in structures:
+            if self.table in _TIES:
+                structure.set("ties", (*structure.get("ties"), _TIES[self.table](**self.entry)))
+            else:
+                structure.set("elements", (*structure.get("elements"), ELEMENT_TYPES[self.table](**self.entry)))
+
+    def write(self, study: Tables) -> None:
+        table = study if self.record is None else record_tables(study)[self.record]
+        append(table.setdefault("structure", {}), self.table, _plain_copy(self.entry))
+
+
+@dataclass(frozen=True)
+class AddUnknown:
+    """A property of element sets among the unknowns, where a structure has them."""
+
+    entry: Mapping[str, Any]
+
+    def apply(self, draft: ModelDraft) -> None:
+        names = as_list(self.entry["elements"])
+        for record in draft.records:
+            there = {element.name for element in record.structure.get("elements")}
+            there |= {item.element for item in record.structure.original.properties}
+            kept = [name for name in names if name in there or str(name).rpartition(":")[0] in there]
+            label = ", ".join(names) if len(kept) < len(names) else None
+            if kept:
+                given = {"name": label, **self.entry, "elements": kept if len(kept) > 1 else kept[0]}
+                record.unknowns.append(Unknown(**given))
+
+    def write(self, study: Tables) -> None:
+        append(study, "unknown", _plain_copy(self.entry))
+
+
+@dataclass(frozen=True)
+class ReleaseSupport:
+    """A degree of freedom that is not held any more."""
+
+    dof: Dof
+
+    def apply(self, draft: ModelDraft) -> None:
+        for structure in draft.structures:
+            structure.set("fixed", tuple(held for held in structure.get("fixed") if held.unsigned != self.dof))
+
+    def write(self, study: Tables) -> None:
+        freed = [release(table, self.dof) for table in support_tables(study)]
+        if not any(freed):
+            raise NoStudyTextError(f"{self.dof.place} is held by a group of a mesh; hold it by `fixed` to release it")
+
+
+@dataclass(frozen=True)
+class HoldSupports:
+    """Degrees of freedom that are held from now on."""
+
+    dofs: tuple[str, ...]
+
+    def apply(self, draft: ModelDraft) -> None:
+        for structure in draft.structures:
+            structure.set("fixed", (*structure.get("fixed"), *map(parse_dof, self.dofs)))
+
+    def write(self, study: Tables) -> None:
+        for table in support_tables(study):
+            table["fixed"] = [*as_list(table.get("fixed", [])), *self.dofs]
+
+
+@dataclass(frozen=True)
+class AddNode:
+    """A new node, by its distance from another.
+
+    Attributes
+    ----------
+    label, beside : int
+    towards : int, optional
+        Another node, `part` of the way to which it is.
+    part : float
+    offset : (float, float, float)
+        In m, besides.
+    """
+
+    label: int
+    beside: int
+    towards: int | None = None
+    part: float = 0.0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def _position(self, nodes: Mapping[Any, Any], key: Callable[[int], Any]) -> list[float]:
+        first = np.atleast_1d(np.asarray(nodes[key(self.beside)], dtype=float))
+        moved = first + np.array(self.offset[: len(first)])
+        if self.towards is not None:
+            moved = moved + self.part * (np.asarray(nodes[key(self.towards)], dtype=float) - first)
+            return [rounded(x) for x in moved.tolist()]
+        return moved.tolist()
+
+    def apply(self, draft: ModelDraft) -> None:
+        for structure in draft.structures:
+            nodes = structure.get("nodes")
+            structure.set("nodes", {**nodes, self.label: self._position(nodes, int)})
+
+    def write(self, study: Tables) -> None:
+        nodes = study["structure"].get("nodes")
+        if nodes is None or str(self.beside) not in nodes:
+            raise NoStudyTextError(
+                f"a new node beside node {self.beside} needs [structure.nodes], where that is listed"
+            )
+        nodes[str(self.label)] = self._position({key: as_list(x) for key, x in nodes.items()}, str)
+
+
+@dataclass(frozen=True)
+class MoveBaseSupport:
+    """A support that drives the structure is a new node's, in the place of the old one's."""
+
+    dof: Dof
+    label: int
+
+    def apply(self, draft: ModelDraft) -> None:
+        for structure in draft.structures:
+            bases = [
+                Base(base.name, [self._moved(support) for support in base.supports]) for base in structure.get("bases")
+            ]
+            structure.set("bases", tuple(bases))
+
+    def _moved(self, support: Dof) -> Dof:
+        return Dof(self.label, support.direction, support.sign) if support.unsigned == self.dof else support
+
+    def write(self, study: Tables) -> None:
+        for base in study["structure"].get("base", []):
+            supports = [one for text in as_list(base["supports"]) for one in dofs_of_text(str(text))]
+            if all(one.unsigned != self.dof for one in supports):
+                continue
+            moved = [self._moved(one) for one in supports]
+            base["supports"] = [one.place if one.sign > 0 else f"{one.place}-" for one in moved]
+
+
+@dataclass(frozen=True)
+class RenameChannels:
+    """Channels of a record by other names; ``load 3X`` is a load."""
+
+    record: int
+    names: Mapping[str, str]
+
+    def apply(self, draft: ModelDraft) -> None:
+        draft.records[self.record].rename_channels(dict(self.names))
+
+    def write(self, study: Tables) -> None:
+        record = record_tables(study)[self.record]
+        if any(name.removeprefix("load ") in record.get("sensors", {}) for name in self.names):
+            raise NoStudyTextError("a channel of [record.sensors] is renamed there")
+        rename_channels(record, dict(self.names))
+
+
+@dataclass(frozen=True)
+class AimSensor:
+    """A sensor that reads along a direction of its own at its node."""
+
+    record: int
+    dof: Dof
+    direction: tuple[float, float, float]
+    label: int
+
+    def apply(self, draft: ModelDraft) -> None:
+        structure = draft.structure_of(self.record)
+        moves = [d for d in DIRECTIONS[:3] if d in (structure.original.active or ())]
+        seen = moves[0]
+        tie = AimedSensor(
+            f"sensor {self.dof.place}", self.dof.place, self.label, seen, self.dof.node, unit_direction(self.direction)
+        )
+        nodes = structure.get("nodes")
+        structure.set("nodes", {**nodes, self.label: nodes[self.dof.node]})
+        structure.set("ties", (*structure.get("ties"), tie))
+        draft.records[self.record].rename_channels({self.dof.place: f"{self.label}{seen}"})
+
+    def write(self, study: Tables) -> None:
+        sensors = record_tables(study)[self.record].setdefault("sensors", {})
+        if self.dof.place in sensors:
+            raise NoStudyTextError(f"the direction of {self.dof.place} is given in the study already")
+        sensors[self.dof.place] = {"direction": list(self.direction)}
+
+
+@dataclass(frozen=True)
+class AddChannelError:
+    """An error of channels of a record among the unknowns."""
+
+    record: int
+    entry: Mapping[str, Any]
+
+    def apply(self, draft: ModelDraft) -> None:
+        record, entry = draft.records[self.record], self.entry
+        is_sensor_gain = "outputs" in entry and entry["property"] == "gain"
+        if isinstance(record.setup, ModalSetup) and not is_sensor_gain:
+            raise InputError("of errors of channels, modes show the gains of sensors only")
+        if isinstance(record.setup, TimeSetup) and record.setup.settings.fit != "spectra":
+            raise InputError("errors of channels are parameters of histories only where they are fitted as spectra")
+        record.channel_unknowns.append(ChannelUnknown(**entry))
+
+    def write(self, study: Tables) -> None:
+        append(record_tables(study)[self.record], "channel_error", _plain_copy(self.entry))
+
+
+@dataclass(frozen=True)
+class UseChannels:
+    """Only these sensors of a record are used."""
+
+    record: int
+    outputs: tuple[str, ...]
+
+    def apply(self, draft: ModelDraft) -> None:
+        draft.records[self.record].use_channels(self.outputs)
+
+    def write(self, study: Tables) -> None:
+        record_tables(study)[self.record]["channels_used"] = list(self.outputs)
+
+
+@dataclass(frozen=True)
+class ExcludeLines:
+    """Stretches of frequency, Hz, that are left out."""
+
+    spans: tuple[tuple[float, float], ...]
+
+    def apply(self, draft: ModelDraft) -> None:
+        draft.options = replace(draft.options, exclude=(*draft.options.exclude, *self.spans))
+
+    def write(self, study: Tables) -> None:
+        method = study.setdefault("method", {})
+        method["exclude"] = [*(list(span) for span in method.get("exclude", [])), *(list(s) for s in self.spans)]
+
+
+@dataclass(frozen=True)
+class AddTones:
+    """Steady tones, Hz, in histories of a record."""
+
+    record: int
+    tones: tuple[float, ...]
+
+    def apply(self, draft: ModelDraft) -> None:
+        record = draft.records[self.record]
+        settings = record.get("settings")
+        record.set("settings", replace(settings, tones=(*settings.tones, *self.tones)))
+
+    def write(self, study: Tables) -> None:
+        time = record_tables(study)[self.record]["time"]
+        time["tones"] = [*as_list(time.get("tones", [])), *self.tones]
+
+
+@dataclass(frozen=True)
+class RemoveRecord:
+    """One record of several is left out."""
+
+    record: int
+
+    def apply(self, draft: ModelDraft) -> None:
+        if len(draft.records) < 2:
+            raise InputError("the only record cannot be left out")
+        del draft.records[self.record]
+
+    def write(self, study: Tables) -> None:
+        del study["record"][self.record]
+
+
+@dataclass(frozen=True)
+class UseModes:
+    """Only these modes of a record are used, by their numbers from 1."""
+
+    record: int
+    numbers: tuple[int, ...]
+
+    def apply(self, draft: ModelDraft) -> None:
+        record = draft.records[self.record]
+        record.set("record", chosen_modes(record.get("record"), self.numbers))
+
+    def write(self, study: Tables) -> None:
+        modes = record_tables(study)[self.record].setdefault("modes", {})
+        before = modes.get("use") or ()
+        modes["use"] = [before[number - 1] for number in self.numbers] if before else list(self.numbers)
+
+
+@dataclass(frozen=True)
+class AverageSegments:
+    """The FRFs of all records are averages of segments under a Hann window."""
+
+    def apply(self, draft: ModelDraft) -> None:
+        for record in draft.records:
+            frfs = record.get("record")
+            if not isinstance(frfs, FrfRecord):
+                raise InputError("only averaged frequency responses read what leaks between lines")
+            record.set("record", replace(frfs, segment=segment_duration(frfs)))
+
+    def write(self, study: Tables) -> None:
+        for record in record_tables(study):
+            record["leakage"] = "hann"
+
+
+@dataclass(frozen=True)
+class ScaleAxis:
+    """All frequencies of all records times a factor, those of the band too."""
+
+    factor: float
+
+    def apply(self, draft: ModelDraft) -> None:
+        for record in draft.records:
+            record.set("record", self._scaled(record.get("record")))
+            if isinstance(record.setup, TimeSetup):
+                shown, settings = record.get("shown"), record.get("settings")
+                record.set("shown", None if shown is None else self._scaled(shown))
+                record.set("settings", replace(settings, tones=tuple(self.factor * tone for tone in settings.tones)))
+        options = draft.options
+        bands = {name: self._span(getattr(options, name)) for name in ("band", "evaluation_band")}
+        draft.options = replace(options, exclude=tuple(map(self._span, options.exclude)), **bands)
+
+    def _span(self, span: tuple[float, float] | None) -> Any:
+        return None if span is None else (self.factor * span[0], self.factor * span[1])
+
+    def _scaled(self, record: FrfRecord | TimeRecord | ModalRecord) -> FrfRecord | TimeRecord | ModalRecord:
+        if isinstance(record, TimeRecord):
+            return replace(record, sampling_rate=self.factor * record.sampling_rate)
+        if isinstance(record, FrfRecord):
+            segment = None if record.segment is None else record.segment / self.factor
+            return replace(record, frequency=self.factor * record.frequency, segment=segment)
+        sizes = np.repeat([self.factor, 1.0], record.n_modes)
+        covariance = None if record.covariance is None else record.covariance * np.outer(sizes, sizes)
+        return replace(record, frequency=self.factor * record.frequency, covariance=covariance)
+
+    def write(self, study: Tables) -> None:
+        for record in record_tables(study):
+            if "sampling_rate" not in record:
+                raise NoStudyTextError("the record file says its axis; correct it there")
+            record["sampling_rate"] = rounded(self.factor * float(record["sampling_rate"]))
+        method = study.get("method", {})
+        for key in ("band", "evaluation_band"):
+            if key in method:
+                method[key] = [rounded(self.factor * end) for end in method[key]]
+        if "exclude" in method:
+            method["exclude"] = [[rounded(self.factor * end) for end in span] for span in method["exclude"]]
+
+
+@dataclass(frozen=True)
+class SubdivideElements:
+    """Each beam is made of so many pieces."""
+
+    pieces: int
+
+    def apply(self, draft: ModelDraft) -> None:
+        for structure in draft.structures:
+            structure.set("subdivide", self.pieces)
+
+    def write(self, study: Tables) -> None:
+        study["structure"]["subdivide"] = self.pieces
+
+
+@dataclass(frozen=True)
+class SetProperty:
+    """Another nominal value of a property of an element set."""
+
+    name: str
+    property_name: str
+    value: float | list[float]
+
+    def apply(self, draft: ModelDraft) -> None:
+        for structure in draft.structures:
+            elements = tuple(
+                replace(element, **{self.property_name: self.value}) if element.name == self.name else element
+                for element in structure.get("elements")
+            )
+            structure.set("elements", elements)
+
+    def write(self, study: Tables) -> None:
+        element_table(study, self.name)[self.property_name] = self.value
+
+
+@dataclass(frozen=True)
+class MoveMass:
+    """One point mass of a set at another node."""
+
+    name: str
+    number: int
+    label: int
+    directions: tuple[str, ...]
+
+    def apply(self, draft: ModelDraft) -> None:
+        for structure in draft.structures:
+            structure.set("elements", tuple(self._moved(element) for element in structure.get("elements")))
+
+    def _moved(self, element: Any) -> Any:
+        if element.name != self.name:
+            return element
+        nodes = element.nodes.ravel().copy()
+        nodes[self.number - 1] = self.label
+        return replace(element, nodes=nodes, directions=element.directions or self.directions)
+
+    def write(self, study: Tables) -> None:
+        entry = element_table(study, self.name)
+        if "nodes" not in entry:
+            raise NoStudyTextError(f"{self.name}:{self.number} is at no node that the study lists")
+        nodes = list(as_list(entry["nodes"]))
+        nodes[self.number - 1] = self.label
+        entry["nodes"] = nodes
+        entry.setdefault("directions", list(self.directions))
+
+
+@dataclass(frozen=True)
+class SeparateElement:
+    """One element of a set, or a whole set of several, with a parameter of its own: a factor on what it has.
+
+    Attributes
+    ----------
+    where : str
+        Such as ``girder:2`` or ``girder``.
+    property_name : str
+    start : float
+        Of the factor.
+    count : int
+        Elements of the set.
+    nominal : mapping of str to tuple of float
+        What the model says of the property, of each element of each set that has it.
+    """
+
+    where: str
+    property_name: str
+    start: float
+    count: int
+    nominal: Mapping[str, tuple[float, ...]] = field(hash=False)
+
+    def _take_out(self, entries: Sequence[Tables]) -> None:
+        """Take it out of the unknowns that have it."""
+        name, _, number = self.where.rpartition(":")
+        name = name or self.where
+        own = [entry for entry in entries if is_declaration_of(entry, name, self.property_name)]
+        if any(entry.get("each") or entry.get("field") for entry in own):
+            raise InputError(f"{self.where} has a parameter of its own already")
+        for entry in own:
+            texts = [str(text) for text in as_list(entry["elements"])]
+            values = {value for text in texts for value in self.nominal.get(text, self._of_span(text))}
+            if ":" in self.where:
+                take_out_element(entry, name, int(number), self.count, len(values) > 1)
+                continue
+            kept = [text for text in texts if text != name]
+            if len(kept) in (0, len(texts)):
+                raise InputError(f"{name} is no whole set of a group with one value")
+            keep_elements(entry, kept, len(values) > 1)
+
+    def _of_span(self, text: str) -> tuple[float, ...]:
+        """Nominal values of the set of ``girder:2-3``."""
+        return self.nominal.get(text.rpartition(":")[0], ())
+
+    def apply(self, draft: ModelDraft) -> None:
+        for record in draft.records:
+            entries = _as_tables(record.unknowns)
+            self._take_out(entries)
+            record.unknowns[:] = [Unknown(**entry) for entry in entries if as_list(entry["elements"])]
+        AddUnknown(self._entry).apply(draft)
+
+    @property
+    def _entry(self) -> dict[str, Any]:
+        return {"property": self.property_name, "elements": self.where, "factor": True, "start": self.start}
+
+    def write(self, study: Tables) -> None:
+        self._take_out(study["unknown"])
+        AddUnknown(self._entry).write(study)
+
+
+@dataclass(frozen=True)
+class LetVary:
+    """A parameter with a value of its own in each record."""
+
+    name: str
+
+    def _mark(self, entries: Sequence[Tables]) -> bool:
+        for entry in entries:
+            if label_of(entry) == self.name and not entry.get("each"):
+                entry["varies"] = True
+                return True
+        return False
+
+    def apply(self, draft: ModelDraft) -> None:
+        marked = False
+        for record in draft.records:
+            entries = _as_tables(record.unknowns)
+            marked = self._mark(entries) or marked
+            record.unknowns[:] = [Unknown(**entry) for entry in entries]
+        if not marked:
+            raise InputError(
+                f"{self.name} is one of several parameters of a declaration; declare it alone to let it vary"
+            )
+
+    def write(self, study: Tables) -> None:
+        if not self._mark(study["unknown"]):
+            raise NoStudyTextError(f"{self.name} is one of several parameters of an [[unknown]]")
+
+
+def _as_tables(unknowns: Sequence[Unknown]) -> list[dict[str, Any]]:
+    """Declarations as the tables of a study have them."""
+    return [{item.name: getattr(one, item.name) for item in fields(Unknown)} for one in unknowns]
+
+
+def _plain_copy(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """A table in the types of TOML."""
+    return {
+        key: [list(x) if isinstance(x, tuple) else x for x in value] if isinstance(value, tuple | list) else value
+        for key, value in entry.items()
+    }

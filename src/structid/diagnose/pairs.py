@@ -1,0 +1,62 @@
+"""Of two faults each alone may lower the misfit little: beside which change a second one promises most."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from structid.core.errors import StructidError
+from structid.diagnose.causes import candidates
+from structid.diagnose.refits import Fitted, Item
+from structid.diagnose.thresholds import (
+    PAIR_LEFT,
+    PAIR_LOOKS,
+    PAIR_LOOKS_OF_KIND,
+)
+from structid.diagnose.time_budget import UNLIMITED, TimeBudget, map_within_budget
+from structid.identification.setups.setup import titles
+from structid.inversion.search.work import Tools, Work
+
+
+def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget: TimeBudget = UNLIMITED) -> list[Item]:
+    """The changes beside which a linear look promises that a second one leaves little, the one that leaves least first.
+
+    Looks are taken at near fits, of the logarithm of the FRFs with the start held: a full fit of one of two faults is bent
+    to the other.
+
+    Parameters
+    ----------
+    base : Fitted
+    begun : sequence of Item
+        Changes where their near fits ended, the likeliest first.
+    work : Work
+    name : str
+        What the looks are called in progress and checkpoints.
+    budget : TimeBudget
+    """
+    of_kind, items = Counter[str](), list[Item]()
+    for item in begun:
+        of_kind[item[0].kind] += 1
+        if of_kind[item[0].kind] <= PAIR_LOOKS_OF_KIND:
+            items.append(item)
+    items = items[:PAIR_LOOKS]
+    modified = base.modified
+    whole = modified.point_at(modified.anchored_views(), modified.fit_near().theta).left
+    looks = map_within_budget(budget, work, name, _looked_beside, base, items)
+    left = [np.inf if look is None else look["left"] for look in looks]
+    order = np.argsort(left, kind="stable").tolist()
+    return [items[k] for k in order if left[k] < PAIR_LEFT * whole]
+
+
+def _looked_beside(base: Fitted, item: Item, tools: Tools) -> dict[str, float]:
+    """What the best second change leaves beside one, by a linear look."""
+    candidate, strength, theta = item
+    try:
+        modified = base.modified.changed(candidate, strength)
+        point = modified.point_at(modified.anchored_views(), theta)
+        rows = point.screened(candidates(point.records, titles(modified.setups)))
+    except (StructidError, np.linalg.LinAlgError):
+        return {"left": np.inf}
+    return {"left": min((row.left for row in rows), default=np.inf)}

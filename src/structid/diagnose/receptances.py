@@ -1,0 +1,219 @@
+"""Receptances of a model at one point of its parameters, with which the effect of every candidate cause is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, evenly_spaced_indices
+from structid.core.dof import Dof
+from structid.fem import Base, Structure
+from structid.fem.elements.element import dof_code, dof_of_code
+from structid.fem.measured import joined_receptance
+from structid.forward import FrfProblem
+from structid.forward.frf.response import driving_bases
+from structid.records.record import DERIVATIVES
+
+#: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
+_MOST_ENTRIES = 2e7
+_FEWEST_LINES = 40
+#: Lines that a screen looks at where time counts.
+MOST_LINES = 90
+
+
+class ElementMatrix(NamedTuple):
+    """What one property of one element adds: its set, its number from 0, the property, and the matrix with its codes.
+
+    `row` is the place of the property among all values.
+    """
+
+    element: str
+    number: int
+    property: str
+    kind: str
+    codes: IntArray
+    matrix: FloatArray
+    loss: float
+    row: int
+
+
+@dataclass(frozen=True, eq=False)
+class Receptances:
+    """The dynamic stiffness Z of a model at lines of its record, and what follows from it, its measured components included.
+
+    Z is complex symmetric; all products are with the transpose. Friction is not part of it. Supports that drive the
+    structure are free in it, with a motion that is given: no force and no change of Z moves them.
+
+    Attributes
+    ----------
+    problem : FrfProblem
+        On the lines that are looked at.
+    values : (n_values,) float array
+        Property values of the structure.
+    channel_values : (n_channel_params,) float array
+        Parameters of the record's channels.
+    frf : (n_lines, n_outputs, n_inputs) complex array
+        As the record has it, errors of channels included.
+    """
+
+    problem: FrfProblem
+    values: FloatArray
+    channel_values: FloatArray
+    frf: ComplexArray
+
+    @cached_property
+    def _bases(self) -> tuple[Base, ...]:
+        return driving_bases(self.problem.structure, self.problem.record)
+
+    @cached_property
+    def structure(self) -> Structure:
+        """Of the problem, supports that drive it let go."""
+        whole = self.problem.structure
+        return whole.release_supports(self._bases) if self._bases else whole
+
+    @cached_property
+    def undriven(self) -> IntArray:
+        """The degrees of freedom whose motion is not given."""
+        given = self.structure.selection([base.supports[0].unsigned for base in self._bases])
+        return np.setdiff1d(np.arange(self.structure.n_dofs), given.indices)
+
+    @property
+    def laplace(self) -> ComplexArray:
+        """(n_lines,), 1/s."""
+        return self.problem.record.laplace
+
+    def stiffness_of(self, structure: Structure) -> ComplexArray:
+        """Z of the matrices of `structure`, which has the same properties, (n_lines, n, n)."""
+        inertia, viscous, elastic, structural = (
+            structure.matrix(law, self.values).toarray() for law in ("inertia", "viscous", "elastic", "structural")
+        )
+        s = self.laplace[:, None, None]
+        found: ComplexArray = s**2 * inertia + s * viscous + elastic + 1j * structural
+        return found
+
+    @cached_property
+    def flexibility(self) -> ComplexArray:
+        """G = Z^-1, (n_lines, n_dofs, n_dofs); zero at driven degrees of freedom, the inverse for all others."""
+        return self._joined(self._alone)
+
+    @cached_property
+    def _alone(self) -> ComplexArray:
+        """The same without measured components."""
+        whole = self.stiffness_of(self.structure)
+        own = np.s_[:, self.undriven[:, None], self.undriven]
+        found = np.zeros_like(whole)
+        found[own] = np.linalg.inv(whole[own])
+        return found
+
+    def _joined(self, motion: ComplexArray) -> ComplexArray:
+        """Motion (n_lines, n_dofs, n) of the model alone once its measured components move along."""
+        parts = self.structure.measured
+        if not parts:
+            return motion
+        ends = self.structure.selection([dof for one in parts for dof in one.interface]).toarray()
+        pushed = self._alone @ ends
+        receptance = joined_receptance(parts, self.problem.frequency) + ends.T @ pushed
+        found: ComplexArray = motion - pushed @ np.linalg.solve(receptance, ends.T @ motion)
+        return found
+
+    @cached_property
+    def under_loads(self) -> ComplexArray:
+        """x = G f under forces, x = b - G Z b under motions b of supports, (n_lines, n_dofs, n_inputs)."""
+        loads = self.structure.selection(self.problem.record.inputs).toarray()
+        if not self._bases:
+            return self.flexibility @ loads
+        return self._joined(loads - self._alone @ (self.stiffness_of(self.structure) @ loads))
+
+    @cached_property
+    def under_sensors(self) -> ComplexArray:
+        """y = G s, (n_lines, n_dofs, n_outputs)."""
+        return self.flexibility @ self.structure.selection(self.problem.record.outputs).toarray()
+
+    @cached_property
+    def factor(self) -> ComplexArray:
+        """What makes of a receptance what the record has, its kind and the errors of its channels; broadcasts to `frf`."""
+        kind = (self.laplace ** DERIVATIVES[self.problem.record.kind])[:, None, None]
+        channels = self.problem.channels
+        found: ComplexArray = kind if channels is None else kind * channels.factor(self.channel_values, self.laplace)
+        return found
+
+    @cached_property
+    def columns(self) -> dict[Dof, FloatArray]:
+        """Of each free direction of each node: which free degrees of freedom follow it, (n_dofs,); none that is driven."""
+        moves = self._follow[:, self.undriven].any(axis=1)
+        pairs = zip(self.structure.numbering.codes[moves].tolist(), self._follow[moves], strict=True)
+        return {dof_of_code(code).unsigned: follow for code, follow in pairs}
+
+    @cached_property
+    def loose(self) -> tuple[tuple[Dof, ...], ComplexArray, ComplexArray]:
+        """Supports that can give way: which they are, Z between them and the free degrees of freedom, and of each alone.
+
+        Those that drive give way against what moves them. Shapes (n_supports), (n_lines, n_dofs, n_supports),
+        (n_lines, n_supports).
+        """
+        structure = self.structure
+        n_lines, n_dofs = len(self.laplace), structure.n_dofs
+        none: tuple[tuple[Dof, ...], ComplexArray, ComplexArray]
+        none = (), np.zeros((n_lines, n_dofs, 0), complex), np.zeros((n_lines, 0), complex)
+        if structure.components:  # let go, they would be reduced to other degrees of freedom
+            return none
+        driving = [dof for base in self._bases for dof in base.supports]
+        free = replace(structure, fixed=(), bases=(), ties=self.problem.structure.ties)
+        place = {code: i for i, code in enumerate(free.numbering.free)}
+        held = [d for d in (*structure.fixed, *driving) if dof_code(d.node, d.direction) in place]
+        if not held:
+            return none
+        whole = self.stiffness_of(free)
+        ends = np.array([place[dof_code(d.node, d.direction)] for d in held])
+        follow = self.reached(np.array(free.numbering.free))
+        return tuple(held), follow.T @ whole[:, :, ends], whole[:, ends, ends]
+
+    def elements(self, kinds: tuple[str, ...]) -> Iterator[ElementMatrix]:
+        """Every element matrix of properties of these kinds, with its weight."""
+        losses = {p.element: self.values[p.values] for p in self.structure.properties if p.term.kind == "loss_factor"}
+        for item in self.structure.properties:
+            if item.term.kind not in kinds:
+                continue
+            weights, loss = self.values[item.values], losses.get(item.element)
+            for matrix_term in item.term.matrix_terms:
+                if matrix_term.whole is not None:
+                    continue
+                for e, (codes, local) in enumerate(zip(matrix_term.codes, matrix_term.local, strict=True)):
+                    lost = 0.0 if loss is None or item.term.kind == "axial_force" else float(loss[e])
+                    matrix = float(weights[e]) * local
+                    row = item.values.start + e
+                    yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost, row)
+
+    def reached(self, codes: IntArray) -> FloatArray:
+        """How free degrees of freedom move these, (n_codes, n_dofs); zero where they are held, or are no part of the model."""
+        known = self.structure.numbering.codes
+        place = np.minimum(np.searchsorted(known, codes), len(known) - 1)
+        return np.where((known[place] == codes)[:, None], self._follow[place], 0.0)
+
+    @cached_property
+    def _follow(self) -> FloatArray:
+        """How free degrees of freedom move all, (n_codes, n_dofs)."""
+        return np.asarray(self.structure.numbering.matrix.toarray())
+
+
+def receptances_at(problem: FrfProblem, theta: FloatArray, most_lines: int = MOST_LINES) -> Receptances:
+    """The receptances of a problem at free variables, on so many of its lines as memory allows.
+
+    Parameters
+    ----------
+    problem : FrfProblem
+    theta : (n_params,) float array
+        Of this problem.
+    most_lines : int
+        No more than these, for the time that they take.
+    """
+    n_lines = len(problem.frequency)
+    room = int(np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, most_lines))
+    if n_lines > room:
+        problem = problem.with_lines(evenly_spaced_indices(n_lines, room))
+    own, rest = np.split(problem.physical(theta), [problem.parameters.n_params])
+    return Receptances(problem, problem.parameters.values(own), rest, problem.predicted(theta))

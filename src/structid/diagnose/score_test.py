@@ -1,0 +1,206 @@
+"""The score test: how much of a misfit each candidate would remove, all parameters following along."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.data_rows import scaled_misfit
+from structid.diagnose.receptances import MOST_LINES, Receptances, receptances_at
+from structid.forward import FrfProblem
+from structid.inversion import JointProblem
+
+_SMALL = 1e-4
+#: Candidates of each kind that are tried at more strengths.
+_CLOSER = 40
+
+#: What candidates of the same look have in common.
+_Key: TypeAlias = tuple[object, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """A candidate, the strength that removes most, and what it leaves of the sum of squares."""
+
+    candidate: Candidate
+    strength: float
+    left: float
+
+
+class RequestedChange(NamedTuple):
+    """A candidate with the strength that a residual asks of it to first order, and that over its deviation."""
+
+    candidate: Candidate
+    strength: float
+    score: float
+
+
+class _Look(NamedTuple):
+    """A candidate's strengths, what each leaves, the linear estimate of it, and the least that any of them promises."""
+
+    strengths: FloatArray
+    left: FloatArray
+    step: float
+    promised: float
+
+    def best(self, candidate: Candidate) -> Screened:
+        k = int(np.argmin(self.left))
+        return Screened(candidate, float(self.strengths[k]), float(self.left[k]))
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Problems of FRFs at one point of their parameters, linearized.
+
+    Attributes
+    ----------
+    records : tuple of Receptances
+    residual : (n_rows,) float array
+        Whitened, of all records, then of priors.
+    basis : (n_rows, n_params) float array
+        Q of the Jacobian: what the parameters can follow.
+    undamped : collection of int
+        Positions of the records that say nothing of damping.
+    """
+
+    records: tuple[Receptances, ...]
+    residual: FloatArray
+    basis: FloatArray
+    undamped: Collection[int] = ()
+
+    @property
+    def left(self) -> float:
+        """The sum of squares off the basis without any change."""
+        return float(self._base @ self._base)
+
+    def without(self, rows: np.ndarray) -> float:
+        """What is left where some data rows (n_data,) count with the likeliest factor on their errors only."""
+        keep = np.ones(len(self.residual), dtype=bool)
+        keep[: len(rows)] = ~rows
+        step, *_ = np.linalg.lstsq(self.basis[keep], self.residual[keep], rcond=None)
+        rest = self.residual - self.basis @ step
+        return float(rest[keep] @ rest[keep]) + scaled_misfit(float(rest[~keep] @ rest[~keep]), int((~keep).sum()))
+
+    def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
+        """Of every candidate the best of its strengths; of the most promising of each kind those about it as well."""
+        keys = [self._key(candidate) for candidate in candidates]
+        known: dict[_Key, _Look] = {}
+        for key, candidate in zip(keys, candidates, strict=True):
+            if key not in known:
+                known[key] = self._look(candidate)
+        kinds = defaultdict[str, list[int]](list)
+        for k in sorted(range(len(keys)), key=lambda k: known[keys[k]].promised):
+            kinds[candidates[k].kind].append(k)
+        closer = {k for kind in kinds.values() for k in kind[:_CLOSER]}
+        nearer: dict[_Key, _Look] = {}
+        for k in sorted(closer):
+            if keys[k] not in nearer:
+                nearer[keys[k]] = self._closer(candidates[k], known[keys[k]])
+        return [
+            (nearer if k in closer else known)[key].best(candidate)
+            for k, (candidate, key) in enumerate(zip(candidates, keys, strict=True))
+        ]
+
+    def requested(self, candidates: Sequence[Candidate]) -> list[RequestedChange]:
+        """What the residual asks of every candidate that may be small, each alone, all parameters following: a score test.
+
+        With w the slope of a candidate off the basis its strength is -w'r / w'w, and its score |w'r| / |w|, the size of a standard
+        normal variable where model and noise are right. None of those that would be out of bounds.
+
+        References
+        ----------
+        Rao (1948), Proc. Cambridge Phil. Soc. 44, 50-57.
+        """
+        found = []
+        for candidate in candidates:
+            small = _SMALL * np.abs(candidate.strengths).min()
+            step, size = self._linear(self._off(candidate, np.array([small]))[:, 0], small)
+            low, high = candidate.bounds
+            if len(candidate.strengths) > 1 and size > 0 and low < step < high:
+                found.append(RequestedChange(candidate, step, float(abs(step) * np.sqrt(size))))
+        return found
+
+    def _linear(self, off: FloatArray, small: float) -> tuple[float, float]:
+        """The step to the least of what a candidate leaves by its slope, and the square of that; `off` is at a small strength."""
+        slope = (off - self._base) / small
+        size = float(slope @ slope)
+        return (float(-(slope @ self._base) / size) if 0 < size < np.inf else 0.0), size
+
+    def _key(self, candidate: Candidate) -> _Key:
+        """What a look depends on: places of parts that are rigid move alike in many nodes."""
+        alike = candidate.alike_by()
+        if alike is None:
+            return (id(candidate),)
+        directions, values = alike
+        moves = [part.tobytes() for receptances in self.records for part in directions.rows(receptances)]
+        return *values, *moves
+
+    def _look(self, candidate: Candidate) -> _Look:
+        strengths = candidate.strengths
+        if len(strengths) == 1:
+            left = self._left_by(candidate, strengths)
+            return _Look(strengths, left, 0.0, float(left[0]))
+        small = _SMALL * np.abs(strengths).min()
+        off = self._off(candidate, np.append(strengths, small))
+        left, (step, size) = _squares(off[:, :-1]), self._linear(off[:, -1], small)
+        low, high = candidate.bounds
+        linear = self.left - step**2 * size if low < step < high else np.inf
+        return _Look(strengths, left, step, float(min(left.min(), linear)))
+
+    def _closer(self, candidate: Candidate, look: _Look) -> _Look:
+        low, high = candidate.bounds
+        best = look.best(candidate)
+        about = (0.5 * look.step, look.step, 2 * look.step, 0.75 * best.strength, 1.35 * best.strength)
+        more = np.array([q for q in about if low < q < high and q])
+        if len(candidate.strengths) == 1 or not len(more):
+            return look
+        strengths, left = np.append(look.strengths, more), np.append(look.left, self._left_by(candidate, more))
+        return look._replace(strengths=strengths, left=left)
+
+    @cached_property
+    def _base(self) -> FloatArray:
+        return self.residual - self.basis @ (self.basis.T @ self.residual)
+
+    def _left_by(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
+        return _squares(self._off(candidate, strengths))
+
+    def _off(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
+        """Residuals off the basis, (n_rows, n_strengths)."""
+        rows = np.empty((len(self.residual), len(strengths)))
+        rows[:] = self.residual[:, None]
+        first = 0
+        with np.errstate(all="ignore"):
+            for number, receptances in enumerate(self.records):
+                problem = receptances.problem
+                size = problem.n_data
+                is_silent = candidate.is_damping and number in self.undamped
+                if candidate.record in (None, number) and not is_silent:
+                    change = candidate.effect(receptances, strengths)
+                    rows[first : first + size] = problem.data_rows(receptances.frf + change)
+                first += size
+            rows -= self.basis @ (self.basis.T @ rows)
+        return rows
+
+
+def _squares(off: FloatArray) -> FloatArray:
+    """Sum of squares of each column; infinite where there is none."""
+    left = np.einsum("ij,ij->j", off, off)
+    return np.where(np.isfinite(left), left, np.inf)
+
+
+def point_at(
+    problems: Sequence[FrfProblem], theta: FloatArray, undamped: Collection[int] = (), most_lines: int = MOST_LINES
+) -> Point:
+    """Problems at free variables of all their parameters together, on at most so many of their lines; see `Point`."""
+    own = JointProblem(tuple(problems), first_prior_counts=True).unknowns.split(theta)
+    records = tuple(receptances_at(problem, at, most_lines) for problem, at in zip(problems, own, strict=True))
+    whole = JointProblem(tuple(receptances.problem for receptances in records), first_prior_counts=True)
+    at = whole.linearize(theta)
+    return Point(records, at.residual, np.linalg.qr(at.jacobian)[0], undamped)

@@ -1,0 +1,310 @@
+"""What is refitted: of hundreds of changes those that lower the misfit of a linear look most."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Hashable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import parse_dof
+from structid.core.errors import StructidError
+from structid.diagnose.causes import (
+    CoarseMesh,
+    Dashpot,
+    DryFriction,
+    ExponentialWindow,
+    FaultyChannel,
+    ShearFlexibility,
+    SpringToGround,
+    Support,
+    SwappedLoads,
+    candidates,
+    data_candidates,
+    exchanged_channels,
+    rows_left_out,
+    set_candidates,
+)
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.friction import FORCES
+from structid.diagnose.causes.gain import LoadGain
+from structid.diagnose.data_rows import rows_of, scaled_misfit
+from structid.diagnose.modified_model import QUICK
+from structid.diagnose.refits import Fitted, Sized
+from structid.diagnose.score_test import Point, Screened
+from structid.diagnose.thresholds import (
+    CERTAIN_AT_FIT,
+    CHANNEL_PART,
+    FIRST_OF_KIND,
+    FIRST_OF_POINT,
+    INITIAL_PART,
+    LEAST_DROP,
+    MOST_FEET,
+    SHORTLIST,
+)
+from structid.diagnose.time_budget import UNLIMITED, TimeBudget, TimeUpError, map_within_budget, time_limit_callback
+from structid.forward import FrfProblem, ModalProblem
+from structid.identification.setups.setup import titles
+from structid.inversion import JointProblem
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.work import Tools, Work
+
+_SCREENED_LEVELS = (0.12, 0.06, 0.015)
+
+#: By what tells candidates apart, the part of the misfit that a linear look promises to remove, and the look.
+_Promises = dict[Hashable, tuple[float, Screened]]
+
+
+def screen_sets(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMITED) -> list[Screened]:
+    """Changes of sets and of the mesh that lower the misfit by one linear step at the fit, each with its best strength."""
+    several = set_candidates(base.modified.model, base.modified.problems)
+    sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
+    left = iter(_left_by_step(base, sized, work, name, budget))
+    screened = []
+    for candidate in several:
+        least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
+        is_always = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow)
+        if np.isfinite(least) and (is_always or least < (1 - LEAST_DROP) * base.cost):
+            screened.append(Screened(candidate, strength, least))
+    return screened
+
+
+def _left_by_step(base: Fitted, sized: Sequence[Sized], work: Work, name: str, budget: TimeBudget) -> list[float]:
+    """The misfit that a linear step of each modified model leaves; infinite where there is none, or no time for it."""
+    steps = map_within_budget(budget, work, name, _stepped, base, sized)
+    return [np.inf if step is None else step["left"] for step in steps]
+
+
+def _stepped(base: Fitted, change: Sized, tools: Tools) -> dict[str, float]:
+    try:
+        modified = base.modified.changed(*change)
+        at = modified.target.linearize(modified.theta_of(base.values))
+    except (StructidError, np.linalg.LinAlgError):
+        return {"left": np.inf}
+    rest = at.triangle()[at.n_params :, -1]
+    return {"left": float(rest @ rest)}
+
+
+def screening_points(base: Fitted) -> list[Point]:
+    """Where candidates are screened: on smoothed data, at the anchored fit, and at the fit."""
+    modified, points = base.modified, []
+    if modified.is_large:  # every fit costs
+        start = np.asarray(modified.target.theta_start)
+        return [
+            modified.point_at(modified.anchored_views(), start),
+            modified.point_at(modified.shown_problems, base.theta),
+        ]
+    theta, stop = np.asarray(modified.target.theta_start), time_limit_callback(modified.fit_seconds)
+    with suppress(TimeUpError):
+        for level, stage in modified.smoothed():
+            theta = minimize(stage, QUICK, theta, stop).theta
+            if level in _SCREENED_LEVELS:
+                points.append(modified.point_at(_frfs(stage), theta))
+        theta = minimize(modified.anchored(), QUICK, theta, stop).theta
+    points.append(modified.point_at(modified.anchored_views(), theta))
+    points.append(modified.point_at(modified.shown_problems, base.theta))
+    return points
+
+
+def _frfs(stage: JointProblem) -> tuple[FrfProblem, ...]:
+    return tuple(part for part in stage.problems if isinstance(part, FrfProblem))
+
+
+class Shortlist(NamedTuple):
+    """What came of the looks.
+
+    `rows` are the best candidates of every point and the best of each kind, each once, the most telling first; `at_fit`
+    those of them that promise most at the fit, and channels with faults of their own; `tried` is how many there were; `feet`
+    are supports that give way in all rotations at once, which no linear look is taken at; `lost` are sensors without which a
+    good part of the misfit is gone.
+    """
+
+    rows: list[Screened]
+    at_fit: list[Screened]
+    tried: int
+    feet: list[Screened]
+    lost: list[Screened]
+
+
+def shortlist_candidates(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMITED) -> Shortlist:
+    """The candidates that are worth a fit.
+
+    Parameters
+    ----------
+    base : Fitted
+    work : Work
+    name : str
+        What the points are called in progress and checkpoints.
+    budget : TimeBudget
+        Looks at the fit and at the anchored fit come first, those at smoothed data as long as there is time.
+    """
+    points = screening_points(base)
+    names = titles(base.modified.setups)
+    faulty = _faulty(base)
+    certain = faulty | _exchanged(base, points)
+    nearest_first = range(len(points))[::-1]
+    answers = map_within_budget(budget, work, name, _looked, (tuple(points), names), nearest_first, least=1)[::-1]
+    held_nodes = {dof.node for setup in base.modified.setups for dof in setup.structure.fixed}
+    best, others, here = _Promises(), _Promises(), _Promises()
+    tried, feet = 0, list[Screened]()
+    for point, answer in zip(points, answers, strict=True):
+        if answer is None:
+            continue
+        several = candidates(point.records, names)
+        feet = feet or _feet(several, base.cost)
+        problems = [receptances.problem for receptances in point.records]
+        data = list(data_candidates(problems, names))
+        tried = max(tried, len(several) + len(data))
+        whole, kinds = point.left, dict[str, int]()
+        seen_left = zip(several, answer["strength"], answer["left"], strict=True)
+        rows = [Screened(one, float(strength), float(left)) for one, strength, left in seen_left]
+        rows += [Screened(one, 1.0, point.without(rows_left_out(one, problems))) for one in data]
+        rows.sort(key=lambda row: row.left)
+        here = _Promises()
+        for row in rows:
+            drop = 1 - row.left / whole
+            if drop <= LEAST_DROP and not _is_certain(row.candidate, certain):
+                continue
+            key = row.candidate.key
+            if key in here:
+                continue  # an appendage of another frequency at the same place
+            kind = _family(row.candidate, held_nodes)
+            count = kinds.setdefault(kind, 0)
+            is_early = len(here) < FIRST_OF_POINT or count < FIRST_OF_KIND or _is_certain(row.candidate, certain)
+            chosen = best if is_early else others
+            here[key] = (drop, row)
+            if key not in chosen or drop > chosen[key][0]:
+                chosen[key] = (drop, row)
+            kinds[kind] += 1
+    _with_friction(best, all(DryFriction.can_act(receptances) for receptances in points[-1].records[:1]))
+    found = sorted(best.values(), key=lambda pair: (not _is_certain(pair[1].candidate, certain), -pair[0]))
+    rows = [row for _, row in found]
+    if base.modified.is_of_modes:
+        rows = _by_modes(base, rows + [others[key][1] for key in others if key not in best], work, name, budget)
+    rows = rows[:SHORTLIST]
+    at_fit = [best[key][1] for key in here if key in best]
+    sure = [row for row in rows if row.candidate.key in faulty]
+    channels = [(drop, row) for drop, row in best.values() if isinstance(row.candidate, FaultyChannel)]
+    lost = [
+        row
+        for drop, row in channels
+        if drop > CHANNEL_PART or row in sure or (base.modified.is_of_modes and row in rows)
+    ]
+    at_fit = [*sure, *[row for row in at_fit if row in rows][:CERTAIN_AT_FIT]]
+    return Shortlist(rows, at_fit, tried, feet, lost)
+
+
+def _feet(several: Iterable[Candidate], left: float) -> list[Screened]:
+    """Supports that hold rotations, giving way together: all of a node, as a loose bolt lets them, and all of a direction.
+
+    Feet that are drawn clamped and turn are the commonest slip of all, and one foot of two explains half of it.
+    """
+    of_node: dict[int, list[Support]] = {}
+    of_direction: dict[str, list[Support]] = {}
+    for candidate in several:
+        if not isinstance(candidate, Support) or candidate.driven:
+            continue
+        dof = parse_dof(candidate.where[0])
+        if dof.is_rotation:
+            of_node.setdefault(dof.node, []).append(candidate)
+            of_direction.setdefault(dof.direction, []).append(candidate)
+    nodes = [group for group in of_node.values() if len(group) > 1][:MOST_FEET]
+    directions = [group for group in of_direction.values() if len(group) > 1]
+    everywhere = [[candidate for group in directions for candidate in group]] if len(directions) > 1 else []
+    return [
+        Screened(
+            replace(group[0], where=tuple(candidate.where[0] for candidate in group)),
+            float(np.median(group[0].strengths)),
+            left,
+        )
+        for group in [*directions, *everywhere, *nodes]
+    ]
+
+
+def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
+    """Channels that the initial model shows to be exchanged, turned or of another gain: a model bent to them is far off."""
+    modified = base.modified
+    if modified.is_of_modes:
+        return set()
+    # a large model is screened there first
+    point = (
+        points[0]
+        if modified.is_large
+        else modified.point_at(modified.anchored_views(), np.asarray(modified.target.theta_start))
+    )
+    rows = point.screened([*exchanged_channels(point.records), *LoadGain.from_receptances(point.records, ("",))])
+    return {row.candidate.key for row in rows if row.left < INITIAL_PART * point.left}
+
+
+def _faulty(base: Fitted) -> set[Hashable]:
+    """Channels whose histories show, by themselves or by what the fit misses, that they did not measure their motion."""
+    shown = {
+        FaultyChannel(where=(parse_dof(fault.channel.split()[0]).place,), record=number).key
+        for number, setup in enumerate(base.modified.setups)
+        for fault in setup.faults
+        if not fault.channel.endswith("force")
+    }
+    return shown | _outstanding(base)
+
+
+def _outstanding(base: Fitted) -> set[Hashable]:
+    """Channels of histories that make a good part of the misfit: averaged FRFs hide drift and all else that no force makes."""
+    problems, keys = base.modified.problems, set[Hashable]()
+    residual = base.modified.target.residual(base.theta)
+    of_records = zip(rows_of(problems, residual), base.modified.views, strict=True)
+    for number, ((problem, own), view) in enumerate(of_records):
+        if isinstance(problem, FrfProblem | ModalProblem):
+            continue
+        for channel in FaultyChannel.from_data([view.problem], [""]):
+            rows = channel.rows_left_out(problem)
+            squares = float(own[rows] @ own[rows])
+            if squares - scaled_misfit(squares, int(rows.sum())) > CHANNEL_PART * base.cost:
+                keys.add(replace(channel, record=number).key)
+    return keys
+
+
+def _family(candidate: Candidate, held_nodes: Collection[int]) -> str:
+    """Its kind; what holds one more direction of a node that is held is of a kind of its own: a pin may be a clamp."""
+    is_clamp = isinstance(candidate, SpringToGround) and candidate.is_clamp(held_nodes)
+    return "clamp" if is_clamp else candidate.place[0]
+
+
+def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
+    """Whether a change is fitted whatever a linear look at a fit says."""
+    return isinstance(candidate, SwappedLoads) or candidate.key in certain
+
+
+def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: TimeBudget) -> list[Screened]:
+    """Of changes that FRFs of the fit show, those that lower the misfit of the modes themselves most by a linear step.
+
+    Modes weigh a change quite unlike the FRFs that they make up: where those promise a tenth, four fifths may go.
+    """
+    left = np.array(
+        _left_by_step(base, [(row.candidate, row.strength) for row in rows], work, f"{name}, of modes", budget)
+    )
+    first = range(min(FIRST_OF_POINT, len(rows)))
+    order = [k for k in np.argsort(left, kind="stable").tolist() if k >= len(first)]
+    return [rows[k] for k in (*first, *order)]
+
+
+def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: Tools) -> dict[str, FloatArray]:
+    """The best strength of every candidate at a point of records with these names, and what it leaves."""
+    points, names = looks
+    point = points[number]
+    rows = point.screened(candidates(point.records, names))
+    return {"strength": np.array([row.strength for row in rows]), "left": np.array([row.left for row in rows])}
+
+
+def _with_friction(best: _Promises, can_rub: bool) -> None:
+    """Beside the best dampers, friction at the same places: smoothed data show one as the other."""
+    dampers = [
+        pair
+        for pair in best.values()
+        if isinstance(pair[1].candidate, Dashpot) and len(pair[1].candidate.where) == 1 and can_rub
+    ]
+    for drop, row in sorted(dampers, key=lambda pair: -pair[0])[:FIRST_OF_KIND]:
+        twin = DryFriction(where=row.candidate.where, strengths=FORCES)
+        best.setdefault(twin.key, (drop, Screened(twin, float(np.median(FORCES)), row.left)))

@@ -1,0 +1,615 @@
+"""Which single changes of model or record would explain a misfit: screened by the hundreds, refitted by the dozen."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Hashable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from structid.core.dof import parse_dof
+from structid.core.errors import StructidError
+from structid.diagnose.causes import candidates, residual_candidates
+from structid.diagnose.causes.appendage import Appendage
+from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.fixed_value import FixedValue
+from structid.diagnose.causes.joint import FlexibleJoint
+from structid.diagnose.causes.mass import Mass
+from structid.diagnose.causes.outlying_lines import OutlyingLines
+from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
+from structid.diagnose.causes.spring import SpringToGround
+from structid.diagnose.causes.support import Support
+from structid.diagnose.derived_candidates import derived_candidates
+from structid.diagnose.modified_model import ModifiedModel
+from structid.diagnose.pairs import promising
+from structid.diagnose.refits import (
+    Fit,
+    Fitted,
+    Item,
+    Sized,
+    fit_fully,
+    fit_near,
+    fitted_at,
+    is_beyond_noise,
+    load_fit,
+    n_parameters,
+    reuse_equivalent_fit,
+)
+from structid.diagnose.score_test import RequestedChange, Screened
+from structid.diagnose.screening import screen_sets, shortlist_candidates
+from structid.diagnose.thresholds import (
+    ALIKE,
+    ALWAYS_FITTED,
+    CAUSE_RISK,
+    CLEAR,
+    CLEARLY_BETTER,
+    FAR_BEYOND,
+    FINALISTS,
+    FIRST_CAUSE_TIME,
+    LARGE_MODEL_REFITS,
+    LEAST_REFITS,
+    LEAST_SHARE,
+    MORE_PAIRS,
+    MOST_REQUESTED,
+    NEAR_FIT_TIME,
+    NESTED_RISK,
+    OUTLYING_RATIO,
+    PROMISING_PAIRS,
+    REQUEST_LINES,
+    REQUEST_RISK,
+    RIGID_RATIO,
+    SCREENING_TIME,
+    SET_LEFT,
+    SET_REFITS,
+    SPRING_LOSS,
+)
+from structid.diagnose.time_budget import UNLIMITED, TimeBudget, map_within_budget
+from structid.identification.setups.setup import titles
+from structid.inversion.search.work import ALONE, Work
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """The changes that explain a misfit, as a search gave them.
+
+    Attributes
+    ----------
+    base : Fitted
+        The study as it is, or with the first cause.
+    causes : tuple of Fitted
+        Accepted changes, the likeliest first; those within `ALIKE` of the first cannot be told from it.
+    criteria : tuple of float
+        Of each cause: chi-square over its scale plus a price for each parameter.
+    tried : int
+        How many candidates there were.
+    near : tuple of Fitted
+        Changes, accepted or not, within `ALIKE` of the likeliest model, that as it is among them.
+    further : Explanation, optional
+        Of what the first cause leaves.
+    better : Fitted, optional
+        The study as it is, from another start, where that explains the record: the search ended in a wrong place.
+    spent : float
+        Processor time that it took, in seconds.
+    left_out : int
+        How many changes a linear look promises something of, and were not fitted for want of time.
+    is_single : bool
+        Whether other pairs than the likeliest were not looked for for want of time.
+    begun : tuple of Item
+        Changes of the model or its channels where their near fits ended, the likeliest first.
+    """
+
+    base: Fitted
+    causes: tuple[Fitted, ...]
+    criteria: tuple[float, ...]
+    tried: int
+    near: tuple[Fitted, ...] = ()
+    further: Explanation | None = None
+    better: Fitted | None = None
+    spent: float = 0.0
+    left_out: int = 0
+    is_single: bool = False
+    begun: tuple[Item, ...] = ()
+
+    @property
+    def likely(self) -> tuple[Fitted, ...]:
+        """All changes that may be the truth, second ones beside a first among them."""
+        return self.near if self.further is None else (*self.near, *self.further.near)
+
+
+def search_causes(base: Fitted, work: Work = ALONE, budget: TimeBudget = UNLIMITED) -> Explanation:
+    """The changes that explain the misfit of a fitted study; and where the first leaves some, a second beside it.
+
+    Parameters
+    ----------
+    base : Fitted
+    work : Work
+    budget : TimeBudget
+        Processor time of the search, most of it for the first causes, what these leave for second ones. Other pairs are
+        looked for as long as it suffices for one more.
+    """
+    base = replace(base, modified=replace(base.modified, fit_seconds=budget.fit_limit))
+    if base.modified.is_large:
+        return _of_records(base, work, budget)
+    other = _from_elsewhere(base)
+    if other is not None and not is_misfit(other):
+        return Explanation(base, (), (), 0, better=other)
+    base = other or base
+    first = _search_once(base, work, "", budget.part(FIRST_CAUSE_TIME))
+    if _is_clear(first):
+        return _paired(first, work, budget) if is_misfit(first.causes[0]) else first
+    return _of_two(first, work, budget) if _is_far(base) else first
+
+
+def _is_clear(explanation: Explanation) -> bool:
+    """Whether one change removes much of the misfit."""
+    return bool(explanation.causes) and explanation.causes[0].misfit < CLEAR * explanation.base.misfit
+
+
+def _is_far(fitted: Fitted) -> bool:
+    """Whether the misfit is beyond what intervals may carry."""
+    return fitted.misfit > FAR_BEYOND * max(fitted.modified.target.n_data - n_parameters(fitted.modified), 1)
+
+
+def _of_two(explanation: Explanation, work: Work, budget: TimeBudget, tried: Sequence[Fitted] = ()) -> Explanation:
+    """Two changes that leave noise alone, where one by itself brings little.
+
+    A fit to all data that is bent to one of two faults is as wrong once the other is known. Those that were `tried` with a
+    second are passed over.
+    """
+    if budget.left < explanation.spent or not explanation.base.modified.is_small:
+        return replace(explanation, is_single=True)
+    known = {one.cause.place for one in tried}
+    begun = [item for item in explanation.begun if item[0].place not in known]
+    for item in promising(explanation.base, begun, work, "a second beside each change", budget)[:PROMISING_PAIRS]:
+        if budget.left < explanation.spent:
+            break
+        first = _first(explanation, item, work)
+        further = None if first is None else _beside(first, work, "of two, second ", budget)
+        if first is None or further is None:
+            continue
+        pair = _led_by(explanation, first, further)
+        if pair is not None and pair.further is not None and not is_misfit(pair.further.causes[0]):
+            return pair
+    return explanation
+
+
+def _first(explanation: Explanation, item: Item, work: Work) -> Fitted | None:
+    """The fit of a change that was fitted near, to the end."""
+    known = [one for one in explanation.causes if one.cause.place == item[0].place]
+    fits = known or _refits(explanation.base, [item], work, "a first of two causes")
+    return fits[0] if fits else None
+
+
+def _paired(explanation: Explanation, work: Work, budget: TimeBudget) -> Explanation:
+    """The first cause with a second; where noise is not all that both leave, the best of some other pairs.
+
+    Beside the second, another first is looked for: a change that only looks like the first of two faults gives way once the
+    second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
+    nothing, a second is looked for beside the next of the first causes.
+    """
+    if budget.left < explanation.spent / 2:
+        return replace(explanation, is_single=True)
+    second = _beside(explanation.causes[0], work, "second ", budget)
+    pair = replace(explanation, further=second)
+    if _is_far(second.causes[0] if second.causes else second.base):
+        both = _of_two(explanation, work, budget, explanation.causes[:1])
+        if both.further is not None:
+            return both
+        pair = replace(pair, is_single=both.is_single)
+    others, is_from_second = list(explanation.causes[1:]), True
+    for _ in range(MORE_PAIRS):
+        second = pair.further or second
+        if not second.causes or not is_misfit(second.causes[0]) or not (is_from_second or others):
+            break
+        if budget.left < second.spent:
+            pair = replace(pair, is_single=True)
+            break
+        better = (
+            _from_second(explanation, second, work, budget)
+            if is_from_second
+            else _from_next(explanation, second, others.pop(0), work, budget)
+        )
+        pair, is_from_second = better or pair, better is not None
+    return _second_alone(explanation, pair, work) or pair
+
+
+def _second_alone(explanation: Explanation, pair: Explanation, work: Work) -> Explanation | None:
+    """The second cause as the only one, where it explains as much without the first: one that had only looked like it."""
+    if pair.further is None or not pair.further.causes or is_misfit(pair.further.causes[0]):
+        return None
+    alone = _alone(explanation, pair.further.causes[0], work)
+    if alone is None or is_misfit(alone):
+        return None
+    return _weighed(
+        explanation.base, [alone, *(one for one in explanation.causes if one is not alone)], explanation.tried
+    )
+
+
+def _from_second(explanation: Explanation, second: Explanation, work: Work, budget: TimeBudget) -> Explanation | None:
+    """A pair with another first cause, where it explains clearly more."""
+    alone = _alone(explanation, second.causes[0], work)
+    again = None if alone is None else _beside(alone, work, "beside the second, first ", budget)
+    if again is None or not _is_better(again, second):
+        return None
+    both = again.causes[0]
+    first = _alone(explanation, both, work)
+    if first is None:
+        return None
+    items = _begun(first.modified, [_last_change(one) for one in second.causes], both.values)
+    return _led_by(
+        explanation, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried)
+    )
+
+
+def _from_next(
+    explanation: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
+) -> Explanation | None:
+    """A pair with this first cause, where it explains clearly more."""
+    further = _beside(first, work, "beside the next, second ", budget)
+    return _led_by(explanation, first, further) if _is_better(further, second) else None
+
+
+def _is_better(one: Explanation, other: Explanation) -> bool:
+    """Whether the likeliest of two pairs is one of the first explanation."""
+    if not one.causes:
+        return False
+    mine, theirs = one.causes[0], other.causes[0]
+    scale = _scale(one.base, [mine, theirs])
+    return _criterion(one.base, mine, scale) < _criterion(other.base, theirs, scale) - ALIKE
+
+
+def _led_by(explanation: Explanation, first: Fitted, further: Explanation) -> Explanation | None:
+    """The explanation with another first cause than the one that is likeliest alone, and the second beside it.
+
+    None where the first removes little alone, and noise is not all that is left beside it.
+    """
+    if not further.causes or (first.misfit > CLEAR * explanation.base.misfit and is_misfit(further.causes[0])):
+        return None
+    own = _criterion(explanation.base, first, _scale(explanation.base, [first]))
+    return replace(explanation, causes=(first,), criteria=(own,), near=(first,), further=further)
+
+
+def _last_change(fitted: Fitted) -> Sized:
+    candidate, strength, _ = fitted.modified.changes[-1]
+    return candidate, strength
+
+
+def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
+    """The last change of a fit as the only one."""
+    change = _last_change(fitted)
+    for one in explanation.causes:
+        if one.cause.place == change[0].place:
+            return one
+    alone = _refits(
+        explanation.base, _begun(explanation.base.modified, [change], fitted.values), work, "a second cause alone"
+    )
+    return alone[0] if alone and alone[0].misfit < explanation.base.misfit else None
+
+
+def _from_elsewhere(base: Fitted) -> Fitted | None:
+    """The study as it is from the way that candidates are refitted, where that is clearly better."""
+    try:
+        minimum = base.modified.fitted([base.modified.fit_near().theta, base.theta])
+    except (StructidError, np.linalg.LinAlgError):
+        return None
+    cost = float(minimum.costs[-1])
+    return fitted_at(base.modified, minimum.theta, cost) if cost < CLEARLY_BETTER * base.cost else None
+
+
+def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
+    """The changes that explain the misfit of `base`, one at a time: looked at, fitted near, and the likeliest fitted to the end."""
+    clock, looks = TimeBudget(), budget.part(SCREENING_TIME)
+    shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
+    problems = base.modified.problems
+    residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
+    data = residual_candidates(problems, residual)
+    few = [
+        *screen_sets(base, work, f"{which}changes of the study", looks),
+        *(Screened(one, 1.0, base.cost) for one in data),
+    ]
+    tried = shortlist.tried + len(few)
+    looked = [*few, *derived_candidates(base, shortlist), *shortlist.rows]
+    changes = [(one.candidate, one.strength) for one in looked]
+    first = len(looked) - len(shortlist.rows)
+    alike = [*range(first), *(first + k for k in _first_alike(shortlist.rows))]
+    telling = sorted((one for one in few if one.left < SET_LEFT * base.cost), key=lambda one: one.left)[:SET_REFITS]
+    at_fit = [*shortlist.at_fit, *telling]
+    kept = {k for k, one in enumerate(looked) if one.candidate.is_always_fitted or one in at_fit}
+    rank = [
+        *np.argsort(np.argsort([one.left for one in few], kind="stable")).tolist(),
+        *_ranks_of_derived(looked[len(few) : first], shortlist.rows),
+        *range(len(shortlist.rows)),
+    ]
+    approaches = _fit_near_all(base, changes, alike, rank, kept, work, f"{which}causes", budget)
+    near = [one or Fit() for one in approaches]
+    order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
+    always = [k for k in order if changes[k][0].is_always_fitted][:ALWAYS_FITTED]
+    finalists = [*always, *(k for k in order if not changes[k][0].is_always_fitted)][:FINALISTS]
+    finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
+    items = [(*changes[k], near[k]["theta"]) for k in finalists]
+    same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
+    fits, n_ended = _refits_in_time(base, items, work, f"likeliest {which}causes", same, budget)
+    known = {one.cause.place for one in fits}
+    simpler = {item[0].place: item for one in fits for item in _simpler(base, one)}
+    others = [item for place, item in simpler.items() if place not in known]
+    others += [item for one in fits for item in _lossy(base, one)]
+    if others:
+        name = f"likeliest {which}causes, otherwise"
+        more, n_more = _refits_in_time(base, others, work, name, None, budget, min(len(simpler), LEAST_REFITS))
+        fits, n_ended = fits + more, n_ended + n_more - len(others)
+    left_out = approaches.count(None) + len(items) - n_ended
+    begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and not changes[k][0].leaves_data_out]
+    return replace(_weighed(base, fits, tried), spent=clock.spent, left_out=left_out, begun=tuple(begun))
+
+
+def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
+    """The ranks of changes that no linear look is taken at: behind the finalists, but for feet that turn together.
+
+    These come first where a look promises something of one of them.
+    """
+    turning = {row.candidate.where[0] for row in rows if isinstance(row.candidate, Support)}
+    return [
+        0 if isinstance(one.candidate, Support) and turning.intersection(one.candidate.where) else FINALISTS + k
+        for k, one in enumerate(derived)
+    ]
+
+
+def _beside(first: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
+    """What else a changed study would need; nothing where its records cannot be looked at so: friction under two loads."""
+    try:
+        return _search_once(first, work, which, budget)
+    except (StructidError, np.linalg.LinAlgError):
+        return Explanation(first, (), (), 0)
+
+
+def _first_alike(rows: Sequence[Screened]) -> list[int]:
+    """For each change the first that a linear look cannot tell from it: mostly itself, at mirrored places another."""
+    seen = [(one.candidate.place[0], f"{one.strength:.9e}", f"{one.left:.9e}") for one in rows]
+    return [seen.index(key) for key in seen]
+
+
+def _fit_near_all(
+    base: Fitted,
+    changes: Sequence[Sized],
+    alike: Sequence[int],
+    rank: Sequence[int],
+    kept: Collection[int],
+    work: Work,
+    name: str,
+    budget: TimeBudget,
+) -> list[Fit | None]:
+    """`fit_near` of every change, of those of low `rank` first; None of those that there is no time for.
+
+    Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
+    whatever comes of it.
+    """
+    time = TimeBudget(budget.left - (1 - NEAR_FIT_TIME) * budget.seconds) if np.isfinite(budget.seconds) else budget
+    originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
+    first = [k for k in originals if rank[k] < FINALISTS]
+    least = LEAST_REFITS
+    fits = map_within_budget(
+        time, work, f"most promising {name}", fit_near, base, [(*changes[k], np.inf) for k in first], least
+    )
+    known: dict[int, Fit | None] = dict(zip(first, fits, strict=True))
+    costs = sorted(fit["cost"] for k, fit in known.items() if fit and not changes[k][0].is_always_fitted)
+    above = costs[FINALISTS - 1] if len(costs) >= FINALISTS else np.inf
+    rest = sorted((k for k in originals if k not in known), key=lambda k: k not in kept)
+    items = [(*changes[k], np.inf if k in kept else above) for k in rest]
+    known.update(zip(rest, map_within_budget(time, work, name, fit_near, base, items), strict=True))
+    twins = [k for k in range(len(changes)) if k not in known and known[alike[k]] is not None]
+    asked = [(fit_near, (*changes[k], np.inf if k in kept else above), known[alike[k]] or Fit()) for k in twins]
+    known.update(
+        zip(twins, map_within_budget(time, work, f"{name}, alike", reuse_equivalent_fit, base, asked), strict=True)
+    )
+    return [known.get(k) for k in range(len(changes))]
+
+
+def _refits(
+    base: Fitted,
+    items: Sequence[Item],
+    work: Work,
+    name: str,
+    alike: Sequence[int] | None = None,
+    budget: TimeBudget = UNLIMITED,
+) -> list[Fitted]:
+    """The changes fitted to the end, those that a model can be made of; see `_refits_in_time`."""
+    return _refits_in_time(base, items, work, name, alike, budget)[0]
+
+
+def _refits_in_time(
+    base: Fitted,
+    items: Sequence[Item],
+    work: Work,
+    name: str,
+    alike: Sequence[int] | None,
+    budget: TimeBudget,
+    least: int = LEAST_REFITS,
+) -> tuple[list[Fitted], int]:
+    """The changes fitted to the end, those that a model can be made of, and of how many the time sufficed for.
+
+    Those that may be `alike` an earlier one take its answer where they can.
+    """
+    alike = range(len(items)) if alike is None else alike
+    originals = [k for k, other in enumerate(alike) if other == k]
+    ends = map_within_budget(budget, work, name, fit_fully, base, [items[k] for k in originals], least)
+    fits: dict[int, Fit | None] = dict(zip(originals, ends, strict=True))
+    twins = [k for k in range(len(items)) if k not in fits and fits[alike[k]] is not None]
+    asked = [(fit_fully, items[k], fits[alike[k]] or Fit()) for k in twins]
+    fits.update(
+        zip(twins, map_within_budget(budget, work, f"{name}, alike", reuse_equivalent_fit, base, asked), strict=True)
+    )
+    ended = [(k, fit) for k, fit in sorted(fits.items()) if fit is not None]
+    return [load_fit(base, items[k][0], fit) for k, fit in ended if fit], len(ended)
+
+
+def _simpler(base: Fitted, one: Fitted) -> list[Item]:
+    """A local resonance far above all lines as the mass that it is, far below them as a spring, to be refitted."""
+    limit = _limit_of(base, one)
+    if limit is None:
+        return []
+    return _begun(base.modified, [(limit, float(limit.strengths[0]))], {**base.values, **one.values})
+
+
+def _limit_of(base: Fitted, one: Fitted) -> Candidate | None:
+    """The mass that a local resonance is far above all lines, or the spring that it is far below them; None between."""
+    if not isinstance(one.cause, Appendage):
+        return None
+    added = {name.partition("[")[0]: value for name, value in one.values.items() if name not in base.values}
+    dof, lines = (
+        parse_dof(one.cause.where[0]),
+        np.concatenate([problem.frequency for problem in base.modified.problems]),
+    )
+    size = added["rotary_inertia" if dof.is_rotation else "mass"]
+    own = np.sqrt(added["stiffness"] / size) / (2 * np.pi)
+    if own > RIGID_RATIO * lines.max():
+        if dof.is_rotation:
+            return AddedRotaryInertia(where=(dof.place,), strengths=np.array([size]))
+        return Mass(where=(str(dof.node),), strengths=np.array([size]))
+    if own < lines[lines > 0].min() / RIGID_RATIO:
+        return SpringToGround(where=(dof.place,), strengths=np.array([added["stiffness"]]))
+    return None
+
+
+def _lossy(base: Fitted, one: Fitted) -> list[Item]:
+    """A spring that is most of the cause but not all, with damping of its own, to be refitted."""
+    candidate, strength = _last_change(one)
+    if not isinstance(candidate, SpringToGround | Support | FlexibleJoint) or base.modified.is_of_modes:
+        return []
+    if one.misfit > CLEAR * base.misfit or not is_misfit(one):
+        return []
+    lossy = replace(candidate, loss_factor=SPRING_LOSS)
+    return _begun(base.modified, [(lossy, strength)], {**base.values, **one.values})
+
+
+def _begun(modified: ModifiedModel, changes: Sequence[Sized], known: Mapping[str, float]) -> list[Item]:
+    """The changes that a study has a place for, with known physical values where their fits begin."""
+    items: list[Item] = []
+    for candidate, strength in changes:
+        with suppress(StructidError):
+            items.append((candidate, strength, modified.changed(candidate, strength).theta_of(known)))
+    return items
+
+
+def _of_records(base: Fitted, work: Work, budget: TimeBudget) -> Explanation:
+    """The likeliest changes of the records of a large model, so few that they cost some identifications at most."""
+    clock = TimeBudget()
+    shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.part(SCREENING_TIME))
+    residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
+    data = OutlyingLines.from_residual(base.modified.problems, residual)
+    few = [*(Screened(one, 1.0, base.cost) for one in data), *shortlist.rows][:LARGE_MODEL_REFITS]
+    items = _begun(base.modified, [(one.candidate, one.strength) for one in few], {})
+    fits, n_ended = _refits_in_time(base, items, work, "likeliest causes", None, budget)
+    return replace(_weighed(base, fits, shortlist.tried), spent=clock.spent, left_out=len(items) - n_ended)
+
+
+def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALONE) -> Explanation:
+    """The study with each of some properties free that it holds, all of which may be the truth.
+
+    Parameters
+    ----------
+    base : Fitted
+    names : sequence of str
+        Such as ``mass[deck]``.
+    tried : int
+        Of how many they are.
+    work : Work
+    """
+    changes = [(FixedValue(where=(name,)), 1.0) for name in names]
+    fits = _refits(base, _begun(base.modified, changes, base.values), work, "values that the model holds")
+    scale = _scale(base, fits)
+    fits = sorted((one for one in fits if one.misfit < base.misfit), key=lambda one: _criterion(base, one, scale))
+    return Explanation(base, tuple(fits), tuple(_criterion(base, one, scale) for one in fits), tried, tuple(fits))
+
+
+def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
+    """Of all changes that can be small, those that the record of an answer within its noise asks for beyond chance, fitted.
+
+    Many more lines count than in the screens of a misfit: what is looked for is far below the noise of any of them.
+
+    Parameters
+    ----------
+    base : Fitted
+        Of FRFs.
+    work : Work
+    """
+    point = base.modified.point_at(base.modified.shown_problems, base.theta, REQUEST_LINES)
+    several = candidates(point.records, titles(base.modified.setups))
+    scale = max(1.0, base.misfit / max(base.modified.target.n_data - len(base.modified.target.names), 1))
+    limit = float(special.ndtri(1 - REQUEST_RISK / (2 * max(len(several), 1)))) * np.sqrt(scale)
+    best: dict[Hashable, RequestedChange] = {}
+    for one in sorted(point.requested(several), key=lambda one: -one.score):
+        if one.score > limit:
+            best.setdefault(one.candidate.key, one)
+    few = [(one.candidate, one.strength) for one in best.values()][:MOST_REQUESTED]
+    fits = (
+        _refits(base, _begun(base.modified, few, base.values), work, "changes that the record asks for") if few else []
+    )
+    return _weighed(base, fits, len(several))
+
+
+def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
+    """Which refitted changes are causes, and which may be the truth."""
+    scale = _scale(base, fits)
+    fits = [one for one in fits if not _has_simpler(base, one, fits, scale)]
+    priced = sorted(
+        ((one, _criterion(base, one, scale)) for one in fits), key=lambda pair: pair[1] + pair[0].cause.handicap
+    )
+    best = {one.cause.place: one for one, _ in reversed(priced)}
+    priced = [(one, criterion) for one, criterion in priced if one in best.values()]
+    causes = [(one, criterion) for one, criterion in priced if _is_worth(base, one, scale, tried)]
+    likeliest = min([_criterion(base, base, scale), *(criterion for _, criterion in priced)])
+    likely = tuple(one for one, criterion in priced if criterion - likeliest < ALIKE)
+    return Explanation(base, tuple(one for one, _ in causes), tuple(c for _, c in causes), tried, likely)
+
+
+def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
+    """Whether a local resonance is that mass or spring which it holds as a limit, or no better by a likelihood ratio."""
+    if not isinstance(one.cause, Appendage):
+        return False
+    limit, dof = _limit_of(base, one), parse_dof(one.cause.where[0])
+    limits = {("mass", (str(dof.node),)), ("inertia", (dof.place,)), ("spring", (dof.place,))}
+    for other in fits:
+        if limit is not None and other.cause.place == limit.place:
+            return True
+        more = n_parameters(one.modified) - n_parameters(other.modified)
+        if other.cause.place in limits and more > 0:
+            ratio = max(other.misfit - one.misfit, 0.0) / scale
+            if float(special.gammaincc(more / 2, ratio / 2)) > NESTED_RISK:
+                return True
+    return False
+
+
+def _scale(base: Fitted, fits: Sequence[Fitted]) -> float:
+    """Misfit that the best model leaves, per degree of freedom, one at least."""
+    n_data = base.modified.target.n_data
+    return max(1.0, min(one.misfit / max(n_data - len(one.modified.target.names), 1) for one in (base, *fits)))
+
+
+def _criterion(base: Fitted, one: Fitted, scale: float) -> float:
+    return one.misfit / scale + n_parameters(one.modified) * float(np.log(base.modified.target.n_data))
+
+
+def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:
+    """Whether a change lowers the misfit by more than chance among all that were tried, and by a part that matters."""
+    more = max(n_parameters(one.modified) - len(base.modified.target.names), 1)
+    drop = base.misfit - one.misfit
+    probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
+    beyond = max(base.misfit - (base.modified.target.n_data - len(base.modified.target.names)), 0.0)
+    return probability * max(tried, 1) < CAUSE_RISK and drop >= LEAST_SHARE * beyond and _stands_out(base, one, tried)
+
+
+def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
+    """Whether data that a change leaves out miss more than the others, by an F test: any that are left out take a part along."""
+    left = one.modified.target.n_data
+    out = base.modified.target.n_data - left
+    if out <= 0:
+        return True
+    ratio = (base.misfit - one.misfit) * left / (out * (one.misfit - one.aside))
+    return ratio >= OUTLYING_RATIO and float(special.fdtrc(out, left, ratio)) * max(tried, 1) < CAUSE_RISK
+
+
+def is_misfit(fitted: Fitted) -> bool:
+    """Whether a fit leaves more than noise and the tolerances of fixed values make by chance."""
+    return fitted.is_beyond if fitted.least is not None else is_beyond_noise(fitted)

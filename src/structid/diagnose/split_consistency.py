@@ -1,0 +1,189 @@
+"""Fits to parts of the data: where the model is right they agree within their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypedDict
+
+import numpy as np
+from scipy import special
+
+from structid.core.arrays import FloatArray
+from structid.core.dof import Dof
+from structid.core.errors import StructidError
+from structid.forward import FrfProblem, RecordProblem
+from structid.identification.fixed_values import tolerances_of
+from structid.identification.joint_problem import joint_problem
+from structid.inversion import LevenbergMarquardt, Problem, Search
+from structid.inversion.estimate import estimate
+from structid.inversion.search.within_tolerances import FixedValues
+from structid.inversion.search.work import ALONE, Tools, Work
+
+_METHOD = LevenbergMarquardt(max_iterations=30, gain_tolerance=1e-6)
+_RISK = 0.001
+#: Relative difference below which nobody minds.
+_MATTERS = 0.03
+_FEWEST_LINES = 16
+#: Ratio of two values of one parameter, and their distance in standard deviations, from which they contradict each other.
+_MANIFOLD, _FAR_APART = 3.0, 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Disagreement:
+    """Two parts of the data whose fits do not agree.
+
+    Attributes
+    ----------
+    parts : (str, str)
+    name : str
+        The parameter that differs most.
+    values : (float, float)
+    distance : float
+        Its difference in standard deviations of the difference.
+    share : float
+        Part of the parameters, those of damping aside, that differ beyond chance.
+    unit : str
+    """
+
+    parts: tuple[str, str]
+    name: str
+    values: tuple[float, float]
+    distance: float
+    share: float
+    unit: str = ""
+
+    @property
+    def is_gross(self) -> bool:
+        """Whether the value differs manifold, far beyond its uncertainty: no interval of the answer covers both."""
+        low, high = sorted(np.abs(self.values))
+        return bool(high > _MANIFOLD * low and self.distance > _FAR_APART)
+
+
+class _Fit(TypedDict, total=False):
+    """Of a part of the data; empty where it cannot be fitted."""
+
+    values: FloatArray
+    std: FloatArray
+    changes: FloatArray
+
+
+def disagreements(
+    problems: Sequence[RecordProblem],
+    theta: FloatArray,
+    work: Work = ALONE,
+    freed: Sequence[RecordProblem] = (),
+) -> tuple[Disagreement, ...]:
+    """Halves of the band and of the channels, and single records, that give other values; each pair once.
+
+    Parameters
+    ----------
+    problems : sequence of RecordProblem
+    theta : (n_params,) float array
+        Free variables of all parameters together, from which each part is fitted.
+    work : Work
+        Where the parts are fitted.
+    freed : sequence of RecordProblem
+        The problems with what their models hold among the unknowns: what all parts owe to it alike is no difference.
+    """
+    place = {name: i for i, name in enumerate(joint_problem(problems).names)}
+    by_sensors = all(isinstance(p, FrfProblem) and len(p.record.outputs) > 3 and p.channels is None for p in problems)
+    pairs = list(_pairs(problems, by_sensors))
+    parts = [part for pair in pairs for _, part in pair]
+    loose = [part for pair in _pairs(freed, by_sensors) for _, part in pair]
+    known = tolerances_of(freed)
+    held = tuple(FixedValues(part, known) if known else None for part in loose) or (None,) * len(parts)
+    starts = [theta[[place[name] for name in part.names]] for part in parts]
+    fits = iter(work.map("parts of the data", _fitted, _Parts(tuple(parts), held), list(enumerate(starts))))
+    found = []
+    for first, second in pairs:
+        one, other = next(fits), next(fits)
+        if not one or not other:
+            continue
+        names, others = first[1].names, second[1].names
+        shared = [name for name in names if name in others]
+        mine, theirs = [names.index(name) for name in shared], [others.index(name) for name in shared]
+        values = one["values"][mine], other["values"][theirs]
+        difference = values[0] - values[1]
+        std = np.hypot(one["std"][mine], other["std"][theirs])
+        changes = one["changes"][mine] - other["changes"][theirs]
+        std = np.sqrt(std**2 + (changes**2).sum(axis=1))
+        distance = np.where(np.isfinite(std) & (std > 0), np.abs(difference) / np.where(std > 0, std, 1.0), 0.0)
+        size = np.maximum(np.abs(values[0]), np.abs(values[1]))
+        matters = np.abs(difference) > _MATTERS * size
+        beyond = (2 * special.ndtr(-distance) * len(shared) < _RISK) & matters
+        if beyond.any():
+            stiff = np.array([not is_damping(name) for name in shared])
+            share = float(beyond[stiff].mean()) if stiff.any() else 1.0
+            worst = int(np.argmax(np.where(stiff & beyond, distance + distance.max(), distance)))
+            pair = float(values[0][worst]), float(values[1][worst])
+            unit = first[1].unknowns.units[mine[worst]]
+            distance_of_worst = float(distance[worst])
+            found.append(Disagreement((first[0], second[0]), shared[worst], pair, distance_of_worst, share, unit))
+    return tuple(found)
+
+
+class _Parts(NamedTuple):
+    """Parts of the data, each with the values that its model holds."""
+
+    problems: tuple[Problem, ...]
+    held: tuple[FixedValues | None, ...]
+
+
+def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
+    """The fit of one of the parts from a start."""
+    number, start = item
+    search = Search(restarts=0, start=start)
+    try:
+        found = estimate(parts.problems[number], _METHOD, search=search, fixed=parts.held[number])
+    except (StructidError, np.linalg.LinAlgError):
+        return {}
+    changes = np.zeros((len(start), 1)) if found.fixed is None else found.fixed.changes
+    return {"values": found.values, "std": found.spread.of_data.std, "changes": changes}
+
+
+def is_damping(name: str) -> bool:
+    """Whether a parameter is one of damping, which small errors of a model carry off first."""
+    prop = name.partition("[")[0]
+    return "damping" in prop or prop in ("loss_factor", "friction_force", "window_decay")
+
+
+Part = tuple[str, Problem]
+
+
+def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tuple[Part, Part]]:
+    """Pairs of parts of the data, each with its name."""
+    if not problems:
+        return
+    frequency = np.sort(np.concatenate([problem.frequency for problem in problems]))
+    if len(frequency) >= 2 * _FEWEST_LINES:
+        middle = float(np.median(frequency))
+        low, high = ([_lines(p, p.frequency <= middle) if below else _lines(p, p.frequency > middle) for p in problems]
+                     for below in (True, False))  # fmt: skip
+        if all(part is not None for part in (*low, *high)):
+            yield (f"below {middle:.4g} Hz", _whole(low)), (f"above {middle:.4g} Hz", _whole(high))
+    frfs = [problem for problem in problems if isinstance(problem, FrfProblem)]
+    if by_sensors:
+        parts = [[_sensors(p, p.record.outputs[k::2]) for p in frfs] for k in (0, 1)]
+        words = [", ".join(str(dof).rstrip("+") for dof in one[0].record.outputs) for one in parts]
+        yield (words[0], joint_problem(parts[0])), (words[1], joint_problem(parts[1]))
+
+
+def _sensors(problem: FrfProblem, outputs: tuple[Dof, ...]) -> FrfProblem:
+    """The problem of some of its sensors."""
+    record = problem.record.channels(outputs)
+    return replace(
+        problem, record=record, channels=None if problem.channels is None else problem.channels.seen_by(record)
+    )
+
+
+def _whole(parts: Sequence[RecordProblem | None]) -> Problem:
+    return joint_problem([part for part in parts if part is not None])
+
+
+def _lines(problem: RecordProblem, keep: np.ndarray) -> RecordProblem | None:
+    """The problem on some of its lines; None where it cannot be cut, or too few are left."""
+    if keep.sum() < _FEWEST_LINES:
+        return None
+    cut = problem.with_lines(np.flatnonzero(keep))
+    return None if cut is problem else cut

@@ -1,0 +1,130 @@
+"""The tables of a study file, found and changed: plain ones, or those of an editor of TOML that keeps comments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from structid.core.dof import Dof, dofs_of_text, parse_dof
+from structid.core.errors import InputError
+from structid.core.json_types import Tables, as_list
+
+#: Tables that tie nodes together: no elements.
+_TIES = ("rigid_link", "constraint")
+
+
+class NoStudyTextError(InputError):
+    """The edit cannot be written in this study file, which is written in a way that has no line for it."""
+
+
+def element_tables(study: Tables) -> Iterator[tuple[str, Tables]]:
+    """The type and the table of every element set and tie."""
+    for kind, entries in study["structure"].items():
+        for entry in entries if isinstance(entries, list) else ():
+            if isinstance(entry, dict):
+                yield kind, entry
+
+
+def element_table(study: Tables, name: str) -> Tables:
+    """The table of an element set; a tie may have the same name."""
+    for kind, entry in element_tables(study):
+        if entry.get("name") == name and kind not in _TIES:
+            return entry
+    raise NoStudyTextError(f"{name} is no table of the study")
+
+
+def append(table: Tables, key: str, entry: Tables) -> None:
+    """Add a table to an array of tables."""
+    if key in table:
+        table[key].append(entry)
+    else:
+        table[key] = [entry]
+
+
+def record_tables(study: Tables) -> list[Tables]:
+    """The table of every record."""
+    return list(as_list(study["record"]))
+
+
+def support_tables(study: Tables) -> list[Tables]:
+    """The tables with a ``fixed`` of their own: that of the structure, and those of records."""
+    return [study["structure"], *(r["structure"] for r in record_tables(study) if "fixed" in r.get("structure", {}))]
+
+
+def release(table: Tables, dof: Dof) -> bool:
+    """Take one direction out of ``fixed``; whether it was there."""
+    kept: list[str] = []
+    is_there = False
+    for text in as_list(table.get("fixed", [])):
+        held = dofs_of_text(text)
+        others = [one.direction for one in held if one.unsigned != dof]
+        if len(others) == len(held):
+            kept.append(str(text))
+            continue
+        is_there = True
+        kept += [f"{dof.node} {' '.join(others)}" if len(others) > 1 else f"{dof.node}{others[0]}"] if others else []
+    if is_there:
+        table["fixed"] = kept
+    return is_there
+
+
+def rename_channels(record: Tables, changes: dict[str, str]) -> None:
+    """Give channels other names in ``relabel``, those that it gave them already among them."""
+    given = record.setdefault("relabel", {})
+    called = {(key.partition(" ")[0] if " " in key else "", parse_dof(name).place): key for key, name in given.items()}
+    for old, new in changes.items():
+        *side, place = old.split()
+        key = called.get(("".join(side), place))
+        if key is None:
+            given[old] = new
+            continue
+        wanted, before = parse_dof(new), parse_dof(given[key])
+        given[key] = wanted.place if wanted.sign == before.sign else f"{wanted.place}-"
+
+
+def is_declaration_of(entry: Tables, name: str, prop: str) -> bool:
+    """Whether an unknown is this property of elements of a set; ``stiffness`` stands for that of springs and others."""
+    is_property = entry["property"] in (prop, "stiffness") if "stiffness" in prop else entry["property"] == prop
+    return is_property and any(text == name or text.rpartition(":")[0] == name for text in as_list(entry["elements"]))
+
+
+def label_of(entry: Tables) -> str:
+    """The name of the parameter that an unknown of one value declares."""
+    label = entry.get("name") or ", ".join(str(text) for text in as_list(entry["elements"]))
+    return f"{entry['property']}[{label}]"
+
+
+def take_out_element(entry: Tables, name: str, number: int, count: int, is_factor: bool) -> None:
+    """Take one element of a set with `count` of them out of an unknown, which keeps its name."""
+    texts = [str(text) for text in as_list(entry["elements"])]
+    kept: list[str] = []
+    for text in texts:
+        own, _, span = text.rpartition(":")
+        if text == name:
+            kept += _spans(name, [k for k in range(1, count + 1) if k != number])
+        elif own == name:
+            low, _, high = span.partition("-")
+            kept += _spans(name, [k for k in range(int(low), int(high or low) + 1) if k != number])
+        else:
+            kept.append(text)
+    keep_elements(entry, kept, is_factor)
+
+
+def keep_elements(entry: Tables, kept: list[str], is_factor: bool) -> None:
+    """Leave an unknown some of its elements, its name and its sense: that of unequal elements is a factor."""
+    if entry.get("factor") is None and is_factor:
+        entry["factor"] = True
+    name = ", ".join(str(text) for text in as_list(entry["elements"]))
+    entry["elements"] = kept
+    if entry.get("name") is None:
+        entry["name"] = name
+
+
+def _spans(name: str, numbers: list[int]) -> list[str]:
+    """``set:2-4`` for each run of numbers."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return [f"{name}:{run[0]}" if len(run) == 1 else f"{name}:{run[0]}-{run[-1]}" for run in runs]

@@ -1,0 +1,161 @@
+"""Thresholds of the diagnosis: each with what it does, and where its value comes from.
+
+The 54 trials are wrong models of one fault each of a beam, a frame and a shear building. A change of any value moves the
+figures of `benchmarks/accuracy/wrong_models.py` (cause first, false causes, wrong answers that are trusted).
+"""
+
+# the verdict
+#: Half-bandwidths by which a resonance may be off: beyond one, model and measurement peak apart.
+HALF_BANDWIDTHS_OFF = 1.0
+#: Mean square of the whitened residual about a resonance from which on the model may miss it: twice the noise.
+LOCAL_MISFIT = 4.0
+#: Standard deviations of a shift from which on the verdict tells it.
+TOLD_SHIFT = 3.0
+#: Part of the parameters that may differ between halves of the data. Chosen on the development set.
+CONTRADICTING_PART = 0.2
+#: The same where one of them differs manifold: one of eight.
+GROSSLY_CONTRADICTING_PART = 0.125
+#: Chi-square, in parts of what is expected, that a first cause leaves from where on a second is told with it.
+NOT_THE_WHOLE = 4.0
+#: Chi-square, in parts of what is expected, from where on intervals from the misfit are not relied on: a length that is
+#: drawn wrongly moves values by seven of their deviations, whatever part of the data they come from.
+FAR_BEYOND = 9.0
+#: Part of the responses, and of shapes, that the errors must be for a large misfit (root mean square); of frequencies a
+#: tenth.
+LARGE_ERROR = 0.02
+#: Degrees of freedom below which a residual hardly tests a model: chi-square then scatters by a third of itself.
+FEW_FREEDOMS = 15
+#: Part of a variance from which on it is owed to priors: they know more than the data.
+MOSTLY_PRIOR = 0.5
+#: Part of a misfit that one change removes from where on it is the cause, if it leaves noise alone.
+MOST_OF_MISFIT = 0.5
+#: Of small misfits: part of what goes beyond the noise that a cause removes at least.
+NEARLY_ALL = 0.85
+#: Of large misfits: the same where a cause leaves more than noise, up to `NOT_THE_WHOLE`: its form is not quite the right
+#: one, as of a part that is damped by another law.
+WHOLE = 0.95
+#: Misfit, in parts of the expected one, from where on two changes that leave noise alone are causes, whatever each
+#: removes.
+PAIR_MISFIT = 4.0
+#: Part by which elements of one group differ though nothing is wrong: two default tolerances of 1 %.
+ELEMENT_SCATTER = 0.02
+#: Probability below which the size of a residual is not that of its noise; one right study of a thousand is doubted.
+DOUBT = 1e-3
+#: Chi-square, in parts of what is expected, up to which a noise that is stated wrongly is left alone: 12 % of its
+#: deviation.
+NOISE_TOLERANCE = 1.25
+#: Ratio of misfit and noise from which on their difference is told.
+SHOWN_RATIO = 1.1
+#: Data from which on their order says whether a residual is noise. Chosen.
+ORDERED_DATA = 300
+
+# the search for causes
+#: Changes that are refitted to all data. In the 54 trials the right one was among the first four of at least one list.
+FINALISTS = 8
+#: Changes of the records of a large model that are refitted.
+LARGE_MODEL_REFITS = 4
+#: Changes that smoothed data do not show (friction, tones, leakage), at most so many of which are refitted in any case.
+ALWAYS_FITTED = 3
+#: Changes of sets that are refitted in any case; with 10 % of model error nobody sees a coarse mesh.
+SET_REFITS = 2
+#: Part of the misfit that these leave at most by a linear step.
+SET_LEFT = 0.75
+#: Part of the misfit that a clear first cause leaves at most.
+CLEAR = 0.5
+#: Part of the time of a search after which no more linear looks are taken.
+SCREENING_TIME = 0.4
+#: Part of the time after which no more near fits are made.
+NEAR_FIT_TIME = 0.7
+#: Refits that are made whatever time is left.
+LEAST_REFITS = 2
+#: Part of the time for first causes; what these leave is for second ones.
+FIRST_CAUSE_TIME = 0.6
+#: Chance that a right model within its noise is asked to change, all candidates together (Bonferroni).
+REQUEST_RISK = 0.01
+#: Requested changes at most that are fitted.
+MOST_REQUESTED = 6
+#: Lines at most of which changes are requested: what is looked for is far below the noise of any of them.
+REQUEST_LINES = 2000
+#: Pairs with another first cause that are looked for where the first pair leaves more than noise.
+MORE_PAIRS = 4
+#: Changes beside which a second promises most, that are fitted with one.
+PROMISING_PAIRS = 2
+#: Part of the sum of squares that another start must reach.
+CLEARLY_BETTER = 0.9
+#: Difference of the criterion below which two causes cannot be distinguished: odds of 20 to 1 (2 ln 20 = 5.99).
+ALIKE = 6.0
+#: Loss factor at which the damping of a spring is looked for.
+SPRING_LOSS = 0.02
+#: Part of what goes beyond the noise that a change must remove: less is lowered by many changes of any wrong model.
+LEAST_SHARE = 0.10
+#: Chance that any of all changes that were tried lowers the misfit as much though nothing is wrong (Bonferroni).
+CAUSE_RISK = 0.01
+#: Chance that a local resonance fits so much better than the simpler cause that it holds as a limit (likelihood ratio).
+NESTED_RISK = 0.01
+#: Frequency of a local resonance over the highest of the data from which on it is a mass, to 11 %; and so far below the
+#: lowest a spring.
+RIGID_RATIO = 3.0
+#: Misfit of data that are left out over that of the rest, value by value, at least.
+OUTLYING_RATIO = 2.0
+
+# the screen of candidates
+#: Candidates of each point of the screen that go on; in the 54 trials the right one was among the first four of some
+#: point.
+FIRST_OF_POINT = 6
+#: Candidates of each kind that go on besides.
+FIRST_OF_KIND = 2
+#: Candidates at most that are fitted near.
+SHORTLIST = 38
+#: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
+CERTAIN_AT_FIT = 2
+#: Part of the misfit that a candidate must promise to remove.
+LEAST_DROP = 0.02
+#: Supports at most that are released in all rotations.
+MOST_FEET = 8
+#: Part of the misfit that goes with a sensor from where on it may be elsewhere, or of the other sense.
+CHANNEL_PART = 0.3
+#: Part of the misfit of the initial model that an exchange or a gain leaves at most where it is fitted whatever else is
+#: seen.
+INITIAL_PART = 0.5
+
+# pairs of causes
+#: Changes beside which a second is looked for.
+PAIR_LOOKS = 12
+#: The same of each kind.
+PAIR_LOOKS_OF_KIND = 2
+#: Part of the misfit that two changes promise to leave at most.
+PAIR_LEFT = 0.3
+
+# fits of changed models
+#: Probability of a misfit below which noise and tolerances are not its cause.
+MISFIT = 1e-3
+#: Passes in which lines and tones that stand out from a fit are looked for once more.
+MOST_PASSES = 4
+#: Chi-square per degree of freedom that a record of another state leaves at most with values of its own.
+OTHER_STATE_MISFIT = 2.0
+#: Part of a misfit below which a difference is one of rounding.
+SAME_MISFIT = 1e-9
+
+# fixed values
+#: Chance that any fixed value of a right model is doubted (Bonferroni).
+DOUBT_RISK = 0.05
+#: The same where all that may be wrong is then looked through.
+CLEAR_DOUBT_RISK = 1e-3
+#: Deviations by which a change must move a value to matter: beyond the 95 % interval and a tenth more.
+MATTERS = 2.2
+#: Part of the value that it must move it by: nobody minds less.
+SHIFTS = 0.01
+#: Tolerances beyond which a fixed value is doubted.
+DOUBTED_TOLERANCES = 3.0
+#: Standard deviations by which 1 % of a fixed value moves a parameter from where on it is told.
+TOLD_SENSITIVITY = 0.5
+
+# what is listed, and the time of the search
+#: Causes at most of one class, and of all, that are listed.
+MOST_ALIKE = 4
+#: Fixed values at most that a sound answer is fitted without.
+MOST_FREED = 3
+#: Identifications that the search for causes may take by default,
+IDENTIFICATIONS = 3.0
+#: and seconds of a processor besides.
+SEARCH_SECONDS = 5.0

@@ -1,0 +1,687 @@
+"""The verdict: whether an answer is to be trusted, and the fact or two that say so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from structid.core.display import Overview, Shown, join_words, plural
+from structid.diagnose.data_rows import misfit_of_lines
+from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
+from structid.diagnose.split_consistency import Disagreement, disagreements
+from structid.diagnose.thresholds import (
+    CONTRADICTING_PART,
+    DOUBT,
+    ELEMENT_SCATTER,
+    FAR_BEYOND,
+    FEW_FREEDOMS,
+    GROSSLY_CONTRADICTING_PART,
+    HALF_BANDWIDTHS_OFF,
+    LARGE_ERROR,
+    LOCAL_MISFIT,
+    MATTERS,
+    MOST_OF_MISFIT,
+    NEARLY_ALL,
+    NOISE_TOLERANCE,
+    NOT_THE_WHOLE,
+    ORDERED_DATA,
+    PAIR_MISFIT,
+    SHIFTS,
+    SHOWN_RATIO,
+    TOLD_SHIFT,
+    WHOLE,
+)
+from structid.identification.alternatives import Alternatives
+from structid.identification.fits.modal_fit import FAR_OFF, ModalFit
+from structid.identification.fits.record_fit import RecordFit
+from structid.identification.fits.resonances import LEAST_DAMPING
+from structid.identification.identified import Identification
+from structid.identification.warning_words import ran_away_words
+from structid.inversion import Status
+from structid.inversion.search.work import ALONE, Work
+
+Verdict = Literal["sound", "approximate", "wrong_model", "undetermined", "untested"]
+
+#: What intervals rest on where the noise is of another size than stated.
+_INTERVALS = {
+    "model_error": "the intervals come from the residual",
+    "noise": "the intervals are those of the noise that was taken",
+}
+NOT_TRIED = "no change of model or record was tried that might explain it: `structid explain` does"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict with its reasons.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    words : str
+        One or two sentences for the first line of everything that shows the answer.
+    reasons : tuple of str
+        All that speaks for it, the strongest first.
+    """
+
+    verdict: Verdict
+    words: str
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ParameterShift:
+    """A value that a cause changes.
+
+    Attributes
+    ----------
+    name, unit : str
+    before, after : float
+    interval : (float, float)
+        At 95 %, were the cause the truth.
+    distance : float
+        Change in standard deviations of the answer.
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    interval: tuple[float, float]
+    distance: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A change of model or record that explains a misfit.
+
+    Attributes
+    ----------
+    kind : str
+    where : tuple of str
+    words : str
+        Such as ``the support 9Y gives way``.
+    share : float
+        Part of the misfit that it removes.
+    chi_square_per_dof : float
+        That is left, data that it leaves out included with larger errors.
+    found : tuple of (str, float, str)
+        Parameters that it adds: name, value, unit.
+    moved : tuple of ParameterShift
+        Values that change, the farthest first.
+    is_alike : bool
+        Whether the data do not tell it from the first.
+    is_second : bool
+        Whether it comes beside the first: its share is of what that leaves, and its study has both.
+    study : str
+        Name of the study that is written with it; "" where there is none.
+    lines : tuple of str
+        In which that differs, with + or - before each.
+    rest_per_dof : float
+        Where it leaves data out: chi-square per degree of freedom of the others alone.
+    leaves_noise : bool
+        Whether what it leaves is no more than chance makes of noise: of few values that may be well above the expected one.
+    leaves_data_out : bool
+        Whether it is data that do not go with the rest.
+    has_fit : bool
+        Whether a fit of the changed model is behind it, which can be written as a study.
+    """
+
+    kind: str
+    where: tuple[str, ...]
+    words: str
+    share: float
+    chi_square_per_dof: float
+    found: tuple[tuple[str, float, str], ...] = ()
+    moved: tuple[ParameterShift, ...] = ()
+    is_alike: bool = False
+    is_second: bool = False
+    study: str = ""
+    lines: tuple[str, ...] = ()
+    rest_per_dof: float = 1.0
+    leaves_noise: bool = False
+    leaves_data_out: bool = False
+    has_fit: bool = True
+
+    @property
+    def line(self) -> str:
+        """What is said of it in a list of causes."""
+        return f"beside the first, {self.words}" if self.is_second else self.words
+
+    @property
+    def moves(self) -> float:
+        """How far it moves the value that it moves most, in standard deviations of the answer."""
+        return self.moved[0].distance if self.moved else 0.0
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Shown):
+    """The verdict on an answer, with the causes of a misfit.
+
+    Attributes
+    ----------
+    judgement : Judgement
+    causes : tuple of Cause
+        The likeliest first.
+    suggestions : tuple of Cause
+        In their place where none explains the misfit: what lowers it most.
+    n_tried : int
+        How many changes were held against the misfit; 0 where none were.
+    sensitivities : tuple of FixedValueSensitivity
+        Sensitivity of the values to those that the model fixes, where they may be used.
+    """
+
+    judgement: Judgement
+    causes: tuple[Cause, ...] = ()
+    suggestions: tuple[Cause, ...] = ()
+    n_tried: int = 0
+    sensitivities: tuple[FixedValueSensitivity, ...] = ()
+
+    def overview(self) -> Overview:
+        """The verdict, and one row a cause."""
+        rows = [
+            (
+                cause.line,
+                f"{100 * cause.share:.0f} %",
+                ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in cause.found),
+            )
+            for cause in self.named
+        ]
+        what = "cause" if self.causes else "change that lowers the misfit"
+        return Overview(self.judgement.words, (what, "removes", "finds"), rows)
+
+    @property
+    def named(self) -> tuple[Cause, ...]:
+        """What is shown: the causes, or in their place what lowers the misfit most."""
+        return self.causes or self.suggestions
+
+
+def noise_ratio(identification: Identification) -> float | None:
+    """The noise in parts of what the fit takes, where only it is wrong: the residual has no order in it, but another size."""
+    tests = identification.estimate.goodness.residual_tests
+    is_normal = tests is not None and tests.normality_probability >= DOUBT
+    if tests is None or tests.not_white or tests.one_sided:
+        return None
+    ratio = identification.estimate.goodness.misfit
+    is_of_size = tests.chi_square_probability >= DOUBT and 1 - tests.chi_square_probability >= DOUBT
+    if is_of_size or 1 / NOISE_TOLERANCE < ratio < NOISE_TOLERANCE:
+        return 1.0
+    return (
+        float(np.sqrt(identification.estimate.goodness.least_per_dof))
+        if identification.fits and is_normal and identification.estimate.goodness.n_data >= ORDERED_DATA
+        else None
+    )
+
+
+def fits_noise(identification: Identification) -> bool:
+    """Whether the residual is what the noise leaves: its size, as a whole and in its parts, and no order in it."""
+    fixed = identification.estimate.fixed
+    if identification.missed or (fixed is not None and fixed.beyond):
+        return False
+    tests = identification.estimate.goodness.residual_tests
+    if tests is None:
+        return identification.estimate.covariance_basis == "noise"
+    return noise_ratio(identification) == 1.0
+
+
+def is_sound(identification: Identification) -> bool:
+    """Whether nothing speaks against model, record and search."""
+    return _is_unforced(identification) and fits_noise(identification)
+
+
+def _is_quiet(identification: Identification) -> bool:
+    """Whether nothing speaks against model, record and search but noise that is stated too large."""
+    return _is_unforced(identification) and _is_below_noise(identification)
+
+
+def _is_unforced(identification: Identification) -> bool:
+    """Whether the search ended in a place where nothing is at a bound that the data push at, or has run away."""
+    forced = identification.ran_away or any(one.is_pushed for one in identification.estimate.spread.at_bound)
+    return identification.estimate.status is Status.CONVERGED and not forced
+
+
+def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
+    """Whether changes are the causes of a misfit, not only such that lower it.
+
+    The first is where it leaves no more than noise and tolerances do, and removes most of the misfit or moves a value by more
+    than its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. A change
+    that explains most but leaves more is no cause: what it adds takes the part of what is missing. A pair that leaves noise alone
+    is one. Data that are left out are no cause where the rest misses the noise as well: beside a wrong model any sensor looks
+    wrong. One element that differs from its group by no more than elements do is not.
+
+    Parameters
+    ----------
+    causes : sequence of Cause
+        The likeliest first.
+    misfit : float
+        Chi-square per degree of freedom without it.
+    expected : float
+        The same where all is right.
+    is_hidden : bool
+        Whether the answer misses a record that the whole misfit hardly shows: then nothing need move.
+    """
+    if not causes or _is_scatter(causes[0]):
+        return False
+    return _explains(causes[0], misfit, expected, is_hidden) or (
+        misfit > PAIR_MISFIT * expected and _completing(causes, expected) is not None
+    )
+
+
+def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
+    left = cause.rest_per_dof if cause.leaves_data_out else cause.chi_square_per_dof
+    beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
+    is_noise = cause.leaves_noise or left <= NOISE_TOLERANCE * expected
+    if not is_noise and not (left <= NOT_THE_WHOLE * expected and beyond >= WHOLE):
+        return False
+    matters = is_hidden or any(map(_matters, cause.moved))
+    return cause.share >= MOST_OF_MISFIT or (matters and (cause.leaves_noise or beyond >= NEARLY_ALL))
+
+
+def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
+    """The second cause that leaves nothing but noise beside the first; None where there is none."""
+    second = next((one for one in causes if one.is_second), None)
+    if second is None or not (second.leaves_noise or second.chi_square_per_dof <= NOISE_TOLERANCE * expected):
+        return None
+    return second
+
+
+def _is_scatter(cause: Cause) -> bool:
+    """Whether one element differs from its group by no more than elements do as they are made, and nothing moves with it."""
+    is_small = all(unit == "1" and abs(ratio - 1) < ELEMENT_SCATTER for _, ratio, unit in cause.found[:1])
+    return cause.kind == "untied" and is_small and not any(map(_matters, cause.moved))
+
+
+def _matters(value: ParameterShift) -> bool:
+    return value.distance > MATTERS and abs(value.after - value.before) > SHIFTS * abs(value.before)
+
+
+def judged(
+    identification: Identification,
+    causes: Sequence[Cause] = (),
+    n_tried: int = 0,
+    suggestions: Sequence[Cause] = (),
+    untried: str = "",
+    held: Sequence[FixedValueSensitivity] = (),
+    is_asked: bool = False,
+    work: Work = ALONE,
+) -> Judgement:
+    """The verdict on an identification; records that stand out from the others are among its reasons.
+
+    Parameters
+    ----------
+    identification : Identification
+    causes : sequence of Cause
+        Accepted ones, the likeliest first.
+    n_tried : int
+        How many changes were tried; 0 where none were.
+    suggestions : sequence of Cause
+        What lowers the misfit most, where there is no cause.
+    untried : str
+        Why no changes were tried, where they might tell more.
+    held : sequence of FixedValueSensitivity
+        What the values rest on.
+    is_asked : bool
+        Whether the record of an answer within its noise asks for the `suggestions` beyond chance.
+    work : Work
+        Where parts of the data are fitted.
+    """
+    if is_asked and is_sound(identification):
+        given = _asked_for(suggestions)
+    else:
+        given = _judged(identification, causes, n_tried, suggestions, doubted(held), work)
+    is_open = identification.alternatives is not None or given.verdict == "untested"
+    if untried and not is_open and not fits_noise(identification):
+        given = replace(
+            given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
+        )
+    faults = record_faults(identification)
+    if faults and given.verdict not in ("sound", "untested"):
+        given = replace(
+            given, words=f"{given.words} The record itself shows: {faults[0]}.", reasons=(*given.reasons, *faults)
+        )
+    return replace(
+        given,
+        reasons=(*given.reasons, *(words for one in identification.priors.varied for words in one.outlying_words)),
+    )
+
+
+def record_faults(identification: Identification) -> tuple[str, ...]:
+    """Faults of single channels that the histories of the records show by themselves, loads first: dead, clipped, spikes."""
+    faults: list[tuple[bool, str]] = []
+    for setup in identification.setups:
+        loads = {str(dof) for role, dofs in setup.channels if role == "input" for dof in dofs}
+        faults += [(fault.channel.split()[0] not in loads, fault.words) for fault in setup.faults]
+    return tuple(words for _, words in sorted(faults))
+
+
+def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
+    """The verdict where the misfit is noise, but for a change that the record asks for beyond chance."""
+    told = tuple(one.words for one in suggestions)
+    most = max(suggestions, key=lambda one: one.moves)
+    first = most.moved[0]
+    part = abs(first.after / first.before - 1) if first.before else np.inf
+    words = (
+        f"Approximate: the model explains the record to within its noise, but the record asks for a change: {told[0]}."
+        f" {first.name} may move by {100 * part:.2g} %, {most.moves:.2g} standard deviations: the intervals hold either way."
+    )
+    return Judgement("approximate", words, told)
+
+
+def _judged(
+    identification: Identification,
+    causes: Sequence[Cause],
+    n_tried: int,
+    suggestions: Sequence[Cause],
+    doubts: Sequence[FixedValueSensitivity],
+    work: Work,
+) -> Judgement:
+    estimate = identification.estimate
+    if identification.alternatives is not None:
+        return _several(identification.alternatives)
+    is_untested = not estimate.goodness.degrees_of_freedom > 0 and estimate.covariance_basis == "noise"
+    if identification.target is not None and is_untested and not causes:
+        return _untested(identification)
+    if (
+        estimate.spread.disagreement is not None
+        and not causes
+        and (is_sound(identification) or _is_quiet(identification))
+    ):
+        said = estimate.spread.disagreement.words
+        words = (
+            f"Approximate: the misfit is no larger than the noise was stated, but {said}; {_INTERVALS['model_error']}."
+        )
+        return Judgement("approximate", words, (said, *(one.words for one in doubts)))
+    if is_sound(identification) and not causes and doubts:
+        told = tuple(one.words for one in doubts)
+        words = (
+            f"Approximate: the model explains the record to within its noise, but {told[0]}: measure it, or make it an"
+            " unknown, with a prior where it is known a little."
+        )
+        return Judgement("approximate", words, told)
+    by_priors = (
+        _by_priors(identification) if (is_sound(identification) or _is_quiet(identification)) and not causes else []
+    )
+    rank, n_free = estimate.identifiability.rank, estimate.identifiability.n_free
+    if by_priors:
+        open_ones = f" (the data determine {rank} of {n_free} combinations)" if rank < n_free else ""
+        words = (
+            "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
+            f" {join_words(by_priors, 4)}{open_ones}: the record cannot test what they say."
+        )
+        return Judgement("approximate", words, (words,))
+    if is_sound(identification) and not causes:
+        words = "Sound: the model explains the record to within its noise, and the data determine every"
+        at_bound = "; ".join(one.words for one in estimate.spread.at_bound)
+        if rank < n_free and estimate.uncertainty.has_matrix:
+            words = (
+                "Sound: the model explains the record to within its noise, and data and regularization together determine every"
+                f" parameter (the data alone {rank} of {n_free} combinations)."
+            )
+            return Judgement("sound", words)
+        words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
+        if estimate.goodness.degrees_of_freedom < FEW_FREEDOMS:
+            values, parameters = plural(estimate.goodness.n_data, "value"), plural(len(estimate.names), "parameter")
+            words += f" But {values} hardly test {parameters}: a wrong model may fit as well."
+        return Judgement("sound", words)
+    away = tuple(ran_away_words(estimate, index) for index in identification.ran_away)
+    pushed = tuple(one.words for one in estimate.spread.at_bound if one.is_pushed)
+    also = f" But {pushed[0]}." if pushed else ""
+    misfit = _misfit_words(identification)
+    cut = tuple(one.warning for one in identification.truncations if one.warning)
+    if cut and not fits_noise(identification):
+        return Judgement("wrong_model", f"Wrong model: {cut[0]}: do not use the values.", (*cut, misfit, *away))
+    is_noise = bool(causes) and causes[0].kind == "noise_level"
+    if is_noise and estimate.status is Status.CONVERGED and not away and not pushed:
+        basis = estimate.covariance_basis
+        words = f"Approximate: the model explains the record, but {causes[0].words}; {_INTERVALS[basis]}."
+        return Judgement("approximate", words, (causes[0].words,))
+    if causes and not is_noise:
+        best = causes[0]
+        is_small = (
+            best.share < MOST_OF_MISFIT
+            and best.chi_square_per_dof < NOISE_TOLERANCE * identification.estimate.goodness.expected_per_dof
+        )
+        words = (
+            f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
+            f" {'what goes beyond the noise' if is_small else f'{100 * best.share:.0f} % of it'}: {best.words}"
+            + (
+                f"; {best.moved[0].name} would move by {best.moves:.0f} standard deviations."
+                if best.moves > TOLD_SHIFT
+                else "."
+            )
+        )
+        if best.chi_square_per_dof > NOT_THE_WHOLE * identification.estimate.goodness.expected_per_dof:
+            words += f" It is not all: it leaves {np.sqrt(best.chi_square_per_dof):.2g} times the noise."
+            words += _with_second(identification, causes)
+        return Judgement("wrong_model", words, (misfit, *away, *pushed))
+    off = [] if fits_noise(identification) else _off(identification)
+    is_far = estimate.goodness.misfit > FAR_BEYOND
+    moving = None if fits_noise(identification) else _moving(suggestions)
+    if moving is not None:
+        change, shift = moving
+        words = (
+            f"Wrong model: {misfit}, and the change that lowers it most would move {shift.name} by {shift.distance:.2g} of its"
+            f" deviations: {change.words}. It removes {100 * change.share:.0f} % and leaves"
+            f" {np.sqrt(change.chi_square_per_dof):.2g} times the noise, so that it is not the cause, or not alone: do not use"
+            f" the values.{also}"
+        )
+        return Judgement("wrong_model", words, (misfit, *off, *away, *pushed))
+    if away:
+        if estimate.status is Status.CONVERGED or off or is_far:
+            words = f"Wrong model: {misfit}, and {away[0]}: do not use the values. {_searched(n_tried)}"
+            return Judgement("wrong_model", words.rstrip(), (*away, *pushed, misfit))
+        return Judgement(
+            "undetermined", f"Undetermined: {away[0]}; {estimate.status_words}.", (*away, estimate.message)
+        )
+    if estimate.status is Status.NOT_IDENTIFIABLE and not off and is_far:
+        words = f"Wrong model: {misfit}, and the data do not determine every parameter: do not use the values. {_searched(n_tried)}"
+        return Judgement("wrong_model", words.rstrip(), (misfit, estimate.message, *pushed))
+    if estimate.status is Status.NOT_IDENTIFIABLE and not off:
+        return Judgement("undetermined", f"Undetermined: {estimate.status_words}.", (estimate.message, *pushed))
+    if fits_noise(identification) and estimate.status is Status.CONVERGED:
+        words = (
+            f"Wrong model: the record contradicts a bound: {pushed[0]}. The other values rest on it: do not use them."
+        )
+        return Judgement("wrong_model", words, pushed)
+    if fits_noise(identification):
+        return Judgement(
+            "undetermined", f"Undetermined: the search did not end ({estimate.message}).", (estimate.message,)
+        )
+    if off:
+        words = f"Wrong model: {off[0]}: do not use the values. {_searched(n_tried)}{also}"
+        return Judgement("wrong_model", words, (*off, *pushed))
+    if estimate.status is not Status.CONVERGED and is_far:
+        words = f"Wrong model: {misfit}, and the search did not end ({estimate.message}): do not use the values."
+        return Judgement("wrong_model", words, (misfit, *pushed))
+    if estimate.status is not Status.CONVERGED:
+        return Judgement(
+            "undetermined", f"Undetermined: {misfit}, and the search did not end ({estimate.message}).", (misfit,)
+        )
+    if any(one.is_far for one in identification.missed):
+        words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
+        return Judgement("wrong_model", words.rstrip(), (*(one.words for one in identification.missed), *pushed))
+    apart = (
+        disagreements(identification.problems, estimate.theta, work, identification.freed)
+        if identification.target is not None
+        else ()
+    )
+    if any(one.share > (GROSSLY_CONTRADICTING_PART if one.is_gross else CONTRADICTING_PART) for one in apart):
+        apart = tuple(sorted(apart, key=lambda one: (not one.is_gross, -one.share)))
+        words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
+        return Judgement("wrong_model", words, (*(_apart(one) for one in apart), *pushed))
+    if is_far and _is_large(identification):
+        words = (
+            f"Wrong model: {misfit}; resonances agree, and so do most values from parts of the data, but what is wrong may move"
+            f" all values alike, beyond their intervals: do not use them. {_searched(n_tried)}{also}"
+        )
+        return Judgement("wrong_model", words.rstrip(), (misfit, *pushed, *map(_apart, apart)))
+    words = (
+        f"Approximate: {misfit}; that is more than the data show, and {_INTERVALS['noise']}."
+        if _is_below_noise(identification)
+        else f"Approximate: {misfit}; the intervals include the model error."
+    )
+    if apart:
+        words += (
+            f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}; this part of"
+            " the model is wrong, or depends on frequency or place."
+        )
+    words += also
+    if suggestions:
+        first = suggestions[0]
+        far = first.moves > TOLD_SHIFT
+        words += f" The misfit would be {100 * first.share:.0f} % smaller if {first.words}"
+        words += (
+            f"; do not rely on {first.moved[0].name}, which would then be far outside its interval." if far else "."
+        )
+    return Judgement("approximate", words, (misfit, *pushed, *map(_apart, apart)))
+
+
+def _moving(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
+    """The first of the likeliest changes that moves a value beyond its interval, and the value that it moves farthest."""
+    for change in (one for k, one in enumerate(changes) if k == 0 or one.is_alike):
+        shift = next((shift for shift in change.moved if _matters(shift)), None)
+        if shift is not None:
+            return change, shift
+    return None
+
+
+def _several(sets: Alternatives) -> Judgement:
+    """The verdict where several sets of values fit the data equally well."""
+    words = f"Undetermined: {sets.words}. Measure that, or give a prior."
+    return Judgement("undetermined", words, (sets.words, sets.search_words))
+
+
+def _untested(identification: Identification) -> Judgement:
+    """The verdict where as many values are sought as were measured: whatever the model, it fits."""
+    estimate = identification.estimate
+    words = (
+        f"Untested: the data have no more values than the model has parameters ({len(estimate.names)}): a wrong one fits as well."
+        " Measure more, or tie or fix parameters."
+    )
+    return Judgement("untested", words, (estimate.message,))
+
+
+def _by_priors(identification: Identification) -> list[str]:
+    """Parameters of which their own priors know more than the data."""
+    return [identification.estimate.names[index] for index in identification.by_prior]
+
+
+def _is_large(identification: Identification) -> bool:
+    """Whether a misfit is large beside what was measured, not only beside a very small noise."""
+    measured = [(fit.judged.record.values, fit.judged.final) for fit in identification.fits]
+    of_frfs = [bool(np.linalg.norm(of_model - own) > LARGE_ERROR * np.linalg.norm(own)) for own, of_model in measured]
+    of_modes = [
+        bool(np.abs(fit.fitted.frequency / fit.problem.data.frequency - 1).max() > LARGE_ERROR / 10)
+        or bool(np.sqrt(1 - np.nan_to_num(fit.fitted.mac, nan=1.0)).max() > LARGE_ERROR)
+        for fit in identification.modal_fits
+    ]
+    return any((*of_frfs, *of_modes))
+
+
+def not_found(identification: Identification, reached: float) -> Judgement:
+    """The verdict where the model explains the record with other values: `reached` is chi-square per degree of freedom there."""
+    words = (
+        f"Undetermined: the search ended in a wrong place (chi-square per degree of freedom"
+        f" {identification.estimate.chi_square_per_dof:.3g}), and another start reaches {reached:.3g}: do not use the values;"
+        ' allow more `max_iterations` or `restarts`, or write start = "continuation" in [method].'
+    )
+    return Judgement("undetermined", words, (identification.estimate.message,))
+
+
+def _misfit_words(identification: Identification) -> str:
+    if identification.missed and (identification.missed[0].is_far or noise_ratio(identification) == 1.0):
+        return identification.missed[0].words
+    size = float(np.sqrt(identification.estimate.goodness.least_per_dof))
+    fixed = identification.estimate.fixed
+    if fixed is not None and fixed.beyond and size < SHOWN_RATIO:
+        i = fixed.beyond[0]
+        change = 100 * np.expm1(fixed.asked[i] * fixed.tolerance[i])
+        return (
+            f"the record would have {fixed.names[i]}, which the model holds, {change:+.2g} % off, {abs(fixed.asked[i]):.2g} times"
+            " its tolerance"
+        )
+    noises = {problem.facts.noise for problem in identification.problems}
+    noise = noises.pop() if len(noises) == 1 else "the noise of the records"
+    if _is_below_noise(identification):
+        return f"the model explains the record to within {size:.2g} times {noise}"
+    if fits_noise(identification):
+        return f"the misfit is no larger than {noise} may make it"
+    if size < SHOWN_RATIO:
+        return f"the misfit is as large as {noise}, but has an order that noise has not"
+    return f"the misfit is {f'{size:.2g}' if size < 100 else f'{size:.0f}'} times {noise}"
+
+
+def _is_below_noise(identification: Identification) -> bool:
+    """Whether what the model misses is less than the noise that is stated."""
+    return not identification.missed and identification.estimate.goodness.least_per_dof <= 1 / SHOWN_RATIO**2
+
+
+def _searched(n_tried: int) -> str:
+    return f"None of {n_tried} single changes of model and record explains it." if n_tried else ""
+
+
+def _apart(one: Disagreement) -> str:
+    first, second = (f"{float(f'{value:.3g}'):,.9g}" for value in one.values)
+    unit = "" if one.unit in ("", "1") else f" {one.unit}"
+    return (
+        f"{one.name} is {first}{unit} from {one.parts[0]} and {second}{unit} from {one.parts[1]}"
+        f" ({one.distance:.0f} standard deviations apart)"
+    )
+
+
+def _with_second(identification: Identification, causes: Sequence[Cause]) -> str:
+    """The second cause, where noise explains what both leave."""
+    second = _completing(causes, identification.estimate.goodness.expected_per_dof)
+    return "" if second is None else f" With a second change, noise explains the rest: {second.words}."
+
+
+def _off(identification: Identification) -> list[str]:
+    """Resonances that the model misses, in words, the farthest of each record first."""
+    of_modes = [_off_modes(fit) for fit in identification.modal_fits]
+    far = [*(_off_resonances(fit) for fit in identification.fits), *of_modes]
+    return [words for own in far for _, words in sorted(own, key=lambda pair: -pair[0])]
+
+
+def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
+    """Measured modes that the model misses by more than their half-bandwidth and what is stated of their errors."""
+    data, pairs = fit.problem.data, fit.fitted
+    damping = np.maximum(np.nan_to_num(fit.measured.damping_ratio[data.measured]), LEAST_DAMPING)
+    off = pairs.frequency - data.frequency
+    distance = np.abs(off) / (damping * data.frequency)
+    is_off = (distance > HALF_BANDWIDTHS_OFF) & (np.abs(off) > FAR_OFF * data.frequency_std)
+    return [_missed(data.frequency[i], pairs.frequency[i], distance[i]) for i in np.flatnonzero(is_off)]
+
+
+def _missed(measured: float, predicted: float, distance: float) -> tuple[float, str]:
+    share = 100 * abs(predicted / measured - 1)
+    words = f"the model misses the resonance at {measured:.4g} Hz by {share:.2g} %, {distance:.1f} times half its resonance width"
+    return float(distance), words
+
+
+def _off_resonances(fit: RecordFit) -> list[tuple[float, str]]:
+    """Resonances that the model misses by more than their half-bandwidth, with how many; only where the misfit shows it."""
+    missed, frequency = [], fit.problem.frequency
+    of_line = misfit_of_lines(fit.problem, fit.problem.data_rows(fit.predicted))
+    spacing = float(np.median(np.diff(np.unique(frequency)))) if len(frequency) > 1 else 0.0
+    for peak in fit.resonances:
+        near = int(np.argmin(np.abs(fit.modes.frequency - peak.measured))) if len(fit.modes.frequency) else -1
+        damping = max(float(fit.modes.damping_ratio[near]), LEAST_DAMPING) if near >= 0 else LEAST_DAMPING
+        half = max(damping * peak.measured, spacing)
+        about = np.abs(frequency - peak.measured) <= 3 * half
+        if not about.any() or of_line[about].mean() < LOCAL_MISFIT:
+            continue
+        predicted = peak.predicted
+        if (
+            not np.isfinite(predicted)
+            and near >= 0
+            and abs(fit.modes.frequency[near] - peak.measured) <= HALF_BANDWIDTHS_OFF * half
+        ):
+            predicted = float(fit.modes.frequency[near])  # narrower than the lines: no peak of the model on them
+        distance = abs(predicted - peak.measured) / half
+        if not np.isfinite(distance):
+            missed.append((np.inf, f"the model has no resonance near {peak.measured:.4g} Hz"))
+        elif distance > HALF_BANDWIDTHS_OFF:
+            missed.append(_missed(peak.measured, predicted, distance))
+    return missed

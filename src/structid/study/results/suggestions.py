@@ -1,0 +1,95 @@
+"""Causes as studies ready to run, with the lines in which they differ."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from structid.core.errors import InputError
+from structid.diagnose.modified_model import Change
+from structid.diagnose.refits import Fitted
+from structid.diagnose.verdict import Cause, Diagnosis
+from structid.study.results.result import StudyResult
+from structid.study.schema.study import Study
+
+FOLDER = "suggestions"
+
+
+def suggestion_name(number: int, changes: Sequence[Change]) -> str:
+    """Such as ``1-support-9Y.toml``."""
+    words = " ".join(f"{one.candidate.place[0]} {' '.join(one.candidate.where[:2])}" for one in changes)
+    return f"{number}-{re.sub(r'[^A-Za-z0-9]+', '-', words).strip('-')[:60]}.toml"
+
+
+def suggestion_text(study: Study, changes: Sequence[Change]) -> tuple[str, tuple[str, ...]]:
+    """The study with changes, its comments kept, and the lines that differ."""
+    document = tomlkit.parse(study.text)
+    for change in changes:
+        for edit in change.edits:
+            edit.write(document)
+    text = tomlkit.dumps(document)
+    lines = difflib.ndiff(study.text.splitlines(), text.splitlines())
+    return text, tuple(line for line in lines if line[:2] in ("+ ", "- ") and line[2:].strip())
+
+
+def with_suggestions(study: Study, diagnosis: Diagnosis, fits: Sequence[Fitted]) -> Diagnosis:
+    """The diagnosis with the name of a study, and its lines that differ, for each cause that the study file can be changed by."""
+    changes = iter(fits)
+    number = 0
+
+    def suggested(cause: Cause) -> Cause:
+        nonlocal number
+        if not cause.has_fit:
+            return cause
+        number += 1
+        own = next(changes).modified.changes
+        try:
+            lines = suggestion_text(study, own)[1]
+        except InputError:  # the change has no line in a file that is written so
+            return cause
+        return replace(cause, study=f"{FOLDER}/{suggestion_name(number, own)}", lines=lines)
+
+    named = tuple(suggested(cause) for cause in diagnosis.named) if fits else diagnosis.named
+    return replace(diagnosis, causes=named) if diagnosis.causes else replace(diagnosis, suggestions=named)
+
+
+def write_suggestions(result: StudyResult, fits: Sequence[Fitted], folder: Path, place: Path) -> None:
+    """Write the studies of the causes into `folder`, which will be `place`."""
+    diagnosis = result.diagnosis
+    causes: Sequence[Cause] = () if diagnosis is None else diagnosis.named
+    if not any(cause.study for cause in causes):
+        return
+    (folder / FOLDER).mkdir()
+    for cause, fit in zip([cause for cause in causes if cause.has_fit], fits, strict=True):
+        if cause.study:
+            write_suggestion(result.study, fit.modified.changes, folder / cause.study, place / FOLDER)
+
+
+def write_suggestion(study: Study, changes: Sequence[Change], path: Path, place: Path) -> None:
+    """Write the study with changes to `path`, which will stand in the folder `place`; its files are found from there."""
+    document = tomlkit.parse(suggestion_text(study, changes)[0])
+    away = Path(os.path.relpath(study.path.parent.resolve(), place.resolve()))
+    _move_paths(document, {name for name in study.digests if name != study.path.name}, away)
+    text = tomlkit.dumps(document)
+    schema = re.match(r"#:schema (?!\w+://)(\S+)", text)
+    if schema:
+        text = text.replace(schema[1], (away / schema[1]).as_posix(), 1)
+    path.write_bytes(text.encode("utf-8"))
+
+
+def _move_paths(table: Any, names: set[str], away: Path) -> None:
+    """Give every name of a file its path from another folder."""
+    items = list(table.items()) if isinstance(table, dict) else list(enumerate(table))
+    for key, value in items:
+        if isinstance(value, str):
+            if Path(value).as_posix() in names and not Path(value).is_absolute():
+                table[key] = (away / value).as_posix()
+        elif isinstance(value, dict | list):
+            _move_paths(value, names, away)

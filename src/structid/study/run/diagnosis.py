@@ -1,0 +1,83 @@
+"""The diagnosis of a study: its verdict, and its causes as studies ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from structid.diagnose.explain import diagnose
+from structid.diagnose.refits import Fitted
+from structid.diagnose.tested_model import TestedModel
+from structid.diagnose.time_budget import TimeBudget
+from structid.diagnose.verdict import Diagnosis, Judgement, is_sound
+from structid.identification.fits.model_modes import structure_modes
+from structid.inversion.search.work import ALONE, Work
+from structid.study.results.result import StudyResult
+from structid.study.results.suggestions import with_suggestions
+from structid.study.run.before import leaking_windows
+from structid.study.run.start import Start
+from structid.study.run.workers import threads_for
+from structid.study.schema.records.record import read_histories
+
+#: Modes of a model that windows may blur.
+_MOST_MODES = 12
+
+
+def diagnose_study(
+    ready: Start,
+    result: StudyResult,
+    explain: bool | None = None,
+    work: Work = ALONE,
+    budget: Callable[[], TimeBudget] = TimeBudget,
+    before_search: Callable[[StudyResult], None] | None = None,
+) -> tuple[StudyResult, tuple[Fitted, ...]]:
+    """The result with its diagnosis, and the fits behind its causes.
+
+    Parameters
+    ----------
+    ready : Start
+        The study with its records.
+    result : StudyResult
+    explain : bool, optional
+        Whether causes are looked for; by default where the answer is not sound.
+    work : Work
+        Where candidates are looked at and refitted.
+    budget : callable
+        The processor time that the search for causes may take, asked for when it begins; without a limit by default.
+    before_search : callable, optional
+        Takes the result as it is before causes are looked for, which may take long.
+    """
+    identification = result.identification
+    if is_sound(identification):
+        kept = tuple(one for one in identification.warnings if one not in ready.sensor_warnings)
+        identification = replace(identification, warnings=kept)
+
+    def show(diagnosis: Diagnosis) -> None:
+        if before_search is not None:
+            before_search(replace(result, identification=identification, diagnosis=diagnosis))
+
+    model = TestedModel(ready.setups, ready.study.options)
+    with threads_for(identification.problems):
+        diagnosed = diagnose(model, identification, explain, work, budget, show)
+    diagnosis = with_suggestions(ready.study, diagnosed.diagnosis, diagnosed.fits)
+    if diagnosis.judgement.verdict in ("approximate", "wrong_model"):
+        diagnosis = replace(diagnosis, judgement=_with_findings(diagnosis.judgement, _window_warnings(ready)))
+    return replace(result, identification=diagnosed.identification, diagnosis=diagnosis), diagnosed.fits
+
+
+def _with_findings(judgement: Judgement, findings: tuple[str, ...]) -> Judgement:
+    """The verdict with what a check of the record shows besides."""
+    if not findings:
+        return judgement
+    words = f"{judgement.words} The record itself shows: {findings[0]}."
+    return replace(judgement, words=words, reasons=(*judgement.reasons, *findings))
+
+
+def _window_warnings(ready: Start) -> tuple[str, ...]:
+    """Windows of averaged spectra of a study that blur the resonances of its initial models."""
+    told: list[str] = []
+    for source, setup, problem in zip(ready.study.setups, ready.setups, ready.problems, strict=True):
+        if source.record.frf is not None and source.record.time is None and setup.structure.has_modes:
+            modes = structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), _MOST_MODES)
+            told += leaking_windows(source.record, read_histories(source.record), problem, modes)
+    return tuple(dict.fromkeys(told))

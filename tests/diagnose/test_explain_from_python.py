@@ -1,0 +1,58 @@
+"""An identification made in Python is diagnosed there: printed, it begins with its verdict, and its cause is named."""
+
+import numpy as np
+import pytest
+
+import structid as sid
+from structid.forward import simulated_record
+from structid.unknowns.tolerances import EXACT
+
+NODES = {n: 0.25 * n for n in range(5)}
+FREQUENCY = np.linspace(2.0, 120.0, 120)
+
+
+def beam(fixed, *more):
+    parts = [[k, k + 1] for k in range(4)]
+    return sid.Structure(
+        NODES, [sid.Beam("rail", parts, mass=2.0, bending_stiffness=40.0, loss_factor=0.02), *more], fixed
+    )
+
+
+def identified(truth, model):
+    unknown = sid.parameters(truth, [sid.Unknown("bending_stiffness", "rail")])
+    lines = sid.FrfRecord(FREQUENCY, np.ones((len(FREQUENCY), 3, 1)), ["1Y", "2Y", "4Y"], ["2Y"], "receptance")
+    record = simulated_record(truth, unknown, lines, 0.01, np.random.default_rng(3))
+    sought = sid.parameters(model, [sid.Unknown("bending_stiffness", "rail", start=45.0), sid.Unknown("mass", "rail")])
+    exact = sid.IdentifyOptions(restarts=0, tolerances=EXACT)
+    return sid.identify(model, sought, record, exact)
+
+
+@pytest.fixture(scope="module")
+def clamped():
+    """A foot that is drawn clamped, and turns."""
+    turning = sid.Spring("foot", "0RZ", stiffness=150.0)
+    return identified(beam(["0Y"], turning), beam(["0Y", "0RZ"]))
+
+
+def test_a_printed_identification_begins_with_its_verdict(clamped):
+    assert str(clamped).startswith(("Wrong model: ", "Approximate: "))
+    right = identified(beam(["0Y", "0RZ"]), beam(["0Y", "0RZ"]))
+    assert str(right).startswith("Sound: ")
+
+
+def test_the_cause_is_named_without_a_study(clamped):
+    diagnosis = sid.explain(clamped, seconds=20.0)
+    assert diagnosis.judgement.verdict == "wrong_model"
+    first = diagnosis.causes[0]
+    assert (first.kind, first.where) in (("support", ("0RZ",)), ("joint", ("rail:1/0RZ",)))
+    [(_, stiffness, unit)] = first.found
+    assert stiffness == pytest.approx(150.0, rel=0.02)
+    assert unit == "N m/rad"
+    assert (first.study, first.lines) == ("", ())
+    assert str(diagnosis).startswith(diagnosis.judgement.words)
+    assert first.words in str(diagnosis)
+
+
+def test_a_limit_of_no_time_is_refused(clamped):
+    with pytest.raises(sid.InputError, match="`seconds` must be greater than 0, got 0"):
+        sid.explain(clamped, seconds=0)

@@ -1,0 +1,105 @@
+"""Which refitted changes are causes: by a price for each parameter, by chance among all that were tried, by a part that matters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from frame_cases import written
+from scipy import stats
+from test_each_cause import begun
+
+from structid.diagnose.causes import Appendage, FaultyChannel, Mass
+from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
+from structid.diagnose.search import _weighed, is_misfit
+from structid.diagnose.thresholds import ALIKE
+
+SWINGING = Appendage(where=("4Y",), frequency=25.0)
+MASS, INERTIA = Mass(where=("4",)), AddedRotaryInertia(where=("4RZ",))
+CHANNEL = FaultyChannel(where=("3X",), others=("2X", "4Y", "5Y"))
+N_DATA, N_PARAMS = 960, 3
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    return begun(written(tmp_path_factory.mktemp("frame")))
+
+
+@pytest.fixture(scope="module")
+def trials(base):
+    return {one.kind: base.modified.changed(one, 0.3) for one in (SWINGING, MASS, INERTIA, CHANNEL)}
+
+
+def weighed(base, trials, cost, fits, tried=200):
+    """What comes of a misfit before any change, and of kinds with their misfit and the part of it that is left out."""
+    own = replace(base, cost=cost)
+    changed = [
+        replace(base, modified=trials[kind], theta=trials[kind].target.theta_start, cost=left, aside=aside)
+        for kind, left, aside in fits
+    ]
+    return _weighed(own, changed, tried)
+
+
+def kinds(fits):
+    return [one.cause.kind for one in fits]
+
+
+def test_the_price_of_a_parameter_is_the_logarithm_of_the_number_of_data(base, trials):
+    assert (base.modified.target.n_data, len(base.modified.target.names)) == (N_DATA, N_PARAMS)
+    assert len(trials["appendage"].target.names) == N_PARAMS + 3
+    found = weighed(base, trials, 5000.0, [("appendage", 1482.0, 0.0), ("mass", 1500.0, 0.0), ("inertia", 1520.0, 0.0)])
+    assert kinds(found.causes) == ["mass", "appendage", "inertia"]
+    scale = 1482.0 / (N_DATA - N_PARAMS - 3)  # of the best of all models, by its degrees of freedom
+    assert found.criteria == pytest.approx(
+        [1500.0 / scale + 4 * np.log(N_DATA), 1482.0 / scale + 6 * np.log(N_DATA), 1520.0 / scale + 4 * np.log(N_DATA)]
+    )
+    scale = 1500.0 / (N_DATA - N_PARAMS - 1)
+    near = 1500.0 + (ALIKE - 0.01) * scale, 1500.0 + (ALIKE + 0.01) * scale
+    for cost, likely in zip(near, (["mass", "inertia"], ["mass"]), strict=True):
+        assert kinds(weighed(base, trials, 5000.0, [("mass", 1500.0, 0.0), ("inertia", cost, 0.0)]).near) == likely
+
+
+def test_a_local_resonance_gives_way_to_the_mass_that_it_holds_as_a_limit_by_a_likelihood_ratio(base, trials):
+    scale = 1500.0 / (N_DATA - N_PARAMS - 1)
+    edge = stats.chi2.isf(0.01, 2) * scale
+    for drop, is_dropped in ((edge - 0.5, True), (edge + 0.5, False)):
+        fits = [("appendage", 1500.0 - drop, 0.0), ("mass", 1500.0, 0.0)]
+        assert ("appendage" not in kinds(weighed(base, trials, 5000.0, fits).causes)) is is_dropped
+
+
+@pytest.mark.parametrize(
+    ("cost", "drop", "tried", "is_cause"),
+    [
+        (5000.0, 30.0, 200, False),  # by far beyond chance, but a hundredth of the misfit
+        (5000.0, 400.0, 200, False),
+        (5000.0, 410.0, 200, True),
+        (950.0, 16.0, 200, False),  # by chance among so many
+        (950.0, 16.0, 100, True),
+        (950.0, -1.0, 1, False),
+    ],
+)
+def test_a_cause_lowers_the_misfit_beyond_chance_and_by_a_tenth_of_what_is_beyond_noise(
+    base, trials, cost, drop, tried, is_cause
+):
+    found = weighed(base, trials, cost, [("mass", cost - drop, 0.0)], tried)
+    assert bool(found.causes) is is_cause
+
+
+def test_chance_is_that_of_chi_square_of_the_parameters_that_a_change_adds(base, trials):
+    for kind, more in (("mass", 1), ("appendage", 3)):
+        edge = stats.chi2.isf(0.01 / 200, more)
+        for drop, is_cause in ((edge - 0.05, False), (edge + 0.05, True)):
+            assert bool(weighed(base, trials, 950.0, [(kind, 950.0 - drop, 0.0)]).causes) is is_cause
+
+
+def test_data_that_are_left_out_miss_twice_as_much_as_the_others(base, trials):
+    """A channel of four: 240 of 960 values, with 240 of the misfit as its own, the others with 900."""
+    assert trials["channel"].target.n_data == 720
+    edge = 1140.0 + 2.0 * 240 * 900.0 / 720
+    for cost, is_cause in ((edge - 2.0, False), (edge + 2.0, True)):
+        assert bool(weighed(base, trials, cost, [("channel", 1140.0, 240.0)]).causes) is is_cause
+
+
+def test_noise_is_no_misfit(base):
+    dof = N_DATA - N_PARAMS
+    for risk, is_more in ((1.05e-3, False), (0.95e-3, True)):
+        assert is_misfit(replace(base, cost=float(stats.chi2.isf(risk, dof)))) is is_more

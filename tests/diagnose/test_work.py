@@ -1,0 +1,205 @@
+"""Causes are the same wherever their fits run, and those that are kept are not fitted again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from frame_cases import STUDY, off, written
+
+from structid.diagnose import modified_model, refits, search, time_budget
+from structid.diagnose.causes import Mass
+from structid.diagnose.explain import unfinished_words
+from structid.diagnose.modified_model import base_model
+from structid.diagnose.refits import Fitted, fit_near, reuse_equivalent_fit
+from structid.diagnose.search import Explanation, search_causes
+from structid.diagnose.tested_model import TestedModel
+from structid.diagnose.time_budget import UNLIMITED, TimeBudget, TimeUpError, map_within_budget
+from structid.forward.polarities import decide_polarities
+from structid.inversion.search.least_squares import minimize
+from structid.inversion.search.work import ALONE, PLAIN_TOOLS
+from structid.study.run.checkpoint import Checkpoint, fingerprint
+from structid.study.run.diagnosis import diagnose_study
+from structid.study.run.long_run import LongRun
+from structid.study.run.run import run_started
+from structid.study.run.start import started
+from structid.study.run.workers import Processes
+from structid.study.schema.study import load_study
+
+TRUTH = STUDY.replace(
+    "[[unknown]]", '[[structure.point_mass]]\nname = "forgotten"\nnodes = [4]\nmass = 0.4\n\n[[unknown]]', 1
+)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    return load_study(written(tmp_path_factory.mktemp("frame"), off(), TRUTH))
+
+
+@pytest.fixture(scope="module")
+def base(study):
+    ready = started(study)
+    estimate = run_started(ready).identification.estimate
+    problems = tuple(decide_polarities(problem, problem.theta_start) for problem in ready.problems)
+    return Fitted(
+        base_model(TestedModel(ready.setups, study.options), problems, estimate.theta),
+        estimate.theta,
+        estimate.goodness.chi_square,
+    )
+
+
+def causes(study, run):
+    ready = started(study)
+    result, fits = diagnose_study(ready, run_started(ready, None, run), True, run)
+    return result.diagnosis, fits
+
+
+def same(one, other):
+    (own, fits), (others, other_fits) = one, other
+    assert own == others
+    assert len(fits) == len(other_fits) > 0
+    for first, second in zip(fits, other_fits, strict=True):
+        assert np.array_equal(first.theta, second.theta)
+        assert (first.cost, first.aside) == (second.cost, second.aside)
+        assert [change.edits for change in first.modified.changes] == [
+            change.edits for change in second.modified.changes
+        ]
+
+
+@pytest.mark.long
+def test_causes_on_processes_and_from_a_checkpoint_have_the_bits_of_one_run(study, tmp_path, monkeypatch, brief):
+    kept = Checkpoint(tmp_path / "c", fingerprint(study), seconds=0.0)
+    whole = causes(study, LongRun(checkpoint=kept))
+    pool = Processes(2)
+    same(causes(study, LongRun(pool)), whole)
+    pool.close()
+
+    def again(*arguments):
+        raise AssertionError("fitted again")
+
+    monkeypatch.setattr(refits, "_finally", again)
+    kept = Checkpoint(tmp_path / "c", fingerprint(study), resume=True, seconds=0.0)
+    same(causes(study, LongRun(checkpoint=kept)), whole)
+
+
+def test_a_change_takes_the_answer_of_another_only_where_its_misfit_is_the_same(base):
+    first = fit_near(base, (Mass(where=("4",)), 0.3, np.inf), PLAIN_TOOLS)
+
+    def own(*arguments):
+        return {"theta": "own"}
+
+    taken = reuse_equivalent_fit(base, (own, (Mass(where=("4",)), 0.3, np.inf), first), PLAIN_TOOLS)
+    assert taken["theta"] is first["theta"]
+    assert reuse_equivalent_fit(base, (own, (Mass(where=("3",)), 0.3, np.inf), first), PLAIN_TOOLS) == {"theta": "own"}
+    assert reuse_equivalent_fit(base, (own, (Mass(where=("4",)), 0.3, np.inf), {}), PLAIN_TOOLS) == {"theta": "own"}
+
+
+def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base, monkeypatch):
+    forgotten, other = (Mass(where=("4",)), 0.3), (Mass(where=("5",)), 0.1)
+    best = fit_near(base, (*forgotten, np.inf), PLAIN_TOOLS)
+    iterations = []
+
+    def counted(*arguments):
+        minimum = minimize(*arguments)
+        iterations.append(len(minimum.inner))
+        return minimum
+
+    monkeypatch.setattr(modified_model, "minimize", counted)
+    whole = fit_near(base, (*other, np.inf), PLAIN_TOOLS)
+    n_whole = sum(iterations)
+    assert whole["cost"] > 2 * best["cost"]
+    iterations.clear()
+    short = fit_near(base, (*other, best["cost"]), PLAIN_TOOLS)
+    assert sum(iterations) < n_whole
+    assert short["cost"] > best["cost"]
+    same = fit_near(base, (*forgotten, whole["cost"]), PLAIN_TOOLS)
+    assert np.array_equal(same["theta"], best["theta"])
+    assert same["cost"] == best["cost"]
+
+
+class Ticking:
+    """Every task in this process; each takes a second of the clock that `processor_seconds` reads here."""
+
+    n_workers = 1
+
+    def __init__(self, monkeypatch):
+        self.seconds = 0.0
+        monkeypatch.setattr(time_budget, "processor_seconds", lambda: self.seconds)
+
+    def map(self, name, task, shared, items, progress=None, first=0):
+        self.seconds += len(items)
+        return ALONE.map(name, task, shared, items)
+
+
+def budget_of(seconds):
+    return TimeBudget(seconds, begun=time_budget.processor_seconds())
+
+
+def test_the_search_for_causes_ends_in_its_time_names_the_cause_and_says_what_was_left_out(base, monkeypatch):
+    work = Ticking(monkeypatch)
+    few = search_causes(base, work, budget_of(70.0))
+    assert few.spent <= 0.6 * 70 + 1
+    assert work.seconds <= 71
+    assert few.left_out > 10
+    assert few.causes[0].modified.changes[-1][0].where == ("4",)
+    assert unfinished_words(few) == (
+        f"the search for causes ended after {few.spent:.2g} s of the processor, {few.left_out} likely changes not tried:"
+        " `structid explain` goes on",
+    )
+
+
+@pytest.mark.long
+def test_a_search_without_a_limit_leaves_nothing_out(base, monkeypatch):
+    whole = search_causes(base, Ticking(monkeypatch))
+    assert (whole.left_out, whole.is_single, unfinished_words(whole)) == (0, False, ())
+    assert whole.spent > 60
+
+
+def test_a_search_without_time_still_fits_the_two_likeliest_changes(base, monkeypatch):
+    none = search_causes(base, Ticking(monkeypatch), budget_of(0.0))
+    assert none.left_out > 20
+    assert none.causes
+
+
+def test_a_fit_that_takes_too_long_is_given_up(base):
+    hurried = replace(base, modified=replace(base.modified, fit_seconds=-1.0))
+    with pytest.raises(TimeUpError, match="the fit was ended after"):
+        hurried.modified.fit_near()
+    assert fit_near(hurried, (Mass(where=("4",)), 0.3, np.inf), PLAIN_TOOLS) == {}
+
+
+def test_tasks_stop_when_the_time_is_up_and_the_least_of_them_run(monkeypatch):
+    work = Ticking(monkeypatch)
+
+    def square(shared, item, tools):
+        return shared * item**2
+
+    assert map_within_budget(budget_of(3.0), work, "squares", square, 2, [1, 2, 3, 4, 5]) == [2, 8, 18, None, None]
+    assert map_within_budget(budget_of(0.0), work, "squares", square, 2, [1, 2, 3], least=1) == [2, None, None]
+    assert map_within_budget(UNLIMITED, work, "squares", square, 2, [1, 2, 3]) == [2, 8, 18]
+
+
+@pytest.mark.parametrize(("seconds", "n_more", "is_single"), [(np.inf, 3, False), (35.0, 2, True), (15.0, 0, True)])
+def test_other_pairs_are_looked_for_as_long_as_there_is_time_for_one_more(
+    base, monkeypatch, seconds, n_more, is_single
+):
+    """Each pair takes 10 s, one of them that of the second cause; noise is never all that is left, and nothing is better."""
+    work = Ticking(monkeypatch)
+    first = Explanation(base, (base, base, base), (0.0, 0.0, 0.0), 3)
+    second, left = Explanation(base, (base,), (0.0,), 3, spent=10.0), []
+
+    def take(*arguments):
+        left.append(arguments[-1].left)
+        work.seconds += 10.0
+
+    def beside(*arguments):
+        work.seconds += 10.0
+        return second
+
+    monkeypatch.setattr(search, "is_misfit", lambda one: True)
+    monkeypatch.setattr(search, "_is_far", lambda one: False)
+    monkeypatch.setattr(search, "_beside", beside)
+    monkeypatch.setattr(search, "_from_second", take)
+    monkeypatch.setattr(search, "_from_next", take)
+    pair = search._paired(first, ALONE, budget_of(seconds))
+    assert (len(left), pair.is_single) == (n_more, is_single)
+    assert left == [seconds - 10.0 * (k + 1) for k in range(n_more)]
