@@ -2,12 +2,13 @@
 # make test   run the quick tests (minutes)
 # make test-all  run all tests, the long ones too (what .ci/run runs)
 # make docs   build the documentation site
+# make pictures  draw the picture of README and landing page from the demo's answer
 # make fuzz   damage files of every kind and keys of studies, vary headers of records, and print what came of reading them (COUNT=20000 SEED=5 for more)
 # make golden run every example with the code of BASE and of this tree: numbers must be equal, changed words are listed (BASE=HEAD~1)
 # make benchmarks  run every benchmark at a size of seconds, to see that none rots
 # make mutants make some 140 wrong edits of central formulas, one at a time in a copy: a quick test must fail for each (NAMES="fem mac")
 # make killed end runs at 100 random moments and run them again to the same digits
-# make dist-check   build wheel and sdist, install each without extras outside the tree, run an example (needs PyPI)
+# make dist-check   build wheel and sdist, check what PyPI shows of them, install them without extras outside the tree, run an example (needs PyPI)
 # make test-lowest  run all tests on Python 3.11 with the lowest versions that pyproject.toml names (needs uv and 3.11)
 # make test-newest  run all tests on Python 3.13 with the newest versions (needs uv and 3.13)
 PYTHON ?= python3
@@ -23,7 +24,7 @@ NAMES ?=
 # byte code is kept even where the environment says otherwise: the tests start the command hundreds of times
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test test-all lint types imports check docs fuzz golden benchmarks killed mutants dist-check test-lowest test-newest clean
+.PHONY: pictures demo test test-all lint types imports check docs fuzz golden benchmarks killed mutants dist-check test-lowest test-newest clean
 
 demo: $(STAMP)
 	$(BIN)/structid identify examples/three_storey_frame/study.toml --out results/three_storey_frame --workers 2
@@ -54,6 +55,9 @@ docs: $(STAMP)
 	$(BIN)/python docs/accessible.py docs/_build/html
 	@echo docs/_build/html/index.html
 
+pictures: $(STAMP)
+	$(BIN)/python docs/demo_picture.py
+
 fuzz: $(STAMP)
 	$(BIN)/python -m fuzz --count $(COUNT) --seed $(SEED)
 	$(BIN)/python -m fuzz.keys --count $(COUNT) --seed $(SEED)
@@ -77,9 +81,10 @@ killed: $(STAMP)
 
 # a clean environment outside the tree: what the package forgets to name or to hold shows here
 dist-check: $(STAMP)
-	$(BIN)/python -m pip install --quiet build
+	$(BIN)/python -m pip install --quiet build twine
 	rm -rf dist
 	$(BIN)/python -m build --quiet --outdir dist .
+	$(BIN)/python -m twine check --strict dist/*
 	$(BIN)/python -m fuzz.dist_check dist
 
 test-lowest:

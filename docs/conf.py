@@ -17,7 +17,7 @@ from structid.study.json_schema import study_schema
 sys.path.insert(0, str(Path(__file__).parent))  # pictures.py and truths.py, for the gallery
 
 #: Parts of the gallery, in their order.
-GALLERY = ("commands", "records", "elements", "trust", "benchmarks")
+GALLERY = ("commands", "records", "elements", "use", "trust", "benchmarks")
 
 project, author, version = "structid", "the structid authors", structid.__version__
 extensions = [

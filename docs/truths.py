@@ -38,6 +38,7 @@ def noise_deviation(found: Any, name: str) -> float:
 
 
 HOLDS: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "use/control_of_a_free_beam": lambda end: end["on_drawing"] > 0 > end["on_identified"] and (end["poles"] < 0).all(),
     "commands/explain": lambda end: near(end["found"], bending_stiffness_beam=30.0, stiffness_support_0RZ=400.0),
     "commands/identify": lambda end: (
         near(end["found"], mass_tip=0.12) and noise_deviation(end["found"], "mass[tip]") < 1e-3

@@ -8,8 +8,8 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 import structid as sid
 from structid.fem.elements.element import (
     LOSS_FACTOR,
+    ElementMatrixTerm,
     ElementSet,
-    Layer,
     Nodes,
     Values,
     declared,
@@ -31,7 +31,7 @@ class Solid(ElementSet):
 
     def matrices(self, positions, present):
         codes, stiffness, mass = self.local
-        return {"density": (Layer(codes, mass),), "young": (Layer(codes, stiffness),)}
+        return {"density": (ElementMatrixTerm(codes, mass),), "young": (ElementMatrixTerm(codes, stiffness),)}
 
 
 def solid(shape, size, groups=1, loss=LOSS):

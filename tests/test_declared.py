@@ -5,7 +5,15 @@ from typing import Annotated, Literal
 
 import pytest
 
-from structid.core.constraints import Count, Limits, NotNegative, Positive, declared_words, require_declared, type_words
+from structid.core.constraints import (
+    Count,
+    Limits,
+    NotNegative,
+    Positive,
+    describe_type,
+    parameter_descriptions,
+    require_declared,
+)
 from structid.core.errors import InputError
 
 
@@ -67,13 +75,13 @@ class Box(Base):
 
 
 def test_words_are_those_of_the_docstring_and_of_its_bases():
-    words = declared_words(Box)
+    words = parameter_descriptions(Box)
     assert words["width"] == "Of the box, m."
     assert words["height"] == "Its own words."
     assert words["kind"] == "What it is"
     assert words["count"] == ""
     assert set(words) == {"width", "height", "kind", "count"}
-    assert declared_words(Base)["height"] == "Of the box, m."
+    assert parameter_descriptions(Base)["height"] == "Of the box, m."
 
 
 @pytest.mark.parametrize(
@@ -93,7 +101,7 @@ def test_a_value_that_is_not_allowed_is_told_by_its_field(made, words):
 
 
 def test_types_are_said_as_docstrings_do():
-    assert type_words(Literal["a", "b"]) == '{"a", "b"}'
-    assert type_words(Annotated[float, Limits(least=0)]) == "float"
-    assert type_words(Annotated[list, "(n,) array"]) == "(n,) array"
-    assert type_words(float | None) == "float"
+    assert describe_type(Literal["a", "b"]) == '{"a", "b"}'
+    assert describe_type(Annotated[float, Limits(least=0)]) == "float"
+    assert describe_type(Annotated[list, "(n,) array"]) == "(n,) array"
+    assert describe_type(float | None) == "float"

@@ -39,7 +39,7 @@ def test_first_structure_goes_as_the_page_says(tmp_path):
     first = RUN.invoke(app, ["identify", str(tmp_path / "study.toml"), "--out", str(tmp_path / "first")])
     assert first.exit_code == 3, first.output
     told = first.stdout.splitlines()[0].partition(";")[0]
-    assert "elements are too long for the highest frequencies" in told
+    assert "the mesh is too coarse for the highest frequencies" in told
     assert told in (ROOT / "docs" / "first-structure.md").read_text(encoding="utf-8")
     better = tmp_path / "first" / "suggestions" / "1-mesh-all-lines.toml"
     second = RUN.invoke(app, ["identify", str(better), "--out", str(tmp_path / "second"), "--no-report"])

@@ -90,3 +90,22 @@ def test_warnings_are_folded_to_the_first_five():
     assert first_warnings(told[:5]) == [f"warning: number {i}" for i in range(5)]
     assert first_warnings(told) == [*(f"warning: number {i}" for i in range(5)), "20 more warnings: in the results"]
     assert first_warnings(told[:6])[-1] == "1 more warning: in the results"
+
+
+def test_an_identification_prints_its_verdict_and_states():
+    found = estimate()
+    lines = str(found).splitlines()
+    assert lines[0].startswith("Sound: ")
+    assert lines[1] == "Use the values with their intervals."
+    assert [line.split()[-1] for line in lines[3:]] == ["determined"] * len(found.estimate.names)
+    view = sid.results_view(found)
+    assert [one.value for one in view.parameters] == found.estimate.values.tolist()
+    assert view.ranked_channels[0].error == max(one.error for one in view.channels)
+
+
+def test_parameters_and_studies_show_starts_and_priors():
+    unknown = sid.parameters(
+        structure(), [sid.Unknown("stiffness", "columns <b>", each=True, prior=sid.Prior(1.0, 0.1))]
+    )
+    assert repr(unknown) == "<Parameters: 2 parameters, 2 with a prior>"
+    assert "stiffness[columns <b>:1]  900" in str(unknown)

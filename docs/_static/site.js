@@ -5,6 +5,6 @@ document.addEventListener("DOMContentLoaded", () => {
     toggle.setAttribute("aria-label", "Pages of " + (link?.textContent.trim() ?? "this part"));
   }
   for (const button of document.querySelectorAll(".search-button-field[aria-label]")) {
-    button.removeAttribute("aria-label");
+    if (button.innerText.trim()) { button.removeAttribute("aria-label"); } // narrow pages show the sign alone
   }
 });

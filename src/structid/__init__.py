@@ -12,7 +12,8 @@ Records: FrfRecord, TimeRecord, ModalRecord, read_record, write_record, CsvLayou
     from_repeats, with_coherence_noise, with_declared_noise, prepare, Preparation, right_half_plane,
     signal_checks
 Identification: identify, identify_together, IdentifyOptions, Identification, Setup, TimeSetup, ModalSetup,
-    ModalSettings, identify_time, TimeOptions, TimeFit, load_study, run_study
+    ModalSettings, identify_time, TimeOptions, TimeFit, load_study, run_study,
+    results_view, ResultsView
 Modes: identify_modes, merge_modes, modes_of_file, ModesOptions, pseudo_rayleigh
 Test and model: correlated_modes, correlated_responses, pair_modes, expand, mac, comac, ecomac, orthogonality,
     frac, fdac, subspace_angles

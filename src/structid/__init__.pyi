@@ -125,6 +125,8 @@ from structid.similarity import mac as mac
 from structid.similarity import orthogonality as orthogonality
 from structid.similarity import pair_modes as pair_modes
 from structid.similarity import subspace_angles as subspace_angles
+from structid.study.results.view import ResultsView as ResultsView
+from structid.study.results.view import results_view as results_view
 from structid.study.run.run import run_study as run_study
 from structid.study.schema.study import load_study as load_study
 from structid.unknowns import Coupling as Coupling

@@ -57,7 +57,23 @@ class IdentificationPlots:
         """Size of the whitened residual over frequency and channel: 1 where the model fits to within the noise."""
         return draw("residuals", self, record, axes)
 
-    def plot_modes(self, axes: Axes | Sequence[Axes] | None = None) -> Figure:
+    def plot_modes(self, mode: int = 0, axes: Axes | Sequence[Axes] | None = None) -> Figure:
+        """Shapes of the identified model on its structure, at both ends of their motion.
+
+        Parameters
+        ----------
+        mode : int
+            Number of the mode, from 1; without it the first modes, a panel each.
+        axes : matplotlib.axes.Axes or sequence of them, optional
+
+        Raises
+        ------
+        InputError
+            If there is no such mode, or the nodes have no positions.
+        """
+        return draw("model_shapes", self, mode, axes)
+
+    def plot_frequencies(self, axes: Axes | Sequence[Axes] | None = None) -> Figure:
         """Frequencies and damping ratios of the initial and the fitted model."""
         return draw("modes", self, axes)
 

@@ -66,15 +66,28 @@ def test_identify_prints_a_summary_and_writes_the_folder(study, tmp_path):
     assert (done.exit_code, done.stderr) == (0, "")
     lines = done.stdout.splitlines()
     assert lines[0].startswith("Sound: the model explains the record")
-    assert lines[1] == "Chain of three masses"
-    assert lines[-1] == str(Path("chain_results") / "estimate.json")
+    assert lines[1].split() == ["parameter", "value", "unit", "95", "%", "interval", "state"]
+    assert lines[-2:] == [
+        "Next: Use the values with their intervals.",
+        str(Path("chain_results") / "estimate.json"),
+    ]
+    assert len(lines) == 4 + 8
     row = next(line for line in lines if line.startswith("stiffness[ground]")).split()
-    assert row[1:3] == ["N/m", "1200"]
-    assert float(row[3]) == pytest.approx(TRUE["stiffness[ground]"], rel=0.01)
-    assert any(line.startswith("total mass: 6.0") for line in lines)
+    assert row[4:5] + row[-1:] == ["kN/m", "determined"]
+    assert 1000 * float(row[1]) == pytest.approx(TRUE["stiffness[ground]"], rel=0.01)
     assert sorted(path.name for path in (tmp_path / "chain_results").iterdir()) == [
-        "estimate.h5", "estimate.json", "study.toml"
+        "estimate.h5", "estimate.json", "study.toml", "study_path.txt"
     ]  # fmt: skip
+
+
+def test_verbose_adds_statistics_initial_values_and_modes(study):
+    done = invoke("identify", study, "--no-report", "--verbose")
+    assert done.exit_code == 0
+    assert "Rank: 8 of 8 parameters" in done.stdout
+    assert "Total mass: 6.0" in done.stdout
+    assert ["mode", "frequency", "Hz", "damping", "ratio"] in [line.split() for line in done.stdout.splitlines()]
+    rows = [line.split() for line in done.stdout.splitlines() if line.startswith("stiffness[ground]")]
+    assert rows[1][1:3] == ["kN/m", "1.2000"]
 
 
 def test_identify_writes_the_report_last(study, tmp_path):
@@ -104,7 +117,7 @@ def test_data_that_do_not_determine_the_answer_exit_1_with_results(tmp_path, mon
     done = invoke("identify", path, "--no-report")
     assert done.exit_code == 1
     assert "error: the data do not determine every parameter" in done.stderr
-    assert "warning: the data determine mass[mass 2] and mass[mass 3] only as a sum" in " ".join(done.stdout.split())
+    assert "- The data determine mass[mass 2] and mass[mass 3] only as a sum" in " ".join(done.stdout.split())
     summary = json.loads((tmp_path / "chain_results" / "estimate.json").read_text())
     assert summary["status"] == "not_identifiable"
     assert summary["rank"] == summary["n_parameters"] - 1
@@ -198,7 +211,7 @@ def test_units_off_by_a_power_of_ten_are_the_first_warning(tmp_path):
 def test_a_wrong_sign_is_a_warning_of_the_results(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = invoke("identify", write_chain(tmp_path, record=chain_record(scale=-1.0)), "--no-report", "--no-explain")
-    assert "driving point 3X+ / 3X+" in done.stdout
+    assert "- Driving point 3X+ / 3X+: the real part of mobility is negative" in done.stdout
     warnings = json.loads((tmp_path / "chain_results" / "estimate.json").read_text())["warnings"]
     assert any("driving point" in warning for warning in warnings)
 

@@ -16,9 +16,9 @@ from structid.cli import app as cli
 from structid.cli.progress import RunProgress, clock
 from structid.core.errors import InputError
 from structid.records import FrfRecord
-from structid.study.run import needs as needs_module
+from structid.study.run import resources as resources_module
 from structid.study.run.doctor import installation
-from structid.study.run.needs import available_bytes, expected, gigabytes, measured_needs, require_room, sizes
+from structid.study.run.resources import available_bytes, expected, gigabytes, measured_needs, require_room, sizes
 from structid.study.run.run import run_study
 from structid.study.run.start import study_problems
 from structid.study.schema.study import load_study
@@ -74,15 +74,15 @@ def test_an_iteration_takes_what_was_predicted_to_its_order(tmp_path, monkeypatc
         problems[0].linearize(theta)
         taken.append(time.process_time() - begun)
     assert 0.1 < predicted.iteration_seconds / min(taken) < 10
-    assert predicted.search_seconds == needs_module.USUAL_ITERATIONS * predicted.iteration_seconds
+    assert predicted.search_seconds == resources_module.USUAL_ITERATIONS * predicted.iteration_seconds
     assert predicted.search_and_intervals(4) < predicted.search_and_intervals(1) or predicted.starts == 1
 
 
 @pytest.mark.parametrize("stiffer", [1.0, 1.3])
 def test_a_search_that_takes_seconds_is_tried(tmp_path, monkeypatch, stiffer):
     """It says whether causes of a misfit will be sought; of one that takes longer nobody knows."""
-    monkeypatch.setattr(needs_module, "_start_seconds", lambda: 2.0)
-    monkeypatch.setattr(needs_module, "_TRIED_SECONDS", 1e6)  # however busy the machine is
+    monkeypatch.setattr(resources_module, "_start_seconds", lambda: 2.0)
+    monkeypatch.setattr(resources_module, "_TRIED_SECONDS", 1e6)  # however busy the machine is
     frequency = np.linspace(0.5, 12, 230)
     values = exact_frf(frequency, [0, 2], [2])
     values[frequency > 6, 1] *= stiffer
@@ -94,7 +94,7 @@ def test_a_search_that_takes_seconds_is_tried(tmp_path, monkeypatch, stiffer):
     assert found.around > 2.0
     assert (found.causes > 0) == (stiffer > 1)
     assert found.least == found.most == pytest.approx(found.around + found.search + found.causes)
-    monkeypatch.setattr(needs_module, "_TRIED_SECONDS", 1e-3)
+    monkeypatch.setattr(resources_module, "_TRIED_SECONDS", 1e-3)
     _, found = expected(study)
     assert not found.is_tried
     assert found.least < found.most
@@ -125,7 +125,7 @@ def test_a_study_that_cannot_fit_is_refused_with_the_numbers(tmp_path, monkeypat
     require_room(study, problems, least)
     with pytest.raises(InputError, match=r"needs at least .* and .* are free: 3 arrays of 920 rows x 8 parameters"):
         require_room(study, problems, least - 1)
-    monkeypatch.setattr(needs_module, "available_bytes", lambda: 100_000)
+    monkeypatch.setattr(resources_module, "available_bytes", lambda: 100_000)
     with pytest.raises(InputError, match=r"needs at least 195 kB of memory and 100 kB are free"):
         run_study(study)
     for name in ("identify", "doctor"):
@@ -139,7 +139,7 @@ def test_a_study_that_cannot_fit_is_refused_with_the_numbers(tmp_path, monkeypat
 
 def test_doctor_refuses_what_a_few_lines_show_to_be_too_large(tmp_path, monkeypatch):
     path = write_chain(tmp_path)
-    monkeypatch.setattr("structid.study.run.needs.available_bytes", lambda: 250_000)
+    monkeypatch.setattr("structid.study.run.resources.available_bytes", lambda: 250_000)
     done = RUN.invoke(cli.app, ["doctor", str(path)])
     assert done.exit_code == 2
     assert re.search(r"needs about .* of memory and 250 kB are free; take fewer lines", done.stderr)
@@ -148,7 +148,7 @@ def test_doctor_refuses_what_a_few_lines_show_to_be_too_large(tmp_path, monkeypa
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not keep this limit")
 def test_the_limit_of_the_process_counts():
-    code = "from structid.study.run.needs import available_bytes; print(available_bytes())"
+    code = "from structid.study.run.resources import available_bytes; print(available_bytes())"
     limit = 3_000_000_000
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -163,7 +163,7 @@ def test_the_limit_of_the_process_counts():
 
 def test_the_limit_of_a_control_group_counts(tmp_path, monkeypatch):
     """Of both layouts; what its files hold in memory is free."""
-    monkeypatch.setattr(needs_module, "_GROUP", tmp_path)
+    monkeypatch.setattr(resources_module, "_GROUP", tmp_path)
     (tmp_path / "memory.max").write_text("1000000\n")
     (tmp_path / "memory.current").write_text("400000\n")
     (tmp_path / "memory.stat").write_text("anon 1\ninactive_file 50000\n")
@@ -188,12 +188,12 @@ def test_progress_tells_the_time_left(monkeypatch):
     for done in range(11):
         progress.tasks("bootstrap replicates", done, 10)
         now[0] += 2.0
-    assert said[4] == "bootstrap replicates: 4 of 10, 12 s left"
+    assert said[4] == "bootstrap replicates: 4 of 10, about 12 s left"
     assert said[10] == "bootstrap replicates: 10 of 10"
     for iteration in range(1, 4):
         progress.search("final", iteration, 12.5)
         now[0] += 1.0
-    assert said[-1] == "final search, sum of squares 12.5, iteration 3, 1 s each, at most 1:37 min left"
+    assert said[-1] == "final: iteration 3, 1 s each, misfit 12.5"
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(0.345, "0.34 s"), (59.0, "59 s"), (185, "3:05 min"), (7800, "2:10 h")])

@@ -6,7 +6,7 @@ from scipy import linalg
 
 from structid.core.errors import SingularModelError
 from structid.dynamics import dense_fields, modal_fields
-from structid.dynamics.dense_fields import DenseFields, solved_few
+from structid.dynamics.dense_fields import DenseFields, solve_small_systems
 
 LINES = np.linspace(0.02, 0.9, 400)
 
@@ -36,7 +36,7 @@ def fields(matrices, laplace, loads, coefficients=None, chosen=None):
     at = DenseFields(matrices, laplace, loads, laplace.imag / (2 * np.pi))
     coefficients = laws(laplace) if coefficients is None else coefficients
     chosen = np.arange(loads.shape[1]) if chosen is None else chosen
-    parts = list(at.stretches(coefficients, chosen))
+    parts = list(at.solve_in_chunks(coefficients, chosen))
     assert [part.start for part, _ in parts] == [0, *[part.stop for part, _ in parts[:-1]]]
     return np.concatenate([found for _, found in parts]), at.modal is not None
 
@@ -186,7 +186,7 @@ def test_few_unknowns_of_many_lines_are_solved_for_as_by_lapack(n):
     rng = np.random.default_rng(n)
     systems = rng.normal(size=(50, n, n)) + 1j * rng.normal(size=(50, n, n))
     right = rng.normal(size=(50, n, 4))
-    assert np.allclose(solved_few(systems, right), np.linalg.solve(systems, right), rtol=1e-9)
+    assert np.allclose(solve_small_systems(systems, right), np.linalg.solve(systems, right), rtol=1e-9)
     systems[7] = 0.0
     with pytest.raises(np.linalg.LinAlgError):
-        solved_few(systems, right)
+        solve_small_systems(systems, right)

@@ -27,6 +27,6 @@ def test_long_steps_are_taken_one_by_one(monkeypatch):
     rng = np.random.default_rng(0)
     transition, drive, start = rng.standard_normal((9, 9)) / 9, rng.standard_normal((200, 9, 2)), np.zeros((9, 2))
     together = stepped(transition, drive, start)
-    monkeypatch.setattr(exact_discretization, "_stepped_together", None)
+    monkeypatch.setattr(exact_discretization, "_step_in_blocks", None)
     monkeypatch.setattr(exact_discretization, "_MOST_WORK", 100)
     assert stepped(transition, drive, start) == pytest.approx(together, rel=1e-10, abs=1e-12)

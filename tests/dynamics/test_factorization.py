@@ -160,7 +160,7 @@ def test_choice_by_name_by_variable_and_by_what_is_installed(monkeypatch):
 
 def test_missing_library_is_named_with_the_way_to_install_it(monkeypatch):
     monkeypatch.delenv(factorization.VARIABLE, raising=False)
-    monkeypatch.setattr(pardiso, "_library", lambda: "the library was not found")
+    monkeypatch.setattr(pardiso, "_load_library", lambda: "the library was not found")
     assert installed_factorizers() == ("superlu",)
     assert factorizer().name == "superlu"
     with pytest.raises(

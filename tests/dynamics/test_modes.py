@@ -7,7 +7,7 @@ from scipy.sparse.linalg import eigsh
 
 from structid.core.errors import SingularModelError
 from structid.dynamics.factorization import installed_factorizers
-from structid.dynamics.modes import _low_shift, modes
+from structid.dynamics.modes import _shift_below, modes
 from structid.fem import Beam, Plate, Structure
 
 
@@ -84,7 +84,7 @@ def test_shift_goes_down_to_the_lowest_eigenvalues_of_a_fine_mesh():
     found = modes(mass, stiffness, n_modes=12)
     assert (found.frequency[:3] <= 1e-3).all()
     eighth = (2 * np.pi * found.frequency[7]) ** 2
-    shift, _ = _low_shift(stiffness, mass)
+    shift, _ = _shift_below(stiffness, mass)
     assert 0.3 * eighth <= -shift <= 15 * eighth
     expected = eigsh(stiffness, 12, mass, sigma=-eighth, return_eigenvectors=False)
     assert 2 * np.pi * found.frequency[3:] == pytest.approx(np.sqrt(np.sort(expected)[3:]), rel=1e-7)

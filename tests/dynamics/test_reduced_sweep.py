@@ -131,4 +131,4 @@ def test_what_is_left_of_large_models_is_told_by_sums_of_their_equations(monkeyp
     omega = 2 * np.pi * z.frequency[45]
     stiffness = (1 + 0.02j) * (2 * np.eye(120) - np.eye(120, k=1) - np.eye(120, k=-1))
     rest = loads - (stiffness - omega**2 * np.eye(120)) @ basis.fields(45)
-    assert basis.rest(45) == pytest.approx(rest, abs=1e-12)
+    assert basis.residual(45) == pytest.approx(rest, abs=1e-12)

@@ -27,7 +27,7 @@ PUMPED = STUDY.replace(
 )
 #: Kind, place, strength of the fault, what the fit of it adds, and its words.
 FAULTS = [
-    ("support", ("6RZ",), 1 / 900, [900.0], "the support 6RZ gives way"),
+    ("support", ("6RZ",), 1 / 900, [900.0], "the support 6RZ is flexible"),
     ("spring", ("2X",), 3000.0, [3000.0], "something holds 2X: a spring to the ground"),
     ("dashpot", ("3X",), 60.0, [60.0], "a damper acts at 3X"),
     ("dashpot", ("2X", "4X"), 90.0, [90.0], "a damper acts between 2X and 4X"),
@@ -43,32 +43,38 @@ FAULTS = [
     ),
     ("inertia", ("4RZ",), 0.05, [0.05], "a rotary inertia at 4RZ is missing in the model"),
     ("offset", ("pump:1", "X"), 0.1, [], "the mass pump:1 sits off its node along X"),
-    ("appendage", ("4Y",), 0.1, None, "something swings of its own at 4Y"),
+    (
+        "appendage",
+        ("4Y",),
+        0.1,
+        None,
+        "a local resonance acts at 4Y that the model lacks (an appendage, a cable, a loose part)",
+    ),
     ("joint", ("girder:1", "3RZ"), 1 / 20000, [20000.0], "the end of girder:1 at 3RZ turns against its node"),
     ("untied stiffness", ("left:1",), -0.3, [0.7], "the stiffness of left:1 is not that of its group"),
     ("untied mass", ("girder:2",), 0.4, [1.4], "the mass of girder:2 is not that of its group"),
     ("untied set", ("left",), 0.05, [1.05], "the mass of all of left is not that of its group"),
     ("sensor_gain", ("3X",), np.log(1.5), [1.5], "the calibration of sensor 3X is off by a factor of 1.5"),
-    ("load_gain", ("4Y",), np.log(0.8), [1.25], "the calibration of the drive at 4Y is off by a factor of 1.25"),
+    ("load_gain", ("4Y",), np.log(0.8), [1.25], "the calibration of the force at 4Y is off by a factor of 1.25"),
     ("delay", ("5Y",), 1e-3, [1e-3], "sensor 5Y is late"),
-    ("load_delay", ("4Y",), 1e-3, [-1e-3], "the drive at 4Y is late"),
+    ("load_delay", ("4Y",), 1e-3, [-1e-3], "the force at 4Y is late"),
     ("polarity", ("3X",), 1.0, [], "sensor 3X reads with the opposite sense"),
     ("swap", ("2X", "5Y"), 1.0, [], "the cables of 2X and 5Y are exchanged"),
     ("direction", ("3X", "3Y"), 0.2, [], "sensor 3X is turned towards 3Y"),
-    ("load_direction", ("4Y", "4X"), 0.2, [], "the drive at 4Y is turned towards 4X"),
+    ("load_direction", ("4Y", "4X"), 0.2, [], "the force at 4Y is turned towards 4X"),
     ("place", ("2X", "4X"), 1.0, [], "sensor 2X sits at 4X"),
-    ("load_place", ("4Y", "5Y"), 1.0, [], "the drive at 4Y acts at 5Y"),
+    ("load_place", ("4Y", "5Y"), 1.0, [], "the force at 4Y acts at 5Y"),
     ("between", ("4Y", "3Y"), 0.3, [], "sensor 4Y sits between its node and that of 3Y"),
-    ("load_between", ("4Y", "3Y"), 0.3, [], "the drive at 4Y acts between its node and that of 3Y"),
+    ("load_between", ("4Y", "3Y"), 0.3, [], "the force at 4Y acts between its node and that of 3Y"),
 ]
 
 
 #: Changes of sets and records, with how much less noise shows each, and words.
 OF_SETS = [
-    ("mesh", ("all lines",), 0.02, "elements are too long for the highest frequencies"),
+    ("mesh", ("all lines",), 0.02, "the mesh is too coarse for the highest frequencies"),
     ("shear", ("girder",), 0.1, "girder shears: it is no slender beam"),
     ("damping_law", ("right", "viscous"), 0.1, "damping of right is viscous"),
-    ("held", ("bending_stiffness[right]",), 0.3, "bending_stiffness[right], which the study holds, is not what the model says"),
+    ("held", ("bending_stiffness[right]",), 0.3, "bending_stiffness[right], which the study fixes, is not what the model says"),
     ("window", ("all channels",), 1.0, "the records were windowed, which adds damping"),
     ("leakage", ("all channels",), 1.0, "resonances leak into the lines beside them: averages of segments of random motion"
         " under a Hann window"),

@@ -340,7 +340,7 @@ def test_command_tells_the_verdict_first_and_ends_with_3(tmp_path, brief):
     done = RUN.invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "out"), "--no-report"])
     assert done.exit_code == 3, done.output
     assert "Wrong model: do not use the values." in done.stdout.splitlines()[0]
-    assert "support 6RZ gives way" in done.stdout
+    assert "support 6RZ is flexible" in done.stdout
     answer = json.loads((tmp_path / "out" / "estimate.json").read_text())
     assert answer["verdict"] == "wrong_model"
     assert answer["causes"][0]["kind"] in ("support", "joint")

@@ -153,7 +153,7 @@ def test_a_sound_answer_whose_record_would_have_another_held_value_is_approximat
     found, fits = criticized(ready, result, explain=False)
     judgement = found.criticism.judgement
     assert judgement.verdict == "approximate"
-    assert "the record would have stiffness[upper], which the model holds" in judgement.words
+    assert "the record would have stiffness[upper], which the model fixes" in judgement.words
     assert "smaller" in judgement.words
     assert [one.where for one in found.criticism.suggestions] == [("stiffness[upper]",), ("mass[floors]",)]
     assert len(fits) == 2
@@ -179,7 +179,7 @@ def test_what_the_values_rest_on_is_in_the_results(tmp_path):
     summary = estimate_summary(found)["held_values"]
     assert [one["name"] for one in summary] == ["mass[floors]", "mass[roof]", "stiffness[upper]"]
     assert set(summary[0]["percent_per_percent"]) == set(TRUTH)
-    assert resting_words(found.criticism.held).startswith("what the model holds matters: with mass[floors] 1 %")
+    assert resting_words(found.criticism.held).startswith("fixed values matter: with mass[floors] 1 %")
 
 
 def test_what_likely_models_disagree_about_by_more_than_its_value_is_not_identified(tmp_path):

@@ -122,7 +122,7 @@ def test_a_foot_that_lets_go_of_all_rotations_is_named_whole(tmp_path):
     first = result.criticism.causes[0]
     assert (first.kind, first.where) == ("support", ("1RX", "1RY", "1RZ"))
     assert first.chi_square_per_dof < 1.2
-    assert "the supports 1RX, 1RY, 1RZ give way together" in first.words
+    assert "the supports 1RX, 1RY, 1RZ are flexible" in first.words
     assert '+ first = ["1RX", "1RY", "1RZ"]' in first.lines
     assert any(line.startswith("+ fixed") and '"1 X Y Z"' in line for line in first.lines)
 
@@ -142,7 +142,7 @@ def test_a_foot_lets_go_of_all_rotations_at_once(tmp_path):
     near = approached(base, (pinned, foot.strength, np.inf), PLAIN_TOOLS)
     fitted = restored(base, pinned, refitted(base, (pinned, foot.strength, near["theta"]), PLAIN_TOOLS))
     assert fitted.cost < 1.2 * base.trial.target.n_data < 0.01 * base.cost
-    assert cause_words(pinned, None) == "the supports 1RX, 1RY, 1RZ give way together"
+    assert cause_words(pinned, None) == "the supports 1RX, 1RY, 1RZ are flexible"
     _, lines = suggestion_text(base.trial.study, fitted.trial.changes)
     assert '+ first = ["1RX", "1RY", "1RZ"]' in lines
 
@@ -270,7 +270,7 @@ def test_a_drive_that_is_turned_is_named_with_its_direction(tmp_path):
     result, _ = answered(path)
     first = result.criticism.causes[0]
     assert (first.kind, first.where) == ("direction", ("3X", "3Y"))
-    assert first.words == "the drive at 3X is turned towards 3Y"
+    assert first.words == "the force at 3X is turned towards 3Y"
     assert first.chi_square_per_dof < 1.2
     [aimed] = [line for line in first.lines if line.startswith("+ depends_on")]
     cosine, sine = (float(text) for text in re.findall(r", (-?[\d.]+)\]", aimed))

@@ -18,7 +18,7 @@ RUN = CliRunner()
 
 def written(texts: dict[str, str], marks: dict, values: dict[str, float]) -> dict[str, str]:
     """The deck with `values`, as the solver is given it."""
-    places = [(name, mark.place(texts)) for name, mark in marks.items()]
+    places = [(name, mark.locate(texts)) for name, mark in marks.items()]
     deck = Deck(with_marks(texts, places), [DeckParameter(name, value) for name, value in values.items()])
     return deck.written(values)
 
@@ -66,7 +66,7 @@ FREE = "MAT1, 1, 2.1+11, , 0.3, 7800.\nmat1*,2,6.89475729318+10,,0.33\n*,2700.,,
 )
 def test_a_field_of_a_card_takes_the_number_and_all_else_stays(text, mark, held, old, new):
     assert text.count(old) == 1
-    assert mark.place({"m.bdf": text}).value == held
+    assert mark.locate({"m.bdf": text}).value == held
     given = written({"main.bdf": "SOL 103\n", "m.bdf": text}, {"p": mark}, {"p": 1234.5678901234567})
     got, expected = given["m.bdf"], text.replace(old, new)
     assert [line.rstrip(" ") for line in got.split("\n")] == [line.rstrip(" ") for line in expected.split("\n")]
@@ -107,7 +107,7 @@ KEYWORDS = """** *ELASTIC
     ],
 )
 def test_an_entry_of_a_keyword_takes_the_number_and_all_else_stays(mark, held, old, new):
-    assert mark.place({"m.inp": KEYWORDS}).value == held
+    assert mark.locate({"m.inp": KEYWORDS}).value == held
     assert written({"m.inp": KEYWORDS}, {"p": mark}, {"p": 0.25})["m.inp"] == KEYWORDS.replace(old, new)
 
 
@@ -137,11 +137,11 @@ def test_an_entry_of_a_keyword_takes_the_number_and_all_else_stays(mark, held, o
 )  # fmt: skip
 def test_a_place_that_is_not_there_or_not_the_only_one_is_told_with_file_and_line(text, mark, message):
     with pytest.raises(InputError, match=message):
-        mark.place({"a": text})
+        mark.locate({"a": text})
 
 
 def test_one_number_is_one_parameter_and_a_parameter_has_one_value():
-    first, second = (CardField("MAT1", 3, k).place({"a": SMALL}) for k in (1, 2))
+    first, second = (CardField("MAT1", 3, k).locate({"a": SMALL}) for k in (1, 2))
     with pytest.raises(InputError, match="a, line 2: 'F' and 'E' are the same number"):
         with_marks({"a": SMALL}, [("F", first), ("E", first)])
     with pytest.raises(InputError, match=r"a, line 3: 'E' is 7e\+10 here and 2\.1e\+11 in a, line 2; give `value`"):

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from structid.cli import app as cli
 from structid.core.dof import parse_dofs
 from structid.core.errors import FileError
-from structid.external.deck import with_lines
+from structid.external.deck import with_frequencies
 from structid.external.frfs.model import FrfRuns
 from structid.external.frfs.output import FrfsOut
 from structid.external.solved import Units
@@ -64,7 +64,7 @@ def study(
     write_record(folder / "frf.npz", _turned(record))
     own = "".join(parameter(name, value) + unknown(name) for name, value in start.items())
     files = MATRICES if gives == "matrices" else 'frfs = "{stem}.csv"'
-    structure = "[structure]\ntolerance = 0\n" if gives == "matrices" else ""  # FRFs alone hold nothing that has one
+    structure = "[structure]\ntolerance = 0\n"
     path = folder / "study.toml"
     path.write_text(
         f"""
@@ -224,7 +224,8 @@ def test_half_a_file_is_refused_and_finished_runs_are_kept(tmp_path):
         (lambda t: t[: t.index("[record]")], "needs a [record]"),
         (lambda t: t + "[record.time]\n", "time histories are fitted by matrices or modes"),
         (lambda t: t + DECAY, "'model' is known by its FRFs alone, which a window's decay cannot be computed with"),
-        (lambda t: t.replace("[structure.solver]\n", '[structure]\nfixed = ["1"]\n[structure.solver]\n', 1), "put it in the deck"),
+        (lambda t: t.replace("tolerance = 0\n", "tolerance = 0.02\n"), "leave it out, or write 0"),
+        (lambda t: t.replace("tolerance = 0\n", 'fixed = ["1"]\n'), "put it in the deck"),
     ],
 )  # fmt: skip
 def test_a_study_that_asks_for_more_than_frfs_is_refused(tmp_path, edit, message):
@@ -343,7 +344,7 @@ def test_looking_at_a_study_in_the_workbench_reads_what_is_kept(tmp_path):
 
 
 def test_lines_stand_beside_the_deck_and_where_it_marks_them():
-    made = with_lines({"a.bdf": "FREQ,1,{{frequency}}\nMAT1,1,{{E}}\n", "b": "x {{ frequency:8 }}|"}, [1.5, 20.0])
+    made = with_frequencies({"a.bdf": "FREQ,1,{{frequency}}\nMAT1,1,{{E}}\n", "b": "x {{ frequency:8 }}|"}, [1.5, 20.0])
     assert made["a.bdf"] == "FREQ,1,1.5\nFREQ,1,20.\nMAT1,1,{{E}}\n"
     assert made["b"] == "x 1.5     |\nx 20.     |\n"
     assert made["frequencies.csv"] == "1.5\n20.\n"

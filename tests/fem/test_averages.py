@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
+from structid import Structure
 from structid.core.dof import DIRECTIONS
-from structid.fem.meshes import read_mesh
+from structid.fem import Solid
+from structid.fem.meshes import read_mesh, require_sound
 
 GRIDS = """BEGIN BULK
 CORD2C,9,,0.,0.,0.,0.,0.,1.\n,1.,0.,0.
@@ -292,3 +295,28 @@ def test_couplings_and_ties_that_nothing_stands_for_are_listed(tmp_path, cards, 
     assert words in part.obstacle if words else part.obstacle == ""
     if not words:
         assert largest_error(part, rigid(mesh.nodes)) < 1e-12 if "DISTRIBUTING" in cards else part.ties[0].dependents
+
+
+def test_tied_blocks_vibrate_as_in_calculix(tmp_path):
+    """Two blocks of 2 and 3 cells along their common side, the lower one clamped; frequencies of ccx 2.20 (C3D8, *TIE)."""
+    lines, elements, first = ["*NODE"], [], {}
+    for name, n, bottom, top in (("LOW", 2, 0.0, 1.0), ("HIGH", 3, 1.0, 2.2)):
+        start = first[name] = 1 if name == "LOW" else 1001
+        label = {key: start + k for k, key in enumerate(np.ndindex(3, n + 1, n + 1))}
+        for (k, j, i), node in label.items():
+            lines.append(f"{node}, {i / n}, {j / n}, {bottom + k * (top - bottom) / 2}")
+        elements.append(f"*ELEMENT, TYPE=C3D8, ELSET={name}")
+        for count, (k, j, i) in enumerate(np.ndindex(2, n, n)):
+            square = ((0, 0), (0, 1), (1, 1), (1, 0))
+            corners = [label[k + c, j + b, i + a] for c in (0, 1) for b, a in square]
+            elements.append(", ".join(map(str, [start + count, *corners])))
+    faces = "*ELSET, ELSET=ET, GENERATE\n5, 8, 1\n*ELSET, ELSET=EB, GENERATE\n1001, 1009, 1\n"
+    ties = "*SURFACE, NAME=M\nET, S2\n*SURFACE, NAME=S\nEB, S1\n*TIE, NAME=T\nS, M\n"
+    mesh = read(tmp_path, "\n".join([*lines, *elements, ""]) + faces + ties, ".inp", "")
+    mesh = require_sound(mesh, take="all", duplicates="keep")
+    sets = [Solid(name, mesh.cells(name), 2.1e11, 7800.0, 0.3, formulation="full") for name in ("LOW", "HIGH")]
+    clamped = [f"{node}{d}" for node in range(1, 10) for d in "XYZ"]
+    structure = Structure(mesh.nodes, sets, fixed=clamped, ties=part_of(mesh, "TIE").ties)
+    stiffness, mass = (structure.matrix(law).toarray() for law in ("elastic", "inertia"))
+    frequency = np.sqrt(eigh(stiffness, mass, eigvals_only=True)[:6]) / (2 * np.pi)
+    assert frequency == pytest.approx([167.1027, 167.1027, 366.4574, 608.5324, 698.7926, 698.7926], rel=5e-7)

@@ -299,3 +299,12 @@ def test_decks_of_known_truth_are_read_right_however_they_are_written(tmp_path, 
         folder = tmp_path / str(seed)
         folder.mkdir()
         assert true_decks.check_deck(kind, seed, folder) == [], f"{kind} {seed}"
+
+
+def test_constraints_between_merged_nodes_keep_what_they_say(deck):
+    cards = "CTRIA3,2,1,2,5,6\nMPC,1,3,1,1.,1,1,-.25\n,,6,1,-.5\nMPC,1,6,2,1.,3,2,-1.\n,,1,2,-.5\n,,2,2,.25\nENDDATA\n"
+    ties = part_of(require_sound(deck(cards), True, "merge"), "MPC").ties  # 6 lies at 3
+    assert [(str(tie.dependent), {str(dof): c for dof, c in tie.depends_on}) for tie in ties] == [
+        ("3X+", {"1X+": 0.5}),
+        ("2Y+", {"1Y+": 2.0}),
+    ]

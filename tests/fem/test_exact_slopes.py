@@ -6,12 +6,12 @@ import pytest
 from structid.core.dof import DIRECTIONS
 from structid.fem.elements.element import dof_code
 from structid.fem.matrices.contribution import LengthFactor, Monomial, ShearFactor
-from structid.fem.sliding import Lengthening
+from structid.fem.node_positions import LengthDependence
 from structid.fem.supports import RigidLink
 
 NOMINAL = np.array([2.0, 3.0, 5.0, 7.0])
 PLACES = (slice(0, 2), slice(2, 4))
-LENGTHENING = Lengthening(
+LENGTH_DEPENDENCE = LengthDependence(
     np.array([4.0, 6.0]),
     (np.array([0, 1]), np.array([2, 3])),
     (np.array([1.0, 0.0]), np.array([-1.0, 1.0])),
@@ -20,7 +20,7 @@ LENGTHENING = Lengthening(
 FACTORS = [
     *(ShearFactor(*PLACES, np.array([0.3, 0.9]), np.array([0.6, 0.4]), power) for power in (1, 2)),
     *(Monomial(PLACES, (NOMINAL[:2], NOMINAL[2:]), (power, 1)) for power in (1, 3)),
-    *(LengthFactor(LENGTHENING, power) for power in (-3, 1, 2)),
+    *(LengthFactor(LENGTH_DEPENDENCE, power) for power in (-3, 1, 2)),
 ]
 
 

@@ -125,7 +125,7 @@ def test_patran_files_with_includes_blank_continuations_and_all_field_forms(tmp_
         assert mesh.nodes[1] == pytest.approx([1.0, 1.0, 0.0])
     solid = Solid("s", mesh.cells(), 1.0, 1.0, 0.3)
     density = next(term for term in solid.terms(mesh.nodes, np.zeros(0, int)) if term.property == "density")
-    assert density.layers[0].local[0].sum() / 3 == pytest.approx(1.0)
+    assert density.matrix_terms[0].local[0].sum() / 3 == pytest.approx(1.0)
 
 
 CORNERS = "         1       1      10      20      30"

@@ -133,7 +133,7 @@ def test_what_modal_damping_cannot_be_of_is_named(monkeypatch):
         loose.matrix("viscous")
     base = Base("table", "0Y")
     with pytest.raises(InputError, match="base 'table' drives the structure, and modal damping"):
-        beam(bases=[base]).let_go((base,))
+        beam(bases=[base]).release_supports((base,))
     monkeypatch.setattr(module, "_MOST_DOFS", 9)
     with pytest.raises(
         InputError, match=r"up to 9 degrees of freedom.* and the structure has 10 .*components, or use loss"

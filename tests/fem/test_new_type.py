@@ -23,7 +23,8 @@ from typing import Literal
 from structid.core.arrays import IntArray
 from structid.fem.elements.beam import rod_mass, rod_stiffness
 from structid.fem.elements.element import (
-    LOSS_FACTOR, ElementSet, Layer, Nodes, Positions, Values, declared, element, element_vectors, node_codes, node_table,
+    LOSS_FACTOR, ElementMatrixTerm, ElementSet, Nodes, Positions, Values, declared, element, element_vectors, node_codes,
+    node_table,
 )
 
 
@@ -37,11 +38,12 @@ class RubberBand(ElementSet):
     loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
     colour: Literal["red", "blue"] = declared("What it looks like", default="red")
 
-    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[Layer]]:
+    def matrices(self, positions: Positions, present: IntArray) -> Mapping[str, Sequence[ElementMatrixTerm]]:
         """See `ElementSet.matrices`."""
         length, _ = element_vectors(self.name, self.nodes, positions)
         codes = node_codes(self.nodes, ("X",))
-        return {"mass": (Layer(codes, rod_mass(length)),), "section": (Layer(codes, rod_stiffness(length)),)}
+        mass, stiffness = rod_mass(length), rod_stiffness(length)
+        return {"mass": (ElementMatrixTerm(codes, mass),), "section": (ElementMatrixTerm(codes, stiffness),)}
 '''
 STUDY = """
 [structure]

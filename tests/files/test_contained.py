@@ -14,7 +14,7 @@ import pytest
 
 from structid.core.errors import FileError
 from structid.files import contained as module
-from structid.files.contained import ReaderError, contained
+from structid.files.contained import ReaderError, read_in_child
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, hdf5_part
 from structid.records import ReadOptions, TimeRecord, read_record, write_record
 from structid.records.on_disk import open_record
@@ -49,7 +49,7 @@ def strange(tmp_path, monkeypatch):
     (tmp_path / "strange.py").write_text(STRANGE)
     module.end()
     monkeypatch.setattr(module, "_SCRIPT", str(tmp_path / "strange.py"))
-    yield lambda name: contained(named(tmp_path, name), "any")
+    yield lambda name: read_in_child(named(tmp_path, name), "any")
     module.end()
 
 

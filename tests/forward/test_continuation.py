@@ -103,9 +103,9 @@ def test_plans_come_from_far_first_where_the_start_error_is_given():
     problem = sid.FrfProblem(structure, truth, record(FINE[::5], 0.01))
     near = problem.stage_plans()
     far = replace(problem, start_error=0.4).stage_plans()
-    assert near[0][0][0].startswith("pole-free")
-    assert near[-1][0][0].startswith("decay")
-    assert far[0][0][0].startswith("decay")
+    assert near[0][0][0].startswith("bounded residual")
+    assert near[-1][0][0].startswith("smoothed FRFs")
+    assert far[0][0][0].startswith("smoothed FRFs")
     first, second = far[0][0][1].unknowns.held, far[1][0][1].unknowns.held
     np.testing.assert_allclose(second[1], 0.5 * first[1])
     # log parameters: masses and stiffnesses 0.4, damping at least 1
@@ -172,6 +172,6 @@ def test_identify_comes_by_continuation_where_asked():
         sid.IdentifyOptions(start="continuation", start_error=0.4),
         lambda name, iteration, cost: stages.append(name),
     ).estimate
-    assert stages[0].startswith("decay")
+    assert stages[0].startswith("smoothed FRFs")
     assert found.n_starts == 1
     assert (np.abs(found.values - truth.start) < 5 * found.std).all()

@@ -62,9 +62,9 @@ def test_an_absent_loss_factor_leaves_the_answer_sound_and_its_interval_holds(lo
 
 def test_what_is_not_told_from_nothing_is_said_with_its_limit():
     one = found(0.0, seed=1)
-    [words] = [words for words in one.warnings if "not told from 0" in words]
+    [words] = [words for words in one.warnings if "not significantly different from 0" in words]
     limit = one.intervals.ends[4, 1]
-    assert f"loss_factor[storey] is not told from 0: its 95 % interval ends at {limit:.2g}" in words
+    assert f"loss_factor[storey] is not significantly different from 0 (95 % interval up to {limit:.2g})" in words
     assert one.intervals.ends[4, 0] == 0
     [draws] = one.estimate.drawn(200, np.random.default_rng(0))
     assert np.isfinite(draws).all()

@@ -253,7 +253,9 @@ def test_as_many_values_as_parameters_test_nothing():
     structure = chain()
     alone = replace(modes(), mode_shapes=np.full((3, N), np.nan), shape_std=None)
     unknown = sid.parameters(structure, [sid.Unknown("stiffness", f"k{i}") for i in (1, 2, 3, 4)])
-    found = sid.identify_together([sid.ModalSetup(structure, unknown, alone)])
+    setup = sid.ModalSetup(structure, unknown, alone)
+    assert judged(sid.identify_together([setup])).verdict == "undetermined"  # other springs have the same frequencies
+    found = sid.identify_together([setup], sid.IdentifyOptions(wide_starts=0))
     judgement = judged(found)
     assert judgement.verdict == "untested"
     assert judgement.words.startswith("Untested: the data have no more values than the model has parameters (4)")
@@ -274,6 +276,21 @@ def test_what_priors_know_is_told_from_what_the_data_say():
     assert found.prior_share[2] > 0.5 > found.prior_share[:2].max()
     assert judgement.verdict == "approximate"
     assert "priors, not the data, determine stiffness[k4]:" in judgement.words
+
+
+def test_combinations_that_priors_alone_determine_are_told_from_what_the_data_say():
+    """Two frequencies of four springs whose priors are alike: the data determine two combinations, and priors all four values."""
+    structure, exact = chain(), modes()
+    unknown = [sid.Unknown("stiffness", f"k{i + 1}", prior=sid.Prior(SPRING[i], 0.05 * SPRING[i])) for i in range(4)]
+    two = exact.some_modes([0, 1])
+    frequency = two.frequency + [1.0, -1.0] * two.std[:2]
+    alone = replace(two, frequency=frequency, mode_shapes=np.full((3, 2), np.nan), shape_std=None)
+    found = sid.identify_together([sid.ModalSetup(structure, sid.parameters(structure, unknown), alone)])
+    assert found.estimate.identifiability.rank == 2
+    judgement = judged(found)
+    assert judgement.verdict == "approximate"
+    assert "priors, not the data, determine" in judgement.words
+    assert "(the data determine 2 of 4 combinations)" in judgement.words
 
 
 def test_profiles_have_the_tolerances_added():

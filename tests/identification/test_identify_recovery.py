@@ -20,6 +20,7 @@ from structid import (
     simulated_record,
     with_declared_noise,
 )
+from structid.identification.setups.frf import used_lines
 
 BAND = np.linspace(0.02, 1.6, 160)
 
@@ -136,3 +137,13 @@ def test_wrong_sense_of_the_driving_sensor_is_warned_of():
     flipped = FrfRecord(record.frequency, -record.values, record.outputs, record.inputs, record.kind, record.variance)
     assert not any("driving point" in w for w in identify(structure, truth, record).warnings)
     assert any("driving point 6Y+ / 6Y+" in w for w in identify(structure, truth, flipped).warnings)
+
+
+def test_every_fourth_line_of_the_band_is_used():
+    structure, truth = cantilever()
+    record = simulated(structure, truth, ("6Y+", "3Y+"))
+    whole, thin = (used_lines(record, IdentifyOptions(band=(0.1, 1.0), every=every)) for every in (1, 4))
+    np.testing.assert_array_equal(thin.frequency, whole.frequency[::4])
+    found = identify(structure, truth.started_at(1.1 * truth.start), record, IdentifyOptions(every=4))
+    assert found.fits[0].predicted.shape[0] == -(-len(BAND) // 4)
+    assert np.abs(found.estimate.values / truth.start - 1).max() <= 1e-9

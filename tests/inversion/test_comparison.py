@@ -236,13 +236,13 @@ def test_what_a_state_does_not_determine_is_not_tested():
 
 def test_the_sentence_names_what_changed():
     found = compare_states(state([10.0, 20.0], np.eye(2) * 0.01), state([9.0, 20.1], np.eye(2) * 0.01))
-    assert found.words == "changed at the family-wise level of 5 %: a (-10.0 %)"
+    assert found.words == "changed (joint risk 5 %): a (-10.0 %)"
     small = compare_states(state([10.0, 20.0], np.eye(2) * 1e-14), state([9.9999, 20.0], np.eye(2) * 1e-14))
-    assert small.words == "changed at the family-wise level of 5 %: a (-0.001 %)"
+    assert small.words == "changed (joint risk 5 %): a (-0.001 %)"
     same = compare_states(
         state([10.0], [[1.0]], ("a",)), state([10.1], [[1.0]], ("a",)), correction="benjamini_hochberg"
     )
-    assert same.words == "no parameter changed at the false discovery level of 5 %"
+    assert same.words == "no parameter changed (false discovery rate 5 %)"
     assert compare_states(state([1, 2, 3], np.eye(3), "abc"), state([1, 2], np.eye(2), "bd")).only_before == ("a", "c")
 
 

@@ -29,7 +29,7 @@ def test_pair_is_named_with_its_ratio_and_each_alone():
     assert group.together == pytest.approx(np.sqrt(difference @ covariance @ difference), rel=1e-9)
     assert group.correlation == pytest.approx(abs(covariance[0, 1]) / np.sqrt(np.prod(np.diag(covariance))), rel=1e-9)
     assert group.words == (
-        "mass[a] and stiffness[b] move together (correlation 0.9998): their ratio is known to 1 %, each alone to 50 %"
+        "mass[a] and stiffness[b] are correlated (0.9998): their ratio is known to 1 %, each alone to 50 %"
     )
 
 
@@ -37,7 +37,7 @@ def test_pair_of_opposite_changes_has_its_product_known():
     a, b = orthonormal(2).T
     jacobian = np.stack([100 * a, 100 * (a + 0.02 * b)], axis=1)
     (group,) = collinear_groups(jacobian, ("p", "q"))
-    assert "correlation -0.9998): their product is known to 1 %" in group.words
+    assert "correlated (-0.9998): their product is known to 1 %" in group.words
 
 
 def test_dependency_of_three_is_found_whole():
@@ -50,7 +50,7 @@ def test_dependency_of_three_is_found_whole():
     given = 1 / np.sqrt(np.diag(np.linalg.inv(own)))
     assert group.together == pytest.approx(given.max(), rel=1e-6)
     assert group.alone == pytest.approx(np.sqrt(np.diag(own)), rel=1e-6)
-    assert group.words.endswith("known each would be known to 1 %, each alone is to 71 to 100 %")
+    assert group.words.endswith("others known, each would be known to 1 %; as it is, each is known to 71 to 100 %")
 
 
 def test_competing_dependencies_that_no_pair_shows_are_found():

@@ -82,8 +82,8 @@ def test_correlated_channel_is_named_and_the_white_one_is_not():
     found = looked_at(values, np.tile([0, 1], 500)).named(["401X+", "402X+"])
     assert found.not_white == ("402X+",)
     assert found.one_sided == ("402X+",)
-    [white] = [words for words in found.words if "not white" in words]
-    assert white.startswith("residual of 402X+ (1 of 2 channels) is not white (p = ")
+    [white] = [words for words in found.words if "an order that noise has not" in words]
+    assert white.startswith("residual of 402X+ (1 of 2 channels) has an order that noise has not (p = ")
 
 
 def test_two_series_share_the_name_of_their_channel():

@@ -130,6 +130,21 @@ def test_what_is_missing_or_mixed_is_refused(tmp_path):
         read_record(universal(path, LOWER))
 
 
+def test_channels_and_functions_are_chosen(tmp_path):
+    path = universal(tmp_path / "a.unv", LOWER)
+    record = read_spectrum(path, ReadOptions(channels="1X,3X"))
+    assert [str(dof) for dof in record.channels] == ["1X+", "3X+"]
+    assert record.values[:, 1, 0] == pytest.approx(SPECTRA[:, 2, 0])
+    assert len(read_spectrum(path, ReadOptions(columns="1,2,3")).channels) == 2
+    for options, words in (
+        ({"channels": "1X,9X"}, r"no spectrum of 9X\+"),
+        ({"columns": "1,99"}, "99"),
+        ({"quantities": "velocity"}, "quantities"),
+    ):
+        with pytest.raises(InputError, match=words):
+            read_spectrum(path, ReadOptions(**options))
+
+
 def test_units_and_averages_that_a_file_lacks_are_given_once(tmp_path):
     path = universal(tmp_path / "a.unv", LOWER, label="", title="NONE")
     record = read_spectrum(path, ReadOptions(units="g"))

@@ -20,7 +20,7 @@ from structid.reproduce.chapter_3.data import (
     sampling_times,
     unknown_values,
 )
-from structid.reproduce.chapter_3.noise import READINGS, predicted_bias, repeats, rigid_body_share, sum_of_two_rms
+from structid.reproduce.chapter_3.noise import READINGS, predicted_bias, repeats, rigid_body_fractions, sum_of_two_rms
 from structid.reproduce.item import Verdict
 
 
@@ -140,7 +140,7 @@ def test_bias_floor_of_least_squares_is_as_predicted():
 
 
 def test_rigid_body_motion_is_excited():
-    displacement, acceleration = rigid_body_share(4.0)
+    displacement, acceleration = rigid_body_fractions(4.0)
     assert displacement == pytest.approx(0.30, abs=0.005)
     assert acceleration == pytest.approx(0.05, abs=0.005)
 

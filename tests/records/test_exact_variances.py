@@ -6,7 +6,7 @@ import pytest
 from structid.records import FrfRecord, TimeRecord, frf_from_time
 from structid.records.quality.preparation import Preparation, prepare
 from structid.records.record import coherence_variance, from_repeats
-from structid.records.transforms.half_plane import _smoothed, poisson_weights
+from structid.records.transforms.half_plane import _integrate, poisson_weights
 
 RATE, SEGMENT = 64.0, 32
 
@@ -75,7 +75,7 @@ def test_noise_right_of_the_axis_is_that_of_real_and_imaginary_parts_on_their_wa
 
     def integral(values, variance=None):
         record = FrfRecord(frequency, values.reshape(-1, 1, 1), ["1X"], ["1X"], "receptance", variance=variance)
-        integrated, error = _smoothed([record] * 3, s, [weights] * 3)
+        integrated, error = _integrate([record] * 3, s, [weights] * 3)
         return integrated[:, 0, 0], error[:, 0, 0]
 
     ones = np.ones(40, dtype=complex)

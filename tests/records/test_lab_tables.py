@@ -354,7 +354,7 @@ def test_all_lines_at_once_are_read_as_one_by_one(tmp_path, monkeypatch, text):
             return str(error)
 
     quick = outcome()
-    monkeypatch.setattr("structid.records.formats.csv.table._at_once", lambda *_: None)
+    monkeypatch.setattr("structid.records.formats.csv.table._parse_fast", lambda *_: None)
     slow = outcome()
     if isinstance(slow, str):
         assert quick == slow
@@ -368,7 +368,7 @@ def test_plain_tables_are_read_at_once(tmp_path, monkeypatch, text):
     def slow(*_):
         raise AssertionError("line by line")
 
-    monkeypatch.setattr("structid.records.formats.csv.table._one_by_one", slow)
+    monkeypatch.setattr("structid.records.formats.csv.table._parse_cells", slow)
     (tmp_path / "lab.csv").write_text(text, encoding="utf-8")
     assert len(read_table(tmp_path / "lab.csv").values) == text.count("\n") - 1
 

@@ -146,7 +146,6 @@ def test_variance_is_none_without_enough_averages(rng):
     "changes, word",
     [
         ({"inputs": ["5X"]}, r"no force channel 5X\+; it has 1X\+"), ({"outputs": ["1X"]}, "motion channels"),
-        ({"inputs": []}, "no channel is a force.*`structid modes` gives modes"),
         ({"outputs": []}, "outputs"), ({"segment_length": None}, "segment_length"),
         ({"segment_length": 1000}, "longer than the longest record"), ({"segment_length": 1}, "at least 2"),
         ({"overlap": 1.0}, "overlap"), ({"window": "round"}, "window"), ({"detrend": "cubic"}, "detrend"),
@@ -211,3 +210,14 @@ def test_variance_follows_the_kind(rng):
     np.testing.assert_allclose(both.values[:, 1:], alone.values, rtol=1e-12)
     np.testing.assert_allclose(both.variance[:, 1:], alone.variance, rtol=1e-12)
     np.testing.assert_allclose(both.coherence[:, 1:], alone.coherence, rtol=1e-12)
+
+
+def test_loads_and_sensors_are_those_of_the_record_by_their_quantities(rng):
+    x, y, z = rng.normal(size=(3, 512))
+    measured = record(y, x, z, channels=("2X", "1X", "3X"), quantities=("acceleration", "force", "acceleration"))
+    frf = frf_from_time(measured, segment_length=128)
+    assert (frf.outputs, frf.inputs) == (record(y, z, channels=("2X", "3X")).channels, record(x, y).channels[:1])
+    named = frf_from_time(measured, ["1X"], ["2X", "3X"], segment_length=128)
+    np.testing.assert_array_equal(frf.values, named.values)
+    with pytest.raises(InputError, match=r"no channel is a force.*`structid modes` gives modes"):
+        frf_from_time(record(y, z, quantities=("acceleration", "acceleration")), segment_length=128)

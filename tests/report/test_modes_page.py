@@ -8,6 +8,7 @@ import pytest
 from page_parts import as_array, figures, words
 
 from modes_cases import ambient, frfs
+from structid.core.quantities import with_std
 from structid.modal import ModalRecord
 from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
@@ -15,7 +16,6 @@ from structid.report.figures.shapes import mode_scene
 from structid.report.figures.survey import CHOSEN, CLUSTERED, OUTSIDE, mode_labels, pole_kinds
 from structid.report.modes import mode_table, modes_page, remarks
 from structid.report.rendering.png import pictures
-from structid.report.text import with_std
 from structid.similarity import mac
 
 NODES = {1: (0.0, 0.0, 1.0), 2: (0.0, 0.0, 2.0), 3: (0.0, 0.5, 3.5), 9: (0.0, 0.0, 0.0)}

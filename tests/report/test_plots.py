@@ -68,6 +68,12 @@ def test_structures_and_modes_are_drawn(found, tmp_path):
     write_record(tmp_path / "tower.npz", ambient(duration=120.0))
     modes = modes_of_file(tmp_path / "tower.npz", ModesOptions("ssi_cov"))
     assert pieces(modes.plot_stabilization().axes[0]) > 0
+    shapes = found.plot_modes()
+    assert len(shapes.axes) == len(found.modes.frequency)
+    assert "mode 1" in found.plot_modes(1).axes[0].get_title(loc="left")
+    assert pieces(found.plot_frequencies().axes[0]) > 0
+    with pytest.raises(InputError, match="`mode` must be between 1 and"):
+        found.plot_modes(99)
     assert "mode 2" in modes.plot_modes(2).axes[0].get_title(loc="left")
     with pytest.raises(InputError, match="`mode` must be between 1 and"):
         modes.plot_modes(0)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from structid.report.text import prefixed
+from structid.core.quantities import prefixed
 
 LETTERS = {"": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
 

@@ -15,7 +15,7 @@ from written_reports import Report
 import structid as si
 from structid.identification.identified import Identification
 from structid.report import write_report
-from structid.report.drawing.changes import look, shadings
+from structid.report.drawing.changes import Change, look, shading, shadings
 from structid.report.drawing.drawing import structure_picture
 from structid.report.drawing.labels import Label, place
 from structid.report.drawing.palette import DIVERGING, steps
@@ -35,6 +35,7 @@ from structid.report.rendering.plot import Area, ColourScale, Curve, Panel, Text
 from structid.report.rendering.png import STYLE, drawn, plain
 
 _NAMES = {
+    "extremes", "shapes",
     "parameters", "structure", "frf_magnitude", "frf_phase", "residual_by_channel", "residual_map", "correlation",
     "modes", "convergence", "correlation_1_responses_frac", "correlation_1_responses_fdac",
 }  # fmt: skip
@@ -246,3 +247,25 @@ def test_labels_never_cover_each_other() -> None:
     for i, (_, first) in enumerate(placed):
         for _, second in placed[:i]:
             assert (np.abs(first - second) >= 2 * half - 1e-12).any()
+
+
+def test_a_change_within_its_interval_has_the_colour_of_none() -> None:
+    changes = {
+        ("k", 0): Change(0.3, True, "", False),
+        ("k", 1): Change(0.3, True, ""),
+        ("k", 2): Change(0.3, False, "", False),
+    }
+    shade = shading("stiffness", changes, 0.5)
+    none, far = shade.scale.colour(0.0), shade.scale.colour(0.3)
+    assert none != far
+    assert [look(shade, "k", i).colour for i in range(3)] == [none, far, far]
+    assert [look(shade, "k", i).is_doubtful for i in range(3)] == [False, False, True]
+
+
+def test_changes_are_significant_where_the_interval_leaves_the_initial_value_out(cantilever: Report) -> None:
+    """Elements 3 and 5 have 0.75 and 1.1 times the initial stiffness, noise is 1 %; the others have what they began with."""
+    [stiffness] = [own for own in shadings(cantilever.identification) if "stiffness" in own.title]
+    told = [stiffness.changes["beam", i].is_significant for i in range(6)]
+    assert told[2]
+    assert told[4]
+    assert sum(told) <= 3

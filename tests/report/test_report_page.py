@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -17,22 +18,11 @@ from written_reports import PROVENANCE, TITLE, Report
 from structid.core.errors import FileError
 from structid.identification.identified import Identification
 from structid.report import write_report
-from structid.report.identification.page import report_page
+from structid.report.identification.page import report_page, sorted_warnings
 from structid.report.page import plotly_part
 
-_SECTIONS = (
-    "warnings",
-    "summary",
-    "parameters",
-    "structure",
-    "responses",
-    "residuals",
-    "correlation",
-    "modes",
-    "assumed",
-    "convergence",
-    "provenance",
-)
+_SECTIONS = ("verdict", "values", "fit", "structure", "more")
+_FOLDS = ("responses", "modes", "statistics", "residuals", "correlation", "assumed", "convergence", "provenance")
 
 
 class _Tags(HTMLParser):
@@ -89,20 +79,32 @@ def test_no_array_is_embedded_twice(cantilever: Report) -> None:
     assert sum(row == pytest.approx(tuple(frequency), rel=1e-5) for row in long if len(row) == len(frequency)) == 1
 
 
-def test_page_has_every_section_in_order(series: Report) -> None:
-    places = [series.page.index(f'<section id="{name}"') for name in _SECTIONS]
+def test_page_has_every_section_in_order_and_every_fold_is_closed(series: Report) -> None:
+    starts = [f'<section id="{name}"' for name in _SECTIONS] + [f'<details id="{name}">' for name in _FOLDS]
+    places = [series.page.index(start) for start in starts]
     assert places == sorted(places)
 
 
-def test_warnings_come_before_every_table_and_number(series: Report) -> None:
-    text = series.before_scripts
-    for warning in series.identification.warnings:
-        assert 0 < text.index(html.escape(warning)) < text.index('<section id="summary"')
+def test_first_screen_has_verdict_next_step_and_what_is_not_determined(series: Report) -> None:
+    first = series.before_scripts.split('<section id="fit"')[0]
+    assert "Undetermined: the data do not determine every parameter" in first
+    assert "Next:" in first
+    assert "not determined" in first
+    for direction in series.identification.estimate.identifiability.directions:
+        assert html.escape(f"the data determine {direction.words}") in first
+
+
+def test_every_warning_is_in_the_statistics(series: Report) -> None:
+    folded = series.before_scripts.split('<details id="statistics"')[1]
+    warnings = sorted_warnings(series.identification)[0]
+    assert warnings
+    for warning in warnings:
+        assert html.escape(warning) in folded
 
 
 def test_every_warning_of_many_is_on_the_page(many: Identification) -> None:
     assert len(many.warnings) > 10
-    text = words(report_page(many).text)
+    text = re.sub("</?code>", "`", words(report_page(many).text))
     for warning in many.warnings:
         assert html.escape(warning) in text
 
@@ -110,7 +112,7 @@ def test_every_warning_of_many_is_on_the_page(many: Identification) -> None:
 @pytest.mark.parametrize("name", ["cantilever", "series"])
 def test_every_parameter_is_in_the_table_escaped(name: str, request: pytest.FixtureRequest) -> None:
     report: Report = request.getfixturevalue(name)
-    table = report.before_scripts.split('<section id="parameters"')[1].split('<section id="structure"')[0]
+    table = report.before_scripts.split('<section id="values"')[1].split('<section id="fit"')[0]
     for parameter in report.identification.estimate.names:
         assert f"<td>{html.escape(parameter)}</td>" in table
 
@@ -121,7 +123,8 @@ def test_names_and_title_cannot_become_markup(series: Report) -> None:
     parsed = _parsed(series.before_scripts)
     assert TITLE in parsed.text
     assert "lower <1>" in parsed.text
-    assert '{"<frf>.npz": "' + PROVENANCE["files"]["<frf>.npz"] + '"}' in parsed.text  # type: ignore[index]
+    assert "files: <frf>.npz" in parsed.text
+    assert PROVENANCE["files"]["<frf>.npz"] in parsed.text  # type: ignore[index]
     assert series.page.count("</script>") == 3
     drawn = unpacked(series.page)["figures"]
     assert "<1>" not in drawn
@@ -152,7 +155,8 @@ def test_every_channel_can_be_chosen(cantilever: Report) -> None:
         assert panel["title"].startswith(f"{channel}: median relative error ")
         assert {len(trace["y"]) for trace in panel["data"]} == {n_lines}
         assert {trace["yaxis"] for trace in panel["data"]} == {"y", "y2", "y3"}
-    assert cantilever.page.count("<option ") == 2
+    chooser = cantilever.page.split('id="choice-frf"')[1].split("</select>")[0]
+    assert chooser.count("<option ") == 2
 
 
 def test_lines_outside_the_band_are_shown_as_not_used(cantilever: Report) -> None:

@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.core.errors import FileError, InputError
+from structid.core.quantities import DASH, MINUS, TIMES
 from structid.report.figures.reproduction import panels_figure
 from structid.report.rendering.plot import Area
 from structid.report.rendering.plot import Curve as Drawn
 from structid.report.reproduce import table_text, write_reproduction
-from structid.report.text import DASH, MINUS, TIMES
 from structid.reproduce import run
 from structid.reproduce.item import Curve, Item, Panel, Table, Verdict
 

@@ -16,13 +16,13 @@ from typer.testing import CliRunner
 
 from structid import GaussNewton, InputError, LevenbergMarquardt, load_study
 from structid.cli.app import app
-from structid.core.constraints import Count, Limits, NotNegative, problem_of
+from structid.core.constraints import Count, Limits, NotNegative, constraint_violation
 from structid.fem import ELEMENT_TYPES
 from structid.fem.elements.element import declarations
 from structid.inversion.search.least_squares import Method
 from structid.study.json_schema import study_schema, study_table
 from structid.study.schema.kinds import kind_of
-from structid.study.schema.method import _made, method_table
+from structid.study.schema.method import _make_options, method_table
 from structid.study.schema.model.structure import element_table
 from structid.study.schema.tables import Table
 from study_cases import CHAIN, replaced, write_chain
@@ -226,7 +226,9 @@ def test_a_field_of_a_group_of_options_is_a_key_by_itself():
     assert keys["depth"].default == 3
     assert keys["max_iterations"].default is None  # not the same in all searches
     given = {"depth": 5, "step_control": False}
-    assert _made(Options, given, "gauss_newton") == Options(1.0, Group(5), GaussNewton(step_control=False), False)
+    assert _make_options(Options, given, "gauss_newton") == Options(
+        1.0, Group(5), GaussNewton(step_control=False), False
+    )
     assert given == {}
 
 
@@ -284,4 +286,4 @@ def test_an_annotation_that_no_file_can_give_is_told():
     ],
 )
 def test_python_values_are_held_by_the_same_annotations(annotation, value, words):
-    assert problem_of(annotation, value) == words
+    assert constraint_violation(annotation, value) == words

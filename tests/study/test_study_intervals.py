@@ -11,8 +11,8 @@ import pytest
 from structid import identify
 from structid.core.errors import InputError
 from structid.core.json_types import json_text
+from structid.core.quantities import span_text
 from structid.report.identification.page import report_page
-from structid.report.identification.tables import span_text
 from structid.study.results.folder import estimate_summary
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
@@ -56,7 +56,7 @@ def test_a_channel_with_model_error_is_named_in_the_warnings(result):
     bad[:, 1] *= 1 + 0.03 * np.sin(np.linspace(0, 12, len(bad)))[:, None]
     study = result.study
     found = identify(study.structure, study.parameters, replace(study_record(record), values=bad))
-    [words] = [w for w in found.warnings if "not white" in w]
+    [words] = [w for w in found.warnings if "an order that noise has not" in w]
     assert "3X" in words
 
 

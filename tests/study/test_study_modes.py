@@ -130,7 +130,8 @@ def test_report_of_modes_shows_pairs_and_no_responses(tmp_path):
     assert 'id="responses"' not in text
     assert {path.name for path in (tmp_path / "out" / "figures").iterdir()} == {
         "convergence.png", "correlation.png", "correlation_1_modes_comac.png", "correlation_1_modes_mac.png",
-        "correlation_1_modes_shapes.png", "modal_fit_1.png", "modes.png", "parameters.png", "structure.png",
+        "correlation_1_modes_shapes.png", "modal_fit_1.png", "modes.png", "parameters.png", "shapes.png",
+        "structure.png",
     }  # fmt: skip
     import h5py
 

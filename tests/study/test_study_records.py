@@ -114,7 +114,7 @@ def test_results_and_report_show_every_record(result, tmp_path):
     found = result.identification
     page = report_page(found, "Two")
     text = page.text
-    assert "<h2>loaded</h2>" in text
+    assert "<summary>loaded</summary>" in text
     assert 'id="figure-record_2_frf"' in text
     assert "record_2_frf_magnitude" in pictures(page.figures)
 

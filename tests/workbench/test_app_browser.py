@@ -260,7 +260,8 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         assert "good" in page.locator("#verdict").get_attribute("class")
         report = page.frame_locator("iframe.report")
         report.locator("#verdict").wait_for()
-        report.locator("#figure-parameters .main-svg").first.wait_for()
+        report.locator("#figure-extremes .main-svg").first.wait_for()
+        page.locator("#fit .main-svg").first.wait_for()
         page.get_by_text("Take away").click()
         with page.expect_download() as waiting:
             page.get_by_role("link", name="All of it as one archive").click()
@@ -732,7 +733,7 @@ def test_the_measured_frame_runs_is_killed_and_resumed(page, screens, tmp_path):
         shown(page, screens, "13_resumed")
         page.locator("[data-run] a", has_text="Results").first.wait_for(timeout=400_000)
         page.locator("[data-run] a", has_text="Results").first.click()
-        page.frame_locator("iframe.report").locator("#figure-parameters .main-svg").first.wait_for()
+        page.frame_locator("iframe.report").locator("#figure-extremes .main-svg").first.wait_for()
         shown(page, screens, "14_frame_results")
 
 

@@ -32,7 +32,7 @@ from fuzz.seeds import write_chain  # noqa: E402
 from structid.core.errors import FileError  # noqa: E402
 from structid.files import claimed  # noqa: E402
 from structid.files.npy import npz_arrays  # noqa: E402
-from structid.files.writing import _exchanged  # noqa: E402
+from structid.files.writing import _exchange_names  # noqa: E402
 from structid.modal.formats.csv import is_modes_table  # noqa: E402
 from structid.study.results.folder import staged_folder  # noqa: E402
 from structid.study.schema.toml_lines import parse_toml  # noqa: E402
@@ -288,7 +288,7 @@ def test_no_edit_that_was_told_as_saved_is_lost(tmp_path):
         for k in range(60):
             before, temporary = study.read_text(encoding="utf-8"), tmp_path / "editor.tmp"
             temporary.write_text(f"{before}# editor {k}\n", encoding="utf-8")
-            assert _exchanged(temporary, study)
+            assert _exchange_names(temporary, study)
             overwritten.update(set(temporary.read_text(encoding="utf-8").splitlines()) - set(before.splitlines()))
             told.append(f"# editor {k}")
             time.sleep(0.02)

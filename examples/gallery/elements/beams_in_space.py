@@ -39,4 +39,4 @@ properties = ("bending_stiffness_y", "bending_stiffness_z", "torsional_stiffness
 found = sid.identify(model, sid.parameters(model, [sid.Unknown(p, "column") for p in properties]), record)
 print(found.estimate)
 structure = found.structure.plot_structure()
-modes = found.plot_modes()
+modes = found.plot_frequencies()

@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from structid.cli.tables import groups, heading, new_table
-from structid.core.display import figures
+from structid.core.display import format_number
 from structid.study.run.check import CheckResult
 
 #: Warnings that stand first; the others come last.
@@ -22,7 +22,8 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
     facts = [
         *(f"record: {words}" for words in result.records),
         f"structure: {study.structure.n_dofs} degrees of freedom, {len(study.structure.elements)} element sets, total mass"
-        f" {figures(result.total_mass)} kg at the start, predicted standard deviation {figures(result.total_mass_std, 2)} kg"
+        f" {format_number(result.total_mass)} kg at the start, predicted standard deviation"
+        f" {format_number(result.total_mass_std, 2)} kg"
         if study.structure.has_matrices
         else "structure: FRFs of a solver alone, which tell no masses, modes or mesh",
     ]
@@ -45,26 +46,40 @@ def check_summary(result: CheckResult) -> list[RenderableType]:
         return [*head, Text(_prediction(result)), *more]
     found = result.identifiability
     rank = f"rank {found.rank} of {len(result.names)} parameters from the data alone, condition" + (
-        f" {figures(found.condition, 3)}; predicted at the"
-        " initial values, for a model that is right and errors that are independent from line to line:"
+        f" {format_number(found.condition, 3)}; predicted at the"
+        f" initial values, for a model that is right and errors that are independent from {_apart(result)}:"
     )
     table = new_table("parameter", "unit", "initial", "predicted std", "relative")
     for name, unit, start, std in zip(result.names, result.units, result.start, result.std, strict=True):
-        table.add_row(name, unit, figures(start), figures(std, 2), figures(std / abs(start) if start else math.nan, 2))
+        table.add_row(
+            name,
+            unit,
+            format_number(start),
+            format_number(std, 2),
+            format_number(std / abs(start) if start else math.nan, 2),
+        )
     held = [Text(result.assumption)] if result.assumption else []
     return [*head, Text(rank), table, *held, *groups(found), *more]
+
+
+def _apart(result: CheckResult) -> str:
+    """Between which data errors are taken as independent."""
+    has_lines = not result.modes or any(math.isfinite(mode.lines_per_bandwidth) for mode in result.modes)
+    return "line to line" if has_lines else "mode to mode"
 
 
 def _modes(result: CheckResult) -> RenderableType:
     """The modes of the initial model, and how far its elements put them off."""
     by_mesh = {} if isinstance(result.mesh, str) else dict(zip(result.mesh.number, result.mesh.error, strict=True))
-    columns = ("mode", "frequency Hz", "damping ratio", "in band", "lines per half-power bandwidth")
+    has_lines = any(math.isfinite(mode.lines_per_bandwidth) for mode in result.modes)
+    of_lines = ("in band", "lines per half-power bandwidth") if has_lines else ()
+    columns = ("mode", "frequency Hz", "damping ratio", *of_lines)
     table = new_table(*columns, *(("off by the mesh %",) if by_mesh else ()))
     for i, mode in enumerate(result.modes):
-        lines = figures(mode.lines_per_bandwidth, 3) if mode.in_band else ""
+        lines = format_number(mode.lines_per_bandwidth, 3) if mode.in_band else ""
         off = ((f"{100 * by_mesh[i]:+.2g}" if i in by_mesh else "",)) if by_mesh else ()
-        inside = "yes" if mode.in_band else "no"
-        table.add_row(str(i + 1), figures(mode.frequency), figures(mode.damping_ratio, 3), inside, lines, *off)
+        inside = ("yes" if mode.in_band else "no", lines) if has_lines else ()
+        table.add_row(str(i + 1), format_number(mode.frequency), format_number(mode.damping_ratio, 3), *inside, *off)
     return table
 
 
@@ -74,15 +89,15 @@ def _resonances(result: CheckResult) -> list[RenderableType]:
     for one in result.beside:
         if not one.resonances:
             continue
-        table = new_table(f"{one.title}measured Hz", "model Hz", "model above %", "in half-bandwidths", "MAC")
+        table = new_table(f"{one.title}measured Hz", "model Hz", "model above %", "in half widths", "MAC")
         for pair in one.resonances:
             above = 100 * (pair.model / pair.measured - 1)
             table.add_row(
-                figures(pair.measured) if math.isfinite(pair.measured) else "none",
-                figures(pair.model) if math.isfinite(pair.model) else "none",
+                format_number(pair.measured) if math.isfinite(pair.measured) else "none",
+                format_number(pair.model) if math.isfinite(pair.model) else "none",
                 f"{above:+.2g}" if math.isfinite(above) else "",
                 f"{pair.half_bandwidths:+.2g}" if math.isfinite(pair.half_bandwidths) else "",
-                figures(pair.mac, 2) if math.isfinite(pair.mac) else "",
+                format_number(pair.mac, 2) if math.isfinite(pair.mac) else "",
             )
         found.append(table)
     return found
@@ -96,7 +111,7 @@ def _prediction(result: CheckResult) -> str:
     words = f"{len(relative)} parameters, of which the data determine about {result.identifiability.rank} combinations"
     if known:
         words += (
-            f"; predicted standard deviations with the smoothness above: median {figures(100 * median(known), 2)} %,"
-            f" largest {figures(100 * known[-1], 2)} %"
+            f"; predicted standard deviations with the smoothness above: median {format_number(100 * median(known), 2)} %,"
+            f" largest {format_number(100 * known[-1], 2)} %"
         )
     return words + (f"; {lost} that neither data nor smoothness see" if lost else "")

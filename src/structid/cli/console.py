@@ -1,106 +1,100 @@
-"""What `structid identify` prints: the answer in facts and tables."""
+"""What `structid identify` prints: verdict, values, what to do; and with `--verbose` all the statistics."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
-from statistics import median
 
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.cli.tables import groups, heading, new_table
-from structid.core.display import MOST_WARNINGS, figures
-from structid.criticism.held import resting_words
+from structid.cli.tables import groups, new_table
+from structid.core.display import first_warnings, plural
+from structid.core.quantities import NOTHING, number, percent, prefixed, span_text, with_std
+from structid.explanation.suggestions import FOLDER as SUGGESTIONS
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.ratios import ON_FORCE
-from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
-from structid.inversion.intervals.intervals import span_digits
-from structid.study.results.changes import PARAMETERS, largest_changes
+from structid.study.results.changes import PARAMETERS
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import UPDATED
+from structid.study.results.view import MOST_ADVICE, ResultsView
 
-_MOST_CHANGES = 10
-_MOST_CAUSES = 5
+#: Rows of parameters that are printed; those that are not determined come first where there are more.
+_MOST_ROWS, _MOST_CHANGES, _MOST_CAUSES = 24, 10, 5
 #: Sets of values that stand side by side.
 _MOST_SETS = 8
-#: Beside the verdict, which is the first of what is told.
-_MOST_BESIDE = MOST_WARNINGS - 1
+_STYLES = {"sound": "bold green", "approximate": "bold yellow"}
 
 
-def identification_summary(result: StudyResult) -> list[RenderableType]:
-    """Warnings, status, parameters, total mass, fit and modes of an identification."""
-    found = result.identification
-    estimate = found.estimate
-    if not estimate.uncertainty.has_matrix:
-        return _changes_summary(result)
-    table = new_table("parameter", "unit", "initial", "value", "std", "noise alone", "95 % interval", "")
-    ends = found.intervals.ends
-    notes = {one.index: f"at its {one.side} bound" for one in estimate.at_bound}
-    notes |= dict.fromkeys(found.ran_away, "ran away")
-    for i in found.listed:
-        name = estimate.names[i]
-        note = notes.get(i) or ("" if estimate.identified[i] else "not identified")
-        spreads = (figures(estimate.std[i], 2), figures(estimate.std_noise[i], 2))
-        numbers = (figures(estimate.initial[i]), figures(estimate.values[i]), *spreads)
-        span = " to ".join(figures(end, digits) for end, digits in zip(ends[i], span_digits(*ends[i]), strict=True))
-        table.add_row(name, estimate.units[i], *numbers, span, note)
-    modes = new_table("mode", "frequency Hz", "damping ratio")
-    for i, (frequency, ratio) in enumerate(zip(found.modes.frequency, found.modes.damping_ratio, strict=True)):
-        modes.add_row(str(i + 1), figures(frequency), figures(ratio, 3))
-    peaks = new_table("resonance measured Hz", "fitted model Hz")
-    for peak in found.resonances:
-        peaks.add_row(figures(peak.measured), figures(peak.predicted))
-    identifiability = estimate.identifiability
-    facts = [
-        f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
-        f"rank {identifiability.rank} of {identifiability.n_free}{' free' if estimate.at_bound else ''} parameters, condition"
-        f" {figures(identifiability.condition, 3)}"
-        f"; {estimate.misfit_words}"
-        f"; standard deviations from {estimate.covariance_basis.replace('_', ' ')}"
-        f"; intervals: {found.intervals.kind}",
-        *_fit_facts(found.fits),
+def identification_summary(result: StudyResult, is_verbose: bool = False, folder: str = "") -> list[RenderableType]:
+    """Verdict, values and what to do; with `is_verbose` warnings, statistics, causes and modes too.
+
+    Studies that were written into `folder`, that of the results, are named by their path from here.
+    """
+    view = result.view
+    shown: list[RenderableType] = [
+        Text(view.headline, style=_STYLES.get(view.verdict, "bold red")),
+        *_values(view),
+        *_alternatives(view.identification.alternatives),
+        Text(f"Next: {_from_here(view.next_step, folder)}"),
+        *(Text(f"- {_from_here(words, folder)}") for words in view.advice[:MOST_ADVICE]),
     ]
-    facts += found.intervals.notes
-    facts += [
-        words
-        for one in found.varied
-        for words in (f"{one.words}; each record's own in the results", *one.outlying_words)
-    ]
-    mass = f"total mass: {figures(found.total_mass)} kg, standard deviation {figures(found.total_mass_std, 2)} kg"
-    tables = ([modes] if modes.row_count else []) + ([peaks] if found.resonances else [])
-    shown = [*_alternatives(found.alternatives), *_pairs(found), *tables]
-    together = groups(identifiability)
-    head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
-    after = [found.assumption, *([mass] if found.total_mass > 0 else [])]
-    after += [ON_FORCE] if found.rests_on_force else []
-    after += [words] if (words := resting_words(() if result.criticism is None else result.criticism.held)) else []
     if result.solver is not None:
-        after.append(f"{result.solver.check}; the updated deck is in {UPDATED}")
-    return [*head, *map(Text, facts), table, Text(after[0]), *together, *map(Text, after[1:]), *shown]
-
-
-def _verdict(result: StudyResult) -> list[RenderableType]:
-    """The verdict, and the causes of a misfit."""
-    if result.criticism is None:
-        return []
-    judgement = result.criticism.judgement
-    causes = result.criticism.named
-    style = {"sound": "bold green", "approximate": "bold yellow"}.get(judgement.verdict, "bold red")
-    shown: list[RenderableType] = [Text(judgement.words, style=style)]
-    if causes:
-        table = new_table(
-            "cause" if result.criticism.causes else "change that lowers the misfit",
-            "misfit removed",
-            "chi-square per dof left",
-            "study ready to run",
-        )
-        for cause in causes[:_MOST_CAUSES]:
-            alike = " (cannot be told from the first)" if cause.is_alike and cause is not causes[0] else ""
-            row = f"{100 * cause.share:.1f} %", figures(cause.chi_square_per_dof, 3), cause.study
-            table.add_row(cause.line + alike, *row)
-        shown.append(table)
+        shown.append(Text(f"{result.solver.check}; the updated deck is in {UPDATED}"))
+    if is_verbose:
+        return [*shown, *_details(view)]
     return shown
+
+
+def _from_here(words: str, folder: str) -> str:
+    """`words` with the paths of suggested studies from the folder of the call."""
+    return words.replace(f"{SUGGESTIONS}/", f"{folder}/{SUGGESTIONS}/") if folder else words
+
+
+def _values(view: ResultsView) -> list[RenderableType]:
+    """The table of values, the doubtful ones first where it is cut."""
+    if not view.identification.estimate.uncertainty.has_matrix:
+        return _changes(view)
+    rows = view.listed
+    left = len(rows) - _MOST_ROWS
+    if left > 0:
+        rows = tuple(sorted(rows, key=lambda parameter: parameter.is_determined))[:_MOST_ROWS]
+    table = new_table("parameter", "value", "unit", "95 % interval", "state")
+    for parameter in rows:
+        table.add_row(
+            parameter.name, parameter.value_text, parameter.unit_text, parameter.interval_text, parameter.state
+        )
+    return [table, *([Text(f"and {plural(left, 'more parameter')}: in estimate.json")] if left > 0 else [])]
+
+
+def _changes(view: ResultsView) -> list[RenderableType]:
+    """The parameters that moved most, of very many."""
+    table = new_table("parameter that moved most", "initial", "value", "unit")
+    for parameter in view.parameters[:_MOST_CHANGES]:
+        initial = number(parameter.scaled(parameter.initial))
+        table.add_row(parameter.name, initial, parameter.value_text, parameter.unit_text)
+    n_params = len(view.identification.estimate.names)
+    return [table, Text(f"all {n_params} of them: in {PARAMETERS}")]
+
+
+def _details(view: ResultsView) -> list[RenderableType]:
+    """All that stands on the page below its first screen, as text."""
+    found = view.identification
+    shown: list[RenderableType] = [Text(""), *map(Text, first_warnings(found.warnings, len(found.warnings)))]
+    shown += [Text(f"{label}: {text}") for label, text in view.statistics]
+    shown += map(Text, view.notes)
+    shown += [
+        Text(words)
+        for varied in found.varied
+        for words in (f"{varied.words}; each record's value in the results", *varied.outlying_words)
+    ]
+    shown += [Text(ON_FORCE)] if found.rests_on_force else []
+    return [
+        *shown,
+        *groups(found.estimate.identifiability),
+        *_causes(view),
+        *_spreads(view),
+        *_pairs(found),
+        *_modes(found),
+    ]
 
 
 def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
@@ -110,68 +104,76 @@ def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
     count = min(len(sets), _MOST_SETS)
     table = new_table("parameter", "unit", *(f"set {k + 1}" for k in range(count)))
     for name, unit, values in zip(sets.names, sets.units, sets.values[:count].T.tolist(), strict=True):
-        table.add_row(name, unit, *(figures(value) for value in values))
+        factor, prefixed_unit = prefixed(unit, *values)
+        table.add_row(name, prefixed_unit, *(number(value / factor, 5) for value in values))
     if sets.deciding is not None:
-        table.add_row(sets.deciding.name, sets.deciding.unit, *(figures(v, 3) for v in sets.deciding.predicted[:count]))
+        table.add_row(sets.deciding.name, sets.deciding.unit, *(number(v, 3) for v in sets.deciding.predicted[:count]))
     more = f"; {len(sets) - count} more are in the results" if len(sets) > count else ""
     return [Text(sets.search_words + more), table]
 
 
-def _changes_summary(result: StudyResult) -> list[RenderableType]:
-    """Warnings, status, the parameters that moved most, total mass and fit of a matrix-free search."""
-    found = result.identification
-    estimate = found.estimate
-    facts = [
-        f"status: {estimate.status.value} ({estimate.message}, {estimate.n_iterations} iterations)",
-        f"{len(estimate.names)} parameters, the data determine {figures(estimate.determined, 3)} combinations of them;"
-        f" {estimate.misfit_words}; standard deviations from"
-        f" {estimate.covariance_basis.replace('_', ' ')}",
-        *_fit_facts(found.fits),
-    ]
-    table = new_table("parameter that moved most", "unit", "initial", "value", "std")
-    for i in largest_changes(estimate, _MOST_CHANGES):
-        numbers = (figures(estimate.initial[i]), figures(estimate.values[i]), figures(estimate.std[i], 2))
-        table.add_row(estimate.names[i], estimate.units[i], *numbers)
-    mass = f"total mass: {figures(found.total_mass)} kg, standard deviation {figures(found.total_mass_std, 2)} kg"
-    rest = f"all of them in {PARAMETERS}"
-    head = [*_verdict(result), *heading(result.study.title, found.warnings, _MOST_BESIDE)]
-    return [*head, *map(Text, facts), table, Text(found.assumption), Text(rest), Text(mass)]
+def _causes(view: ResultsView) -> list[RenderableType]:
+    """Changes of model or record that lower the misfit."""
+    causes = view.criticism.named
+    if not causes:
+        return []
+    heading = "cause" if view.criticism.causes else "change that lowers the misfit but does not explain it"
+    table = new_table(heading, "misfit removed", "chi-square per dof left", "study ready to run")
+    for cause in causes[:_MOST_CAUSES]:
+        alike = " (the data cannot distinguish it from the first)" if cause.is_alike and cause is not causes[0] else ""
+        removed = percent(cause.share, 3, signed=False)
+        table.add_row(cause.line + alike, removed, number(cause.chi_square_per_dof, 3), cause.study)
+    return [table]
 
 
-def _fit_facts(fits: Sequence[RecordFit]) -> list[str]:
-    """How well responses are fitted."""
-    errors = [figures(median(fit.relative_error.ravel().tolist()), 3) for fit in fits]
-    if len(fits) == 1:
-        judged, used = fits[0].evaluation, fits[0].problem.record
-        return [
-            f"median relative error of the fit {errors[0]} over {len(judged.frequency)} lines ({len(used.frequency)} of them"
-            f" fitted), {len(judged.outputs)} outputs, {len(judged.inputs)} inputs"
-        ]
-    listed = ", ".join(f"{fit.name} {error}" for fit, error in zip(fits, errors, strict=True))
-    return [f"median relative error of the fit: {listed}"] if listed else []
+def _spreads(view: ResultsView) -> list[RenderableType]:
+    """Initial values and standard deviations by what they come from."""
+    if not view.identification.estimate.uncertainty.has_matrix:
+        return []
+    table = new_table("parameter", "unit", "initial", "std", "std from noise alone")
+    for parameter in view.listed:
+        numbers = (parameter.scaled(value) for value in (parameter.initial, parameter.std, parameter.std_noise))
+        initial, std, std_noise = (number(value, digits) for value, digits in zip(numbers, (5, 2, 2), strict=True))
+        table.add_row(parameter.name, parameter.unit_text or NOTHING, initial, std, std_noise)
+    return [table]
+
+
+def _modes(found: Identification) -> list[RenderableType]:
+    """Modes of the identified model, and resonances of the first record."""
+    shown: list[RenderableType] = []
+    if len(found.modes.frequency):
+        table = new_table("mode", "frequency Hz", "damping ratio")
+        pairs = zip(found.modes.frequency.tolist(), found.modes.damping_ratio.tolist(), strict=True)
+        for i, (frequency, ratio) in enumerate(pairs, 1):
+            table.add_row(str(i), number(frequency, 5), percent(ratio, 3, signed=False))
+        shown.append(table)
+    if found.resonances:
+        table = new_table("resonance measured Hz", "fitted model Hz")
+        for peak in found.resonances:
+            table.add_row(number(peak.measured, 5), number(peak.predicted, 5))
+        shown.append(table)
+    return shown
 
 
 def _pairs(found: Identification) -> list[RenderableType]:
     """Measured modes beside those of the model, and the ratios that a free scale leaves."""
-    shown = []
+    shown: list[RenderableType] = []
     for fit in found.modal_fits:
-        table = new_table("measured mode", "Hz", "std", "fitted model Hz", "MAC", "initial model Hz", "initial MAC")
+        table = new_table("measured mode", "Hz", "fitted model Hz", "MAC", "initial model Hz", "initial MAC")
         for i, mode in enumerate(fit.problem.data.measured.tolist()):
             table.add_row(
                 str(mode + 1),
-                figures(fit.measured.frequency[mode]),
-                figures(fit.problem.data.frequency_std[i], 2),
-                figures(fit.fitted.frequency[i]),
-                figures(fit.fitted.mac[i], 3),
-                figures(fit.initial.frequency[i]),
-                figures(fit.initial.mac[i], 3),
+                with_std(float(fit.measured.frequency[mode]), float(fit.problem.data.frequency_std[i])),
+                number(float(fit.fitted.frequency[i]), 5),
+                number(float(fit.fitted.mac[i]), 3),
+                number(float(fit.initial.frequency[i]), 5),
+                number(float(fit.initial.mac[i]), 3),
             )
         shown.append(table)
     if found.ratios is not None:
-        table = new_table("ratio", "value", "std", "95 % interval")
-        rows = zip(found.ratios.names, found.ratios.values, found.ratios.std, found.ratios.ends, strict=True)
+        table = new_table("ratio", "value", "95 % interval")
+        rows = zip(found.ratios.names, found.ratios.values, found.ratios.std, found.ratios.ends.tolist(), strict=True)
         for name, value, std, ends in rows:
-            span = f"{figures(ends[0])} to {figures(ends[1])}"
-            table.add_row(f"{name} / {found.ratios.reference}", figures(value), figures(std, 2), span)
+            table.add_row(f"{name} / {found.ratios.reference}", with_std(float(value), float(std)), span_text(*ends))
         shown.append(table)
-    return [*shown]
+    return shown

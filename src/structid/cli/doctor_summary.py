@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from structid.cli.progress import clock
 from structid.study.run.doctor import OPTIONAL, Installation
-from structid.study.run.needs import Duration, Needs, gigabytes
+from structid.study.run.resources import Duration, Needs, gigabytes
 
 
 def installed_lines(found: Installation) -> list[str]:

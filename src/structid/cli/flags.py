@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, TypeVar, get_type_hints
@@ -41,8 +42,15 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     def run(**given: object) -> None:
         from structid.core.isolation import absolute_paths, isolated  # the help needs none of it
         from structid.external.confirmation import commands_told
+        from structid.records.formats.options import options_given_as_flags
 
-        with reported(), isolated(), commands_told(_tell_command):
+        reads_records = any("csv_skip_rows" in {flag.name for flag in flags} for flags in groups.values())
+        with (
+            reported(),
+            isolated(),
+            commands_told(_tell_command),
+            options_given_as_flags() if reads_records else nullcontext(),
+        ):
             given = {name: absolute_paths(value) for name, value in given.items()}
             for name, flags in groups.items():
                 values = {flag.name: given.pop(flag.name) for flag in flags}
@@ -84,9 +92,9 @@ def _made(options: type[T], told: Mapping[str, object]) -> T:
 
 def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
     """One parameter for each field of a dataclass, and each field of a dataclass that it holds."""
-    from structid.core.constraints import declared_words
+    from structid.core.constraints import parameter_descriptions
 
-    kinds, words = get_type_hints(options), declared_words(options)
+    kinds, words = get_type_hints(options), parameter_descriptions(options)
     for field in fields(options):
         kind, default = kinds[field.name], None if field.default is MISSING else field.default
         inner = _inner(kind)

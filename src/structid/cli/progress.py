@@ -16,6 +16,8 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn
 from structid.core.json_types import Entry
 
 _LINE_SECONDS = 60.0
+#: Part of the time left, and seconds of it at least, by which an estimate of the end may be off before it is set anew.
+_MOVES, _MOVES_SECONDS = 0.25, 10.0
 #: Of a file of progress: parameters whose values it holds at most, lines until it leaves some out, and the time between them
 #: then, s.
 _MOST_VALUES, _ALL_LINES, _FILE_SECONDS = 400, 200, 0.2
@@ -59,7 +61,8 @@ class ProgressFile:
 class RunProgress:
     """What is called by searches (`search`) and by repeated tasks (`tasks`), with words for both.
 
-    Of a search only the most that is left is known, its limit of iterations, the last stage's; most end long before.
+    Nobody knows how many iterations a search takes, so that no end is told of it. That of tasks counts down: it is set
+    anew only where the pace of the tasks moves it by a quarter of what is left.
     """
 
     def __init__(self, most_iterations: int, show: Show) -> None:
@@ -67,21 +70,31 @@ class RunProgress:
         self.show = show
         self.file: ProgressFile | None = None
         self._begun: dict[str, tuple[float, int]] = {}
+        self._ends: dict[str, float] = {}
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
         """After an iteration."""
         each = self._each(stage, iteration)
-        most = (self.most_iterations - iteration) * each if iteration <= self.most_iterations else math.inf
-        left = f", {clock(each)} each, at most {clock(most)} left" if each >= 0.1 and math.isfinite(most) else ""
+        pace = f", {clock(each)} each" if each >= 1 else ""
         total = self.most_iterations if iteration <= self.most_iterations else None
-        words = f"{stage} search, sum of squares {cost:.5g}, iteration {iteration}{left}"
-        self._tell(stage, iteration, total, words, cost)
+        self._tell(stage, iteration, total, f"{stage}: iteration {iteration}{pace}, misfit {cost:.4g}", cost)
 
     def tasks(self, name: str, done: int, total: int) -> None:
         """After some tasks."""
-        each = self._each(name, done)
-        left = f", {clock((total - done) * each)} left" if each > 0 and done < total else ""
-        self._tell(name, done, total, f"{name}: {done} of {total}{left}")
+        left = self._left(name, done, total)
+        words = f", about {clock(left)} left" if left >= 1 and done < total else ""
+        self._tell(name, done, total, f"{name}: {done} of {total}{words}")
+
+    def _left(self, name: str, done: int, total: int) -> float:
+        """Time until the last task, s; 0 while it is not known."""
+        each, now = self._each(name, done), time.monotonic()
+        if each == 0:
+            return 0.0
+        end = now + (total - done) * each
+        before = self._ends.get(name)
+        if before is None or abs(end - before) > _MOVES * max(before - now, _MOVES_SECONDS):
+            self._ends[name] = end
+        return max(self._ends[name] - now, 0.0)
 
     def _tell(self, name: str, done: int, total: int | None, words: str, cost: float | None = None) -> None:
         self.show(name, done, total, words)

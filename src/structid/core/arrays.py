@@ -50,8 +50,8 @@ def require_finite(name: str, array: AnyArray, hint: str = "remove or repair the
     )
 
 
-def spread_over(n: int, most: int) -> IntArray:
-    """Numbers below `n`, all or as many as `most`, evenly."""
+def evenly_spaced_indices(n: int, most: int) -> IntArray:
+    """Indices from 0 to n - 1, evenly spaced and increasing: at most `most` of them, all n where n is smaller."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
 
 

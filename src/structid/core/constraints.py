@@ -25,12 +25,12 @@ class Limits:
 
     @property
     def is_open(self) -> bool:
-        """Whether both ends are open."""
+        """True if both ends are open."""
         return self.above is not None and self.below is not None
 
     @property
     def words(self) -> str:
-        """Such as ``at least 0``, ``above 0 and at most 1`` or ``between -1 and 0.5``."""
+        """The limits in words: ``at least 0``, ``above 0 and at most 1`` or ``between -1 and 0.5``."""
         if self.is_open:
             return f"between {self.above:g} and {self.below:g}"
         alone = self.most is None and self.below is None
@@ -41,7 +41,7 @@ class Limits:
         return " and ".join(part for part in (low, high) if part)
 
     def hold(self, value: float) -> bool:
-        """Whether `value` lies within them."""
+        """True if `value` lies within the limits."""
         return (
             (self.least is None or value >= self.least)
             and (self.above is None or value > self.above)
@@ -65,20 +65,20 @@ def _types(owner: Callable[..., object]) -> Mapping[str, object]:
 declared_types: Callable[[Callable[..., object]], Mapping[str, object]] = cache(_types)
 
 
-def declared_words(owner: Callable[..., object]) -> dict[str, str]:
-    """What docstrings in the form of numpydoc, of a function or of a class and its bases, say of each parameter."""
-    found: dict[str, str] = {}
+def parameter_descriptions(owner: Callable[..., object]) -> dict[str, str]:
+    """Description of each parameter or attribute, by name, from numpydoc docstrings of a function, or of a class and its bases."""
+    descriptions: dict[str, str] = {}
     for part in reversed(owner.__mro__) if isinstance(owner, type) else (owner,):
         text = inspect.cleandoc(part.__doc__ or "")
         for section in re.findall(r"^(?:Parameters|Attributes)\n-+\n((?:.+\n?)*)", text, re.MULTILINE):
             names: list[str] = []
             for line in section.splitlines():
                 if line.startswith(" "):
-                    found.update({name: f"{found[name]} {line.strip()}".strip() for name in names})
+                    descriptions.update({name: f"{descriptions[name]} {line.strip()}".strip() for name in names})
                 else:
                     names = line.partition(" : ")[0].split(", ")
-                    found.update(dict.fromkeys(names, ""))
-    return found
+                    descriptions.update(dict.fromkeys(names, ""))
+    return descriptions
 
 
 def alternatives(annotation: object) -> tuple[object, ...]:
@@ -88,19 +88,19 @@ def alternatives(annotation: object) -> tuple[object, ...]:
     return (annotation,)
 
 
-def type_words(annotation: object) -> str:
-    """An annotation as docstrings say it."""
+def describe_type(annotation: object) -> str:
+    """An annotation in the words of a docstring: ``float``, ``int or str``, ``{"a", "b"}``."""
     if get_origin(annotation) is Annotated:
         inner, *marks = get_args(annotation)
-        return next((mark for mark in marks if isinstance(mark, str)), type_words(inner))
+        return next((mark for mark in marks if isinstance(mark, str)), describe_type(inner))
     if get_origin(annotation) is Literal:
         return "{" + ", ".join(f'"{name}"' for name in get_args(annotation)) + "}"
     parts = [getattr(part, "__name__", str(part)) for part in alternatives(annotation)]
     return " or ".join(parts)
 
 
-def problem_of(annotation: object, value: object) -> str:
-    """What choices and limits that `annotation` declares say against `value`; "" where they say nothing, as of None."""
+def constraint_violation(annotation: object, value: object) -> str:
+    """The choice or limit in `annotation` that `value` breaks, as ``must be ..., got ...``; "" if it breaks none or is None."""
     if value is None:
         return ""
     choices: list[object] = []
@@ -121,8 +121,8 @@ def problem_of(annotation: object, value: object) -> str:
 
 
 def require_declared(thing: object) -> None:
-    """Raise `InputError` at the first field of a dataclass whose value its annotation does not allow; see `problem_of`."""
+    """Raise `InputError` for the first field of a dataclass instance whose value its annotation does not allow."""
     for name, annotation in declared_types(type(thing)).items():
-        problem = problem_of(annotation, getattr(thing, name))
+        problem = constraint_violation(annotation, getattr(thing, name))
         if problem:
             raise InputError(f"`{name}` {problem}")

@@ -45,7 +45,7 @@ class Shown(ABC):
 
     @abstractmethod
     def overview(self) -> Overview:
-        """What is shown."""
+        """The line and the table that describe the object."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.overview().words}>"
@@ -54,7 +54,7 @@ class Shown(ABC):
         return self.summary()
 
     def summary(self) -> str:
-        """The line and the table as text, all rows."""
+        """The overview as plain text: the line, then the whole table in aligned columns."""
         shown = self.overview()
         lines = [list(shown.header), *map(list, shown.rows)] if shown.rows else []
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
@@ -62,6 +62,7 @@ class Shown(ABC):
         return "\n".join([shown.words, *(line.rstrip() for line in table)])
 
     def _repr_html_(self) -> str:
+        """The overview as HTML for notebooks, with at most `_MOST_ROWS` rows of its table."""
         shown = self.overview()
         first, more = shown.rows[:_MOST_ROWS], len(shown.rows) - _MOST_ROWS
         head = "".join(f"<th>{html.escape(cell)}</th>" for cell in shown.header)
@@ -71,40 +72,40 @@ class Shown(ABC):
         return f"<p><b>{type(self).__name__}</b>: {html.escape(shown.words)}</p>{table}{rest}"
 
 
-def figures(value: float, digits: int = 5) -> str:
-    """A number with so many significant digits; nothing where there is none."""
+def format_number(value: float, digits: int = 5) -> str:
+    """`value` as text with `digits` significant digits; "-" for NaN."""
     return f"{value:.{digits}g}" if math.isfinite(value) else "-" if math.isnan(value) else str(value)
 
 
-def counted(count: int, noun: str) -> str:
-    """`count` and `noun`, in the plural where needed."""
+def plural(count: int, noun: str) -> str:
+    """`count` and `noun` as text, such as ``1 mode`` or ``3 modes``."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def listed(items: Sequence[object], most: int = 6) -> str:
-    """The first few, and how many more."""
+def join_words(items: Sequence[object], most: int = 6) -> str:
+    """The first `most` items joined by commas, and how many more there are."""
     more = len(items) - most
     return ", ".join(map(str, items[:most])) + (f" and {more} more" if more > 0 else "")
 
 
 def file_names(paths: Sequence[str | Path]) -> list[str]:
-    """What to call files: by their names, or by their paths where two have one name."""
+    """A name for each file: its last path component, or its path where two files share one."""
     names = [Path(path).name for path in paths]
     return names if len(set(names)) == len(names) else [str(path) for path in paths]
 
 
 def first_warnings(warnings: Iterable[str], most: int = MOST_WARNINGS) -> list[str]:
-    """What a terminal shows of warnings, which stand in the order of their weight: the first few, and how many more."""
-    told = list(warnings)
-    more = len(told) - most
-    left = [f"{counted(more, 'more warning')}: in the results"] if more > 0 else []
-    return [*(f"warning: {words}" for words in told[:most]), *left]
+    """The first `most` warnings as lines for a terminal, and a line with the number of the others."""
+    texts = list(warnings)
+    more = len(texts) - most
+    note = [f"{plural(more, 'more warning')}: in the results"] if more > 0 else []
+    return [*(f"warning: {words}" for words in texts[:most]), *note]
 
 
 def data_array(
     values: ArrayLike, axes: Mapping[str, Iterable[object]], name: str, about: Mapping[str, object]
 ) -> xr.DataArray:
-    """Values as an ``xarray.DataArray`` with the labels of its axes.
+    """`values` as an ``xarray.DataArray`` with labelled axes (axis name: labels), a name and attributes (`about`).
 
     Raises
     ------
@@ -114,13 +115,13 @@ def data_array(
     try:
         import xarray
     except ImportError as error:
-        raise InputError("`xarray` must be installed for labelled arrays; `pip install xarray`") from error
+        raise InputError("`xarray` must be installed for labelled arrays; `pip install 'structid[tables]'`") from error
     labels = {axis: list(given) for axis, given in axes.items()}
     return xarray.DataArray(values, labels, tuple(axes), name, dict(about))
 
 
 def data_frame(columns: Mapping[str, Iterable[object]], index: str) -> pd.DataFrame:
-    """Columns as a ``pandas.DataFrame`` with one of them as the index.
+    """Columns of equal length as a ``pandas.DataFrame``, with the column called `index` as its index.
 
     Raises
     ------
@@ -130,5 +131,5 @@ def data_frame(columns: Mapping[str, Iterable[object]], index: str) -> pd.DataFr
     try:
         import pandas
     except ImportError as error:
-        raise InputError("`pandas` must be installed for data frames; `pip install pandas`") from error
+        raise InputError("`pandas` must be installed for data frames; `pip install 'structid[tables]'`") from error
     return pandas.DataFrame(dict(columns)).set_index(index)

@@ -37,6 +37,7 @@ class Dof:
     sign: int = 1
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if the direction or the sign is not an allowed one."""
         if self.direction not in DIRECTIONS:
             raise InputError(f"`direction` must be one of {' '.join(DIRECTIONS)}, got {self.direction!r}")
         if self.sign not in (1, -1):
@@ -44,7 +45,7 @@ class Dof:
 
     @property
     def axis(self) -> int:
-        """0 to 5 for X Y Z RX RY RZ."""
+        """Index of the direction, 0 to 5 for X Y Z RX RY RZ."""
         return DIRECTIONS.index(self.direction)
 
     @property
@@ -53,7 +54,7 @@ class Dof:
 
     @property
     def unsigned(self) -> Dof:
-        """The same place and direction, counted positive along the axis."""
+        """The same node and direction with sign +1."""
         return self if self.sign > 0 else Dof(self.node, self.direction)
 
     @property
@@ -101,7 +102,7 @@ def parse_dof(text: str | Dof) -> Dof:
 
 
 def as_dof(text: str) -> Dof | None:
-    """The degree of freedom that `text` names; None where it names none."""
+    """The degree of freedom that `text` names, or None if it names none."""
     try:
         return parse_dof(text)
     except InputError:
@@ -109,22 +110,22 @@ def as_dof(text: str) -> Dof | None:
 
 
 def parse_dofs(texts: Iterable[str | Dof]) -> tuple[Dof, ...]:
-    """Every text of `texts` as a `Dof`, in order."""
+    """Each text of `texts` as a `Dof`, in order."""
     return tuple(parse_dof(text) for text in texts)
 
 
 def renamed(
     sensors: Sequence[Dof], loads: Sequence[Dof], names: Mapping[str, str]
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
-    """`sensors` and `loads` under other names.
+    """`sensors` and `loads` with their channels renamed by `names`.
 
     Parameters
     ----------
     sensors, loads : sequence of Dof
-        As a record calls them.
+        Channels as the record names them.
     names : mapping of str to str
-        What each of them is in truth, by its name in the record: the sensors of that name whatever their sense, or the
-        loads where no sensor has it; ``load 3Z`` is the load in any case. A name such as ``3Z-`` turns the sense round.
+        True name of a channel by its name in the record: the sensors of that name whatever their sign, or the
+        loads where no sensor has it; ``load 3Z`` is the load in any case. A name such as ``3Z-`` reverses the sign.
 
     Raises
     ------
@@ -153,6 +154,7 @@ def renamed(
 
 
 def _renamed(dofs: Sequence[Dof], names: Mapping[Dof, Dof]) -> tuple[Dof, ...]:
+    """`dofs` with new names, in order and with combined signs; raises `InputError` if two different ones get one name."""
     before: dict[Dof, Dof] = {}
     for dof in dict.fromkeys(dof.unsigned for dof in dofs):
         new = names.get(dof, dof).unsigned

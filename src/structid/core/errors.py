@@ -43,7 +43,7 @@ class UnnamedChannelsError(InputError):
 
 @contextmanager
 def about(option: str) -> Iterator[None]:
-    """Says of any `InputError` of the block that it is about `option`, where it does not say so itself."""
+    """Context manager: an `InputError` raised in the block gets `option` as the option at fault, unless it names one already."""
     try:
         yield
     except InputError as error:

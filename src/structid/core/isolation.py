@@ -33,7 +33,7 @@ def calling_folder() -> Path:
 
 
 def absolute_paths(value: Any) -> Any:
-    """`value`, a path or a list of them, from the folder of the call; anything else as it is."""
+    """`value`, a path or a list of them, made absolute from the folder in which the command was called; other values unchanged."""
     if isinstance(value, Path):
         if value.is_absolute():
             _given_absolute.add(str(value.parent if value.suffix else value))
@@ -42,7 +42,7 @@ def absolute_paths(value: Any) -> Any:
 
 
 def paths_as_called(text: str) -> str:
-    """`text` with absolute paths inside the folder of the call made relative to it, as the user gave them."""
+    """`text`, a message, with absolute paths inside the calling folder shortened to relative ones, as the user wrote them."""
     folder = calling_folder()
     if str(folder) == folder.anchor:
         return text
@@ -56,14 +56,14 @@ def paths_as_called(text: str) -> str:
 
 
 def import_paths(entries: list[str], folder: Path) -> list[str]:
-    """Absolute places of modules among `entries`, without `folder` unless structid itself lies there."""
+    """Absolute import paths from `entries`, without `folder` unless structid itself lies there."""
     absolute = [os.path.abspath(folder / entry) for entry in entries]  # noqa: PTH100 - zip archives are no folders
     refused = {str(folder), str(folder.resolve())} - {str(_PACKAGE_ROOT)}
     return [entry for entry in dict.fromkeys(absolute) if entry not in refused]
 
 
 def child_environment(changes: Mapping[str, str] | None = None) -> dict[str, str]:
-    """The environment of a child process: safe path, and no working directory among the places of modules."""
+    """Environment variables of a child process: `changes` applied, Python's safe path on, no working directory to import from."""
     environment = {**os.environ, **(changes or {}), "PYTHONSAFEPATH": "1"}
     listed = environment.get("PYTHONPATH", "")
     kept = import_paths(listed.split(os.pathsep), Path.cwd()) if listed else []
@@ -73,7 +73,7 @@ def child_environment(changes: Mapping[str, str] | None = None) -> dict[str, str
 
 @contextmanager
 def safe_child_environment() -> Iterator[None]:
-    """Gives the children that the block begins the environment of `child_environment`, where it cannot be handed over."""
+    """Context manager: this process has the `child_environment`, for children to which no environment can be passed."""
     with _changing_environment:
         before = dict(os.environ)
         changed = child_environment()
@@ -86,7 +86,7 @@ def safe_child_environment() -> Iterator[None]:
 
 @contextmanager
 def isolated() -> Iterator[None]:
-    """Runs the block in `NEUTRAL_FOLDER`, without the folder of the call among the places of modules."""
+    """Context manager: the block runs in `NEUTRAL_FOLDER`, and nothing is imported from the folder of the call."""
     folder, modules, environment = Path.cwd(), list(sys.path), dict(os.environ)
     _calling.append(folder)
     _given_absolute.clear()
@@ -103,7 +103,7 @@ def isolated() -> Iterator[None]:
 
 
 def _replace_environment(wanted: Mapping[str, str]) -> None:
-    """Change only what differs: other threads read the environment."""
+    """Make the environment variables of this process those of `wanted`; only those that differ are touched."""
     for name in set(os.environ) - set(wanted):
         del os.environ[name]
     for name, value in wanted.items():

@@ -16,12 +16,12 @@ Entry: TypeAlias = "str | int | float | bool | np.ndarray | np.generic | Sequenc
 
 
 def json_text(value: Entry) -> str:
-    """Strict JSON: what is not finite becomes null."""
+    """`value` as strict JSON text, indented, in which numbers that are not finite are null."""
     return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def plain(value: Entry) -> Plain:
-    """`value` in the types of JSON."""
+    """`value` in types of JSON: arrays as lists, NumPy numbers as Python's, numbers that are not finite as None."""
     if isinstance(value, str):
         return value
     if isinstance(value, Mapping):

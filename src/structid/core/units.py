@@ -103,12 +103,12 @@ _ACCEPTED_FRF = (
 
 
 def mistaken_motions(is_rotation: bool, is_acceleration: bool = True) -> tuple[tuple[float, str, str], ...]:
-    """Units that sensors are read in by mistake: by what factor they then show too much, the true unit and the one read."""
+    """Pairs of units that are often confused for a sensor: (factor by which it reads too high, true unit, unit assumed)."""
     return _MISTAKEN_TURNS if is_rotation else _MISTAKEN if is_acceleration else _MISTAKEN[1:]
 
 
 def mistaken_unit(size: float, units: Sequence[tuple[float, str, str]], near: float) -> str:
-    """The units of a factor whose logarithm is `size`, as ``in g and read as m/s^2``; "" where none is as near as `near`."""
+    """The confused units that explain a factor exp(`size`), as ``in g and read as m/s^2``; "" if none is within `near` (log)."""
     distance, (_, smaller, larger) = min((abs(abs(size) - math.log(unit[0])), unit) for unit in units)
     if distance > near:
         return ""
@@ -136,7 +136,8 @@ class FrfUnit(NamedTuple):
 _LONGEST = 100
 
 
-def _normalized(text: str) -> str:
+def _normalize_unit(text: str) -> str:
+    """`text` of a unit in one spelling: ``^`` for powers, ``*`` for products, ``/`` for per, single blanks."""
     if len(text) > 10 * _LONGEST:  # no unit, whatever is made of it
         return text
     for old, new in (("**", "^"), ("²", "^2"), ("\u207b", "^-"), ("\u00b9", "1"), ("^-^2", "^-2"), ("µ", "u"), ("μ", "u"),
@@ -146,8 +147,8 @@ def _normalized(text: str) -> str:
     return re.sub(r" ?([/*^()]) ?", r"\1", text)
 
 
-def _name(text: str, among: Mapping[str, float]) -> str | None:
-    """The unit of `among` that `text` is, in whatever spelling; None where it is none of them."""
+def _unit_name(text: str, among: Mapping[str, float]) -> str | None:
+    """The key of the table `among` that `text` spells, or None; `among` maps unit names to SI factors."""
     if text in among:
         return text
     unit = _NAMES.get(text.lower())
@@ -155,7 +156,7 @@ def _name(text: str, among: Mapping[str, float]) -> str | None:
 
 
 def _without_brackets(text: str) -> str:
-    """`text` without the brackets around the whole of it."""
+    """`text` without brackets that enclose the whole of it."""
     while text.startswith("(") and text.endswith(")") and len(text) <= 2 * _LONGEST:
         depths = np.cumsum([(letter == "(") - (letter == ")") for letter in text])
         if (depths[:-1] == 0).any():
@@ -164,11 +165,12 @@ def _without_brackets(text: str) -> str:
     return text
 
 
-def _unit(text: str) -> Unit | None:
+def _read_unit(text: str) -> Unit | None:
+    """The `Unit` (quantity, factor to SI, rotation) of a normalized text, or None if it names none."""
     if len(text) > _LONGEST:
         return None
     text = _without_brackets(text)
-    force, acceleration = _name(text, FORCES), _name(text, ACCELERATIONS)
+    force, acceleration = _unit_name(text, FORCES), _unit_name(text, ACCELERATIONS)
     if force is not None:
         return Unit("force", FORCES[force], False)
     if acceleration is not None:
@@ -178,26 +180,26 @@ def _unit(text: str) -> Unit | None:
         power = 2 if motion["twice"] or motion["square"] else 1 if motion["once"] else int(motion["power"] or 0)
         base = "m" if motion["base"] == "M" and power else motion["base"]
         for is_rotation, table in enumerate((LENGTHS, ANGLES)):
-            name = _name(base, table)
+            name = _unit_name(base, table)
             if name is not None:
                 return Unit(_BY_POWER[power], table[name], bool(is_rotation))
     if text.lower() == "ips":
         return Unit("velocity", LENGTHS["in"], False)
-    return _moment(text) or _sensed(text)
+    return _read_moment_unit(text) or _read_voltage_unit(text)
 
 
-def _moment(text: str) -> Unit | None:
-    """A force times a length, in either order: N m, kN*mm, ft-lbf, in lb; mN is a force."""
-    for match in _splits(text):
+def _read_moment_unit(text: str) -> Unit | None:
+    """The unit of a moment, a force times a length in either order (N m, kN*mm, ft-lbf), or None."""
+    for match in _factor_pairs(text):
         for force, length in (match, match[::-1]):
-            force_name, length_name = _name(force, FORCES), _name(length, LENGTHS)
+            force_name, length_name = _unit_name(force, FORCES), _unit_name(length, LENGTHS)
             if force_name is not None and length_name is not None:
                 return Unit("force", FORCES[force_name] * LENGTHS[length_name], True)
     return None
 
 
-def _splits(text: str) -> list[tuple[str, str]]:
-    """The two words that a sign or a blank stands between; of one word every two parts."""
+def _factor_pairs(text: str) -> list[tuple[str, str]]:
+    """Ways to split `text` into two factors: at a sign or blank, or for a single word at each place that leaves two known units."""
     words = re.split(r"[*\- .]", text)
     if len(words) == 2:
         return [(words[0], words[1])]
@@ -206,30 +208,30 @@ def _splits(text: str) -> list[tuple[str, str]]:
     return [(text[:cut], text[cut:]) for cut in cuts if {text[:cut], text[cut:]} <= known]
 
 
-def _sensed(text: str) -> Unit | None:
-    """A voltage with the sensitivity of its sensor: V at 100 mV/g."""
+def _read_voltage_unit(text: str) -> Unit | None:
+    """The unit of a voltage with the sensitivity of its sensor (V at 100 mV/g), or None."""
     match = _VOLTAGE.fullmatch(text)
-    unit = _unit(match["unit"]) if match else None
+    unit = _read_unit(match["unit"]) if match else None
     if match is None or unit is None or float(match["number"]) == 0:
         return None
-    names = [_name(match[part], _VOLTAGES) for part in ("read", "sensed")]
+    names = [_unit_name(match[part], _VOLTAGES) for part in ("read", "sensed")]
     read, sensed = (_VOLTAGES[name] if name else math.nan for name in names)
     return unit._replace(factor=unit.factor * read / (float(match["number"]) * sensed))
 
 
-def _refusal(text: str, kind: str, accepted: str) -> InputError:
-    """Why a text cannot be read as a unit, and what to write."""
+def _unreadable_unit_error(text: str, kind: str, accepted: str) -> InputError:
+    """The error for a `text` that is no unit of `kind`, with the reason and the `accepted` forms."""
     text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-    parts = [part for part in re.split(r"[/()]", _normalized(text)) if part]
+    parts = [part for part in re.split(r"[/()]", _normalize_unit(text)) if part]
     reasons = [_NO_UNITS[part.lower()] for part in parts if part.lower() in _NO_UNITS]
-    if not reasons and any(_name(part, _VOLTAGES) for part in parts):
+    if not reasons and any(_unit_name(part, _VOLTAGES) for part in parts):
         reasons = [f"a voltage says nothing without its sensor: {_VOLTAGE_REMEDY}"]
     because = f" ({reasons[0]})" if reasons else ""
     return InputError(f"cannot read {text!r} as the unit of {kind}{because}; write {accepted}")
 
 
 def parse_unit(text: str) -> Unit:
-    """The quantity of a channel with unit `text`, and the factor that turns its numbers into SI.
+    """The quantity of a channel whose unit is `text`, the factor from its numbers to SI, and whether it is a rotation.
 
     Parameters
     ----------
@@ -253,14 +255,14 @@ def parse_unit(text: str) -> Unit:
     >>> parse_unit("mm/s^2")
     Unit(quantity='acceleration', factor=0.001, rotation=False)
     """
-    unit = _unit(_normalized(text))
+    unit = _read_unit(_normalize_unit(text))
     if unit is None:
-        raise _refusal(text, "a channel", _ACCEPTED)
+        raise _unreadable_unit_error(text, "a channel", _ACCEPTED)
     return unit
 
 
 def parse_frequency_unit(text: str) -> float:
-    """What a frequency in the unit `text` is multiplied by to be in Hz: of Hz, kHz, rad/s, rpm, as people write them.
+    """Factor from a frequency in the unit `text` (Hz, kHz, rad/s, rpm in any common spelling) to Hz.
 
     Raises
     ------
@@ -272,9 +274,9 @@ def parse_frequency_unit(text: str) -> float:
     >>> parse_frequency_unit("kHz")
     1000.0
     """
-    plain = _without_brackets(_normalized(text))
+    plain = _without_brackets(_normalize_unit(text))
     plain = re.sub(rf"(/|[ .*](?=\w+\^?-1$)){_TIME_WORD}(\^?-1)?$", "/s", plain, flags=re.IGNORECASE)
-    name = _name(plain, FREQUENCIES)
+    name = _unit_name(plain, FREQUENCIES)
     if name is None:
         is_order = text.strip().lower() in ("order", "orders", "ord", "x rpm")
         because = " (orders are multiples of a speed of rotation: export frequencies)" if is_order else ""
@@ -283,7 +285,7 @@ def parse_frequency_unit(text: str) -> float:
 
 
 def parse_time_unit(text: str) -> float:
-    """What a time in the unit `text` is multiplied by to be in s: of s, ms, us, ns, min, h, as people write them.
+    """Factor from a time in the unit `text` (s, ms, us, ns, min, h in any common spelling) to s.
 
     Raises
     ------
@@ -295,31 +297,31 @@ def parse_time_unit(text: str) -> float:
     >>> parse_time_unit("msec")
     0.001
     """
-    name = _name(_without_brackets(_normalized(text)), TIMES)
+    name = _unit_name(_without_brackets(_normalize_unit(text)), TIMES)
     if name is None:
         raise InputError(f"cannot read {text!r} as the unit of a time; write s, ms, us or min")
     return TIMES[name]
 
 
 def _last_division(text: str) -> int:
-    """Position of the last `/` outside of brackets, or -1."""
-    depth, found = 0, -1
+    """Index in `text` of the last `/` outside of brackets, or -1."""
+    depth, index = 0, -1
     for i, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")
         if letter == "/" and depth == 0:
-            found = i
-    return found
+            index = i
+    return index
 
 
 def frf_unit_sides(text: str) -> tuple[Unit | None, Unit | None]:
-    """The units in front of and behind the last division outside of brackets; None for what is none."""
-    whole = _without_brackets(_normalized(text))
+    """The units before and after the last division in `text` (output, input); None for a side that is no unit."""
+    whole = _without_brackets(_normalize_unit(text))
     cut = _last_division(whole)
-    return (_unit(whole[:cut]), _unit(whole[cut + 1 :])) if cut > 0 else (None, None)
+    return (_read_unit(whole[:cut]), _read_unit(whole[cut + 1 :])) if cut > 0 else (None, None)
 
 
 def parse_frf_unit(text: str) -> FrfUnit:
-    """The kind of a frequency response function with unit `text`, and the factor to SI.
+    """The kind of a frequency response function whose unit is `text`, the factor to SI, and which sides are rotations.
 
     Parameters
     ----------
@@ -346,5 +348,5 @@ def parse_frf_unit(text: str) -> FrfUnit:
     if above is not None and below is not None and above.quantity == below.quantity != "force":
         return FrfUnit("transmissibility", above.factor / below.factor, above.rotation, below.rotation)
     if above is None or below is None or above.quantity == "force" or below.quantity != "force":
-        raise _refusal(text, "a frequency response function", _ACCEPTED_FRF + _ACCEPTED)
+        raise _unreadable_unit_error(text, "a frequency response function", _ACCEPTED_FRF + _ACCEPTED)
     return FrfUnit(_KINDS[above.quantity], above.factor / below.factor, above.rotation, below.rotation)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.core.arrays import ComplexArray, FloatArray, IntArray, spread_over
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, evenly_spaced_indices
 from structid.core.dof import Dof
 from structid.fem import Base, Structure
 from structid.fem.elements.element import dof_code, dof_of_code
@@ -73,7 +73,7 @@ class Fields:
     def structure(self) -> Structure:
         """Of the problem, supports that drive it let go."""
         whole = self.problem.structure
-        return whole.let_go(self._bases) if self._bases else whole
+        return whole.release_supports(self._bases) if self._bases else whole
 
     @cached_property
     def undriven(self) -> IntArray:
@@ -179,10 +179,10 @@ class Fields:
             if item.term.kind not in kinds:
                 continue
             weights, loss = self.values[item.values], losses.get(item.element)
-            for layer in item.term.layers:
-                if layer.whole is not None:
+            for matrix_term in item.term.matrix_terms:
+                if matrix_term.whole is not None:
                     continue
-                for e, (codes, local) in enumerate(zip(layer.codes, layer.local, strict=True)):
+                for e, (codes, local) in enumerate(zip(matrix_term.codes, matrix_term.local, strict=True)):
                     lost = 0.0 if loss is None or item.term.kind == "axial_force" else float(loss[e])
                     matrix = float(weights[e]) * local
                     row = item.values.start + e
@@ -214,6 +214,6 @@ def fields_at(problem: FrfProblem, theta: FloatArray, most_lines: int = MOST_LIN
     n_lines = len(problem.frequency)
     room = int(np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, most_lines))
     if n_lines > room:
-        problem = problem.with_lines(spread_over(n_lines, room))
+        problem = problem.with_lines(evenly_spaced_indices(n_lines, room))
     own, rest = np.split(problem.physical(theta), [problem.parameters.n_params])
     return Fields(problem, problem.parameters.values(own), rest, problem.predicted(theta))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.inversion.linearization import triangle_of
 
 #: Chance that any held value of a right model is doubted.
@@ -71,14 +71,14 @@ class HeldValue:
     def moved_words(self) -> str:
         """What 1 % of it does to the parameter that it moves farthest."""
         at = self.most_moved
-        moved = f"{self.parameters[at]} {_percent(0.01 * self.influence[at])}, {abs(self.distance[at]):.2g} of its deviations"
+        moved = f"{self.parameters[at]} {_percent(0.01 * self.influence[at])}, {abs(self.distance[at]):.2g} standard deviations"
         return f"with {self.name} 1 % larger, {moved}"
 
     @property
     def words(self) -> str:
         """What the record says of it, in a clause."""
-        more = f"{_percent(self.pull)} (deviation {abs(100 * self.pull_std):.2g} %)"
-        words = f"the record would have {self.name}, which the model holds, {more}"
+        more = f"{_percent(self.pull)} (standard deviation {abs(100 * self.pull_std):.2g} %)"
+        words = f"the record would have {self.name}, which the model fixes, {more}"
         at = self.moved_by_pull
         if at is None:
             return words
@@ -112,9 +112,9 @@ def resting_words(held: Sequence[HeldValue]) -> str:
     if not most:
         return ""
     first = most[0]
-    others = f" ({counted(len(most) - 1, 'other')} of this kind on the page)" if len(most) > 1 else ""
+    others = f" ({plural(len(most) - 1, 'other')} of this kind on the page)" if len(most) > 1 else ""
     return (
-        f"what the model holds matters: {first.moved_words}{others}; state its `tolerance`, 0 where it is exact, or make it an"
+        f"fixed values matter: {first.moved_words}{others}; state its `tolerance`, 0 where it is exact, or make it an"
         " unknown with a prior"
     )
 

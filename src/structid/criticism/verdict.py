@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.core.display import counted, listed
+from structid.core.display import join_words, plural
 from structid.criticism.data import DATA_KINDS, misfit_of_lines
 from structid.criticism.halves import Disagreement, disagreements
 from structid.criticism.held import MATTERS, SHIFTS, HeldValue, doubted
@@ -40,8 +40,6 @@ FAR_BEYOND = 9.0
 _LARGE = 0.02
 #: Degrees of freedom below which a residual hardly tests a model.
 _FEW = 15
-#: Part of a variance from which on it is owed to priors.
-_MOSTLY = 0.5
 #: Part of a misfit that one named change removes from where on it is the cause.
 _MOST = 0.5
 #: Of causes of small misfits: part of what goes beyond the noise.
@@ -336,7 +334,7 @@ def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
     part = abs(first.after / first.before - 1) if first.before else np.inf
     words = (
         f"Approximate: the model explains the record to within its noise, but the record asks for a change: {told[0]}."
-        f" {first.name} may move by {100 * part:.2g} %, {most.moves:.2g} of its deviations: the intervals hold either way."
+        f" {first.name} may move by {100 * part:.2g} %, {most.moves:.2g} standard deviations: the intervals hold either way."
     )
     return Judgement("approximate", words, told)
 
@@ -368,20 +366,28 @@ def _judged(
             " unknown, with a prior where it is known a little."
         )
         return Judgement("approximate", words, told)
+    by_priors = _by_priors(found) if (is_sound(found) or _is_quiet(found)) and not causes else []
+    rank, n_free = estimate.identifiability.rank, estimate.identifiability.n_free
+    if by_priors:
+        open_ones = f" (the data determine {rank} of {n_free} combinations)" if rank < n_free else ""
+        words = (
+            "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
+            f" {join_words(by_priors, 4)}{open_ones}: the record cannot test what they say."
+        )
+        return Judgement("approximate", words, (words,))
     if is_sound(found) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"
         at_bound = "; ".join(one.words for one in estimate.at_bound)
-        by_priors = _by_priors(found)
-        if by_priors:
+        if rank < n_free and estimate.uncertainty.has_matrix:
             words = (
-                "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
-                f" {listed(by_priors, 4)}: the record cannot test what they say."
+                "Sound: the model explains the record to within its noise, and data and regularization together determine every"
+                f" parameter (the data alone {rank} of {n_free} combinations)."
             )
-            return Judgement("approximate", words, (words,))
+            return Judgement("sound", words)
         words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
         if estimate.degrees_of_freedom < _FEW:
             words += (
-                f" But {counted(estimate.n_data, 'value')} hardly test {counted(len(estimate.names), 'parameter')}: a wrong model"
+                f" But {plural(estimate.n_data, 'value')} hardly test {plural(len(estimate.names), 'parameter')}: a wrong model"
                 " may fit as well."
             )
         return Judgement("sound", words)
@@ -460,10 +466,13 @@ def _judged(
     words = (
         f"Approximate: {misfit}; that is more than the data show, and {_INTERVALS['noise']}."
         if _is_below_noise(found)
-        else f"Approximate: {misfit}; resonances agree, so do most values from parts of the data: the intervals carry the misfit."
+        else f"Approximate: {misfit}; the intervals include the model error."
     )
     if apart:
-        words += f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}."
+        words += (
+            f" Do not rely on {apart[0].name}: it {_apart(apart[0]).removeprefix(apart[0].name).strip()}; this part of"
+            " the model is wrong, or depends on frequency or place."
+        )
     words += also
     if suggestions:
         first = suggestions[0]
@@ -493,11 +502,7 @@ def _untested(found: Identification) -> Judgement:
 
 def _by_priors(found: Identification) -> list[str]:
     """Parameters of which their own priors know more than the data."""
-    share = found.prior_share
-    if share is None:
-        return []
-    pairs = zip(found.estimate.names, share, np.isfinite(found.prior_std), strict=True)
-    return [name for name, part, has_prior in pairs if has_prior and part > _MOSTLY]
+    return [found.estimate.names[index] for index in found.by_prior]
 
 
 def _is_large(found: Identification) -> bool:
@@ -555,10 +560,10 @@ def _searched(n_tried: int) -> str:
 
 
 def _apart(one: Disagreement) -> str:
-    first, second = (f"{float(f'{value:.3g}'):.9g}" for value in one.values)
+    first, second = (f"{float(f'{value:.3g}'):,.9g}" for value in one.values)
     return (
-        f"{one.name} is {first} from {one.parts[0]} and {second} from {one.parts[1]},"
-        f" {one.distance:.0f} standard deviations apart"
+        f"{one.name} is {first} from {one.parts[0]} and {second} from {one.parts[1]}"
+        f" ({one.distance:.0f} standard deviations apart)"
     )
 
 
@@ -587,7 +592,7 @@ def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
 
 def _missed(measured: float, predicted: float, distance: float) -> tuple[float, str]:
     share = 100 * abs(predicted / measured - 1)
-    words = f"the model misses the resonance at {measured:.4g} Hz by {share:.2g} %, {distance:.1f} half-bandwidths"
+    words = f"the model misses the resonance at {measured:.4g} Hz by {share:.2g} %, {distance:.1f} times half its resonance width"
     return float(distance), words
 
 

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from structid.core.arrays import ComplexArray, FloatArray, spread_over
+from structid.core.arrays import ComplexArray, FloatArray, evenly_spaced_indices
 from structid.forward import FrfProblem, ModalProblem, RecordProblem
 from structid.forward.frf.continuation import LEVELS
 from structid.identification.fits.modal_fit import damping_ratios, paired_modes
@@ -56,7 +56,7 @@ class View:
         if self.chosen is not None:
             return self.chosen
         frequency = self.problem.frequency
-        return frequency[spread_over(len(frequency), _NEAR_LINES)]
+        return frequency[evenly_spaced_indices(len(frequency), _NEAR_LINES)]
 
     def of(self, problem: RecordProblem) -> View:
         """The same data beside the model of a problem and its errors of channels."""

@@ -46,18 +46,18 @@ class DenseFields:
     loads: FloatArray
     frequency: FloatArray
 
-    def stretches(
+    def solve_in_chunks(
         self, coefficients: ComplexArray, loads: IntArray, reader: FloatArray | None = None
     ) -> Iterator[tuple[slice, ComplexArray]]:
-        """Fields (n, n_dofs, n_chosen) under some of the loads for stretches of lines, one after another.
+        """Chunks of lines, each with the fields (n, n_dofs, n_chosen) under the chosen loads, as (slice of lines, fields).
 
         Parameters
         ----------
         coefficients : (n_lines, n_laws) complex array
-            How each matrix enters: s^2, s, 1, i, and of friction what may differ from line to line.
+            Weight of each matrix at each line: s^2, s, 1, i, and that of friction, which may differ from line to line.
         loads : (n_chosen,) int array
         reader : (n_read, n_dofs) float array, optional
-            What it reads of the fields is given in place of them.
+            If given, ``reader @ fields`` is returned in place of the fields.
 
         Raises
         ------
@@ -74,21 +74,21 @@ class DenseFields:
             lines = np.arange(first, min(first + step, n_lines))
             part = slice(first, first + len(lines))
             if modal is None:
-                yield part, self._solved(lines, coefficients, loads, reader)
+                yield part, self._solve_lines(lines, coefficients, loads, reader)
                 continue
             found = whole = modal.at(part)
             if len(laws):
                 free = np.ascontiguousarray(whole[:, :n_read, :n_chosen])
-                slip = self._slip(whole[:, n_read:], coefficients[part], laws)
+                slip = self._friction_forces(whole[:, n_read:], coefficients[part], laws)
                 found = free - whole[:, :n_read, n_chosen:] @ slip
                 is_lost = _squares(free) > MOST_SMALLER**2 * _squares(found)
                 if is_lost.any():
-                    found[is_lost] = self._solved(lines[is_lost], coefficients, loads, reader)
+                    found[is_lost] = self._solve_lines(lines[is_lost], coefficients, loads, reader)
             yield part, found
 
     @cached_property
     def modal(self) -> ModalFields | None:
-        """Under the loads, then unit forces at the contacts, without friction; None where each line is factorized."""
+        """Fields under the loads and under unit forces at the contacts, without friction, by modes; None if that is slower."""
         is_damped = bool(self.matrices[1].any())
         if not worthwhile(len(self.laplace), self.matrices.shape[1], is_damped):
             return None
@@ -97,25 +97,31 @@ class DenseFields:
 
     @cached_property
     def _contacts(self) -> FloatArray:
-        """b of each further matrix, which is b b' or its negative, (n_dofs, n_contacts)."""
-        found = np.zeros((self.matrices.shape[1], len(self.matrices) - _BASIC))
+        """Direction vectors b of the friction contacts, whose matrices are b b' or its negative, (n_dofs, n_contacts)."""
+        directions = np.zeros((self.matrices.shape[1], len(self.matrices) - _BASIC))
         for contact, matrix in enumerate(self.matrices[_BASIC:]):
-            place = int(np.abs(np.diag(matrix)).argmax())
-            if matrix[place, place]:
-                found[:, contact] = matrix[:, place] / np.sqrt(abs(matrix[place, place]))
-        return found
+            dof = int(np.abs(np.diag(matrix)).argmax())
+            if matrix[dof, dof]:
+                directions[:, contact] = matrix[:, dof] / np.sqrt(abs(matrix[dof, dof]))
+        return directions
 
-    def _slip(self, motion: ComplexArray, coefficients: ComplexArray, laws: IntArray) -> NumberArray:
-        """Forces of friction (n, n_contacts, n_loads), from what contacts move without it under loads, then unit forces at them."""
+    def _friction_forces(self, motion: ComplexArray, coefficients: ComplexArray, laws: IntArray) -> NumberArray:
+        """Friction forces, (n_lines, n_contacts, n_loads), from the motion of the contacts without friction.
+
+        `motion` is (n_lines, n_contacts, n_loads + n_contacts): under the loads, then under unit forces at the
+        contacts. `coefficients` weigh the matrices at each line; `laws` are the indices of those of the contacts.
+        """
         sign = np.sign(np.trace(self.matrices[laws], axis1=1, axis2=2))
         factors = (coefficients[:, laws] * sign)[:, :, None]
         n_loads = motion.shape[2] - len(laws)
-        return solved_few(np.eye(len(laws)) + factors * motion[:, :, n_loads:], factors * motion[:, :, :n_loads])
+        return solve_small_systems(
+            np.eye(len(laws)) + factors * motion[:, :, n_loads:], factors * motion[:, :, :n_loads]
+        )
 
-    def _solved(
+    def _solve_lines(
         self, lines: IntArray, coefficients: ComplexArray, loads: IntArray, reader: FloatArray | None
     ) -> ComplexArray:
-        """Fields at some lines, or what is read of them, by a factorization at each."""
+        """Fields (or `reader` times fields) under the chosen loads at some lines, one factorization each, (n, n_dofs, n_loads)."""
         n_dofs = self.matrices.shape[1]
         stiffness = coefficients[lines] @ self.matrices.reshape(-1, n_dofs**2)
         try:
@@ -126,10 +132,10 @@ class DenseFields:
         return fields if reader is None else reader @ fields
 
 
-def solved_few(systems: NumberArray, right: NumberArray) -> NumberArray:
-    """X with systems X = right, (n_lines, n, n) and (n_lines, n, n_right), for the few unknowns of contacts.
+def solve_small_systems(systems: NumberArray, right: NumberArray) -> NumberArray:
+    """Solution X of systems X = right for many small systems, (n_lines, n, n) and (n_lines, n, n_right).
 
-    One or two are solved for by Cramer's rule, all lines together: LAPACK takes line after line.
+    Systems of one or two unknowns are solved by Cramer's rule, all lines together: LAPACK takes line after line.
 
     Raises
     ------

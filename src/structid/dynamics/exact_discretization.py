@@ -131,7 +131,7 @@ def stepped(transition: FloatArray, drive: FloatArray, start: FloatArray) -> Flo
     start : (n_states, ...) float array
     """
     if len(drive) >= _LEAST_STEPS and transition.size * start[0].size <= _MOST_WORK:
-        return _stepped_together(transition, drive, start)
+        return _step_in_blocks(transition, drive, start)
     states = np.empty((len(drive) + 1, *start.shape))
     states[0] = start
     for k, given in enumerate(drive):
@@ -140,28 +140,33 @@ def stepped(transition: FloatArray, drive: FloatArray, start: FloatArray) -> Flo
     return states
 
 
-def _stepped_together(transition: FloatArray, drive: FloatArray, start: FloatArray) -> FloatArray:
-    """The same for short steps: stretches of them side by side, first from rest, which tells where each begins."""
+def _step_in_blocks(transition: FloatArray, drive: FloatArray, start: FloatArray) -> FloatArray:
+    """x_{k+1} = transition x_k + drive_k from x_0 = `start`, for blocks of steps side by side, (n_steps + 1, n_states, ...).
+
+    Each block runs from rest first; its final state tells where the next block begins.
+    """
     n_steps, n = drive.shape[:2]
     length = int(np.sqrt(n_steps / 2))
     count = -(-n_steps // length)
     padded = np.zeros((count * length, n, start[0].size))
     padded[:n_steps] = drive.reshape(n_steps, n, -1)
-    given = np.ascontiguousarray(padded.reshape(count, length, n, -1).transpose(1, 2, 0, 3)).reshape(length, n, -1)
-    rested = np.zeros(given.shape[1:])
-    for each in given:
-        rested = transition @ rested + each
+    block_drive = np.ascontiguousarray(padded.reshape(count, length, n, -1).transpose(1, 2, 0, 3)).reshape(
+        length, n, -1
+    )
+    from_rest = np.zeros(block_drive.shape[1:])
+    for each in block_drive:
+        from_rest = transition @ from_rest + each
     across = np.linalg.matrix_power(transition, length)
-    begins = np.empty((n, count, start[0].size))
+    block_starts = np.empty((n, count, start[0].size))
     state = start.reshape(n, -1)
-    for k, end in enumerate(np.moveaxis(rested.reshape(begins.shape), 1, 0)):
-        begins[:, k] = state
+    for k, end in enumerate(np.moveaxis(from_rest.reshape(block_starts.shape), 1, 0)):
+        block_starts[:, k] = state
         state = across @ state + end
     states = np.empty((count * length + 1, n, start[0].size))
-    states[0] = begins[:, 0]
+    states[0] = block_starts[:, 0]
     later = states[1:].reshape(count, length, n, -1)
-    moving = begins.reshape(n, -1)
-    for k, each in enumerate(given):
+    moving = block_starts.reshape(n, -1)
+    for k, each in enumerate(block_drive):
         moving = transition @ moving + each
-        later[:, k] = np.moveaxis(moving.reshape(begins.shape), 1, 0)
+        later[:, k] = np.moveaxis(moving.reshape(block_starts.shape), 1, 0)
     return states[: n_steps + 1].reshape(n_steps + 1, *start.shape)

@@ -58,7 +58,7 @@ def worthwhile(n_lines: int, n_dofs: int, damped: bool) -> bool:
 
 
 def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray) -> ModalFields | None:
-    """X with (s^2 M + s C + K + i H) X = loads at every s, as a sum over the poles of the structure.
+    """Fields X with (s^2 M + s C + K + i H) X = loads at all s, as a sum over the poles of the structure.
 
     With s0 the mean size of s, without viscous damping and with t = s0^2 - s^2, Z = Z(s0) (I - t B), where
     B = Z(s0)^-1 M; with it and t = s - s0 the same holds of (x, t x / s0) and a B of twice the size. The eigenvectors
@@ -107,22 +107,25 @@ def modal_fields(matrices: FloatArray, loads: FloatArray, laplace: ComplexArray)
         return None
     lines = _check_lines(np.abs(near.imag), laplace.imag)
     s = laplace[lines, None, None]
-    return found if _is_exact(found.at(lines), s**2 * mass + s * damping + stiffness, loads) else None
+    return found if _matches_direct_solution(found.at(lines), s**2 * mass + s * damping + stiffness, loads) else None
 
 
-def _is_exact(fields: ComplexArray, dynamic: ComplexArray, loads: FloatArray) -> bool:
-    """Whether fields differ from Z^-1 loads by no more than rounding."""
+def _matches_direct_solution(fields: ComplexArray, dynamic: ComplexArray, loads: FloatArray) -> bool:
+    """True if `fields` (n_lines, n_dofs, n_loads) differ from Z^-1 loads, solved directly, by rounding only.
+
+    `dynamic` has the dynamic stiffness Z at each line, (n_lines, n_dofs, n_dofs).
+    """
     right = loads.astype(np.complex128)
     try:
         exact = np.linalg.solve(dynamic, right)
-        off = _difference(fields, exact)
-        if off <= TOLERANCE:
+        difference = _difference(fields, exact)
+        if difference <= TOLERANCE:
             return True
         digit = np.finfo(np.float64).eps * np.random.default_rng(0).uniform(-1.0, 1.0, dynamic.shape[1:])
         other = np.linalg.solve((dynamic * (1 + digit))[:, ::-1, ::-1], right[::-1])[:, ::-1]
     except np.linalg.LinAlgError:
         return False
-    return off <= ROUNDINGS * _difference(other, exact)
+    return difference <= ROUNDINGS * _difference(other, exact)
 
 
 def _difference(fields: ComplexArray, exact: ComplexArray) -> float:
@@ -133,9 +136,12 @@ def _difference(fields: ComplexArray, exact: ComplexArray) -> float:
 
 
 def _check_lines(poles: FloatArray, lines: FloatArray) -> IntArray:
-    """The line next to each pole within the band, and a few over it."""
+    """Indices of the lines nearest to each pole within the band, and of a few spread over it.
+
+    `poles` and `lines` are in one unit of frequency.
+    """
     order = np.argsort(lines)
-    inside = poles[(poles >= lines.min()) & (poles <= lines.max())]
-    near = np.clip(np.searchsorted(lines[order], inside), 0, len(lines) - 1)
+    in_band = poles[(poles >= lines.min()) & (poles <= lines.max())]
+    near = np.clip(np.searchsorted(lines[order], in_band), 0, len(lines) - 1)
     spread = np.linspace(0, len(lines) - 1, _SPREAD).astype(int)
     return np.unique(np.concatenate([order[near], spread]))

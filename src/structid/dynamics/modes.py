@@ -66,7 +66,7 @@ def modes(
     damping, structural : the same, optional
         Viscous damping, and imaginary part of the complex stiffness.
     n_modes : int, optional
-        How many; all by default (up to 20 for more than 600 degrees of freedom).
+        Number of modes; all by default (up to 20 for more than 600 degrees of freedom).
 
     Raises
     ------
@@ -82,13 +82,13 @@ def modes(
         eigenvalues, shapes = eigenvalues[:n_modes], shapes[:, :n_modes]
     else:
         count = min(n_modes or 20, n - 2)
-        shift, inverse = _low_shift(stiffness, mass)
+        shift, inverse = _shift_below(stiffness, mass)
         start = np.random.default_rng(0).standard_normal(n)
         eigenvalues, shapes = eigsh(stiffness, count, mass, sigma=shift, which="LM", v0=start, OPinv=inverse)
         order = np.argsort(eigenvalues)
         eigenvalues, shapes = eigenvalues[order], shapes[:, order]
         if inverse is not None:
-            eigenvalues, shapes = _completed(stiffness, mass, shift, inverse, eigenvalues, shapes)
+            eigenvalues, shapes = _add_missed_modes(stiffness, mass, shift, inverse, eigenvalues, shapes)
     omega = np.sqrt(np.maximum(eigenvalues, 0.0))
     shapes = shapes * np.sign(shapes[np.abs(shapes).argmax(axis=0), np.arange(shapes.shape[1])])
     loss = np.zeros(len(omega))
@@ -97,23 +97,24 @@ def modes(
     if structural is not None:
         loss += np.einsum("ij,ij->j", shapes, structural @ shapes)
     ratio = np.divide(loss, 2 * omega**2, out=np.zeros_like(loss), where=omega > 1e-6 * omega.max(initial=0.0))
-    return Modes(omega / (2 * np.pi), ratio, shapes, _rounding(stiffness, omega, shapes, error))
+    return Modes(omega / (2 * np.pi), ratio, shapes, _rounding_errors(stiffness, omega, shapes, error))
 
 
-def _rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray, error: float) -> FloatArray:
-    """Relative errors of frequencies by rounding of the stiffness matrix, and `error` of the eigenvalues beside it."""
+def _rounding_errors(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray, error: float) -> FloatArray:
+    """Relative errors of the frequencies, (n_modes,), from rounding of the stiffness and from `error` of the eigenvalues."""
     size = np.abs(shapes)
     errors = error + np.finfo(np.float64).eps * np.einsum("ij,ij->j", size, abs(stiffness) @ size)
     clear = omega[omega**2 > errors]
     return np.asarray(errors / (2 * np.maximum(omega, clear.min() if len(clear) else np.inf) ** 2))
 
 
-def _low_shift(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:
-    """A shift just below the lowest eigenvalues, and the inverse of the stiffness so shifted.
+def _shift_below(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:
+    """A shift just below the lowest eigenvalues of K x = lambda M x, and the inverse of K - shift M.
 
-    A mean of all eigenvalues is a safe shift, also for a structure that can move freely, but on a fine mesh it lies
-    millions of times above the lowest, which Lanczos then cannot tell apart. A few inverse iterations of a small block
-    show how far below they lie, and the shift follows until it is near them.
+    The mean of all eigenvalues would be a safe shift, also for a structure that can move freely, but on a fine mesh it
+    lies millions of times above the lowest, which Lanczos then cannot tell apart. A few inverse iterations of a small
+    block show how far below they lie, and the shift follows until it is near them. The inverse is None where the
+    diagonal of K has zeros.
     """
     shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
     least = _LEAST * shift
@@ -130,7 +131,7 @@ def _low_shift(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[flo
         shift = min(-low, least)
 
 
-def _completed(
+def _add_missed_modes(
     stiffness: sparse.csc_array,
     mass: sparse.csc_array,
     shift: float,
@@ -138,10 +139,10 @@ def _completed(
     eigenvalues: FloatArray,
     shapes: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """The lowest modes, with those among them that Lanczos has passed over.
+    """Lowest eigenvalues and mode shapes, with those that Lanczos missed (repeated frequencies) added.
 
-    From one vector it sees one of several modes with the same frequency, as of equal parts of a structure, and the
-    others by rounding alone. What a block of vectors finds beside `shapes` is put among them until nothing changes.
+    From one vector Lanczos sees one of several modes with the same frequency, as of equal parts of a structure, and the
+    others by rounding alone. Block iteration orthogonal to `shapes` finds them, until nothing changes.
     """
     count, rng = len(eigenvalues), np.random.default_rng(1)
     for _ in range(_MOST_ROUNDS):
@@ -169,7 +170,7 @@ def _ritz(stiffness: sparse.csc_array, mass: sparse.csc_array, space: FloatArray
 
 
 def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
-    """The inverse of the shifted stiffness by the factorizer in use; None where its diagonal is not complete."""
+    """Inverse of the shifted stiffness as a linear operator; None if its diagonal has zeros."""
     shifted.sort_indices()
     if not shifted.diagonal().all():
         return None
@@ -183,19 +184,19 @@ def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
 
 
 def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Modes after motions without mass have been condensed statically: degrees of freedom, or combinations of them."""
-    heavy = np.diag(mass) > 0
-    if _is_definite(mass[np.ix_(heavy, heavy)]):
-        return _condensed_modes(mass, stiffness, heavy)
-    size = 1 / np.sqrt(np.where(heavy, np.diag(mass), 1.0))
-    principal, turn = linalg.eigh(size[:, None] * mass * size)
-    basis, heavy = size[:, None] * turn, principal > _MASSLESS
-    eigenvalues, shapes = _condensed_modes(np.diag(principal), basis.T @ stiffness @ basis, heavy)
+    """Eigenvalues and mode shapes of dense matrices; directions without mass are condensed statically."""
+    has_mass = np.diag(mass) > 0
+    if _is_definite(mass[np.ix_(has_mass, has_mass)]):
+        return _condensed_modes(mass, stiffness, has_mass)
+    scaling = 1 / np.sqrt(np.where(has_mass, np.diag(mass), 1.0))
+    principal, directions = linalg.eigh(scaling[:, None] * mass * scaling)
+    basis, has_mass = scaling[:, None] * directions, principal > _MASSLESS
+    eigenvalues, shapes = _condensed_modes(np.diag(principal), basis.T @ stiffness @ basis, has_mass)
     return eigenvalues, basis @ shapes
 
 
 def _is_definite(mass: FloatArray) -> bool:
-    """Whether no combination of degrees of freedom is without mass, rounding apart."""
+    """True if the mass matrix is positive definite beyond rounding."""
     try:
         pivots = np.diag(linalg.cholesky(mass, lower=True)) ** 2
     except linalg.LinAlgError:
@@ -204,20 +205,22 @@ def _is_definite(mass: FloatArray) -> bool:
 
 
 def _condensed_modes(
-    mass: FloatArray, stiffness: FloatArray, heavy: NDArray[np.bool_]
+    mass: FloatArray, stiffness: FloatArray, has_mass: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray]:
-    """Modes whose other degrees of freedom follow those that are `heavy`."""
-    if heavy.all():
+    """Eigenvalues and shapes, (n_dofs, n_modes), when degrees of freedom without mass are condensed statically."""
+    if has_mass.all():
         return linalg.eigh(stiffness, mass)
-    light = ~heavy
+    massless = ~has_mass
     try:
-        follow = -linalg.solve(stiffness[np.ix_(light, light)], stiffness[np.ix_(light, heavy)], assume_a="sym")
+        follow = -linalg.solve(
+            stiffness[np.ix_(massless, massless)], stiffness[np.ix_(massless, has_mass)], assume_a="sym"
+        )
     except linalg.LinAlgError as error:
         raise SingularModelError(
             "part of the model has neither mass nor stiffness: hold it, or give it one of them"
         ) from error
-    condensed = stiffness[np.ix_(heavy, heavy)] + stiffness[np.ix_(heavy, light)] @ follow
-    eigenvalues, shapes = linalg.eigh(0.5 * (condensed + condensed.T), mass[np.ix_(heavy, heavy)])
+    condensed = stiffness[np.ix_(has_mass, has_mass)] + stiffness[np.ix_(has_mass, massless)] @ follow
+    eigenvalues, shapes = linalg.eigh(0.5 * (condensed + condensed.T), mass[np.ix_(has_mass, has_mass)])
     full = np.zeros((len(mass), shapes.shape[1]))
-    full[heavy], full[light] = shapes, follow @ shapes
+    full[has_mass], full[massless] = shapes, follow @ shapes
     return eigenvalues, full

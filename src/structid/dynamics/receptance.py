@@ -48,37 +48,37 @@ class DynamicStiffness:
 
     @cached_property
     def merged(self) -> tuple[tuple[FloatArray, ComplexArray], ...]:
-        """Rows of `data` that are no multiples of each other, and the factors (n_frequencies,) by which each enters.
+        """Linearly independent rows of `data`, each with the factor (n_frequencies,) by which it enters Z.
 
-        Stiffness and structural damping are one where all elements have the same loss factor.
+        Stiffness and structural damping merge into one row where all elements have the same loss factor.
         """
-        found: list[tuple[FloatArray, ComplexArray]] = []
+        rows: list[tuple[FloatArray, ComplexArray]] = []
         for law, row in enumerate(self.data):
             largest = int(np.abs(row).argmax())
             if row[largest] == 0:
                 continue
-            for place, (known, factor) in enumerate(found):
-                scale = row[largest] / known[largest] if known[largest] else 0.0
-                if scale and np.abs(row - scale * known).max() <= _SAME * abs(row[largest]):
-                    found[place] = known, factor + scale * self.coefficients[:, law]
+            for index, (other, factor) in enumerate(rows):
+                scale = row[largest] / other[largest] if other[largest] else 0.0
+                if scale and np.abs(row - scale * other).max() <= _SAME * abs(row[largest]):
+                    rows[index] = other, factor + scale * self.coefficients[:, law]
                     break
             else:
-                found.append((row, self.coefficients[:, law].astype(np.complex128)))
-        return tuple(found)
+                rows.append((row, self.coefficients[:, law].astype(np.complex128)))
+        return tuple(rows)
 
     def entries(self, line: int, is_damped: bool = True) -> NumberArray:
-        """Entries of Z at one line, real where nothing damps; or of its real part."""
-        real = self._combined([float(factor[line].real) for _, factor in self.merged])
+        """Entries of Z at one line, (n_entries,): real without damping, or the real part alone if not `is_damped`."""
+        real = self._weighted_sum([float(factor[line].real) for _, factor in self.merged])
         imaginary = [float(factor[line].imag) for _, factor in self.merged]
         if not is_damped or not any(imaginary):
             return real
         total = np.empty(len(real), dtype=np.complex128)
         total.real = real
-        total.imag = self._combined(imaginary)
+        total.imag = self._weighted_sum(imaginary)
         return total
 
-    def _combined(self, factors: list[float]) -> FloatArray:
-        """The sum of the merged rows with these factors."""
+    def _weighted_sum(self, factors: list[float]) -> FloatArray:
+        """Weighted sum of the merged rows, (n_entries,)."""
         total = np.zeros(self.data.shape[1])
         for (row, _), factor in zip(self.merged, factors, strict=True):
             if factor:
@@ -86,7 +86,7 @@ class DynamicStiffness:
         return total
 
     def solver(self, line: int, is_damped: bool = True) -> LineFactor:
-        """The factorization of Z at one line, or of its real part; it holds until the next one.
+        """Factorization of Z at one line, or of its real part if not `is_damped`; valid until the next call.
 
         Raises
         ------

@@ -43,7 +43,7 @@ class FieldSweep:
     ----------
     stiffness : DynamicStiffness
     pattern : (indices, indptr)
-        Of its entries, compressed columns.
+        Sparsity pattern of the entries, in compressed columns.
     right : (n_dofs, n_columns) float array
         Right-hand sides B.
 
@@ -58,6 +58,7 @@ class FieldSweep:
     """
 
     def __init__(self, stiffness: DynamicStiffness, pattern: tuple[IntArray, IntArray], right: FloatArray) -> None:
+        """A sweep of the model `stiffness` with sparsity `pattern` and right-hand sides (n_dofs, n_columns)."""
         self.stiffness, self.right = stiffness, right
         self.basis = FieldBasis(stiffness, pattern, right)
         self.n_factorizations = 0
@@ -75,7 +76,7 @@ class FieldSweep:
         return self.basis.size
 
     def verified(self, error_of: ErrorOf) -> float | None:
-        """Grow the basis until its fields at the line with the largest residual err by less than a third of 1.
+        """Grow the basis until the fields at the line with the largest residual have an error below a third of the tolerance.
 
         Returns
         -------
@@ -95,8 +96,8 @@ class FieldSweep:
                 break
             self._begin()
             self._next()
-            found = self.fields(self._line)
-            error = error_of(self._line, self._solved(), found)
+            projected = self.fields(self._line)
+            error = error_of(self._line, self._converged_fields(), projected)
             if error <= _SAFE:
                 self._error = error
                 break
@@ -105,43 +106,43 @@ class FieldSweep:
         return self._error
 
     def in_full(self) -> Iterator[NumberArray]:
-        """Fields at one line after another, solved for until next to nothing is left of their equations.
+        """Fields at each line in turn, (n_dofs, n_columns), solved until their residual is negligible.
 
-        One factorization serves all lines, in rounds; lines that do not come so far get one of their own.
+        One factorization serves all lines, in rounds; lines that do not converge get one of their own.
         """
         self._begin()
         for _ in range(_MOST_ROUNDS):
-            rest = [line for line in range(self.n_lines) if self.basis.left(line) > _IN_FULL]
-            if not rest or self._last is None:
+            unsolved = [line for line in range(self.n_lines) if self.basis.left(line) > _IN_FULL]
+            if not unsolved or self._last is None:
                 break
-            self.basis.improve(self._last, rest)
+            self.basis.improve(self._last, unsolved)
         for line in range(self.n_lines):
             self._line = line
-            yield self.fields(line) if self.basis.left(line) <= _IN_FULL else self._grow()
+            yield self.fields(line) if self.basis.left(line) <= _IN_FULL else self._factorize_line()
 
-    def _solved(self) -> NumberArray:
-        """Fields at the line in full, which the basis then holds."""
+    def _converged_fields(self) -> NumberArray:
+        """Fields at the current line to full accuracy, by corrections from the last factorization or by a new one."""
         if self._last is not None:
             first = last = self.basis.left(self._line)
             for _ in range(_ROUNDS):
                 self.basis.improve(self._last, [self._line])
-                left = self.basis.left(self._line)
-                if left <= _SOLVED * first:
+                residual = self.basis.left(self._line)
+                if residual <= _SOLVED * first:
                     return self.fields(self._line)
-                if left > _SLOW * last:
+                if residual > _SLOW * last:
                     break
-                last = left
-        return self._grow()
+                last = residual
+        return self._factorize_line()
 
     def _begin(self) -> None:
         """Take in the line without damping, a quarter of the products; with it where it lies at an undamped resonance."""
         try:
-            self._grow(is_damped=False)
+            self._factorize_line(is_damped=False)
         except SingularModelError:
-            self._grow()
+            self._factorize_line()
 
-    def _grow(self, is_damped: bool = True) -> NumberArray:
-        """The fields at the line by a factorization of its own, taken in with their moments."""
+    def _factorize_line(self, is_damped: bool = True) -> NumberArray:
+        """Factorize Z at the current line, solve for the fields, and add them with their Krylov vectors to the basis."""
         self._last = None
         self.n_factorizations += 1
         solver = self.stiffness.solver(self._line, is_damped)
@@ -187,7 +188,7 @@ def reduced_sweep(
     sensors: sparse.sparray,
     tolerance: float = 1e-6,
 ) -> ReducedSweep:
-    """Readings S' Z^-1 F at every line by `FieldSweep`, to a verified `tolerance`.
+    """Readings S' Z^-1 F at every line by Galerkin projection, to a verified relative `tolerance`.
 
     Where that takes more than a third of the lines, all are solved for.
 
@@ -195,7 +196,7 @@ def reduced_sweep(
     ----------
     stiffness : DynamicStiffness
     pattern : (indices, indptr)
-        Of its entries, compressed columns.
+        Sparsity pattern of the entries, in compressed columns.
     loads : (n_dofs, n_loads) float array
     sensors : (n_dofs, n_readings) sparse array
     tolerance : float

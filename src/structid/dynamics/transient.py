@@ -84,14 +84,14 @@ def sampled_transient(
     sampling_rate: float,
     damping: Matrix | None = None,
 ) -> Transient:
-    """Response from rest to loads that run in straight lines between their samples; exact for such loads.
+    """Response from rest to loads that vary linearly between their samples (first-order hold), without discretization error.
 
     Parameters
     ----------
     mass, stiffness, damping : (n_dofs, n_dofs) arrays, sparse or dense
         Symmetric; mass positive definite.
     loads : (n_dofs, n_loads) array
-        Where each signal acts.
+        Force on each degree of freedom per unit of each signal.
     signals : (n_times, n_loads) array
         N or N m, the first sample at t = 0.
     sampling_rate : float
@@ -138,7 +138,10 @@ class _ModalSystem:
     shapes: FloatArray
 
     def motion(self, time: FloatArray, q: FloatArray, dq: FloatArray, force: FloatArray) -> Transient:
-        """Physical motion; the acceleration follows from the equations of motion, so that they hold to rounding."""
+        """Motion of the structure from modal displacement `q` and velocity `dq`, (n_times, n_modes), and forces (n_times, n_dofs).
+
+        The acceleration follows from the equations of motion, so that they hold to rounding.
+        """
         displacement, velocity = q @ self.shapes.T, dq @ self.shapes.T
         inertia = force - displacement @ self.stiffness
         if self.damping is not None:
@@ -146,7 +149,10 @@ class _ModalSystem:
         return Transient(time, displacement, velocity, linalg.solve(self.mass, inertia.T, assume_a="pos").T)
 
     def state_matrix(self) -> tuple[FloatArray, FloatArray]:
-        """A of the state [scale q; dq/dt] and that scale: near skew-symmetric, so that its exponential is accurate."""
+        """Matrix A of the state [scale q; dq/dt], (2 n_modes, 2 n_modes), and the scale, (n_modes,).
+
+        The scale makes A nearly skew-symmetric, so that its exponential is accurate.
+        """
         n = len(self.natural)
         scale = np.where(self.natural > 1e-6 * self.natural.max(initial=0.0), self.natural, 1.0)
         system = np.zeros((2 * n, 2 * n))
@@ -158,6 +164,7 @@ class _ModalSystem:
 
 
 def _modal_system(mass: Matrix, stiffness: Matrix, damping: Matrix | None) -> _ModalSystem:
+    """Checked dense matrices with their undamped modes; raises `SingularModelError` if the mass is not positive definite."""
     m, k, c = _dense(mass), _dense(stiffness), None if damping is None else _dense(damping)
     for name, matrix in (("mass", m), ("stiffness", k), ("damping", c)):
         if matrix is not None:
@@ -175,7 +182,10 @@ def _modal_system(mass: Matrix, stiffness: Matrix, damping: Matrix | None) -> _M
 def _undamped(
     natural: FloatArray, modal_load: FloatArray, omega: float, time: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Modal displacement and velocity without damping, (n_times, n_modes) each."""
+    """Modal displacement and velocity from rest under load cos(omega t) without damping, (n_times, n_modes) each.
+
+    `natural` are natural frequencies in rad/s, `modal_load` is (n_modes,), `time` in s.
+    """
     t = time[:, None]
     mean, half = 0.5 * (natural + omega), 0.5 * (natural - omega)
     sinc_mean, sinc_half = np.sinc(mean * t / np.pi), np.sinc(half * t / np.pi)
@@ -187,22 +197,25 @@ def _undamped(
 def _driven(
     system: _ModalSystem, modal_load: FloatArray, omega: float, time: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Modal displacement and velocity, (n_times, n_modes) each, with cos and sin of the load as two more states."""
+    """Modal displacement and velocity from rest under load cos(omega t), with damping, (n_times, n_modes) each.
+
+    The cosine and sine of the load are two additional states of one matrix exponential.
+    """
     n = len(system.natural)
     state_matrix, scale = system.state_matrix()
-    wide = np.zeros((2 * n + 2, 2 * n + 2))
-    wide[: 2 * n, : 2 * n] = state_matrix
-    wide[n : 2 * n, 2 * n] = modal_load
-    wide[2 * n, 2 * n + 1], wide[2 * n + 1, 2 * n] = -omega, omega
+    extended = np.zeros((2 * n + 2, 2 * n + 2))
+    extended[: 2 * n, : 2 * n] = state_matrix
+    extended[n : 2 * n, 2 * n] = modal_load
+    extended[2 * n, 2 * n + 1], extended[2 * n + 1, 2 * n] = -omega, omega
     state = np.zeros(2 * n + 2)
     state[2 * n] = 1.0
     states, reached, powers = [], 0.0, {}
     for instant in time:
         step = float(f"{instant - reached:.9g}")  # so that steps that differ by rounding share one exponential
         if step not in powers:
-            powers[step] = linalg.expm(wide * step)
+            powers[step] = linalg.expm(extended * step)
         state = powers[step] @ state
         reached += step
-        states.append(state + (instant - reached) * (wide @ state))  # and this makes up for it
-    found = np.array(states).reshape(-1, 2 * n + 2)
-    return found[:, :n] / scale, found[:, n : 2 * n]
+        states.append(state + (instant - reached) * (extended @ state))  # and this makes up for it
+    history = np.array(states).reshape(-1, 2 * n + 2)
+    return history[:, :n] / scale, history[:, n : 2 * n]

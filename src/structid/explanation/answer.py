@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate
 from structid.criticism.held import MATTERS, HeldValue, doubted, is_clear
@@ -212,7 +212,7 @@ def unlooked(explanation: Explanation) -> tuple[str, ...]:
         return (_OF_RECORDS,)
     parts = [explanation, *([] if explanation.further is None else [explanation.further])]
     left_out = sum(part.left_out for part in parts)
-    words = [f"{counted(left_out, 'likely change')} not tried"] * (left_out > 0)
+    words = [f"{plural(left_out, 'likely change')} not tried"] * (left_out > 0)
     words += ["other pairs of causes not tried"] * explanation.is_single
     spent = sum(part.spent for part in parts)
     ended = f"the search for causes ended after {spent:.2g} s of the processor"
@@ -230,7 +230,7 @@ def _like_damper(cause: Cause) -> tuple[Cause, ...]:
     """Friction beside a damper to the ground: at one level of a broad-band drive nothing tells them apart."""
     if cause.kind != "dashpot" or len(cause.where) > 1:
         return ()
-    words = f"something rubs at {cause.where[0]}: one level of the drive does not tell it from a damper"
+    words = f"something rubs at {cause.where[0]}: one level of the force cannot distinguish it from a damper"
     return (replace(cause, kind="friction", words=words, is_alike=True, study="", lines=()),)
 
 

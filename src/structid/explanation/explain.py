@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from structid.core.display import Overview, Shown, plural
 from structid.core.dof import parse_dof
 from structid.core.errors import StructidError
 from structid.criticism.candidate import Candidate, bare
@@ -33,6 +34,7 @@ from structid.explanation.refits import (
 from structid.explanation.screening import of_study, shortlisted
 from structid.explanation.time_budget import UNLIMITED, TimeBudget, map_within_budget
 from structid.explanation.trial import Trial
+from structid.explanation.words import cause_words
 from structid.identification.setups.setup import titles
 from structid.inversion.diagnostics.residual_tests import misfit_probability
 from structid.inversion.search.work import ALONE, Work
@@ -78,8 +80,8 @@ _FAR = 3.0
 _TELLING = 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class Explanation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Explanation(Shown):
     """What was found.
 
     Attributes
@@ -119,6 +121,18 @@ class Explanation:
     left_out: int = 0
     is_single: bool = False
     begun: tuple[Item, ...] = ()
+
+    def overview(self) -> Overview:
+        """How many changes were tried, and one row for each that explains the misfit."""
+        words = f"{plural(self.tried, 'change')} tried, {len(self.causes)} may explain the misfit"
+        rows = [
+            (
+                cause_words(fitted.trial.changes[-1][0], None),
+                f"{100 * max(0.0, 1 - fitted.cost / self.base.cost):.3g} %",
+            )
+            for fitted in self.causes
+        ]
+        return Overview(words, ("change", "misfit removed"), rows)
 
     @property
     def likely(self) -> tuple[Fitted, ...]:
@@ -244,14 +258,14 @@ def _from_second(found: Explanation, second: Explanation, work: Work, budget: Ti
     if first is None:
         return None
     items = _begun(first.trial, [_bare_change(one) for one in second.causes], both.values)
-    return _led_by(found, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried))
+    return _led_by(found, first, _weighed(first, _refits(first, items, work, "second changes beside it"), again.tried))
 
 
 def _from_next(
     found: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
 ) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
-    further = _beside(first, work, "beside the next, second ", budget)
+    further = _beside(first, work, "second change after another first one, ", budget)
     return _led_by(found, first, further) if _is_better(further, second) else None
 
 
@@ -286,7 +300,7 @@ def _alone(found: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
     for one in found.causes:
         if _place(one.trial.changes[-1][0]) == _place(change[0]):
             return one
-    alone = _refits(found.base, _begun(found.base.trial, [change], fitted.values), work, "a second cause alone")
+    alone = _refits(found.base, _begun(found.base.trial, [change], fitted.values), work, "the second change alone")
     return alone[0] if alone and alone[0].cost < found.base.cost else None
 
 

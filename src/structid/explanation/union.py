@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.explanation.refits import Fitted
 from structid.identification.identified import Identification
 from structid.identification.identify import total_mass
@@ -70,7 +70,9 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
     lost = [
         name for name, before, now in zip(estimate.names, estimate.identified, known, strict=True) if before and not now
     ]
-    notes = (words, f"these disagree by more than the value about {listed(lost)}: not identified") if lost else (words,)
+    notes = (
+        (words, f"these disagree by more than the value about {join_words(lost)}: not identified") if lost else (words,)
+    )
     wider = replace(estimate, model_error=union, covariance_basis="model_error", identified=known)
     before, now = estimate_warnings(estimate), estimate_warnings(wider)
     kept = [one for one in found.warnings if one in now or one not in before]

@@ -40,14 +40,14 @@ class Field(NamedTuple):
 _KEYWORD = re.compile(r"^[ \t]*\*(?!\*).*(?:\n(?![ \t]*\*(?!\*)).*)*", re.MULTILINE)
 
 
-def _blocks(pattern: re.Pattern[str], text: str) -> Iterator[list[tuple[int, int, str]]]:
-    """Number, first character and text of every line of each match."""
-    number, counted = 1, 0
-    for found in pattern.finditer(text):
-        number, counted = number + text.count("\n", counted, found.start()), found.start()
-        start, lines = found.start(), []
-        for at, line in enumerate(found[0].split("\n"), number):
-            lines.append((at, start, line.removesuffix("\r")))
+def _matching_blocks(pattern: re.Pattern[str], text: str) -> Iterator[list[tuple[int, int, str]]]:
+    """Lines of each match of `pattern` in `text`, as (line number, index of the first character, text)."""
+    number, n_before = 1, 0
+    for match in pattern.finditer(text):
+        number, n_before = number + text.count("\n", n_before, match.start()), match.start()
+        start, lines = match.start(), []
+        for line_number, line in enumerate(match[0].split("\n"), number):
+            lines.append((line_number, start, line.removesuffix("\r")))
             start += len(line) + 1
         yield lines
 
@@ -73,9 +73,9 @@ class Card:
 
 
 def cards_in(file: str, text: str, name: str) -> Iterator[Card]:
-    """The cards of bulk data that are called `name`; an `InputError` where tabs move their columns."""
+    """The bulk data cards called `name` in `text`, with their fields; `InputError` if tabs move columns. `file` is for errors."""
     pattern = re.compile(rf"^{re.escape(name)}\b.*(?:\n(?![A-Z]).*)*", re.MULTILINE | re.IGNORECASE)
-    for lines in _blocks(pattern, text):
+    for lines in _matching_blocks(pattern, text):
         fields: dict[int, Field] = {}
         row, half, is_open = -ROW, 0, False
         for number, start, whole in lines:
@@ -89,15 +89,15 @@ def cards_in(file: str, text: str, name: str) -> Iterator[Card]:
             row, half = (row, 1) if is_large and is_open else (row + ROW, 0)
             is_open = is_large and half == 0
             n_fields, width = (4, 2 * _SMALL) if is_large else (8, _SMALL)
-            for k, (at, text_of) in enumerate(_split(line, is_free, width)[:n_fields]):
-                size = max(width, len(text_of.strip())) if is_free else width
-                end = start + at + len(text_of)
-                fields[row + 2 + 4 * half + k] = Field(number, start + at, end, size, text_of.strip(), whole)
+            for k, (offset, field_text) in enumerate(_split_fields(line, is_free, width)[:n_fields]):
+                size = max(width, len(field_text.strip())) if is_free else width
+                end = start + offset + len(field_text)
+                fields[row + 2 + 4 * half + k] = Field(number, start + offset, end, size, field_text.strip(), whole)
         yield Card(file, lines[0][0], name, fields)
 
 
-def _split(line: str, is_free: bool, width: int) -> list[tuple[int, str]]:
-    """First character and text of the fields of a line behind its name."""
+def _split_fields(line: str, is_free: bool, width: int) -> list[tuple[int, str]]:
+    """Offset in the line and text of each field of a card behind its name; `width` is that of a fixed field."""
     if not is_free:
         return [(at, line[at : at + width]) for at in range(_SMALL, min(len(line), ROW * _SMALL - _SMALL), width)]
     words = line.split(",")
@@ -131,10 +131,10 @@ def called(words: str) -> tuple[str, dict[str, str]]:
 
 
 def keywords_in(file: str, text: str) -> Iterator[Keyword]:
-    """All keywords of an input file of Abaqus or CalculiX; lines that go on behind a comma are joined, comments left out."""
-    for lines in _blocks(_KEYWORD, text):
-        told = [line for line in lines if line[2].strip() and not line[2].lstrip().startswith("**")]
-        words, below = told[0][2].strip(), told[1:]
-        while words.endswith(",") and below:
-            words, below = words + below[0][2].strip(), below[1:]
-        yield Keyword(file, told[0][0], *called(words), below)
+    """All keywords in the `text` of an input file of Abaqus or CalculiX, with continued lines joined and comments left out."""
+    for lines in _matching_blocks(_KEYWORD, text):
+        lines_of_keyword = [line for line in lines if line[2].strip() and not line[2].lstrip().startswith("**")]
+        words, data_lines = lines_of_keyword[0][2].strip(), lines_of_keyword[1:]
+        while words.endswith(",") and data_lines:
+            words, data_lines = words + data_lines[0][2].strip(), data_lines[1:]
+        yield Keyword(file, lines_of_keyword[0][0], *called(words), data_lines)

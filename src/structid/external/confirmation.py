@@ -21,7 +21,7 @@ _teller: ContextVar[tuple[Callable[[str, Path], None] | None, set[str]]] = Conte
 
 
 def command_words(command: str, deck: str, study: Path) -> list[str]:
-    """The words of a command with its deck and the folder of the study put in.
+    """The words of `command` with ``{deck}``, ``{stem}`` and ``{study}`` filled in; `study` is the folder of the study.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def command_words(command: str, deck: str, study: Path) -> list[str]:
 
 
 def confirmation_of(command: str, study: Path, inputs: Sequence[Path]) -> str:
-    """What a user confirms: SHA-256 of a command, the folder of its study, its decks and files, and files that it names.
+    """SHA-256 that a user confirms before a command runs: of the command, the study folder, its decks and the files it names.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def confirmation_of(command: str, study: Path, inputs: Sequence[Path]) -> str:
 
 @contextmanager
 def commands_told(tell: Callable[[str, Path], None]) -> Iterator[None]:
-    """Calls `tell` with each command and the folder of its study before it runs for the first time within the block."""
+    """Context manager: `tell` is called with each command and its study folder before the command first runs in the block."""
     token = _teller.set((tell, set()))
     try:
         yield
@@ -72,10 +72,10 @@ def commands_told(tell: Callable[[str, Path], None]) -> Iterator[None]:
 
 
 def tell_command(command: str, study: Path, confirmation: str) -> None:
-    """Tell that `command` is about to run, where somebody wants to hear it and has not."""
-    tell, told = _teller.get()
-    if tell is not None and confirmation not in told:
-        told.add(confirmation)
+    """Report that `command` is about to run, if somebody listens (`commands_told`) and has not heard of it."""
+    tell, reported = _teller.get()
+    if tell is not None and confirmation not in reported:
+        reported.add(confirmation)
         tell(command, study)
 
 

@@ -54,6 +54,7 @@ class DeckParameter:
     at: float | None = None
 
     def __post_init__(self) -> None:
+        """Check the name, and that the value and the centre lie within the bounds."""
         if _NAME.fullmatch(self.name) is None:
             raise InputError(f"`name` must be made of letters, digits and _, as in E_left, got {self.name!r}")
         low, high = self.limits
@@ -94,16 +95,17 @@ class Deck:
     parameters: tuple[DeckParameter, ...]
 
     def __init__(self, texts: Mapping[str, str], parameters: Sequence[DeckParameter]) -> None:
+        """Check that every mark in the texts has a parameter and every parameter a mark; `texts` maps file names to contents."""
         object.__setattr__(self, "texts", dict(texts))
         object.__setattr__(self, "parameters", tuple(parameters))
-        names = [one.name for one in self.parameters]
+        names = [parameter.name for parameter in self.parameters]
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"two parameters of the deck are called {name!r}; give each a name of its own")
         marked: set[str] = set()
         for file, text in self.texts.items():
             for mark in _ANY_MARK.finditer(text):
-                marked.add(_require_known(file, text, mark, names))
+                marked.add(_parameter_of_mark(file, text, mark, names))
         for name in names:
             if name not in marked:
                 raise InputError(
@@ -126,7 +128,7 @@ class Deck:
         return self.shown({one.name: one.value for one in self.parameters})
 
     def shown(self, values: Mapping[str, float]) -> dict[str, float]:
-        """The values as the deck shows them: those of its narrowest field for each, which are what the solver sees."""
+        """`values` (by name) rounded to the digits that the narrowest mark of each can hold, which is what the solver sees."""
         width = dict.fromkeys(self.names, WIDTH)
         for text in self.texts.values():
             for mark in _MARK.finditer(text):
@@ -136,7 +138,8 @@ class Deck:
     def written(self, values: Mapping[str, float]) -> dict[str, str]:
         """Text of each file with `values` (by name) in place of the marks.
 
-        A field keeps its width, so that columns stay where they are: numbers are written to the left, blanks after them.
+        A field keeps its width, so that columns stay where they are: numbers are written to the left, blanks after
+        them.
         """
 
         def number(mark: re.Match[str]) -> str:
@@ -148,10 +151,10 @@ class Deck:
         return {file: _MARK.sub(number, text) for file, text in self.texts.items()}
 
 
-def with_lines(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str, str]:
-    """A deck that says at which lines to compute: in a file `FREQUENCIES` beside it, and where ``{{frequency}}`` stands.
+def with_frequencies(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str, str]:
+    """`texts` of a deck with the frequencies (Hz) to compute: in a file `FREQUENCIES`, and at each mark ``{{frequency}}``.
 
-    A line of the deck that holds the mark is written once for each frequency, Hz.
+    A line of the deck that holds the mark is written once for each frequency.
     """
 
     def number(mark: re.Match[str], value: float) -> str:
@@ -164,7 +167,9 @@ def with_lines(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str
     for file, text in texts.items():
         lines = text.splitlines(keepends=True)
         lines = (
-            [one if one.endswith(("\n", "\r")) else f"{one}\n" for one in lines] if _LINE_MARK.search(text) else lines
+            [line if line.endswith(("\n", "\r")) else f"{line}\n" for line in lines]
+            if _LINE_MARK.search(text)
+            else lines
         )
         found[file] = "".join(written(line) if _LINE_MARK.search(line) else line for line in lines)
     if FREQUENCIES in found:
@@ -173,7 +178,7 @@ def with_lines(texts: Mapping[str, str], frequency: Sequence[float]) -> dict[str
 
 
 def number_text(value: float, width: int = WIDTH) -> str:
-    """`value` in at most `width` characters, always with a decimal point, with as many digits as fit.
+    """`value` as text of at most `width` characters, with a decimal point and as many digits as fit.
 
     Raises
     ------
@@ -197,7 +202,7 @@ def number_text(value: float, width: int = WIDTH) -> str:
 
 
 def deck_texts(paths: Sequence[Path]) -> dict[str, str]:
-    """Text of each file of a deck, by its name.
+    """Text of each file of a deck, by file name.
 
     Raises
     ------
@@ -218,20 +223,20 @@ def deck_texts(paths: Sequence[Path]) -> dict[str, str]:
     return texts
 
 
-def _require_known(file: str, text: str, mark: re.Match[str], names: Sequence[str]) -> str:
-    """The name in a mark."""
+def _parameter_of_mark(file: str, text: str, mark: re.Match[str], names: Sequence[str]) -> str:
+    """The parameter name in a mark such as ``{{name:8}}``; `InputError` if the mark is malformed, too narrow or unknown."""
     line = text.count("\n", 0, mark.start()) + 1
-    known = _MARK.fullmatch(mark[0])
-    if known is None:
+    parts = _MARK.fullmatch(mark[0])
+    if parts is None:
         raise InputError(
             f"{file}, line {line}: {mark[0]!r} is no mark; write {{{{name}}}}, or {{{{name:8}}}} with a width"
         )
-    if known[1] not in names:
-        near = difflib.get_close_matches(known[1], names, 1, 0.0)
+    if parts[1] not in names:
+        nearest = difflib.get_close_matches(parts[1], names, 1, 0.0)
         raise InputError(
             f"{file}, line {line}: {mark[0]} has no parameter; add [[structure.solver.parameter]] with"
-            f" name = {known[1]!r}" + (f" (the nearest is {near[0]!r})" if near else "")
+            f" name = {parts[1]!r}" + (f" (the nearest is {nearest[0]!r})" if nearest else "")
         )
-    if known[2] is not None and int(known[2]) < _NARROWEST:
+    if parts[2] is not None and int(parts[2]) < _NARROWEST:
         raise InputError(f"{file}, line {line}: {mark[0]} is too narrow; give it {_NARROWEST} characters or more")
-    return known[1]
+    return parts[1]

@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.linalg import eigh
 
 from structid.core.arrays import FloatArray
-from structid.external.expansion import Point, Powers, shifted
+from structid.external.expansion import Point, Powers, expand_about_centre
 from structid.external.model import Part, SolverModel
 from structid.external.outputs import ModesOut
 from structid.external.runs import Solver, needed_runs, point_words, run_words
@@ -43,51 +43,52 @@ class SolvedModes(Solved):
         return False
 
     def checked(self, values: Point, work: Work) -> Checked:
+        """The largest relative error of the model's frequencies against a run of the solver at `values`."""
         [folder], _ = needed_runs(self.solver, [values], work)
-        given = self.out.read(folder).frequency[: self.n_modes]
+        of_solver = self.out.read(folder).frequency[: self.n_modes]
         squared = eigh(*(self.model.matrix(key, values).toarray() for key in ("stiffness", "mass")), eigvals_only=True)
-        own = np.sqrt(np.maximum(squared[: len(given)], 0.0)) / (2 * np.pi)
-        moves = given > 1e-3 * given.max()
-        worst = float(np.abs(own[moves] / given[moves] - 1).max())
+        of_model = np.sqrt(np.maximum(squared[: len(of_solver)], 0.0)) / (2 * np.pi)
+        is_elastic = of_solver > 1e-3 * of_solver.max()
+        worst = float(np.abs(of_model[is_elastic] / of_solver[is_elastic] - 1).max())
         return Checked(
             worst, f"the solver with the updated deck gives the model's frequencies to {worst:.2g} of their value"
         )
 
 
 def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: Work) -> SolvedModes:
-    """The model of modes about the centre of each parameter, from differences.
+    """A model with the modes of a solver, linearized by finite differences about the centre of each parameter.
 
     Raises
     ------
     InputError
         If a run fails, gives other nodes than the first, or a parameter changes no frequency.
     """
-    own = taken(solver, out.read, _change, _RULES, work)
-    at, centre = own.centre, own.at
-    turned = [replace(d, runs=(_shapes_in_si(d.runs[0], units), _shapes_in_si(d.runs[1], units))) for d in own.pairs]
-    small = tangent(f"shapes of {name}", _shapes_in_si(at, units), turned)
-    references = {one.name: centre[one.name] or 1.0 for one in solver.deck.parameters}
+    steps = taken(solver, out.read, _frequency_change, _RULES, work)
+    shapes, centre = steps.centre, steps.at
+    pairs = [replace(d, runs=(_shapes_in_si(d.runs[0], units), _shapes_in_si(d.runs[1], units))) for d in steps.pairs]
+    small = tangent(f"shapes of {name}", _shapes_in_si(shapes, units), pairs)
+    references = {parameter.name: centre[parameter.name] or 1.0 for parameter in solver.deck.parameters}
     parts = []
     for key, table in (("mass", small.mass), ("stiffness", small.stiffness)):
         about_zero: dict[Powers, FloatArray] = {}
         for powers, matrix in table.items():
-            for shift, factor in shifted(powers, centre, references):
+            for shift, factor in expand_about_centre(powers, centre, references):
                 about_zero[shift] = about_zero.get(shift, 0.0) + factor * matrix
         parts += [Part(key, shift, sparse.csc_array(matrix)) for shift, matrix in about_zero.items()]
     model = SolverModel(name, small.masters, tuple(parts), model_parameters(solver, references), small.n_modes)
-    frequency = ", ".join(f"{f:.5g}" for f in at.frequency[: small.n_modes])
-    fact = f"solver: {run_words(own.counts)}; modes at {frequency} Hz, {len(at.dofs)} degrees of freedom; {own.words}"
+    frequency = ", ".join(f"{f:.5g}" for f in shapes.frequency[: small.n_modes])
+    fact = f"solver: {run_words(steps.counts)}; modes at {frequency} Hz, {len(shapes.dofs)} degrees of freedom; {steps.words}"
     ties = (small.tie,) if small.tie.dependents else ()
-    return SolvedModes(solver, model, ties, small.held, own.counts, (fact,), centre, units, out, small.n_modes)
+    return SolvedModes(solver, model, ties, small.held, steps.counts, (fact,), centre, units, out, small.n_modes)
 
 
-def _change(centre: Shapes, run: Shapes, point: Point) -> float:
-    """Largest relative change of a frequency; of those that are no rigid motion."""
+def _frequency_change(centre: Shapes, run: Shapes, point: Point) -> float:
+    """Largest relative change of a frequency from the run `centre` to `run`, rigid-body modes left out."""
     require_same_dofs(centre, run, point_words(point))
     n = min(len(run.frequency), len(centre.frequency))
     first = centre.frequency[:n]
-    moves = first > 1e-3 * first.max(initial=0.0)
-    return float(np.abs(run.frequency[:n] / np.where(moves, first, 1.0) - 1)[moves].max(initial=0.0))
+    is_elastic = first > 1e-3 * first.max(initial=0.0)
+    return float(np.abs(run.frequency[:n] / np.where(is_elastic, first, 1.0) - 1)[is_elastic].max(initial=0.0))
 
 
 def _shapes_in_si(shapes: Shapes, units: Units) -> Shapes:

@@ -59,7 +59,7 @@ class Expansion:
     n_points: int
 
     def at(self, values: Mapping[str, float]) -> FloatArray:
-        """The numbers at `values`, (n_numbers,)."""
+        """The numbers for parameter `values` (by name), (n_numbers,)."""
         total = np.zeros(len(next(iter(self.coefficients.values()))))
         for powers, coefficient in self.coefficients.items():
             total = total + coefficient * np.prod([(values[n] / self.references[n]) ** p for n, p in powers])
@@ -83,7 +83,7 @@ class _Axis:
 
 
 def axis(parameter: DeckParameter, nominal: float, usual: float) -> _Axis:
-    """The range of a parameter about its nominal value, smaller where its bounds are near.
+    """The range over which a parameter is varied about its nominal value, reduced near bounds; `usual` is the relative default.
 
     Raises
     ------
@@ -104,11 +104,11 @@ def axis(parameter: DeckParameter, nominal: float, usual: float) -> _Axis:
 
 
 def expansion(evaluate: Evaluate, deck: Deck) -> Expansion:
-    """The dependence of what `evaluate` gives on the parameters of `deck`.
+    """Polynomials of low order for the numbers that `evaluate` returns, in the parameters of `deck`, verified at further points.
 
-    Each parameter changes alone, to a straight line that a third point verifies; where it does not, to a polynomial of up to
-    the fourth order that a further point verifies. One point at which all change then verifies the sum; where that
-    fails, products of pairs of parameters are added and verified.
+    Each parameter changes alone, to a straight line that a third point verifies; where it does not, to a polynomial of
+    up to the fourth order that a further point verifies. One point at which all change then verifies the sum; where
+    that fails, products of pairs of parameters are added and verified.
 
     Raises
     ------
@@ -117,48 +117,52 @@ def expansion(evaluate: Evaluate, deck: Deck) -> Expansion:
     """
     axes = [axis(one, deck.nominal[one.name], RANGE) for one in deck.parameters]
     table = _Table(evaluate, deck, {one.name: one for one in axes})
-    table.need([{}, *({one.name: part} for one in axes for part in _PARTS[:2])])
-    lines = {one.name: (_changes(table, one, 1)) for one in axes}
-    orders = {one.name: _order(table, one) for one in axes}
+    table.evaluate_at([{}, *({one.name: part} for one in axes for part in _PARTS[:2])])
+    lines = {one.name: (_fit_powers(table, one, 1)) for one in axes}
+    orders = {one.name: _lowest_order(table, one) for one in axes}
     for one in axes:
-        lines[one.name] = _changes(table, one, orders[one.name])
+        lines[one.name] = _fit_powers(table, one, orders[one.name])
         _require_effect(table, one, lines[one.name])
-    found: dict[Powers, FloatArray] = {(): table.row({})}
+    polynomial: dict[Powers, FloatArray] = {(): table.row({})}
     for one in axes:
-        found |= _along(one, lines[one.name])
+        polynomial |= _along(one, lines[one.name])
     crossed: tuple[tuple[str, str], ...] = ()
     if len(axes) > 1:
-        at = [{one.name: _JOINT[(k + first) % len(_JOINT)] for k, one in enumerate(axes)} for first in range(2)]
-        table.need(at[:1])
-        if not table.agrees(found, at[0]):
-            table.need([_both(a, b, p, q) for a, b in combinations(axes, 2) for p, q in _grid(orders, a, b)])
+        joint_points = [
+            {one.name: _JOINT[(k + first) % len(_JOINT)] for k, one in enumerate(axes)} for first in range(2)
+        ]
+        table.evaluate_at(joint_points[:1])
+        if not table.agrees(polynomial, joint_points[0]):
+            table.evaluate_at([_both(a, b, p, q) for a, b in combinations(axes, 2) for p, q in _grid(orders, a, b)])
             for a, b in combinations(axes, 2):
-                own = _products(table, found, a, b, orders)
-                found |= own
-                crossed += ((a.name, b.name),) if own else ()
-            table.need(at[1:])
-            if not all(table.agrees(found, one) for one in at):
+                products_of_pair = _fit_products(table, polynomial, a, b, orders)
+                polynomial |= products_of_pair
+                crossed += ((a.name, b.name),) if products_of_pair else ()
+            table.evaluate_at(joint_points[1:])
+            if not all(table.agrees(polynomial, one) for one in joint_points):
                 raise InputError(
                     f"what the solver gives is no polynomial in {', '.join(deck.names)} together: it is missed by"
-                    f" {table.misses(found, at[0])[0]:.2g} of its size where all of them change; take fewer parameters, smaller"
+                    f" {table.relative_errors(polynomial, joint_points[0])[0]:.2g} of its size where all of them"
+                    " change; take fewer parameters, smaller"
                     ' `step`, or `gives = "modes"`'
                 )
-    error = max(table.misses(found, one)[0] for one in table.points)
+    error = max(table.relative_errors(polynomial, one)[0] for one in table.points)
     references = {a.name: a.reference for a in axes}
-    return Expansion(_about_zero(found, table), references, orders, crossed, error, len(table.points))
+    return Expansion(_in_powers_of_values(polynomial, table), references, orders, crossed, error, len(table.points))
 
 
 class _Table:
     """Numbers at points that are given by parts of each parameter's range; each evaluated once."""
 
     def __init__(self, evaluate: Evaluate, deck: Deck, axes: Mapping[str, _Axis]) -> None:
+        """A table that is still empty; `evaluate` turns parameter values into numbers, `axes` has the range of each parameter."""
         self.evaluate, self.deck, self.axes = evaluate, deck, axes
         self.rows: FloatArray = np.zeros((0, 0))
         self.size: FloatArray = np.zeros(0)
         self.points: list[dict[str, float]] = []
 
-    def need(self, points: Sequence[dict[str, float]]) -> None:
-        """Evaluate those that are new; all are asked for again, as numbers may be added."""
+    def evaluate_at(self, points: Sequence[dict[str, float]]) -> None:
+        """Evaluate the numbers at those of `points` that are new; known points are asked for again, since numbers may be added."""
         new = [one for one in points if one not in self.points]
         if new:
             self.points += new
@@ -175,30 +179,30 @@ class _Table:
         own: FloatArray = self.rows[self.points.index(point)]
         return own
 
-    def misses(self, found: Mapping[Powers, FloatArray], point: dict[str, float]) -> tuple[float, float]:
-        """By how much the polynomial `found` in u misses a point, and how far that is from the nominal one; over sizes."""
+    def relative_errors(self, polynomial: Mapping[Powers, FloatArray], point: dict[str, float]) -> tuple[float, float]:
+        """Largest relative error of a polynomial at `point`, and largest relative change of the numbers from the nominal."""
         predicted = np.zeros(self.rows.shape[1])
-        for powers, row in found.items():
+        for powers, row in polynomial.items():
             predicted[: len(row)] += row * np.prod([self.u(point, name) ** k for name, k in powers])
         change = np.abs(self.row(point) - self.row({})) / self.size
         return float((np.abs(self.row(point) - predicted) / self.size).max()), float(change.max())
 
     def agrees(self, found: Mapping[Powers, FloatArray], point: dict[str, float]) -> bool:
-        missed, change = self.misses(found, point)
+        missed, change = self.relative_errors(found, point)
         return missed <= _AGREE + _AGREE_OF_CHANGE * change
 
 
-def _order(table: _Table, one: _Axis) -> int:
-    """Least order whose polynomial through its points gives the next point too."""
+def _lowest_order(table: _Table, axis: _Axis) -> int:
+    """Lowest order at which a polynomial in one parameter predicts the next point; raises `InputError` if none does."""
     for order in range(1, MOST_ORDER + 1):
-        table.need([{one.name: part} for part in _PARTS[: order + 1]])
-        alone = {(): table.row({})} | _along(one, _changes(table, one, order))
-        if table.agrees(alone, {one.name: _PARTS[order]}):
+        table.evaluate_at([{axis.name: part} for part in _PARTS[: order + 1]])
+        polynomial = {(): table.row({})} | _along(axis, _fit_powers(table, axis, order))
+        if table.agrees(polynomial, {axis.name: _PARTS[order]}):
             return order
-    missed, change = table.misses(alone, {one.name: _PARTS[MOST_ORDER]})
+    error, change = table.relative_errors(polynomial, {axis.name: _PARTS[MOST_ORDER]})
     raise InputError(
-        f"what the solver gives is no polynomial in {one.name!r} up to order {MOST_ORDER}: it is missed by"
-        f" {missed / change:.2g} of its change; mark another quantity (of a Poisson's ratio, the shear modulus), give a smaller"
+        f"what the solver gives is no polynomial in {axis.name!r} up to order {MOST_ORDER}: it is missed by"
+        f" {error / change:.2g} of its change; mark another quantity (of a Poisson's ratio, the shear modulus), give a smaller"
         ' `step`, or take `gives = "modes"`'
     )
 
@@ -208,10 +212,10 @@ def _along(one: _Axis, rows: Sequence[FloatArray]) -> dict[Powers, FloatArray]:
     return {((one.name, k),): row for k, row in enumerate(rows, 1)}
 
 
-def _changes(table: _Table, one: _Axis, order: int) -> list[FloatArray]:
-    """Coefficients of u, u^2, ... from as many points; entries that no point changes are zero."""
-    points = [{one.name: part} for part in _PARTS[:order]]
-    u = np.array([table.u(point, one.name) for point in points])
+def _fit_powers(table: _Table, axis: _Axis, order: int) -> list[FloatArray]:
+    """Coefficients of u, u^2, ..., u^order of one parameter, each (n_numbers,); zero where no point changes a number."""
+    points = [{axis.name: part} for part in _PARTS[:order]]
+    u = np.array([table.u(point, axis.name) for point in points])
     changes = np.array([table.row(point) - table.row({}) for point in points])
     changes[:, np.abs(changes).max(axis=0) <= ROUNDING * table.size] = 0.0
     return list(np.linalg.solve(u[:, None] ** np.arange(1, order + 1), changes))
@@ -234,48 +238,51 @@ def _both(a: _Axis, b: _Axis, p: float, q: float) -> dict[str, float]:
     return {a.name: p, b.name: q}
 
 
-def _products(
-    table: _Table, found: Mapping[Powers, FloatArray], a: _Axis, b: _Axis, orders: Mapping[str, int]
+def _fit_products(
+    table: _Table, polynomial: Mapping[Powers, FloatArray], a: _Axis, b: _Axis, orders: Mapping[str, int]
 ) -> dict[Powers, FloatArray]:
-    """Coefficients of products of powers of two parameters; none where they do not act together."""
+    """Coefficients of products of powers of two parameters, fitted to what the polynomial lacks; empty if nothing is left."""
     points = [_both(a, b, p, q) for p, q in _grid(orders, a, b)]
     powers = list(product(range(1, orders[a.name] + 1), range(1, orders[b.name] + 1)))
-    rests = []
+    residuals = []
     for point in points:
-        alone = table.row({}).copy()
-        for key, row in found.items():
+        predicted = table.row({}).copy()
+        for key, row in polynomial.items():
             if len(key) == 1 and key[0][0] in point:
-                alone[: len(row)] += row * table.u(point, key[0][0]) ** key[0][1]
-        rests.append(table.row(point) - alone)
-    rest = np.array(rests)
-    rest[:, np.abs(rest).max(axis=0) <= 10 * ROUNDING * table.size] = 0.0
-    if not rest.any():
+                predicted[: len(row)] += row * table.u(point, key[0][0]) ** key[0][1]
+        residuals.append(table.row(point) - predicted)
+    residual = np.array(residuals)
+    residual[:, np.abs(residual).max(axis=0) <= 10 * ROUNDING * table.size] = 0.0
+    if not residual.any():
         return {}
     u = np.array([(table.u(point, a.name), table.u(point, b.name)) for point in points])
     system = np.array([[x**i * y**j for i, j in powers] for x, y in u])
-    rows = np.linalg.solve(system, rest)
+    rows = np.linalg.solve(system, residual)
     return {((a.name, i), (b.name, j)): row for (i, j), row in zip(powers, rows, strict=True)}
 
 
-def _about_zero(found: Mapping[Powers, FloatArray], table: _Table) -> dict[Powers, FloatArray]:
-    """The polynomial in value / reference in place of u; what is rounding only is zero, and left out."""
+def _in_powers_of_values(polynomial: Mapping[Powers, FloatArray], table: _Table) -> dict[Powers, FloatArray]:
+    """The polynomial rewritten in powers of value / reference instead of u; coefficients at rounding level are left out."""
     total: dict[Powers, FloatArray] = {}
     centre = {name: one.origin for name, one in table.axes.items()}
-    for powers, row in found.items():
-        for key, factor in shifted(powers, centre, dict.fromkeys(centre, 1.0)):
+    for powers, row in polynomial.items():
+        for key, factor in expand_about_centre(powers, centre, dict.fromkeys(centre, 1.0)):
             total.setdefault(key, np.zeros(table.rows.shape[1]))[: len(row)] += factor * row
     for row in total.values():
         row[np.abs(row) <= 10 * ROUNDING * table.size] = 0.0
     return {key: row for key, row in total.items() if row.any()}
 
 
-def shifted(
+def expand_about_centre(
     powers: Powers, centre: Mapping[str, float], references: Mapping[str, float]
 ) -> Iterator[tuple[Powers, float]]:
-    """Products of powers of (value - centre) as sums of factors times products of powers of value / reference."""
+    """Terms of a product of powers of (value - centre): pairs of powers of value / reference and their factor."""
     for chosen in product(*(range(k + 1) for _, k in powers)):
         factor = 1.0
-        for (name, k), own in zip(powers, chosen, strict=True):
-            factor *= comb(k, own) * (-centre[name]) ** (k - own) * references[name] ** own
+        for (name, k), exponent in zip(powers, chosen, strict=True):
+            factor *= comb(k, exponent) * (-centre[name]) ** (k - exponent) * references[name] ** exponent
         if factor:
-            yield tuple((name, own) for (name, _), own in zip(powers, chosen, strict=True) if own), factor
+            yield (
+                tuple((name, exponent) for (name, _), exponent in zip(powers, chosen, strict=True) if exponent),
+                factor,
+            )

@@ -21,7 +21,7 @@ _LISTED = "files that it includes must be listed in `deck` too"
 
 
 @dataclass(frozen=True)
-class Place:
+class DeckPosition:
     """Where a number stands.
 
     Attributes
@@ -45,8 +45,8 @@ class Place:
 class DeckMark(Protocol):
     """Where a parameter stands."""
 
-    def place(self, texts: Mapping[str, str]) -> Place:
-        """The one place in the files of a deck; an `InputError` where there is none, or more than one."""
+    def locate(self, texts: Mapping[str, str]) -> DeckPosition:
+        """The one position in the files of a deck; an `InputError` where there is none, or more than one."""
         ...
 
 
@@ -76,37 +76,41 @@ class CardField:
     def words(self) -> str:
         return self._name + ("" if self.id is None else f" {self.id}")
 
-    def place(self, texts: Mapping[str, str]) -> Place:
-        """See `DeckMark`."""
+    def locate(self, texts: Mapping[str, str]) -> DeckPosition:
+        """Position of the number in the deck `texts` (file name: content); raises `InputError` if there is not exactly one."""
         if self.field % ROW in (0, 1):
             raise InputError(
                 f"field {self.field} of a card holds no number; fields are counted as in the manual, 2 to 9 on the first line,"
                 " 12 to 19 on the next"
             )
-        cards = [one for file, text in texts.items() for one in cards_in(file, text, self._name)]
-        own = [one for one in cards if self.id is None or one.first == str(self.id).upper()]
-        if not own:
-            others = f"; there are {', '.join(one.said for one in cards[:_MOST_NAMED])}" if cards else f"; {_LISTED}"
+        cards = [card_there for file, text in texts.items() for card_there in cards_in(file, text, self._name)]
+        matching = [card_there for card_there in cards if self.id is None or card_there.first == str(self.id).upper()]
+        if not matching:
+            others = (
+                f"; there are {', '.join(card_there.said for card_there in cards[:_MOST_NAMED])}"
+                if cards
+                else f"; {_LISTED}"
+            )
             raise InputError(f"{', '.join(texts)}: there is no card {self.words}{others}")
-        if len(own) > 1:
+        if len(matching) > 1:
             remedy = "give `id`, what its field 2 holds" if self.id is None else "leave one"
-            raise InputError(f"the card {self.words} stands {len(own)} times: {_lines_of(own)}; {remedy}")
-        [card] = own
+            raise InputError(f"the card {self.words} stands {len(matching)} times: {_lines_of(matching)}; {remedy}")
+        [card] = matching
         where = f"{card.file}, line {card.line}: field {self.field} of {self.words}"
         if self.field not in card.fields:
             raise InputError(
                 f"{where} is not there, the card ends before it; write the number there, or correct `field`"
             )
-        there = card.fields[self.field]
-        where = f"{card.file}, line {there.line}: field {self.field} of {self.words}"
-        if "{{" in there.whole and "," not in there.whole:
+        field = card.fields[self.field]
+        where = f"{card.file}, line {field.line}: field {self.field} of {self.words}"
+        if "{{" in field.whole and "," not in field.whole:
             raise InputError(
                 f"{where}: marks in braces move the columns of its line; mark all of the line by card and field"
             )
-        value = _value(where, there.text)
-        if "." not in there.text:
-            raise InputError(f"{where} holds the whole number {there.text}, a parameter is a real one; correct `field`")
-        return Place(card.file, there.line, there.start, there.end, there.width, value)
+        value = _parse_number(where, field.text)
+        if "." not in field.text:
+            raise InputError(f"{where} holds the whole number {field.text}, a parameter is a real one; correct `field`")
+        return DeckPosition(card.file, field.line, field.start, field.end, field.width, value)
 
 
 @dataclass(frozen=True)
@@ -134,10 +138,10 @@ class KeywordEntry:
     def words(self) -> str:
         return self.keyword + ("" if self.of is None else f" of {self.of}")
 
-    def place(self, texts: Mapping[str, str]) -> Place:
-        """See `DeckMark`."""
-        own: list[Keyword] = []
-        alike: list[Keyword] = []
+    def locate(self, texts: Mapping[str, str]) -> DeckPosition:
+        """Position of the number in the deck `texts` (file name: content); raises `InputError` if there is not exactly one."""
+        matching: list[Keyword] = []
+        same_name: list[Keyword] = []
         for file, text in texts.items():
             above: dict[str, Keyword] = {}
             for block in keywords_in(file, text):
@@ -145,20 +149,20 @@ class KeywordEntry:
                 if not block.is_called(self.keyword, with_options=False):
                     continue
                 parent = None if self.of is None else above.get(called(self.of)[0])
-                alike.append(block)
+                same_name.append(block)
                 if block.is_called(self.keyword) and (
                     self.of is None or (parent is not None and parent.is_called(self.of))
                 ):
-                    own.append(block)
-        if not own:
-            others = f"; {called(self.keyword)[0]} stands in {_lines_of(alike)}" if alike else f"; {_LISTED}"
+                    matching.append(block)
+        if not matching:
+            others = f"; {called(self.keyword)[0]} stands in {_lines_of(same_name)}" if same_name else f"; {_LISTED}"
             raise InputError(f"{', '.join(texts)}: there is no {self.words}{others}")
-        if len(own) > 1:
+        if len(matching) > 1:
             raise InputError(
-                f"{self.words} stands {len(own)} times: {_lines_of(own)}; say which by an option of it, or by `of`, as in"
+                f"{self.words} stands {len(matching)} times: {_lines_of(matching)}; say which by an option of it, or by `of`, as in"
                 ' "*MATERIAL, NAME=STEEL"'
             )
-        [block] = own
+        [block] = matching
         where = f"{block.file}, line {block.line}: {self.words}"
         if self.line > len(block.data):
             raise InputError(f"{where} has {len(block.data)} data lines, no line {self.line}; correct `line`")
@@ -169,21 +173,21 @@ class KeywordEntry:
                 f"{block.file}, line {line}: the data line of {self.words} has {len(entries)} entries, no entry {self.entry};"
                 " correct `entry`"
             )
-        start += sum(len(one) + 1 for one in entries[: self.entry - 1])
+        start += sum(len(entry) + 1 for entry in entries[: self.entry - 1])
         whole = entries[self.entry - 1]
         start += len(whole) - len(whole.lstrip())
-        value = _value(f"{block.file}, line {line}: entry {self.entry} of {self.words}", whole.strip())
-        return Place(block.file, line, start, start + len(whole.strip()), None, value)
+        value = _parse_number(f"{block.file}, line {line}: entry {self.entry} of {self.words}", whole.strip())
+        return DeckPosition(block.file, line, start, start + len(whole.strip()), None, value)
 
 
-def with_marks(texts: Mapping[str, str], places: Sequence[tuple[str, Place]]) -> dict[str, str]:
-    """The files with ``{{name}}`` where parameters stand.
+def with_marks(texts: Mapping[str, str], places: Sequence[tuple[str, DeckPosition]]) -> dict[str, str]:
+    """The files of a deck with ``{{name}}`` in place of the numbers at the given positions.
 
     Parameters
     ----------
     texts : mapping of str to str
         Text by name of the file.
-    places : sequence of (str, Place)
+    places : sequence of (str, DeckPosition)
         Name of a parameter and where it stands, each as often as there are places.
 
     Raises
@@ -192,41 +196,41 @@ def with_marks(texts: Mapping[str, str], places: Sequence[tuple[str, Place]]) ->
         If two of them are the same number.
     """
     made, names = dict(texts), dict[tuple[str, int], str]()
-    for name, place in sorted(places, key=lambda pair: (pair[1].file, pair[1].start), reverse=True):
-        other = names.setdefault((place.file, place.start), name)
-        if made[place.file][place.start :].startswith("{{"):
+    for name, position in sorted(places, key=lambda pair: (pair[1].file, pair[1].start), reverse=True):
+        other = names.setdefault((position.file, position.start), name)
+        if made[position.file][position.start :].startswith("{{"):
             raise InputError(
-                f"{place.file}, line {place.line}: {other!r} and {name!r} are the same number; take one out"
+                f"{position.file}, line {position.line}: {other!r} and {name!r} are the same number; take one out"
             )
-        mark = f"{{{{{name}}}}}" if place.width is None else f"{{{{{name}:{place.width}}}}}"
-        made[place.file] = made[place.file][: place.start] + mark + made[place.file][place.end :]
+        mark = f"{{{{{name}}}}}" if position.width is None else f"{{{{{name}:{position.width}}}}}"
+        made[position.file] = made[position.file][: position.start] + mark + made[position.file][position.end :]
     return made
 
 
-def value_at(name: str, places: Sequence[Place]) -> float:
-    """What the deck holds for a parameter, the same at all its places; an `InputError` where it is not."""
+def value_at(name: str, places: Sequence[DeckPosition]) -> float:
+    """The value that a deck holds for the parameter `name`; raises `InputError` if its positions hold different ones."""
     first = places[0]
-    for place in places:
-        if not math.isclose(first.value, place.value, rel_tol=1e-6):
+    for position in places:
+        if not math.isclose(first.value, position.value, rel_tol=1e-6):
             raise InputError(
-                f"{place.file}, line {place.line}: {name!r} is {place.value:g} here and {first.value:g} in {first.file}, line"
-                f" {first.line}; give `value`, or make two parameters"
+                f"{position.file}, line {position.line}: {name!r} is {position.value:g} here and {first.value:g} in {first.file},"
+                f" line {first.line}; give `value`, or make two parameters"
             )
     return first.value
 
 
-def _value(where: str, text: str) -> float:
-    """The number in a field, as Nastran, Abaqus and CalculiX write it: also 2.1+11 and 2.1D11."""
+def _parse_number(where: str, text: str) -> float:
+    """The number in a field as Nastran, Abaqus and CalculiX write it, also 2.1+11 and 2.1D11; `where` is for errors."""
     if text.startswith("{{"):
         raise InputError(f"{where} is marked by {text}; take this out, or `mark`")
-    found = _NUMBER.fullmatch(text)
-    if found is None:
+    match = _NUMBER.fullmatch(text)
+    if match is None:
         raise InputError(
             f"{where} holds no number, but {text!r}; correct the place"
             if text
             else f"{where} is blank; write the number there"
         )
-    return float(f"{found[1]}e{found[2] or found[3] or 0}")
+    return float(f"{match[1]}e{match[2] or match[3] or 0}")
 
 
 def _lines_of(found: Sequence[Card] | Sequence[Keyword]) -> str:

@@ -39,15 +39,18 @@ class SolvedMatrices(Solved):
         return True
 
     def checked(self, values: Point, work: Work) -> Checked:
+        """The largest error of the model's matrices against a run of the solver at `values`, relative to the diagonals."""
         [folder], _ = needed_runs(self.solver, [values], work)
         worst = 0.0
         for key, item in self.out.read(folder).items():
-            given = in_si(
+            of_solver = in_si(
                 on_dofs(item, dof_table(self.model.dofs)), self.model.dofs, self.units.length, self.units.force
             )
-            size = np.sqrt(np.abs(given.diagonal())) + 1e-300
-            rest = sparse.coo_array(given - self.model.matrix(key, values))
-            worst = max(worst, float((np.abs(rest.data) / (size[rest.row] * size[rest.col])).max(initial=0.0)))
+            size = np.sqrt(np.abs(of_solver.diagonal())) + 1e-300
+            difference = sparse.coo_array(of_solver - self.model.matrix(key, values))
+            worst = max(
+                worst, float((np.abs(difference.data) / (size[difference.row] * size[difference.col])).max(initial=0.0))
+            )
         return Checked(
             worst, f"the solver with the updated deck gives the model's matrices to {worst:.2g} of their diagonals"
         )
@@ -56,9 +59,9 @@ class SolvedMatrices(Solved):
 def solved_matrices(
     name: str, solver: Solver, out: MatricesOut, units: Units, work: Work, indefinite: bool = False
 ) -> SolvedMatrices:
-    """The model of exported matrices, polynomials in the parameters: exact, with no further run.
+    """A model of matrices exported by a solver: polynomials in the deck's parameters, after which no more runs are needed.
 
-    Unless `indefinite`, they must be positive semidefinite.
+    Unless `indefinite`, the matrices must be positive semidefinite.
 
     Raises
     ------
@@ -67,45 +70,54 @@ def solved_matrices(
     """
     counts = RunCounts()
     pattern = _Pattern()
-    known: dict[Path, Mapping[str, ImportedMatrix]] = {}
+    matrices_of_run: dict[Path, Mapping[str, ImportedMatrix]] = {}
 
     def evaluate(points: Sequence[Point]) -> tuple[FloatArray, FloatArray]:
+        """Matrix entries of the runs at `points`, (n_points, n_entries), and their sizes, (n_entries,)."""
         nonlocal counts, pattern
         folders, made = needed_runs(solver, points, work)
         counts = RunCounts(0, counts.made + made.made)
         for folder, point in zip(folders, points, strict=True):
-            if folder not in known:
-                known[folder] = out.read(folder)
-                pattern = pattern.with_run(known[folder], point_words(point))
-        return pattern.rows([known[folder] for folder in folders])
+            if folder not in matrices_of_run:
+                matrices_of_run[folder] = out.read(folder)
+                pattern = pattern.with_run(matrices_of_run[folder], point_words(point))
+        return pattern.rows([matrices_of_run[folder] for folder in folders])
 
-    found = expansion(evaluate, solver.deck)
+    polynomials = expansion(evaluate, solver.deck)
     dofs = dofs_of(tables_of(pattern.codes))
-    rows = {powers: pattern.matrices(row) for powers, row in found.coefficients.items()}
+    rows = {powers: pattern.matrices(row) for powers, row in polynomials.coefficients.items()}
     parts = [
         Part(key, powers, in_si(matrix, dofs, units.length, units.force))
         for powers, matrices in rows.items()
         for key, matrix in matrices.items()
         if matrix.nnz
     ]
-    nominal = pattern.matrices(found.at(solver.deck.nominal))
+    nominal = pattern.matrices(polynomials.at(solver.deck.nominal))
     for key, matrix in nominal.items() if not indefinite else ():
         require_semidefinite(f"{key} of the solver", in_si(matrix, dofs, units.length, units.force), dofs)
-    held = {dof for item in next(iter(known.values())).values() if item.held is not None for dof in dofs_of(item.held)}
-    model = SolverModel(name, dofs, tuple(parts), model_parameters(solver, found.references))
-    at = solver.deck.nominal
-    counts = replace(counts, kept=found.n_points - counts.made)
-    facts = _matrix_facts(found, pattern, counts)
-    return SolvedMatrices(solver, model, (), tuple(sorted(held & set(dofs))), counts, facts, at, units, out)
+    constrained = {
+        dof
+        for item in next(iter(matrices_of_run.values())).values()
+        if item.held is not None
+        for dof in dofs_of(item.held)
+    }
+    model = SolverModel(name, dofs, tuple(parts), model_parameters(solver, polynomials.references))
+    nominal_values = solver.deck.nominal
+    counts = replace(counts, kept=polynomials.n_points - counts.made)
+    facts = _describe_matrices(polynomials, pattern, counts)
+    return SolvedMatrices(
+        solver, model, (), tuple(sorted(constrained & set(dofs))), counts, facts, nominal_values, units, out
+    )
 
 
-def _matrix_facts(found: Expansion, pattern: _Pattern, counts: RunCounts) -> tuple[str, ...]:
+def _describe_matrices(polynomials: Expansion, pattern: _Pattern, counts: RunCounts) -> tuple[str, ...]:
+    """One sentence about the polynomials: runs, size, order in each parameter and accuracy."""
     words = {1: "linear", 2: "quadratic", 3: "cubic", 4: "of fourth order"}
-    orders = ", ".join(f"{words[order]} in {name}" for name, order in found.orders.items())
-    crossed = "".join(f", with products of {a} and {b}" for a, b in found.crossed)
+    orders = ", ".join(f"{words[order]} in {name}" for name, order in polynomials.orders.items())
+    crossed = "".join(f", with products of {a} and {b}" for a, b in polynomials.crossed)
     return (
         f"solver: {run_words(counts)}; matrices of {len(pattern.codes)} degrees of freedom are {orders}{crossed}, verified to"
-        f" {found.error:.1g} of their size",
+        f" {polynomials.error:.1g} of their size",
     )
 
 
@@ -128,10 +140,10 @@ class _Pattern:
     places: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def with_run(self, table: Mapping[str, ImportedMatrix], words: str) -> _Pattern:
-        """With the entries of a run at `words`, which must have the degrees of freedom of the first."""
-        own = {key: np.sort(codes_of(item.dofs)) for key, item in table.items() if item.dofs is not None}
-        first = self.own or own
-        for key, codes in own.items():
+        """The pattern extended by the entries of one run; `words` describe the run in the error for other degrees of freedom."""
+        codes_of_run = {key: np.sort(codes_of(item.dofs)) for key, item in table.items() if item.dofs is not None}
+        first = self.own or codes_of_run
+        for key, codes in codes_of_run.items():
             if not np.array_equal(codes, first[key]):
                 raise InputError(
                     f"the {key} of the run at {words} has {len(codes)} rows, that of the first run {len(first[key])}, or others;"
@@ -142,28 +154,28 @@ class _Pattern:
         return replace(pattern, places=np.concatenate([self.places, new]))
 
     def rows(self, tables: Sequence[Mapping[str, ImportedMatrix]]) -> tuple[FloatArray, FloatArray]:
-        """The entries of each run, (n_runs, n_entries), and the size that each is measured by."""
-        found = np.zeros((len(tables), len(self.places)))
+        """Matrix entries of each run, (n_runs, n_entries), and the size relative to which each is judged, (n_entries,)."""
+        values = np.zeros((len(tables), len(self.places)))
         order = np.argsort(self.places)
-        for row, table in zip(found, tables, strict=True):
+        for row, table in zip(values, tables, strict=True):
             places, data = self._entries(table)
             row[order[np.searchsorted(self.places, places, sorter=order)]] = data
         kind, column, row_of = self._at()
-        same = row_of == column
+        on_diagonal = row_of == column
         diagonal = np.zeros((len(self.own), len(self.codes)))
-        diagonal[kind[same], column[same]] = np.abs(found[:, same]).max(axis=0)
+        diagonal[kind[on_diagonal], column[on_diagonal]] = np.abs(values[:, on_diagonal]).max(axis=0)
         largest = diagonal.max(axis=1, initial=1e-300)
-        return found, np.sqrt(diagonal[kind, row_of] * diagonal[kind, column]) + 1e-12 * largest[kind]
+        return values, np.sqrt(diagonal[kind, row_of] * diagonal[kind, column]) + 1e-12 * largest[kind]
 
     def matrices(self, row: FloatArray) -> dict[str, sparse.csc_array]:
-        """The matrices with these entries."""
-        found, n = {}, len(self.codes)
+        """Symmetric matrices by name from one row of entries, (n_entries,)."""
+        matrices, n = {}, len(self.codes)
         kind, column, row_of = self._at()
         for number, key in enumerate(self.own):
-            kept = (kind == number) & (row != 0)
-            matrix = sparse.coo_array((row[kept], (row_of[kept], column[kept])), (n, n)).tocsc()
-            found[key] = sparse.csc_array((matrix + matrix.T) / 2)
-        return found
+            chosen = (kind == number) & (row != 0)
+            matrix = sparse.coo_array((row[chosen], (row_of[chosen], column[chosen])), (n, n)).tocsc()
+            matrices[key] = sparse.csc_array((matrix + matrix.T) / 2)
+        return matrices
 
     def _at(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Number of the kind, column and row of each place."""
@@ -172,14 +184,14 @@ class _Pattern:
         return kind, column, row
 
     def _entries(self, table: Mapping[str, ImportedMatrix]) -> tuple[np.ndarray, FloatArray]:
-        """Places and values of one run's entries."""
+        """Codes of the positions and values of all matrix entries of one run, (n,) each."""
         places, values = [], []
         for number, key in enumerate(self.own):
             item = table[key]
             assert item.dofs is not None
-            own = np.searchsorted(self.codes, codes_of(item.dofs))
+            index = np.searchsorted(self.codes, codes_of(item.dofs))
             entries = item.matrix.tocoo()
             n = len(self.codes)
-            places.append((number * n + own[entries.col].astype(np.int64)) * n + own[entries.row])
+            places.append((number * n + index[entries.col].astype(np.int64)) * n + index[entries.row])
             values.append(entries.data)
         return np.concatenate(places), np.concatenate(values)

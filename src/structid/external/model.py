@@ -13,9 +13,9 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.external.expansion import Powers
 from structid.fem.elements.element import (
+    ElementMatrixTerm,
     ElementSet,
     Kind,
-    Layer,
     Nodes,
     Positions,
     Power,
@@ -78,27 +78,30 @@ class SolverModel(ElementSet):
     loss_factor: Values = declared("Structural damping of the stiffness", "loss_factor", "1", default=0.0)
 
     def __post_init__(self) -> None:
+        """Derive the nodes from the degrees of freedom, and check the names of the parameters."""
         object.__setattr__(self, "nodes", locked(np.unique([d.node for d in self.dofs])[None, :], np.int64))
         super().__post_init__()
-        taken = {*_KINDS, "loss_factor"}
-        for one in self.parameters:
-            if one.name in taken:
-                raise InputError(f"a parameter of {self.name!r} must not be called {one.name!r}; give it another name")
+        reserved = {*_KINDS, "loss_factor"}
+        for parameter in self.parameters:
+            if parameter.name in reserved:
+                raise InputError(
+                    f"a parameter of {self.name!r} must not be called {parameter.name!r}; give it another name"
+                )
 
     def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
-        """Factors and parameters with their matrices; see `ElementSet.terms`."""
+        """The model's properties (factors and parameters) with their matrices; see `ElementSet.terms`."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
         references = {one.name: one.reference for one in self.parameters}
         kinds: dict[str, Kind] = dict.fromkeys(_KINDS, "parameter") if self.own_modes else _KINDS
-        layers: dict[str, list[Layer]] = {name: [] for name in (*_KINDS, *references)}
+        matrix_terms: dict[str, list[ElementMatrixTerm]] = {name: [] for name in (*_KINDS, *references)}
         for part in self.parts:
-            owner, rest = _owner(part)
+            owner, other_powers = _split_powers(part)
             scale = 1.0 / references[owner] if part.powers else 1.0
             whole = sparse.csc_array(sign @ part.matrix @ sign) * scale
-            powers = tuple(Power(name, references[name], exponent) for name, exponent in rest)
-            layers[owner].append(
-                Layer(
+            powers = tuple(Power(name, references[name], exponent) for name, exponent in other_powers)
+            matrix_terms[owner].append(
+                ElementMatrixTerm(
                     codes,
                     np.zeros((1, 0, 0)),
                     whole=whole,
@@ -108,23 +111,23 @@ class SolverModel(ElementSet):
                 )
             )
         one = np.ones(1)
-        terms = [Term(name, kind, "1", one, layers[name]) for name, kind in kinds.items() if layers[name]]
+        terms = [Term(name, kind, "1", one, matrix_terms[name]) for name, kind in kinds.items() if matrix_terms[name]]
         terms.append(Term("loss_factor", "loss_factor", "1", self.loss_factor))
-        made = [
+        parameter_terms = [
             Term(
                 p.name,
-                "parameter" if self.own_modes else _kind(p.name, self.parts),
+                "parameter" if self.own_modes else _kind_of_parameter(p.name, self.parts),
                 p.unit,
                 locked([p.value], float),
-                layers[p.name],
+                matrix_terms[p.name],
             )
             for p in self.parameters
         ]
-        return (*made, *terms)
+        return (*parameter_terms, *terms)
 
     def matrix(self, matrix_of: str, values: Mapping[str, float]) -> sparse.csc_array:
-        """``mass``, ``damping`` or ``stiffness`` for values of all parameters, (n_dofs, n_dofs)."""
-        references = {one.name: one.reference for one in self.parameters}
+        """The ``mass``, ``damping`` or ``stiffness`` matrix for parameter `values` by name, sparse (n_dofs, n_dofs), SI units."""
+        references = {parameter.name: parameter.reference for parameter in self.parameters}
         total = sparse.csc_array((len(self.dofs), len(self.dofs)))
         for part in self.parts:
             if part.matrix_of == matrix_of:
@@ -132,19 +135,19 @@ class SolverModel(ElementSet):
         return total
 
 
-def _owner(part: Part) -> tuple[str, Powers]:
-    """The property that weighs a part, and the powers that weigh it besides."""
+def _split_powers(part: Part) -> tuple[str, Powers]:
+    """The property that multiplies a part of a matrix, and the remaining powers that multiply it."""
     if not part.powers:
         return part.matrix_of, ()
     (name, exponent), *others = part.powers
-    own = ((name, exponent - 1),) if exponent > 1 else ()
-    return name, (*own, *others)
+    remaining = ((name, exponent - 1),) if exponent > 1 else ()
+    return name, (*remaining, *others)
 
 
-def _kind(name: str, parts: Sequence[Part]) -> Kind:
-    """``mass`` or ``stiffness`` of a parameter that some of these are proportional to, and nothing else depends on."""
-    own = [part for part in parts if any(name == other for other, _ in part.powers)]
-    kinds = {part.matrix_of for part in own}
-    if len(kinds) == 1 and all(part.powers == ((name, 1),) for part in own):
+def _kind_of_parameter(name: str, parts: Sequence[Part]) -> Kind:
+    """``mass`` or ``stiffness`` for a parameter to which parts of one matrix alone are proportional, else ``parameter``."""
+    of_parameter = [part for part in parts if any(name == other for other, _ in part.powers)]
+    kinds = {part.matrix_of for part in of_parameter}
+    if len(kinds) == 1 and all(part.powers == ((name, 1),) for part in of_parameter):
         return _KINDS[kinds.pop()]
     return "parameter"

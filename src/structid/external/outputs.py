@@ -33,7 +33,7 @@ class MatricesOut:
     Attributes
     ----------
     matrices : mapping of str to MatrixFile
-        Of ``stiffness``, ``mass`` and ``damping``, those that there are.
+        Of ``stiffness``, ``mass`` and ``damping``, those that are there.
     numbering : str or tuple of Dof, optional
         What the rows stand for: a file of the run, or the degrees of freedom; the files say it themselves by default.
     """
@@ -43,8 +43,8 @@ class MatricesOut:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Files of a run that are kept."""
-        names = [one.path for one in self.matrices.values()]
+        """Names of the files in a run's folder that hold matrices or their numbering, each once."""
+        names = [file.path for file in self.matrices.values()]
         for name in tuple(names):
             path = Path(name)
             names += [str(path.with_suffix(suffix)) for suffix in _BESIDE.get(path.suffix.lower(), ())]
@@ -56,32 +56,32 @@ class MatricesOut:
         self.read(folder)
 
     def read(self, folder: Path) -> dict[str, ImportedMatrix]:
-        """The matrices of a run, with node and component of their rows."""
+        """The matrices in the folder of a run by kind (mass, ...), with the node and component of each row."""
         table = self._table(folder)
-        found = {}
-        for key, one in self.matrices.items():
-            item = read_matrix(there(folder, one.path), one.matrix)
+        matrices = {}
+        for key, file in self.matrices.items():
+            item = read_matrix(existing_file(folder, file.path), file.matrix)
             if not item.is_square or np.iscomplexobj(item.matrix.data):
-                raise FileError(f"{one.path}: `{key}` must be a real square matrix, {item.name!r} is not")
+                raise FileError(f"{file.path}: `{key}` must be a real square matrix, {item.name!r} is not")
             if table is None and item.dofs is None:
                 raise FileError(
-                    f"{one.path}: does not say what its rows stand for; give `dofs`: a file that the solver writes, or a list"
+                    f"{file.path}: does not say what its rows stand for; give `dofs`: a file that the solver writes, or a list"
                 )
             if table is not None and item.dofs is None:
                 if len(table) != item.matrix.shape[0]:
                     raise FileError(
-                        f"{one.path}: {item.name!r} has {item.matrix.shape[0]} rows and `dofs` names {len(table)}; correct"
+                        f"{file.path}: {item.name!r} has {item.matrix.shape[0]} rows and `dofs` names {len(table)}; correct"
                         " `dofs`"
                     )
                 item = ImportedMatrix(item.name, item.matrix, table, held=item.held)
-            found[key] = item
-        return found
+            matrices[key] = item
+        return matrices
 
     def _table(self, folder: Path) -> IntArray | None:
         if self.numbering is None:
             return None
         return dof_table(
-            read_numbering(there(folder, self.numbering)) if isinstance(self.numbering, str) else self.numbering
+            read_numbering(existing_file(folder, self.numbering)) if isinstance(self.numbering, str) else self.numbering
         )
 
 
@@ -111,13 +111,13 @@ class ModesOut(OneFile):
 
     def read(self, folder: Path) -> Shapes:
         """The modes of a run."""
-        return read_shapes(there(folder, self.path))
+        return read_shapes(existing_file(folder, self.path))
 
 
-def there(folder: Path, name: str) -> Path:
-    """The path of a file of a run, told apart from one that is misspelt."""
+def existing_file(folder: Path, name: str) -> Path:
+    """The path of the file `name` of a run; raises `InputError` that lists the files there if it is missing."""
     path = folder / name
     if not path.is_file():
-        there = sorted(one.name for one in folder.iterdir() if one.is_file() and one.stat().st_size)
-        raise InputError(f"it wrote no {name}, only {', '.join(there[:12])}")
+        names = sorted(one.name for one in folder.iterdir() if one.is_file() and one.stat().st_size)
+        raise InputError(f"it wrote no {name}, only {', '.join(names[:12])}")
     return path

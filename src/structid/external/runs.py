@@ -123,7 +123,7 @@ class RunCounts:
 def runs(
     solver: Solver, points: Sequence[Mapping[str, float]], work: Work
 ) -> tuple[list[Path | RunFailedError], RunCounts]:
-    """Folder of the run of each point; those that are there already are not run again.
+    """Folder of the run at each of `points`, or its error; runs that exist already are not repeated.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def runs(
     points : sequence of mapping of str to float
         Value of each parameter.
     work : Work
-        Where they run.
+        Executor of the runs.
 
     Returns
     -------
@@ -148,12 +148,12 @@ def runs(
     missing = {key: one for key, one in zip(keys, points, strict=True) if not _is_done(solver.folder / key)}
     failed: dict[str, RunFailedError] = {}
     if missing:
-        _require_there(solver)
+        _require_program(solver)
         require_confirmed(solver.command, solver.confirmation)
         tell_command(solver.command, solver.study, solver.confirmation)
         try:
             solver.folder.mkdir(parents=True, exist_ok=True)
-            _sweep(solver.folder)
+            _remove_stale_folders(solver.folder)
         except OSError as error:
             raise FileError(
                 f"{solver.folder}: cannot hold the runs of the solver ({error.strerror}); give `runs`"
@@ -165,38 +165,38 @@ def runs(
 
 
 def needed_runs(solver: Solver, points: Sequence[Mapping[str, float]], work: Work) -> tuple[list[Path], RunCounts]:
-    """Folders of runs that must all succeed.
+    """Folders of the runs at `points` (values by name), all of which must succeed, and how many were new.
 
     Raises
     ------
     RunFailedError
         With what is kept.
     """
-    found, counts = runs(solver, points, work)
+    results, counts = runs(solver, points, work)
     folders = []
-    for one in found:
-        if isinstance(one, RunFailedError):
-            kept = sum(isinstance(other, Path) for other in found)
+    for result in results:
+        if isinstance(result, RunFailedError):
+            kept = sum(isinstance(other, Path) for other in results)
             raise RunFailedError(
-                f"{one}; deck and log of it are in {solver.folder / 'failed'}, {kept} finished runs are kept in {solver.folder}"
+                f"{result}; deck and log of it are in {solver.folder / 'failed'}, {kept} finished runs are kept in {solver.folder}"
             )
-        folders.append(one)
+        folders.append(result)
     return folders, counts
 
 
 def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
-    """Run the solver, again where it fails; "" where there is a result then, else why there is none."""
-    words, place = "", solver.place(values)
+    """Run the solver at `values` (by name), again after a failure; returns "" on success, else the reason of the failure."""
+    words, folder = "", solver.place(values)
     require_confirmed(solver.command, solver.confirmation)
     for _ in range(solver.retries + 1):
-        if _is_done(place):  # made by another process meanwhile
+        if _is_done(folder):  # made by another process meanwhile
             return ""
-        words = _tried(solver, values, place)
+        words = _try_run(solver, values, folder)
         if not words:
             return ""
-    shown = ", ".join(f"{name} = {value:g}" for name, value in solver.deck.shown(values).items())
+    values_text = ", ".join(f"{name} = {value:g}" for name, value in solver.deck.shown(values).items())
     times = f" {solver.retries + 1} times" if solver.retries else ""
-    return f"the solver failed{times} at {shown}: {words}"
+    return f"the solver failed{times} at {values_text}: {words}"
 
 
 def _is_done(place: Path) -> bool:
@@ -204,34 +204,38 @@ def _is_done(place: Path) -> bool:
     return (place / _DONE).is_file()
 
 
-def _tried(solver: Solver, values: Mapping[str, float], place: Path) -> str:
-    """One run; "" where it is good and kept in `place`, else what is wrong."""
-    begun, trial = time.perf_counter(), solver.folder / f".{place.name[:12]}.{secrets.token_hex(4)}"
+def _try_run(solver: Solver, values: Mapping[str, float], folder: Path) -> str:
+    """Run the solver once; returns "" if the run is good and kept in `folder`, else the reason of the failure."""
+    start, trial = time.perf_counter(), solver.folder / f".{folder.name[:12]}.{secrets.token_hex(4)}"
     try:
         trial.mkdir()
         for name, path in solver.linked.items():
             shutil.copyfile(path, trial / name)
         for name, text in solver.deck.written(values).items():
             (trial / name).write_text(text, encoding="utf-8", newline="")
-        words = _executed(solver, trial)
+        words = _execute_command(solver, trial)
         if not words:
             try:
                 solver.outputs.require_whole(trial)
             except InputError as error:
                 words = f"{str(error).replace(str(trial) + os.sep, '')}{_last_words(trial)}"
         if words:
-            _keep_failed(solver, trial)
+            _keep_failed_run(solver, trial)
             return words
         keep = {*solver.outputs.files, *solver.deck.texts, _LOG}
         for path in trial.iterdir():
             if path.name not in keep:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
-        told = {"values": solver.deck.shown(values), "command": solver.command, "seconds": time.perf_counter() - begun}
-        (trial / _DONE).write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+        record = {
+            "values": solver.deck.shown(values),
+            "command": solver.command,
+            "seconds": time.perf_counter() - start,
+        }
+        (trial / _DONE).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
         try:
-            trial.rename(place)
+            trial.rename(folder)
         except OSError:
-            if not _is_done(place):
+            if not _is_done(folder):
                 raise
         return ""
     except OSError as error:
@@ -243,8 +247,8 @@ def _tried(solver: Solver, values: Mapping[str, float], place: Path) -> str:
         shutil.rmtree(trial, ignore_errors=True)
 
 
-def _executed(solver: Solver, folder: Path) -> str:
-    """Run the command in `folder`; what is wrong with how it ended."""
+def _execute_command(solver: Solver, folder: Path) -> str:
+    """Run the solver's command in `folder`; returns "" if it ended well, else a sentence on how it ended."""
     with (folder / _LOG).open("wb") as log:
         try:
             process = subprocess.Popen(
@@ -256,16 +260,16 @@ def _executed(solver: Solver, folder: Path) -> str:
         try:
             code = process.wait(solver.timeout)
         except subprocess.TimeoutExpired:
-            _end(process)
+            _kill_group(process)
             return f"it was still running after {solver.timeout:g} s (`timeout`) and was ended{_last_words(folder)}"
         except BaseException:
-            _end(process)
+            _kill_group(process)
             raise
     return f"it ended with code {code}{_last_words(folder)}" if code else ""
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a solver and what it started."""
+def _kill_group(process: subprocess.Popen[bytes]) -> None:
+    """Kill a solver's process and all that it started."""
     if hasattr(os, "killpg"):
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
@@ -274,7 +278,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _last_words(folder: Path) -> str:
-    """The end of what the solver said, in a line."""
+    """The last lines of the solver's log in `folder`, as one line for a message."""
     path = folder / _LOG
     if not path.is_file():
         return ""
@@ -284,24 +288,24 @@ def _last_words(folder: Path) -> str:
     return f"; its last words: {words}" if words else "; it said nothing"
 
 
-def _keep_failed(solver: Solver, trial: Path) -> None:
-    """The log and deck of the last failure beside the runs, to be looked at."""
+def _keep_failed_run(solver: Solver, trial: Path) -> None:
+    """Move the folder of a failed run to `failed` beside the runs, where the user can look at it."""
     last = solver.folder / "failed"
     shutil.rmtree(last, ignore_errors=True)
     with suppress(OSError):  # another worker's failure was faster
         trial.rename(last)
 
 
-def _sweep(folder: Path) -> None:
-    """Remove what runs left that were killed long ago."""
+def _remove_stale_folders(folder: Path) -> None:
+    """Remove folders that were left by runs killed long ago."""
     for path in folder.glob(".*.*"):
         with suppress(FileNotFoundError):  # the run of another process that ends now has its own name from now on
             if path.is_dir() and time.time() - path.stat().st_mtime > _STALE_SECONDS:
                 shutil.rmtree(path, ignore_errors=True)
 
 
-def _require_there(solver: Solver) -> None:
-    """Refuse a command whose program is not there."""
+def _require_program(solver: Solver) -> None:
+    """Raise `InputError` if the program of the solver's command cannot be found."""
     arguments = solver.arguments
     if not arguments:
         raise InputError('`command` is empty; give the line that runs the solver, as in "ccx {stem}"')

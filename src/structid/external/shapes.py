@@ -50,7 +50,7 @@ class Shapes:
 
 
 def read_shapes(path: Path) -> Shapes:
-    """The modes in the file at `path`.
+    """Frequencies and mode shapes in the file at `path` that a solver wrote.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def read_shapes(path: Path) -> Shapes:
     """
     suffix = path.suffix.lower()
     if suffix not in (*FRD, *NASTRAN):
-        return _of_record(path)
+        return _shapes_of_modes_file(path)
     require_readable(path)
     with damage_told(path, "a file of modes", _RUN_AGAIN):
         printed = (frd_modes(path, path.read_text(encoding="latin-1")) if suffix in FRD else nastran_modes(path)).modes
@@ -78,7 +78,7 @@ def read_shapes(path: Path) -> Shapes:
     nodes = printed[0].nodes
     dofs = np.stack([np.repeat(nodes, width), np.tile(np.arange(1, width + 1), len(nodes))], axis=1)
     frequency = [mode.frequency for mode in printed]
-    return _sorted(path, frequency, dofs, values[:, :width].reshape(-1, len(printed)), True, suffix)
+    return _sorted_shapes(path, frequency, dofs, values[:, :width].reshape(-1, len(printed)), True, suffix)
 
 
 def _mass_normalized(mode: PrintedMode) -> FloatArray:
@@ -92,30 +92,32 @@ def require_last_line(path: Path) -> None:
         raise FileError(f"{path}: ends within a line; the file is cut short: end each line, the last one too")
 
 
-def _of_record(path: Path) -> Shapes:
+def _shapes_of_modes_file(path: Path) -> Shapes:
+    """Frequencies and shapes from a modes file of any format that structid reads."""
     record = read_modes(path)
     require_last_line(path)
     signs = np.array([dof.sign for dof in record.channels])
     dofs = np.array([(dof.node, DIRECTIONS.index(dof.direction) + 1) for dof in record.channels], dtype=np.int64)
     values = np.real(np.asarray(record.mode_shapes)) * signs[:, None]
-    return _sorted(path, record.frequency, dofs, values, record.scaling == "mass", "")
+    return _sorted_shapes(path, record.frequency, dofs, values, record.scaling == "mass", "")
 
 
-def _sorted(
+def _sorted_shapes(
     path: Path, frequency: Sequence[float] | FloatArray, dofs: IntArray, values: FloatArray, has_mass: bool, suffix: str
 ) -> Shapes:
-    own = np.asarray(frequency, dtype=np.float64)
-    if len(own) != values.shape[1]:
-        raise FileError(f"{path}: holds {len(own)} frequencies and {values.shape[1]} shapes; {_RUN_AGAIN}")
-    if not (np.isfinite(own).all() and np.isfinite(values).all()):
+    """Modes in order of frequency (Hz), after checks; `dofs` (n_dofs, 2) are node and component, `values` (n_dofs, n_modes)."""
+    frequencies = np.asarray(frequency, dtype=np.float64)
+    if len(frequencies) != values.shape[1]:
+        raise FileError(f"{path}: holds {len(frequencies)} frequencies and {values.shape[1]} shapes; {_RUN_AGAIN}")
+    if not (np.isfinite(frequencies).all() and np.isfinite(values).all()):
         raise FileError(f"{path}: holds frequencies or shapes that are not finite; check the model, and {_RUN_AGAIN}")
-    still = np.flatnonzero(~values.any(axis=0))
-    if len(still):
+    empty = np.flatnonzero(~values.any(axis=0))
+    if len(empty):
         raise FileError(
-            f"{path}: nothing moves in mode {still[0] + 1}; the solver found no such mode: look into its log, ask for fewer modes"
+            f"{path}: nothing moves in mode {empty[0] + 1}; the solver found no such mode: look into its log, ask for fewer modes"
         )
-    order = np.argsort(own, kind="stable")
-    return Shapes(own[order], dofs, values[:, order], has_mass, _ROUNDING.get(suffix, Shapes.rounding))
+    order = np.argsort(frequencies, kind="stable")
+    return Shapes(frequencies[order], dofs, values[:, order], has_mass, _ROUNDING.get(suffix, Shapes.rounding))
 
 
 def require_same_dofs(first: Shapes, other: Shapes, words: str) -> None:

@@ -93,7 +93,7 @@ def taken(
     rules: StepRules,
     work: Work,
 ) -> Taken[R]:
-    """Results at the centre of all parameters, and at two steps of each.
+    """Results of solver runs at the centre of all parameters and at two steps of each, with steps of usable size.
 
     Parameters
     ----------
@@ -144,6 +144,7 @@ class _Step:
     """The step of one parameter's differences, on the way to one that can be used."""
 
     def __init__(self, parameter: DeckParameter, centre: float, rules: StepRules) -> None:
+        """The step of `parameter` about `centre`, at first its own or that of the `rules`."""
         self.parameter, self.centre, self.rules = parameter, centre, rules
         if not centre and parameter.step is None:
             raise InputError(f"parameter {parameter.name!r} is 0; give `step`, by how much it changes, in its unit")
@@ -156,7 +157,7 @@ class _Step:
         return self.part > _SMALLEST_STEP and len(self.tried) < _TRIALS
 
     def values(self, solver: Solver, centre: Mapping[str, float]) -> list[float]:
-        """On both sides of the centre; twice on one, where a bound is near."""
+        """Two values of the parameter: on both sides of the centre, or on one side where a bound is near."""
         self.tried.add(self.part)
         low, high = self.parameter.limits
         size = self.part * self.unit
@@ -167,19 +168,19 @@ class _Step:
             values = [self.centre + sense * size, self.centre + 2 * sense * size]
         else:
             values = [self.centre + size, self.centre - size]
-        shown = [solver.deck.shown({**centre, self.parameter.name: v})[self.parameter.name] for v in values]
-        if len({*shown, self.centre}) < 3:
+        as_written = [solver.deck.shown({**centre, self.parameter.name: v})[self.parameter.name] for v in values]
+        if len({*as_written, self.centre}) < 3:
             raise InputError(
                 f"a step of {size:g} of {self.parameter.name!r} does not show in the digits of its mark; widen it, as in"
                 f" {{{{{self.parameter.name}:16}}}}, or give `step`"
             )
-        return shown
+        return as_written
 
     def shrink(self) -> None:
         self.part /= 4
 
     def settles(self, change: float) -> bool:
-        """Whether differences with this relative change of the results can be used; the next step where not."""
+        """True if a relative `change` of the results is usable for differences; else the step is changed and False returned."""
         rules = self.rules
         if change > rules.most and self.part > _SMALLEST_STEP and self.part / 4 not in self.tried:
             self.shrink()

@@ -81,12 +81,12 @@ class Tangent:
 
 
 def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> Tangent:
-    """The model of the runs.
+    """A small model (mass and stiffness by powers of the parameters) that has the modes of the solver's runs.
 
     Parameters
     ----------
     name : str
-        Of the tie.
+        Name of the tie.
     centre : Shapes
         In SI units, as all runs.
     differences : sequence of Pair
@@ -108,22 +108,24 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> T
     moved = np.abs(centre.values).max(axis=1) > 0
     for run in runs:
         moved |= np.abs(run.values[:, : centre.values.shape[1]]).max(axis=1) > 0
-    n_modes = _alike_modes(centre, runs, int(moved.sum()))
+    n_modes = _count_common_modes(centre, runs, int(moved.sum()))
     phi = centre.values[moved, :n_modes]
     size = float(np.linalg.norm(phi, axis=0).max())
     inverse = np.linalg.pinv(phi)
     coordinates = [inverse @ run.values[moved, :n_modes] for run in runs]
     rests = [run.values[moved, :n_modes] - phi @ c for run, c in zip(runs, coordinates, strict=True)]
-    u = _span(rests, _ROUNDINGS * size * centre.rounding, int(moved.sum()) - n_modes) * size
+    u = _orthonormal_span(rests, _ROUNDINGS * size * centre.rounding, int(moved.sum()) - n_modes) * size
     free = [u.T @ rest / size**2 for rest in rests]
     if not (centre.has_mass and all(run.has_mass for run in runs)):
         scales = [np.sqrt((c**2).sum(axis=0) + (d**2).sum(axis=0)) for c, d in zip(coordinates, free, strict=True)]
         coordinates = [c / s for c, s in zip(coordinates, scales, strict=True)]
         free = [d / s for d, s in zip(free, scales, strict=True)]
-    stiff = _beside(centre, differences, n_modes, coordinates, free)
+    stiff = _outer_stiffness(centre, differences, n_modes, coordinates, free)
     n = n_modes + u.shape[1]
-    zero = _matrices(centre.frequency[:n_modes], np.eye(n_modes), np.zeros((n - n_modes, n_modes)), stiff)
-    pairs = [_matrices(run.frequency[:n_modes], c, d, stiff) for run, c, d in zip(runs, coordinates, free, strict=True)]
+    zero = _run_matrices(centre.frequency[:n_modes], np.eye(n_modes), np.zeros((n - n_modes, n_modes)), stiff)
+    pairs = [
+        _run_matrices(run.frequency[:n_modes], c, d, stiff) for run, c, d in zip(runs, coordinates, free, strict=True)
+    ]
     basis = np.concatenate([phi, u], axis=1)
     chosen = np.sort(qr(basis.T, mode="r", pivoting=True)[1][:n])
     to_masters = np.linalg.inv(basis[chosen])
@@ -143,15 +145,15 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> T
     return Tangent(masters, _symmetric(mass), _symmetric(stiffness), tie, held, n_modes)
 
 
-def _alike_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) -> int:
-    """How many of the lowest modes span the same motions in all runs: the highest may have left the list."""
-    most = min([len(centre.frequency), *(len(run.frequency) for run in runs)])
-    if n_moved < most:
+def _count_common_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) -> int:
+    """Number of lowest modes that span the same motions in all runs; higher ones may differ between the lists."""
+    n_common = min([len(centre.frequency), *(len(run.frequency) for run in runs)])
+    if n_moved < n_common:
         raise InputError(
-            f"the solver gives {most} modes at {n_moved} degrees of freedom that move; let it give the shapes at more nodes, or"
+            f"the solver gives {n_common} modes at {n_moved} degrees of freedom that move; let it give the shapes at more nodes, or"
             " fewer modes"
         )
-    for count in range(most, 0, -1):
+    for count in range(n_common, 0, -1):
         first = np.linalg.qr(centre.values[:, :count])[0]
         cosines = [
             np.linalg.svd(first.T @ np.linalg.qr(run.values[:, :count])[0], compute_uv=False)[-1] for run in runs
@@ -163,24 +165,28 @@ def _alike_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) -> int:
     )
 
 
-def _span(rests: Sequence[FloatArray], least: float, most: int) -> FloatArray:
-    """Orthonormal columns of what the runs' shapes have beside the centre's, of at least this size."""
-    if not rests:
+def _orthonormal_span(residuals: Sequence[FloatArray], least: float, most: int) -> FloatArray:
+    """Orthonormal basis, (n_dofs, n), of the runs' shapes outside those of the centre; at most `most` with size above `least`."""
+    if not residuals:
         return np.zeros((0, 0))
-    left, singular, _ = np.linalg.svd(np.concatenate(rests, axis=1), full_matrices=False)
-    return left[:, : min(int((singular > least).sum()), most)]
+    vectors, singular, _ = np.linalg.svd(np.concatenate(residuals, axis=1), full_matrices=False)
+    return vectors[:, : min(int((singular > least).sum()), most)]
 
 
-def _matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: float) -> tuple[FloatArray, FloatArray]:
-    """M and K of a run on the coordinates of the centre's shapes and of what is beside them; see `tangent`."""
+def _run_matrices(frequency: FloatArray, c: FloatArray, d: FloatArray, kappa: float) -> tuple[FloatArray, FloatArray]:
+    """Mass and stiffness of one run in the coordinates of the centre's shapes and of the directions outside them.
+
+    `frequency` in Hz; `c` and `d` are the coordinates of the run's shapes in both, `kappa` the stiffness outside; see
+    `tangent`.
+    """
     m, e = c.shape[0], d.shape[0]
     eigenvalues = (2 * np.pi * frequency) ** 2
     inverse = np.linalg.inv(c)
     inner = d.T @ d
     mass, stiffness = np.eye(m + e), np.zeros((m + e, m + e))
     mass[:m, :m] = inverse.T @ (np.eye(m) - inner) @ inverse
-    own = np.diag(eigenvalues) - inner * eigenvalues - eigenvalues[:, None] * inner + kappa * inner
-    stiffness[:m, :m] = inverse.T @ own @ inverse
+    inner_stiffness = np.diag(eigenvalues) - inner * eigenvalues - eigenvalues[:, None] * inner + kappa * inner
+    stiffness[:m, :m] = inverse.T @ inner_stiffness @ inverse
     stiffness[m:, :m] = (d * eigenvalues - kappa * d) @ inverse
     stiffness[:m, m:] = stiffness[m:, :m].T
     stiffness[m:, m:] = kappa * np.eye(e)
@@ -194,32 +200,39 @@ def _parabola(changes: Sequence[float], differences: Sequence[FloatArray]) -> tu
     return differences[0] / a - a * square, square
 
 
-def _beside(
+def _outer_stiffness(
     centre: Shapes,
     differences: Sequence[Pair[Shapes]],
     n_modes: int,
     coordinates: Sequence[FloatArray],
     free: Sequence[FloatArray],
 ) -> float:
-    """Stiffness of what is beside the centre's shapes: that by which the squares of changes in K_qq are least.
+    """Stiffness of the directions outside the centre's shapes that minimizes the second-order changes of K.
 
-    The squares then come from the motion beside, and so do products of the changes of several parameters.
+    The squares then come from the motion outside, and so do products of the changes of several parameters.
     """
-    eigenvalues = [(2 * np.pi * run.frequency[:n_modes]) ** 2 for one in differences for run in one.runs]
+    eigenvalues = [
+        (2 * np.pi * run.frequency[:n_modes]) ** 2 for pair_of_runs in differences for run in pair_of_runs.runs
+    ]
     top = max([float(centre.frequency[:n_modes].max()), *(float(np.sqrt(e.max()) / (2 * np.pi)) for e in eigenvalues)])
-    at = (2 * np.pi * centre.frequency[:n_modes]) ** 2
-    given = [
-        (_matrices(np.sqrt(e) / (2 * np.pi), c, d, 0.0)[1][:n_modes, :n_modes] - np.diag(at), d.T @ d)
+    centre_eigenvalues = (2 * np.pi * centre.frequency[:n_modes]) ** 2
+    changes_of_runs = [
+        (
+            _run_matrices(np.sqrt(e) / (2 * np.pi), c, d, 0.0)[1][:n_modes, :n_modes] - np.diag(centre_eigenvalues),
+            d.T @ d,
+        )
         for e, c, d in zip(eigenvalues, coordinates, free, strict=True)
     ]
     product = size = 0.0
-    rows = iter(given)
-    for one in differences:
-        own = [next(rows) for _ in one.changes]
-        bent, moved = (_parabola(one.changes, [pair[k] for pair in own])[1] for k in (0, 1))
-        scale = float(np.abs(moved).max()) or 1.0  # parameters of any unit count alike
-        product += float(np.sum(bent * moved)) / scale**2
-        size += float(np.sum(moved * moved)) / scale**2
+    rows = iter(changes_of_runs)
+    for pair_of_runs in differences:
+        changes_of_pair = [next(rows) for _ in pair_of_runs.changes]
+        curvature, outer_motion = (
+            _parabola(pair_of_runs.changes, [pair[k] for pair in changes_of_pair])[1] for k in (0, 1)
+        )
+        scale = float(np.abs(outer_motion).max()) or 1.0  # parameters of any unit count alike
+        product += float(np.sum(curvature * outer_motion)) / scale**2
+        size += float(np.sum(outer_motion * outer_motion)) / scale**2
     nearest, farthest = ((2 * np.pi * part * top) ** 2 for part in _BESIDE)
     return float(np.clip(-product / size, nearest, farthest)) if size else farthest
 

@@ -16,7 +16,7 @@ from structid.core.errors import InputError
 from structid.dynamics.factorization import SingularMatrixError, factorizer
 from structid.dynamics.modes import modes
 from structid.fem.elements import MatrixGroup
-from structid.fem.elements.element import Layer, Power, Term, dof_code, dof_of_code, joined_codes
+from structid.fem.elements.element import ElementMatrixTerm, Power, Term, dof_code, dof_of_code, joined_codes
 from structid.fem.matrices.contribution import Property, weighed
 from structid.fem.numbering import Numbering, free_blocks
 from structid.fem.supports import Equations, Following
@@ -77,6 +77,7 @@ class Component:
         interface: str | Dof | Iterable[str | Dof] = (),
         whole: bool = False,
     ) -> None:
+        """Store and check the arguments; see the class."""
         given = (interface,) if isinstance(interface, str | Dof) else tuple(interface)
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "elements", (elements,) if isinstance(elements, str) else tuple(elements))
@@ -123,7 +124,7 @@ class Reduction:
 
     @property
     def words(self) -> str:
-        """What was reduced to what."""
+        """A sentence on the reduction: sizes before and after, number of modes and their frequency limit."""
         whole = f"component {self.component.name}: {len(self.group.dofs)} degrees of freedom"
         if self.following is None:
             return f"{whole}, not reduced"
@@ -141,7 +142,7 @@ def reductions(
     held: frozenset[int],
     kept: IntArray,
 ) -> tuple[Reduction, ...]:
-    """All `components` reduced.
+    """The reduction of each of `components` to its interface and a few modes.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ def reductions(
     terms : mapping of str to tuple of Term
         Properties of all element sets, by the name of the set.
     equations : mapping
-        What ties make of degrees of freedom.
+        Dependent codes with the codes and weights that they follow.
     held : frozenset of int
         Codes at zero.
     kept : (n,) int array
@@ -173,37 +174,45 @@ def reductions(
                     " out of one of them"
                 )
             owners[name] = component
-    codes = {name: joined_codes([layer.codes for term in own for layer in term.layers]) for name, own in terms.items()}
-    tied = joined_codes([kept, _tied(equations, joined_codes([*codes.values(), kept]))])
+    codes = {
+        name: joined_codes([matrix_term.codes for term in own for matrix_term in term.matrix_terms])
+        for name, own in terms.items()
+    }
+    tied = joined_codes([kept, _codes_in_ties(equations, joined_codes([*codes.values(), kept]))])
     found = []
     for one in components:
         own = joined_codes([codes[name] for name in one.elements])
         others = [codes[name] for name in terms if name not in one.elements]
-        joined = joined_codes([tied, _named(one, own, equations), *others])
-        found.append(_reduction(one, {name: terms[name] for name in one.elements}, own, joined, held))
+        joined = joined_codes([tied, _interface_codes(one, own, equations), *others])
+        found.append(_reduce_component(one, {name: terms[name] for name in one.elements}, own, joined, held))
     return tuple(found)
 
 
-def _tied(equations: Equations, moved: IntArray) -> IntArray:
-    """Codes that ties of what elements use depend on, and these; what only reads an element is no part of its interface."""
-    found, pending = set(), [code for code in moved.tolist() if code in equations]
+def _codes_in_ties(equations: Equations, moved: IntArray) -> IntArray:
+    """Codes of degrees of freedom that take part in ties of those in `moved`, these included; sorted, (n_codes,).
+
+    Degrees of freedom that only read an element are no part of its interface.
+    """
+    codes, pending = set(), [code for code in moved.tolist() if code in equations]
     while pending:
         code = pending.pop()
-        if code not in found:
-            found.add(code)
+        if code not in codes:
+            codes.add(code)
             pending += equations.get(code, {})
-    return np.array(sorted(found), dtype=np.int64)
+    return np.array(sorted(codes), dtype=np.int64)
 
 
-def _reduction(
+def _reduce_component(
     component: Component,
     terms: Mapping[str, tuple[Term, ...]],
     codes: IntArray,
     joined: IntArray,
     held: frozenset[int],
 ) -> Reduction:
-    """A component of sets with these terms and codes, of which it is to keep those that are `joined`."""
-    matrices = _matrices(component, terms, codes)
+    """A component reduced to its interface and modes; `codes` are its degrees of freedom, `joined` those to keep, `held`
+    the constrained ones.
+    """
+    matrices = _nominal_matrices(component, terms, codes)
     kept, free = np.isin(codes, joined), ~np.isin(codes, list(held))
     border, inside = np.flatnonzero(kept & free), np.flatnonzero(~kept & free)
     if not kept.any():
@@ -216,134 +225,138 @@ def _reduction(
             f"component {component.name!r} has no degrees of freedom inside: all {len(codes)} belong to its interface or are"
             " held; leave it out"
         )
-    group, made = _group(component, codes, matrices)
+    group, new_terms = _as_matrix_group(component, codes, matrices)
     if component.whole:
-        return Reduction(component, group, made, None, len(border), len(inside))
-    driven, shapes, n_modes = _basis(component, matrices, border, inside)
+        return Reduction(component, group, new_terms, None, len(border), len(inside))
+    driven, shapes, n_modes = _reduction_basis(component, matrices, border, inside)
     chosen = linalg.qr(shapes.T, mode="r", pivoting=True)[1][: shapes.shape[1]]
     modal = linalg.solve(shapes[chosen].T, shapes.T).T if shapes.size else shapes
     matrix = np.concatenate([driven - modal @ driven[chosen], modal], axis=1)
-    others = np.setdiff1d(np.arange(len(inside)), chosen)
+    dependent = np.setdiff1d(np.arange(len(inside)), chosen)
     masters = np.concatenate([codes[border], codes[inside[chosen]]])
-    following = Following(locked(codes[inside[others]]), locked(masters), locked(matrix[others]))
-    return Reduction(component, group, made, following, len(border), n_modes)
+    following = Following(locked(codes[inside[dependent]]), locked(masters), locked(matrix[dependent]))
+    return Reduction(component, group, new_terms, following, len(border), n_modes)
 
 
-def _named(component: Component, codes: IntArray, equations: Equations) -> IntArray:
-    """Those of the `codes` of a component that its `interface` names, or points of it that follow them."""
-    found = [np.zeros(0, dtype=np.int64)]
+def _interface_codes(component: Component, codes: IntArray, equations: Equations) -> IntArray:
+    """Codes of a component that its `interface` names, also as masters of ties; a subset of `codes`."""
+    parts = [np.zeros(0, dtype=np.int64)]
     for dof in component.interface:
         code = dof_code(dof.node, dof.direction)
-        found.append(np.intersect1d(codes, [code, *_tied(equations, np.array([code]))]))
-        if not len(found[-1]):
+        parts.append(np.intersect1d(codes, [code, *_codes_in_ties(equations, np.array([code]))]))
+        if not len(parts[-1]):
             order = np.lexsort((np.abs(codes - code), codes // 6 != dof.node))
             raise InputError(
                 f"component {component.name!r}: {dof.place} of `interface` is no degree of freedom of it; the nearest is"
                 f" {dof_of_code(int(codes[order[0]])).place}"
             )
-    return np.concatenate(found)
+    return np.concatenate(parts)
 
 
-def _matrices(
+def _nominal_matrices(
     component: Component, terms: Mapping[str, tuple[Term, ...]], codes: IntArray
 ) -> dict[str, sparse.csc_array]:
-    """Matrices of a component by law, at nominal values."""
+    """Matrices of a component by law (inertia, viscous, elastic, structural) at nominal values, (n_codes, n_codes) each."""
     properties, start = [], 0
     for name, several in terms.items():
         for term in several:
             properties.append(Property(name, term, slice(start, start + len(term.values))))
             start += len(term.values)
-            if term.kind == "friction" or any(layer.stretch for layer in term.layers):
+            if term.kind == "friction" or any(matrix_term.length_power for matrix_term in term.matrix_terms):
                 what = "rubs" if term.kind == "friction" else "has an end that slides"
                 raise InputError(
                     f"component {component.name!r}: element set {name!r} {what}, which no reduction keeps; take it out of"
                     " `elements`"
                 )
     values = np.concatenate([item.term.values for item in properties])
-    every = Numbering(codes, sparse.eye_array(len(codes), format="csr"), tuple(codes.tolist()))
-    found = dict.fromkeys(("inertia", "viscous", "elastic", "structural"), sparse.csc_array((len(codes), len(codes))))
-    for part in weighed(properties, partial(free_blocks, every), {}):
-        found[part.law] = found[part.law] + part.blocks.assemble(part.weights(values))
-    return found
+    numbering = Numbering(codes, sparse.eye_array(len(codes), format="csr"), tuple(codes.tolist()))
+    matrices = dict.fromkeys(
+        ("inertia", "viscous", "elastic", "structural"), sparse.csc_array((len(codes), len(codes)))
+    )
+    for part in weighed(properties, partial(free_blocks, numbering), {}):
+        matrices[part.law] = matrices[part.law] + part.blocks.assemble(part.weights(values))
+    return matrices
 
 
-def _group(
+def _as_matrix_group(
     component: Component, codes: IntArray, matrices: Mapping[str, sparse.csc_array]
 ) -> tuple[MatrixGroup, tuple[Term, ...]]:
-    """The component as a group of matrices, and its properties."""
+    """The component as a group of matrices with one factor each, and its terms."""
     stiffness, structural = matrices["elastic"], matrices["structural"]
     largest = abs(stiffness).max()
-    at = np.unravel_index(abs(stiffness).argmax(), stiffness.shape)
-    loss = float(structural[at] / stiffness[at]) if largest > 0 else 0.0
+    largest_entry = np.unravel_index(abs(stiffness).argmax(), stiffness.shape)
+    loss = float(structural[largest_entry] / stiffness[largest_entry]) if largest > 0 else 0.0
     is_one = abs(structural - loss * stiffness).max() <= _SAME_LOSS * loss * largest
-    given = {
+    parts = {
         key: matrices[law] if matrices[law].nnz else None
         for key, law in (("mass", "inertia"), ("stiffness", "elastic"), ("damping", "viscous"))
     }
     dofs = tuple(dof_of_code(code) for code in codes.tolist())
-    group = MatrixGroup(component.name, dofs, **given, loss_factor=loss if is_one else 0.0)
+    group = MatrixGroup(component.name, dofs, **parts, loss_factor=loss if is_one else 0.0)
     terms = group.terms({}, joined_codes([]))
     if is_one:
         return group, terms
-    layer = Layer(
+    matrix_term = ElementMatrixTerm(
         codes[None], np.zeros((1, 0, 0)), whole=structural, law="structural", powers=(Power("stiffness", 1.0, 1),)
     )
-    kept = [term for term in terms if term.kind != "loss_factor"]
-    return group, (*kept, Term("structural_damping", "parameter", "1", np.ones(1), [layer]))
+    undamped = [term for term in terms if term.kind != "loss_factor"]
+    return group, (*undamped, Term("structural_damping", "parameter", "1", np.ones(1), [matrix_term]))
 
 
-def _basis(
+def _reduction_basis(
     component: Component,
     matrices: Mapping[str, sparse.csc_array],
     border: IntArray,
     inside: IntArray,
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Motions that the border makes (n_inside, n_border), motions with the border held (n_inside, n_held), and its modes.
+    """Static motions (n_inside, n_border), shapes with the border fixed (n_inside, n_shapes), and how many of these are modes.
 
-    With the border held, first come modes K_ii phi = omega^2 M_ii phi, so many as the last number says, then what they lack of
-    K_ii^-1 (M_ii Psi + M_ib), where Psi = -K_ii^-1 K_ib. Motions without force are among the modes; K_ii then has a small
-    shift, which changes Psi by these motions alone.
+    With the border fixed, first come modes K_ii phi = omega^2 M_ii phi, then what they lack of K_ii^-1 (M_ii Psi +
+    M_ib), where Psi = -K_ii^-1 K_ib. Motions without force are among the modes; K_ii then has a small shift, which
+    changes Psi by these motions alone.
     """
     stiffness, mass = matrices["elastic"], matrices["inertia"]
-    elastic, heavy = (sparse.csc_array(matrix[inside][:, inside]) for matrix in (stiffness, mass))
-    pull, drag = (matrix[inside][:, border].toarray() for matrix in (stiffness, mass))
-    shapes, is_loose = _modes(component, heavy, elastic)
+    stiffness_inside, mass_inside = (sparse.csc_array(matrix[inside][:, inside]) for matrix in (stiffness, mass))
+    stiffness_coupling, mass_coupling = (matrix[inside][:, border].toarray() for matrix in (stiffness, mass))
+    shapes, is_loose = _modes_up_to_limit(component, mass_inside, stiffness_inside)
     shift = _SHIFT * (2 * np.pi * component.up_to) ** 2 if is_loose else 0.0
-    solve = _solver(component, sparse.csc_array(elastic + shift * heavy))
-    driven = -solve(pull + shift * drag)
-    slow = solve(drag + heavy @ driven)
+    solve = _factorized_solver(component, sparse.csc_array(stiffness_inside + shift * mass_inside))
+    static = -solve(stiffness_coupling + shift * mass_coupling)
+    slow = solve(mass_coupling + mass_inside @ static)
     size = np.linalg.norm(slow, axis=0)
     slow = slow[:, size > 0] / size[size > 0]
     for _ in range(2):
-        slow = slow - shapes @ (shapes.T @ (heavy @ slow))
+        slow = slow - shapes @ (shapes.T @ (mass_inside @ slow))
     left, singular, _ = np.linalg.svd(slow, full_matrices=False)
     n_new = min(int((singular > _NEW).sum()), len(inside) - shapes.shape[1])
     unit = shapes / np.linalg.norm(shapes, axis=0)
-    return driven, np.concatenate([unit, left[:, :n_new]], axis=1), shapes.shape[1]
+    return static, np.concatenate([unit, left[:, :n_new]], axis=1), shapes.shape[1]
 
 
-def _modes(component: Component, mass: sparse.csc_array, stiffness: sparse.csc_array) -> tuple[FloatArray, bool]:
-    """All modes up to the limit of `component`, and whether one of them is a motion without force."""
+def _modes_up_to_limit(
+    component: Component, mass: sparse.csc_array, stiffness: sparse.csc_array
+) -> tuple[FloatArray, bool]:
+    """Modes up to the frequency limit of `component`, (n_dofs, n_modes), and True if one of them is a motion without force."""
     count, n = _FIRST_MODES, mass.shape[0]
     if not mass.nnz:
         return np.zeros((n, 0)), False
     try:
         while True:
-            found = modes(mass, stiffness, n_modes=count)
-            if found.frequency[-1] > component.up_to or len(found.frequency) < count or count >= n:
+            result = modes(mass, stiffness, n_modes=count)
+            if result.frequency[-1] > component.up_to or len(result.frequency) < count or count >= n:
                 break
             count *= 2
     except (np.linalg.LinAlgError, SingularMatrixError) as error:
         raise _mechanism(component) from error
-    shapes: FloatArray = found.mode_shapes[:, found.frequency <= component.up_to]
+    shapes: FloatArray = result.mode_shapes[:, result.frequency <= component.up_to]
     size = np.abs(shapes)
     rounding = np.finfo(np.float64).eps * np.einsum("ij,ij->j", size, abs(stiffness) @ size)
-    is_loose = (2 * np.pi * found.frequency[: shapes.shape[1]]) ** 2 <= _ROUNDINGS * rounding
+    is_loose = (2 * np.pi * result.frequency[: shapes.shape[1]]) ** 2 <= _ROUNDINGS * rounding
     return shapes, bool(is_loose.any())
 
 
-def _solver(component: Component, matrix: sparse.csc_array) -> Callable[[FloatArray], FloatArray]:
-    """Solutions with a positive definite matrix."""
+def _factorized_solver(component: Component, matrix: sparse.csc_array) -> Callable[[FloatArray], FloatArray]:
+    """A function that solves A x = right for the positive definite `matrix` A, right-hand sides (n_dofs, n_right)."""
     matrix.sort_indices()
     if not matrix.diagonal().all():
         raise _mechanism(component)

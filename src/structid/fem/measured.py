@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked, require_finite, require_shape
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 
@@ -83,16 +83,17 @@ class MeasuredComponent:
         source: str = "",
         variance: ArrayLike | None = None,
     ) -> None:
-        given = parse_dofs((interface,) if isinstance(interface, str | Dof) else tuple(interface))
+        """Store and check the arguments; see the class."""
+        dofs = parse_dofs((interface,) if isinstance(interface, str | Dof) else tuple(interface))
         axis, values = locked(frequency, np.float64), np.asarray(receptance, dtype=np.complex128)
-        if not given or len({dof.unsigned for dof in given}) < len(given):
-            raise InputError(f"`interface` of {name!r} must name degrees of freedom, each once, got {given}")
-        require_shape("receptance", values, (len(axis), len(given), len(given)), "one square matrix a line")
+        if not dofs or len({dof.unsigned for dof in dofs}) < len(dofs):
+            raise InputError(f"`interface` of {name!r} must name degrees of freedom, each once, got {dofs}")
+        require_shape("receptance", values, (len(axis), len(dofs), len(dofs)), "one square matrix a line")
         require_finite("receptance", values, "remove these lines, or repair the file")
         if not len(axis) or (np.diff(axis) <= 0).any():
             raise InputError(f"`frequency` of {name!r} must increase, and hold at least one line")
         object.__setattr__(self, "name", name)
-        object.__setattr__(self, "interface", given)
+        object.__setattr__(self, "interface", dofs)
         object.__setattr__(self, "frequency", axis)
         object.__setattr__(self, "receptance", locked(values))
         object.__setattr__(self, "source", source)
@@ -109,9 +110,10 @@ class MeasuredComponent:
         return f"measured component {self.name!r}" + (f" ({self.source})" if self.source else "")
 
     def receptance_at(self, frequency: FloatArray) -> ComplexArray:
-        """Y at lines inside its band, (n_lines, n, n); by cubics through four lines between its own where these are dense enough.
+        """Receptance Y at `frequency` in Hz, (n_lines, n, n); interpolated by cubics between the measured lines if these
+        are dense.
 
-        Kept for the lines last asked for.
+        The result is kept for the lines last asked for.
 
         Raises
         ------
@@ -119,27 +121,27 @@ class MeasuredComponent:
             If a line lies outside its band, or between lines that are too far apart, or Y is singular there.
         """
         key = frequency.tobytes()
-        found = self._known.get(key)
-        if found is None:
-            place, between = self._places(frequency)
-            values = np.array(self._reciprocal[place])
+        receptance = self._known.get(key)
+        if receptance is None:
+            nearest, between = self._nearest_lines(frequency)
+            values = np.array(self._reciprocal[nearest])
             if between.any():
                 values[between] = _read_between(self.frequency, self._reciprocal, frequency[between])
             self._require_regular(frequency, values)
-            found = locked(values)
+            receptance = locked(values)
             if len(self._known) >= _KEPT:
                 self._known.clear()
-            self._known[key] = found
-        return found
+            self._known[key] = receptance
+        return receptance
 
     def weights_at(self, frequency: FloatArray) -> sparse.csr_array:
-        """How its own lines make Y at lines inside its band, (n_own, n_lines); see `receptance_at`."""
-        place, between = self._places(frequency)
-        columns, rows, values = np.flatnonzero(~between), place[~between], np.ones((~between).sum())
+        """Weights of the measured lines in the interpolated receptance at each `frequency` (Hz), (n_measured, n_lines)."""
+        nearest, between = self._nearest_lines(frequency)
+        columns, rows, values = np.flatnonzero(~between), nearest[~between], np.ones((~between).sum())
         if between.any():
-            near, weights = _cubic(self.frequency, frequency[between])
-            columns = np.concatenate([columns, np.repeat(np.flatnonzero(between), near.shape[1])])
-            rows, values = np.concatenate([rows, near.ravel()]), np.concatenate([values, weights.ravel()])
+            neighbours, weights = _cubic_weights(self.frequency, frequency[between])
+            columns = np.concatenate([columns, np.repeat(np.flatnonzero(between), neighbours.shape[1])])
+            rows, values = np.concatenate([rows, neighbours.ravel()]), np.concatenate([values, weights.ravel()])
         return sparse.csr_array((values, (rows, columns)), (len(self.frequency), len(frequency)))
 
     @cached_property
@@ -154,7 +156,7 @@ class MeasuredComponent:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What is worth knowing of it, wherever it serves."""
+        """Warnings about the component that hold at all lines: sense of channels, reciprocity, unknown errors."""
         unknown = ", and errors of its FRFs are not in the intervals; state their noise, or what they may come to as `model_error`"
         words = [f"{self.words}: masses told are without it{unknown if self.variance is None else ''}"]
         power = -np.diagonal(self.receptance.imag, axis1=1, axis2=2)
@@ -174,60 +176,60 @@ class MeasuredComponent:
         return tuple(words)
 
     def line_warnings(self, frequency: FloatArray) -> tuple[str, ...]:
-        """What is worth knowing of it where it serves at these lines.
+        """A warning if some of the lines `frequency`, Hz, are interpolated between measured ones.
 
         Raises
         ------
         InputError
             As `receptance_at`, but for a singular Y.
         """
-        _, between = self._places(frequency)
+        _, between = self._nearest_lines(frequency)
         if not between.any():
             return ()
         return (
-            f"{self.words}: {between.sum()} of {counted(len(frequency), 'line')} lie between its own and are interpolated;"
-            f" left out, one of its lines would be off by up to {100 * self._roughness(frequency).max():.2g} %",
+            f"{self.words}: {between.sum()} of {plural(len(frequency), 'line')} lie between its own and are interpolated;"
+            f" left out, one of its lines would be off by up to {100 * self._interpolation_errors(frequency).max():.2g} %",
         )
 
-    def _places(self, frequency: FloatArray) -> tuple[IntArray, np.ndarray]:
-        """The nearest of its lines to each of `frequency`, and which of these lie between them, (n_lines,)."""
-        own = self.frequency
-        place = np.searchsorted((own[1:] + own[:-1]) / 2, frequency)
-        spacing = np.gradient(own) if len(own) > 1 else own
-        between = np.abs(own[place] - frequency) > _EQUAL * spacing[place]
-        outside = frequency[between & ((frequency < own[0]) | (frequency > own[-1]))]
+    def _nearest_lines(self, frequency: FloatArray) -> tuple[IntArray, np.ndarray]:
+        """Index of the measured line nearest to each of `frequency`, and True where it must be interpolated, (n_lines,) each."""
+        measured = self.frequency
+        nearest = np.searchsorted((measured[1:] + measured[:-1]) / 2, frequency)
+        spacing = np.gradient(measured) if len(measured) > 1 else measured
+        between = np.abs(measured[nearest] - frequency) > _EQUAL * spacing[nearest]
+        outside = frequency[between & ((frequency < measured[0]) | (frequency > measured[-1]))]
         if len(outside):
             raise InputError(
-                f"{self.words} was measured from {own[0]:g} to {own[-1]:g} Hz, and a line lies at {outside[0]:g} Hz; give `band` in"
-                " [method] (and `evaluation_band`) inside"
+                f"{self.words} was measured from {measured[0]:g} to {measured[-1]:g} Hz, and a line lies at {outside[0]:g} Hz;"
+                " give `band` in [method] (and `evaluation_band`) inside"
             )
-        if between.any() and (worst := self._roughness(frequency)).max() > _COARSE:
-            at = own[int(worst.argmax())]
+        if between.any() and (worst := self._interpolation_errors(frequency)).max() > _COARSE:
+            worst_frequency = measured[int(worst.argmax())]
             raise InputError(
                 f"{self.words} has no line at {frequency[between][0]:g} Hz, and its lines are too far apart to read between them:"
-                f" near {at:g} Hz a line differs by {100 * worst.max():.2g} % from what its neighbours say; measure it and the"
-                " structure at the same lines"
+                f" near {worst_frequency:g} Hz a line differs by {100 * worst.max():.2g} % from what its neighbours say; measure it"
+                " and the structure at the same lines"
             )
-        return place, between
+        return nearest, between
 
-    def _roughness(self, frequency: FloatArray) -> FloatArray:
-        """How far each of its lines near `frequency` is off where it is left out, in parts of it and its neighbours, (n_own,)."""
-        own, found = self.frequency, np.zeros(len(self.frequency))
-        if len(own) < _TOLD_BY_HALF:
-            return np.full(len(own), np.inf)
+    def _interpolation_errors(self, frequency: FloatArray) -> FloatArray:
+        """Relative error of each measured line near `frequency` when it is interpolated from the others, (n_measured,)."""
+        measured, errors = self.frequency, np.zeros(len(self.frequency))
+        if len(measured) < _TOLD_BY_HALF:
+            return np.full(len(measured), np.inf)
         size = np.linalg.norm(self._reciprocal, axis=(1, 2))
         size = np.maximum(size, np.maximum(np.roll(size, 1), np.roll(size, -1)))
         for first in (0, 1):
-            kept = np.unique([0, *range(first, len(own), 2), len(own) - 1])
-            out = np.setdiff1d(np.arange(len(own)), kept)
-            off = _read_between(own[kept], self._reciprocal[kept], own[out]) - self._reciprocal[out]
-            found[out] = np.linalg.norm(off, axis=(1, 2)) / size[out]
-        low, high = np.searchsorted(own, [frequency[0], frequency[-1]])
-        found[: max(low - 1, 0)] = found[high + 1 :] = 0.0
-        return found
+            kept = np.unique([0, *range(first, len(measured), 2), len(measured) - 1])
+            out = np.setdiff1d(np.arange(len(measured)), kept)
+            difference = _read_between(measured[kept], self._reciprocal[kept], measured[out]) - self._reciprocal[out]
+            errors[out] = np.linalg.norm(difference, axis=(1, 2)) / size[out]
+        low, high = np.searchsorted(measured, [frequency[0], frequency[-1]])
+        errors[: max(low - 1, 0)] = errors[high + 1 :] = 0.0
+        return errors
 
     def _require_regular(self, frequency: FloatArray, receptance: ComplexArray) -> None:
-        """Raise `InputError` where some degrees of freedom move as others do, or not at all."""
+        """Raise `InputError` if the `receptance` (n_lines, n_dofs, n_dofs) is singular at a line of `frequency` (Hz)."""
         size = np.sqrt(np.abs(np.diagonal(receptance, axis1=1, axis2=2)))
         if not size.all():
             line, dof = np.argwhere(size == 0)[0]
@@ -246,24 +248,24 @@ class MeasuredComponent:
 
 
 def joined_receptance(components: Sequence[MeasuredComponent], frequency: FloatArray) -> ComplexArray:
-    """Y of all `components` at the degrees of freedom of all of their interfaces, (n_lines, n, n)."""
-    each = [one.receptance_at(frequency) for one in components]
-    ends = np.cumsum([0, *(y.shape[1] for y in each)])
-    found = np.zeros((len(frequency), ends[-1], ends[-1]), dtype=np.complex128)
-    for y, (first, last) in zip(each, pairwise(ends.tolist()), strict=True):
-        found[:, first:last, first:last] = y
-    return found
+    """Block-diagonal receptance of all `components` at all their interface degrees of freedom, (n_lines, n, n)."""
+    receptances = [component.receptance_at(frequency) for component in components]
+    ends = np.cumsum([0, *(y.shape[1] for y in receptances)])
+    joined = np.zeros((len(frequency), ends[-1], ends[-1]), dtype=np.complex128)
+    for y, (first, last) in zip(receptances, pairwise(ends.tolist()), strict=True):
+        joined[:, first:last, first:last] = y
+    return joined
 
 
 def _read_between(axis: FloatArray, values: ComplexArray, at: FloatArray) -> ComplexArray:
     """`values` (n_axis, n, n) at other places of the axis, by the cubic through the four next to each."""
-    near, weights = _cubic(axis, at)
+    near, weights = _cubic_weights(axis, at)
     found: ComplexArray = np.einsum("lk,lkij->lij", weights, values[near])
     return found
 
 
-def _cubic(axis: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
-    """The four lines next to each of `at` and the weights of the cubic through them, (n_at, 4) each (Lagrange)."""
+def _cubic_weights(axis: FloatArray, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Indices of the four lines next to each of `at`, and the weights of the cubic through them (Lagrange), (n_at, 4) each."""
     near = np.clip(np.searchsorted(axis, at) - 2, 0, len(axis) - 4)[:, None] + np.arange(4)
     nodes, weights = axis[near], np.ones(near.shape)
     for k, j in ((k, j) for k in range(4) for j in range(4) if j != k):

@@ -55,15 +55,18 @@ class ModalState:
 
     @cached_property
     def shares(self) -> dict[str, FloatArray]:
-        """What the change of the mean M # K takes of that of M and K between two modes, (n_dofs, n_dofs) by law."""
-        both = np.outer(self.heavy, self.stiff)
-        below = both + both.T
+        """Factors, by law, on changes of M and K between two modes that give the change of the geometric mean M # K.
+
+        Arrays (n_dofs, n_dofs) in modal coordinates.
+        """
+        products = np.outer(self.heavy, self.stiff)
+        sums = products + products.T
         size = np.hypot(self.heavy, self.stiff)
-        some = below > _NOTHING * np.outer(size, size)
-        below = np.where(some, below, 1.0)
+        is_positive = sums > _NOTHING * np.outer(size, size)
+        sums = np.where(is_positive, sums, 1.0)
         return {
-            "inertia": np.where(some, np.outer(self.stiff, self.stiff) / below, 0.0),
-            "elastic": np.where(some, np.outer(self.heavy, self.heavy) / below, 0.0),
+            "inertia": np.where(is_positive, np.outer(self.stiff, self.stiff) / sums, 0.0),
+            "elastic": np.where(is_positive, np.outer(self.heavy, self.heavy) / sums, 0.0),
         }
 
     @cached_property
@@ -123,48 +126,50 @@ class ModalDamping(Factor):
         return self.change(values, alone).toarray()[:, 0]
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
-        """See `Factor.change`."""
+        """Derivative of the damping entries by parameters that change the values by `design`; see `Factor.change`."""
         state = self.at(values)
         changes = [(part, part.change(values, design).tocsc()) for part in self.parts]
         touched = np.flatnonzero(np.sum([np.diff(change.indptr) for _, change in changes], axis=0))
-        found = np.empty((len(touched), len(self.rows)))
-        for row, column in zip(found, touched.tolist(), strict=True):
+        rows = np.empty((len(touched), len(self.rows)))
+        for row, column in zip(rows, touched.tolist(), strict=True):
             total = np.zeros(self._shape)
             for part, change in changes:
-                own = slice(change.indptr[column], change.indptr[column + 1])
-                if own.start < own.stop:
-                    matrix = part.blocks.take(change.indices[own]).assemble(change.data[own])
+                span = slice(change.indptr[column], change.indptr[column + 1])
+                if span.start < span.stop:
+                    matrix = part.blocks.take(change.indices[span]).assemble(change.data[span])
                     total += state.shares[part.law] * (state.shapes.T @ (matrix @ state.shapes))
             row[:] = 2 * (state.duals @ total @ state.duals.T)[self.rows, self.columns]
-        place = np.tile(np.arange(len(self.rows)), len(touched)), np.repeat(touched, len(self.rows))
-        return sparse.coo_array((found.ravel(), place), (len(self.rows), design.shape[1])).tocsr()
+        indices = np.tile(np.arange(len(self.rows)), len(touched)), np.repeat(touched, len(self.rows))
+        return sparse.coo_array((rows.ravel(), indices), (len(self.rows), design.shape[1])).tocsr()
 
     def at(self, values: FloatArray) -> ModalState:
-        """The modes at these values of the structure; the last ones are kept."""
+        """The modes of the structure at these property `values`; the last result is kept."""
         key = values[self._values].tobytes()
         if key not in self._known:
             self._known.clear()
-            self._known[key] = self._state(values)
+            self._known[key] = self._solve_modes(values)
         return self._known[key]
 
-    def _state(self, values: FloatArray) -> ModalState:
-        mass, stiffness = (self._matrix(law, values) for law in ("inertia", "elastic"))
-        weighs = np.diag(mass) > 0
-        shift = float((np.diag(stiffness)[weighs] / np.diag(mass)[weighs]).min(initial=np.inf))
-        shift = shift if 0 < shift < np.inf else 1.0
-        both = mass + stiffness / shift
+    def _solve_modes(self, values: FloatArray) -> ModalState:
+        """The modes at these property values; `SingularModelError` if a motion has neither mass nor stiffness."""
+        mass, stiffness = (self._dense_matrix(law, values) for law in ("inertia", "elastic"))
+        has_mass = np.diag(mass) > 0
+        scaling = float((np.diag(stiffness)[has_mass] / np.diag(mass)[has_mass]).min(initial=np.inf))
+        scaling = scaling if 0 < scaling < np.inf else 1.0
+        scaled_sum = mass + stiffness / scaling
         try:
-            shapes = linalg.eigh(mass, both)[1]
+            shapes = linalg.eigh(mass, scaled_sum)[1]
         except (linalg.LinAlgError, ValueError) as error:
             raise SingularModelError(
                 "modal damping needs mass or stiffness in every motion, none of them negative; hold what is loose in `fixed`, or"
                 " give it some"
             ) from error
-        squares = [np.einsum("ij,ij->j", shapes, matrix @ shapes) for matrix in (mass, stiffness / shift)]
+        squares = [np.einsum("ij,ij->j", shapes, matrix @ shapes) for matrix in (mass, stiffness / scaling)]
         heavy, stiff = (np.sqrt(np.where(square > _NOTHING, square, 0.0)) for square in squares)
-        return ModalState(shapes, both @ shapes, heavy, stiff * np.sqrt(shift))
+        return ModalState(shapes, scaled_sum @ shapes, heavy, stiff * np.sqrt(scaling))
 
-    def _matrix(self, law: str, values: FloatArray) -> FloatArray:
+    def _dense_matrix(self, law: str, values: FloatArray) -> FloatArray:
+        """Dense sum of the contributions of one law (inertia or elastic) at these property values, (n_dofs, n_dofs)."""
         total = np.zeros(self._shape)
         for part in self.parts:
             if part.law == law:
@@ -189,14 +194,14 @@ class ModalDamping(Factor):
 
 
 def modal_damping(parts: Sequence[Contribution], place: int, n_values: int, n_dofs: int) -> Contribution:
-    """The viscous damping of all modes: one element an entry of its matrix, which is full.
+    """Viscous damping with one ratio in all modes, as a contribution with one element for each entry of the full matrix.
 
     Parameters
     ----------
     parts : sequence of Contribution
         All others of the structure.
     place : int
-        Where the damping ratio stands among the values of the structure.
+        Index of the damping ratio among the property values of the structure.
     n_values, n_dofs : int
 
     Raises

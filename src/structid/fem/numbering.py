@@ -12,7 +12,7 @@ from scipy import sparse
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError
-from structid.fem.elements.element import Layer, dof_code, dof_of_code
+from structid.fem.elements.element import ElementMatrixTerm, dof_code, dof_of_code
 from structid.fem.matrices.blocks import Blocks, ElementMatrices, MatrixBlocks
 from structid.fem.supports import Equations, Following
 
@@ -52,7 +52,7 @@ class Numbering:
 def numbering(
     codes: Sequence[int], held: frozenset[int], equations: Equations, following: Sequence[Following] = ()
 ) -> Numbering:
-    """The free degrees of freedom, and how the others follow them.
+    """The numbering of free degrees of freedom, and the sparse map from them to all others.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def numbering(
     known = np.array(codes, dtype=np.int64)
     dependent = np.isin(known, [*equations, *(code for one in following for code in one.dependents.tolist())])
     free = np.flatnonzero(~dependent & ~np.isin(known, list(held)))
-    follow = _follow(known, equations, following)
+    follow = _dependence_matrix(known, equations, following)
     part = sparse.csr_array((np.ones(len(free)), (free, np.arange(len(free)))), (len(known), len(free)))
     matrix = part
     while part.nnz:
@@ -87,20 +87,22 @@ def numbering(
     return Numbering(known, sparse.csr_array(matrix), tuple(known[free].tolist()))
 
 
-def _follow(known: IntArray, equations: Equations, following: Sequence[Following]) -> sparse.csr_array:
-    """What each of the codes `known` depends on itself, (n_all, n_all)."""
-    own = [(code, other, value) for code, others in equations.items() for other, value in others.items()]
-    tables = [np.array([entry[:2] for entry in own], dtype=np.int64).reshape(-1, 2)]
-    values: list[FloatArray] = [np.array([entry[2] for entry in own], dtype=np.float64)]
-    for one in following:
-        tables.append(np.stack([a.ravel() for a in np.meshgrid(one.dependents, one.masters, indexing="ij")], axis=1))
-        values.append(one.matrix.ravel())
+def _dependence_matrix(known: IntArray, equations: Equations, following: Sequence[Following]) -> sparse.csr_array:
+    """Sparse matrix of direct dependences between the codes `known`: row = sum of entries times columns, (n_all, n_all)."""
+    entries = [(code, other, value) for code, others in equations.items() for other, value in others.items()]
+    tables = [np.array([entry[:2] for entry in entries], dtype=np.int64).reshape(-1, 2)]
+    values: list[FloatArray] = [np.array([entry[2] for entry in entries], dtype=np.float64)]
+    for group in following:
+        tables.append(
+            np.stack([a.ravel() for a in np.meshgrid(group.dependents, group.masters, indexing="ij")], axis=1)
+        )
+        values.append(group.matrix.ravel())
     rows, columns = np.searchsorted(known, np.concatenate(tables)).T
     return sparse.coo_array((np.concatenate(values), (rows, columns)), (len(known), len(known))).tocsr()
 
 
 def _require_no_circle(equations: Equations) -> None:
-    """Raise an `InputError` where degrees of freedom depend on themselves."""
+    """Raise `InputError` if degrees of freedom depend on themselves through the equations."""
     done: set[int] = set()
     for start in equations:
         path = [start]
@@ -119,22 +121,22 @@ def _require_no_circle(equations: Equations) -> None:
 
 
 def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterable[Dof]) -> sparse.csc_array:
-    """Columns that read (or load) `dofs`; see `Structure.selection`."""
+    """Sparse columns that read (or load) `dofs` on free degrees of freedom, (n_free, n_chosen); see `Structure.selection`."""
     chosen = tuple(dofs)
-    known, held = all_dofs.codes, np.diff(all_dofs.matrix.indptr) == 0
+    codes, is_constrained = all_dofs.codes, np.diff(all_dofs.matrix.indptr) == 0
     rows = []
     for dof in chosen:
         if dof.node not in nodes:
-            near = difflib.get_close_matches(str(dof.node), [str(n) for n in nodes], 1, 0.0)
-            raise InputError(f"{dof} is at node {dof.node}, which the structure does not have (nearest: {near[0]})")
+            nearest = difflib.get_close_matches(str(dof.node), [str(n) for n in nodes], 1, 0.0)
+            raise InputError(f"{dof} is at node {dof.node}, which the structure does not have (nearest: {nearest[0]})")
         code = dof_code(dof.node, dof.direction)
-        row = int(np.searchsorted(known, code))
-        if row == len(known) or known[row] != code:
-            here = [f"{dof.node}{direction}+" for direction in all_dofs.directions(dof.node)]
+        row = int(np.searchsorted(codes, code))
+        if row == len(codes) or codes[row] != code:
+            free_here = [f"{dof.node}{direction}+" for direction in all_dofs.directions(dof.node)]
             raise InputError(
-                f"{dof} is not part of the structure; node {dof.node} moves in {', '.join(here) or 'nothing'}"
+                f"{dof} is not part of the structure; node {dof.node} moves in {', '.join(free_here) or 'nothing'}"
             )
-        if held[row]:
+        if is_constrained[row]:
             raise InputError(
                 f"{dof} is held at zero by the supports; move the sensor or load, free it, or, where its motion was"
                 " measured and drives the structure, make it a support of a base ([[structure.base]])"
@@ -146,23 +148,27 @@ def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterab
     return sparse.csc_array((signs @ all_dofs.matrix[np.array(rows), :]).T)
 
 
-def free_blocks(all_dofs: Numbering, layer: Layer) -> ElementMatrices:
-    """The matrices of a layer on free degrees of freedom."""
-    known = all_dofs.codes
-    place = np.minimum(np.searchsorted(known, layer.codes), len(known) - 1)
-    if layer.whole is not None:
-        rows = all_dofs.matrix[place[0], :]
-        used = np.unique(rows.indices).astype(np.int64)
-        if rows.nnz > max(_FULL * rows.shape[0] * len(used), rows.shape[0]):
-            dense = rows[:, used].toarray()
-            return Blocks(used[None], (dense.T @ (layer.whole @ dense))[None], len(all_dofs.free))
-        return MatrixBlocks([rows.T @ layer.whole @ rows])
-    position = np.where(known[place] == layer.codes, place, -1)
-    return _tied_blocks(position, layer.local, all_dofs.matrix, len(all_dofs.free))
+def free_blocks(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> ElementMatrices:
+    """The element matrices of a matrix term on free degrees of freedom."""
+    codes = all_dofs.codes
+    index = np.minimum(np.searchsorted(codes, matrix_term.codes), len(codes) - 1)
+    if matrix_term.whole is not None:
+        rows = all_dofs.matrix[index[0], :]
+        columns = np.unique(rows.indices).astype(np.int64)
+        if rows.nnz > max(_FULL * rows.shape[0] * len(columns), rows.shape[0]):
+            dense = rows[:, columns].toarray()
+            return Blocks(columns[None], (dense.T @ (matrix_term.whole @ dense))[None], len(all_dofs.free))
+        return MatrixBlocks([rows.T @ matrix_term.whole @ rows])
+    position = np.where(codes[index] == matrix_term.codes, index, -1)
+    return _tied_blocks(position, matrix_term.local, all_dofs.matrix, len(all_dofs.free))
 
 
 def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array, n_free: int) -> Blocks:
-    """Blocks on free degrees of freedom: those of tied elements become T_e' B_e T_e, the others keep their size."""
+    """Blocks on free degrees of freedom from local matrices at `position` (rows of `matrix`, -1 for none).
+
+    Those of tied elements become T_e' B_e T_e, the others keep their size; `matrix` maps free degrees of freedom to
+    all.
+    """
     counts = np.append(np.diff(matrix.indptr), 0)
     first = np.append(matrix.indices[np.minimum(matrix.indptr[:-1], max(matrix.nnz - 1, 0))] if matrix.nnz else [], 0)
     value = np.append(matrix.data[np.minimum(matrix.indptr[:-1], max(matrix.nnz - 1, 0))] if matrix.nnz else [], 0.0)
@@ -171,10 +177,10 @@ def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array
         dofs = np.where(counts[position] == 1, np.resize(first, counts.shape)[position], -1).astype(np.int64)
         return Blocks(dofs, local, n_free)
     n_elements, n_local = position.shape
-    own = counts[position].ravel()
-    line = np.repeat(np.arange(position.size), own)
+    n_masters = counts[position].ravel()
+    line = np.repeat(np.arange(position.size), n_masters)
     entry = np.arange(len(line)) + np.repeat(
-        np.append(matrix.indptr[:-1], 0)[position].ravel() - np.cumsum(own) + own, own
+        np.append(matrix.indptr[:-1], 0)[position].ravel() - np.cumsum(n_masters) + n_masters, n_masters
     )
     element = line // n_local
     pairs, place = np.unique(element * n_free + matrix.indices[entry], return_inverse=True)

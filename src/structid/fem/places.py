@@ -56,7 +56,7 @@ class AimedSensor:
         return Dof(self.label, self.seen)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """Its own code with those of the node; see `Tie.equations`."""
+        """The sensor's code with the codes and weights of the node's translations along its direction; see `Tie.equations`."""
         parts = {
             dof_code(self.node, d): part
             for d, part in zip(DIRECTIONS, self.direction, strict=False)
@@ -71,18 +71,18 @@ class AimedSensor:
 
 
 def unit_direction(vector: Sequence[float]) -> tuple[float, float, float]:
-    """`vector` of X, Y and Z at length 1.
+    """`vector` (X, Y, Z) scaled to length 1.
 
     Raises
     ------
     InputError
         If it is not three finite numbers, or has no length.
     """
-    given = np.asarray(vector, dtype=np.float64)
-    length = float(np.linalg.norm(given)) if given.shape == (3,) else np.nan
+    array = np.asarray(vector, dtype=np.float64)
+    length = float(np.linalg.norm(array)) if array.shape == (3,) else np.nan
     if not np.isfinite(length) or length == 0:
         raise InputError(f"`direction` must be three numbers that are not all 0, got {list(vector)}")
-    x, y, z = (given / length).tolist()
+    x, y, z = (array / length).tolist()
     return x, y, z
 
 
@@ -104,7 +104,7 @@ class NearestNodes:
 def nearest_nodes(
     points: Sequence[Sequence[float]], nodes: Mapping[int, FloatArray], tolerance: float | None = None
 ) -> NearestNodes:
-    """The node nearest to each of `points`.
+    """The node nearest to each of `points`, and its distance.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ class MeshPoint:
 def mesh_points(
     mesh: Mesh, elements: Iterable[ElementSet], points: Mapping[int, Sequence[float]]
 ) -> tuple[MeshPoint, ...]:
-    """One `MeshPoint` for each of `points`, at the nearest node that elements use.
+    """One `MeshPoint` for each of `points` (label: position in m), at the nearest node that `elements` use.
 
     Raises
     ------
@@ -183,7 +183,7 @@ def mesh_points(
     """
     sets = list(elements)
     used = {int(n) for element in sets for n in element.nodes.ravel() if n in mesh.nodes}
-    found = []
+    made = []
     for label, position in points.items():
         if label in mesh.nodes:
             raise InputError(f"point {label} is a node of {mesh.source} already; take another number for the point")
@@ -193,12 +193,12 @@ def mesh_points(
                 f"point {label} is {distance:.3g} m from the nearest node {node} of {mesh.source}, farther than the cells"
                 f" there are long ({size:.3g} m); correct its position (in m), or the unit of the mesh"
             )
-        found.append(MeshPoint(f"point {label}", label, node, distance, _directions(sets, node, mesh)))
-    return tuple(found)
+        made.append(MeshPoint(f"point {label}", label, node, distance, _directions(sets, node, mesh)))
+    return tuple(made)
 
 
 def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str, ...]:
-    """In which directions elements let a node move."""
+    """The directions in which `elements` let a node, or the nodes that it carries, move."""
     here = [node, *(made for made, carrier in mesh.carriers.items() if carrier == node)]
     used = [element.codes(mesh.nodes) for element in elements if np.isin(element.nodes, here).any()]
     codes = joined_codes(used)
@@ -207,7 +207,7 @@ def _directions(elements: list[ElementSet], node: int, mesh: Mesh) -> tuple[str,
 
 
 def together(values: FloatArray) -> FloatArray | None:
-    """The least number of series of which others are made, as columns of their parts; None where all are needed.
+    """Weights W of the smallest number of joint series that make up all series, (n_series, n_joint); None if all are needed.
 
     Parameters
     ----------
@@ -230,9 +230,10 @@ def together(values: FloatArray) -> FloatArray | None:
 
 
 def with_joint_forces(structure: Structure, made: Sequence[Dof], loads: Sequence[Dof], parts: FloatArray) -> Structure:
-    """The structure with degrees of freedom `made`, one for each column of `parts` (n_loads, n_joint), at nodes that it lacks.
+    """The structure with one new degree of freedom for each column of `parts` (n_loads, n_joint), at new nodes.
 
-    Each moves as those do that its force acts on, by their work (a `Constraint`), and stands where most of it acts.
+    Each of `made` moves as those `loads` do on which its force acts, by their work (a `Constraint`), and stands where
+    most of it acts.
     """
     nodes, ties = dict(structure.nodes), list(structure.ties)
     for dof, column in zip(made, parts.T, strict=True):

@@ -11,20 +11,20 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked, require_finite
-from structid.core.display import Overview, Shown, counted, listed
+from structid.core.display import Overview, Shown, join_words, plural
 from structid.core.dof import DIRECTIONS, Dof, parse_dof
 from structid.core.errors import InputError
 from structid.fem.component import Component, Reduction, reductions
 from structid.fem.elements import ElementSet, MatrixGroup
 from structid.fem.elements.element import TRANSLATIONS, dof_code, dof_of_code, joined_codes
 from structid.fem.elements.matrix_group import GroupMatrices
-from structid.fem.inside import NumberedTerms, is_divisible, numbered_terms
 from structid.fem.matrices.blocks import Pattern, pattern
 from structid.fem.matrices.contribution import Contribution, Property, rigid_mass, weighed
 from structid.fem.measured import MeasuredComponent
 from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
+from structid.fem.node_positions import LengthDependence, NodePosition, length_dependence, node_positions
 from structid.fem.numbering import Numbering, free_blocks, numbering, selection
-from structid.fem.sliding import Lengthening, Slide, lengthening, slides
+from structid.fem.subdivision import NumberedTerms, is_divisible, numbered_terms
 from structid.fem.supports import Base, Equations, RigidLink, Tie, tie_equations, tied_codes
 from structid.plotting import StructurePlots
 
@@ -109,6 +109,7 @@ class Structure(Shown, StructurePlots):
         left_aside: Iterable[str] = (),
         file_notes: Iterable[str] = (),
     ) -> None:
+        """Store and check the arguments; see the class."""
         positions = {int(label): locked(np.atleast_1d(np.asarray(x, dtype=np.float64))) for label, x in nodes.items()}
         _require_positions(positions)
         object.__setattr__(self, "nodes", positions)
@@ -130,19 +131,19 @@ class Structure(Shown, StructurePlots):
         object.__setattr__(self, "left_aside", tuple(left_aside))
         object.__setattr__(self, "file_notes", tuple(file_notes))
         _require_names(self)
-        _require_pieces(self)
+        _require_subdivision(self)
         _ = self.contributions  # so that what is wrong shows here, not at first use
         _require_supports(self)
         _require_interfaces(self)
 
     def overview(self) -> Overview:
-        """Nodes and degrees of freedom, and one row an element set."""
+        """Numbers of nodes and degrees of freedom, and one row for each element set."""
         words = (
-            f"{counted(len(self.nodes), 'node')} in {self.dimension}-D, {self.n_dofs} free degrees of freedom,"
-            f" {counted(len(self.elements), 'element set')}, {counted(len(self.ties), 'tie')};"
-            f" fixed: {listed([dof.place for dof in self.fixed]) or 'none'}"
+            f"{plural(len(self.nodes), 'node')} in {self.dimension}-D, {self.n_dofs} free degrees of freedom,"
+            f" {plural(len(self.elements), 'element set')}, {plural(len(self.ties), 'tie')};"
+            f" fixed: {join_words([dof.place for dof in self.fixed]) or 'none'}"
         )
-        words += "".join(f"; {one.words} at {listed(one.interface)}" for one in self.measured)
+        words += "".join(f"; {one.words} at {join_words(one.interface)}" for one in self.measured)
         words += "" if self.damping_ratio is None else f"; damping ratio {self.damping_ratio:g} of all modes"
         names = {one.name: [p.term.property for p in self.properties if p.element == one.name] for one in self.sets}
         rows = [(one.name, type(one).__name__, ", ".join(names[one.name])) for one in self.sets]
@@ -170,7 +171,7 @@ class Structure(Shown, StructurePlots):
     def require_modes(
         self, what: str, remedy: str = "take FRFs as the record ([record.frf] makes them of time histories)"
     ) -> None:
-        """Raise `InputError` where it has no modes, which `what` needs; `remedy` is one beside a model of what has none."""
+        """Raise `InputError` if the structure has no modes, which `what` needs; `remedy` is offered beside a model."""
         if self.has_modes:
             return
         if self.measured:
@@ -189,39 +190,39 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def properties(self) -> tuple[Property, ...]:
-        """Every property of every element set, in order."""
-        found, start = [], 0
-        every = {**self._numbered.terms, **{one.component.name: one.terms for one in self.reductions}}
+        """Every property of every element set, in the order of the values of the structure."""
+        items, start = [], 0
+        terms_of = {**self._numbered.terms, **{one.component.name: one.terms for one in self.reductions}}
         for name in (one.name for one in self.sets):
-            for term in every[name]:
-                found.append(Property(name, term, slice(start, start + len(term.values))))
+            for term in terms_of[name]:
+                items.append(Property(name, term, slice(start, start + len(term.values))))
                 start += len(term.values)
-        single = [(one.name, one.term) for one in self._slides]
+        single = [(one.name, one.term) for one in self._node_positions]
         single += [] if self.damping_ratio is None else [(ALL_MODES, damping_term(self.damping_ratio))]
-        found += [Property(name, term, slice(start + i, start + i + 1)) for i, (name, term) in enumerate(single)]
-        return tuple(found)
+        items += [Property(name, term, slice(start + i, start + i + 1)) for i, (name, term) in enumerate(single)]
+        return tuple(items)
 
     @cached_property
-    def _slides(self) -> tuple[Slide, ...]:
-        """Where nodes slide, checked."""
-        found = slides(self.sliding, self.elements, self.nodes)
-        for slide in found:
+    def _node_positions(self) -> tuple[NodePosition, ...]:
+        """The nodes with variable position, checked."""
+        checked = node_positions(self.sliding, self.elements, self.nodes)
+        for node_position in checked:
             for tie in self.ties:
-                if isinstance(tie, RigidLink) and slide.node in (tie.main, *tie.dependents):
+                if isinstance(tie, RigidLink) and node_position.node in (tie.main, *tie.dependents):
                     raise InputError(
-                        f"node {slide.node} of `sliding` is in rigid link {tie.name!r}; take it out of one of them"
+                        f"node {node_position.node} of `sliding` is in rigid link {tie.name!r}; take it out of one of them"
                     )
-        return found
+        return checked
 
     @cached_property
-    def _lengthenings(self) -> dict[str, Lengthening]:
-        """How lengths change in the sets with ends that slide, by the name of the set."""
-        if not self._slides:
+    def _length_dependences(self) -> dict[str, LengthDependence]:
+        """The change of lengths of each element set that has an end at a node with variable position, by name."""
+        if not self._node_positions:
             return {}
-        of_node = {slide.node: slide for slide in self._slides}
-        places = {p.element: p.values.start for p in self.properties if p.term.kind == "position"}
+        of_node = {node_position.node: node_position for node_position in self._node_positions}
+        index_of = {p.element: p.values.start for p in self.properties if p.term.kind == "position"}
         lines = [e for e in self.elements if e.is_line and np.isin(e.nodes, self.sliding).any()]
-        return {one.name: lengthening(one, of_node, self.nodes, places) for one in lines}
+        return {one.name: length_dependence(one, of_node, self.nodes, index_of) for one in lines}
 
     @cached_property
     def _numbered(self) -> NumberedTerms:
@@ -242,31 +243,33 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def numbering(self) -> Numbering:
-        """All degrees of freedom, and the free ones that they follow."""
-        used = [layer.codes for item in self.properties for layer in item.term.layers]
+        """All degrees of freedom, and how they follow the free ones."""
+        used = [matrix_term.codes for item in self.properties for matrix_term in item.term.matrix_terms]
         codes = joined_codes([*used, tied_codes(self._equations)])
         following = [one.following for one in self.reductions if one.following is not None]
-        return numbering(codes.tolist(), self._held(codes), self._equations, following)
+        return numbering(codes.tolist(), self._constrained(codes), self._equations, following)
 
-    def _held(self, codes: IntArray) -> frozenset[int]:
-        """Those of `codes` that are at zero."""
+    def _constrained(self, codes: IntArray) -> frozenset[int]:
+        """The codes among `codes` that are constrained to zero."""
         moves = np.isin(codes % 6, [DIRECTIONS.index(d) for d in self.active or ()]) | np.isin(
             codes, self._numbered.free
         )
-        held = codes[~moves].tolist()
+        inactive = codes[~moves].tolist()
         fixed = [dof_code(d.node, d.direction) for d in self.fixed]
-        return frozenset([*held, *fixed]) & frozenset(codes.tolist())
+        return frozenset([*inactive, *fixed]) & frozenset(codes.tolist())
 
     @cached_property
     def reductions(self) -> tuple[Reduction, ...]:
-        """What `components` were reduced to."""
+        """The reduction of each of the `components`."""
         if not self.components:
             return ()
         terms = self._numbered.terms
-        codes = [layer.codes for several in terms.values() for term in several for layer in term.layers]
+        codes = [
+            matrix_term.codes for several in terms.values() for term in several for matrix_term in term.matrix_terms
+        ]
         kept = [dof_code(dof.node, dof.direction) for one in self.measured for dof in one.interface]
-        held = self._held(joined_codes(codes))
-        return reductions(self.components, terms, self._equations, held, np.array(kept, dtype=np.int64))
+        constrained = self._constrained(joined_codes(codes))
+        return reductions(self.components, terms, self._equations, constrained, np.array(kept, dtype=np.int64))
 
     @cached_property
     def _equations(self) -> Equations:
@@ -288,12 +291,12 @@ class Structure(Shown, StructurePlots):
 
     @cached_property
     def contributions(self) -> tuple[Contribution, ...]:
-        """Element matrices on free degrees of freedom with the values that weigh them."""
-        found = weighed(self.properties, partial(free_blocks, self.numbering), self._lengthenings)
+        """Element matrices on free degrees of freedom, with the property values that weigh them."""
+        parts = weighed(self.properties, partial(free_blocks, self.numbering), self._length_dependences)
         if self.damping_ratio is None or not self.n_dofs:
-            return found
-        place = self.properties[-1].values.start
-        return (*found, modal_damping(found, place, len(self.values), self.n_dofs))
+            return parts
+        index = self.properties[-1].values.start
+        return (*parts, modal_damping(parts, index, len(self.values), self.n_dofs))
 
     @property
     def base_supports(self) -> frozenset[Dof]:
@@ -301,7 +304,7 @@ class Structure(Shown, StructurePlots):
         return frozenset(dof.unsigned for base in self.bases for dof in base.supports)
 
     def driven(self, dofs: Iterable[Dof]) -> tuple[Base, ...]:
-        """The bases that inputs at `dofs` move, each once; () where all of them are forces.
+        """The bases that inputs at `dofs` move, each once; () if all of them are forces.
 
         Raises
         ------
@@ -309,12 +312,12 @@ class Structure(Shown, StructurePlots):
             If some are forces, or a base is named twice.
         """
         chosen = tuple(dofs)
-        found = [next((base for base in self.bases if base.moves(dof)), None) for dof in chosen]
-        moving = [base for base in found if base is not None]
+        base_of = [next((base for base in self.bases if base.moves(dof)), None) for dof in chosen]
+        moving = [base for base in base_of if base is not None]
         if not moving:
             return ()
         if len(moving) < len(chosen):
-            force = next(dof for dof, base in zip(chosen, found, strict=True) if base is None)
+            force = next(dof for dof, base in zip(chosen, base_of, strict=True) if base is None)
             raise InputError(
                 f"{force} is a force, and others are motions of supports; give each kind a record of its own"
             )
@@ -328,23 +331,23 @@ class Structure(Shown, StructurePlots):
         """The same with all degrees of freedom of its components, and the same properties."""
         return replace(self, components=tuple(replace(one, whole=True) for one in self.components))
 
-    def let_go(self, bases: tuple[Base, ...]) -> Structure:
-        """The same structure with the supports of `bases` free, those of one base still moving alike."""
+    def release_supports(self, bases: tuple[Base, ...]) -> Structure:
+        """The structure with the supports of `bases` released; those of one base still move together."""
         if self.damping_ratio is not None:
             raise InputError(
                 f"base {bases[0].name!r} drives the structure, and modal damping (`damping_ratio` of all modes) is of motion"
                 " against supports at rest; use loss factors of twice the damping ratio, or measure forces"
             )
-        if bases not in self._let_go:
+        if bases not in self._released:
             supports = {dof.unsigned for base in bases for dof in base.supports}
             fixed = tuple(dof for dof in self.fixed if dof.unsigned not in supports)
             ties = (*self.ties, *(tie for base in bases for tie in base.ties))
             parts = tuple(one.component.with_interface(supports & {*one.group.dofs}) for one in self.reductions)
-            self._let_go[bases] = replace(self, fixed=fixed, ties=ties, bases=(), components=parts)
-        return self._let_go[bases]
+            self._released[bases] = replace(self, fixed=fixed, ties=ties, bases=(), components=parts)
+        return self._released[bases]
 
     @cached_property
-    def _let_go(self) -> dict[tuple[Base, ...], Structure]:
+    def _released(self) -> dict[tuple[Base, ...], Structure]:
         """Made once, so that what was found of one serves all records."""
         return {}
 
@@ -368,13 +371,13 @@ class Structure(Shown, StructurePlots):
         return total
 
     def dense_matrices(self, laws: Sequence[str], values: FloatArray) -> FloatArray:
-        """`matrix` of several laws as dense arrays, (n_laws, n_dofs, n_dofs), of a small model."""
-        found = np.zeros((len(laws), self.n_dofs, self.n_dofs))
-        for own, law in zip(found, laws, strict=True):
+        """`matrix` for each of several laws as dense arrays, (n_laws, n_dofs, n_dofs), at the property `values`."""
+        matrices = np.zeros((len(laws), self.n_dofs, self.n_dofs))
+        for matrix, law in zip(matrices, laws, strict=True):
             weights = [part.weights(values) for part in self.contributions if part.law == law]
             if weights:
-                own[:] = self._pattern(law).dense(np.concatenate(weights))
-        return found
+                matrix[:] = self._pattern(law).dense(np.concatenate(weights))
+        return matrices
 
     def _pattern(self, law: str) -> Pattern:
         if law not in self._patterns:
@@ -413,12 +416,12 @@ class Structure(Shown, StructurePlots):
             By default the first translation in which the structure has any mass, active ones before others.
         """
         given = self.values if values is None else values
-        return rigid_mass(self.properties, given, self._along(direction), self._lengthenings)[0]
+        return rigid_mass(self.properties, given, self._along(direction), self._length_dependences)[0]
 
     def mass_gradient(self, direction: str | None = None, values: FloatArray | None = None) -> FloatArray:
         """Derivative of `mass_of` with respect to every value, (n_values,). Factors of matrix groups are included."""
         given = self.values if values is None else values
-        return rigid_mass(self.properties, given, self._along(direction), self._lengthenings)[1]
+        return rigid_mass(self.properties, given, self._along(direction), self._length_dependences)[1]
 
     def _along(self, direction: str | None) -> Sequence[str]:
         """Translations in which mass is looked for."""
@@ -426,6 +429,7 @@ class Structure(Shown, StructurePlots):
 
 
 def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
+    """Raise `InputError` unless all nodes have finite positions of 1, 2 or 3 coordinates."""
     if not nodes:
         raise InputError("`nodes` must hold at least one node, got none")
     sizes = {len(x) for x in nodes.values()}
@@ -438,6 +442,7 @@ def _require_positions(nodes: Mapping[int, FloatArray]) -> None:
 
 
 def _require_names(structure: Structure) -> None:
+    """Raise `InputError` if two parts have one name, or elements or supports name nodes that do not exist."""
     names = [e.name for e in structure.elements] + [one.name for one in structure.components]
     names += [one.name for one in structure.measured] + [f"node {label}" for label in structure.sliding]
     names += [] if structure.damping_ratio is None else [ALL_MODES]
@@ -454,22 +459,22 @@ def _require_names(structure: Structure) -> None:
 
 
 def _require_supports(structure: Structure) -> None:
-    """Raise `InputError` where a base has a support that is none."""
-    held = {dof.unsigned for dof in structure.fixed}
-    known = set(structure.numbering.codes.tolist())
+    """Raise `InputError` if a base names a support that is not fixed, moves nothing, or is named twice."""
+    fixed = {dof.unsigned for dof in structure.fixed}
+    codes = set(structure.numbering.codes.tolist())
     owners: dict[Dof, Base] = {}
     for base in structure.bases:
         for dof in base.supports:
-            if dof.unsigned not in held:
+            if dof.unsigned not in fixed:
                 raise InputError(f"base {base.name!r} has no support {dof.place}: it is not held; add it to `fixed`")
-            if dof_code(dof.node, dof.direction) not in known:
+            if dof_code(dof.node, dof.direction) not in codes:
                 raise InputError(f"base {base.name!r} moves nothing at {dof.place}: no element or tie is there")
             if owners.setdefault(dof.unsigned, base) is not base or base.supports.count(dof) > 1:
                 raise InputError(f"base {base.name!r} has support {dof.place}, which is named twice; take one out")
 
 
 def _require_interfaces(structure: Structure) -> None:
-    """Raise `InputError` where the interface of a measured component is no part of the structure."""
+    """Raise `InputError` if an interface of a measured component is not part of the structure."""
     for one in structure.measured:
         try:
             structure.selection(one.interface)
@@ -480,7 +485,8 @@ def _require_interfaces(structure: Structure) -> None:
             ) from error
 
 
-def _require_pieces(structure: Structure) -> None:
+def _require_subdivision(structure: Structure) -> None:
+    """Raise `InputError` unless `subdivide` is a whole number in range and the lines can be cut."""
     pieces = structure.subdivide
     if not isinstance(pieces, int) or not 1 <= pieces <= MOST_PIECES:
         raise InputError(f"`subdivide` must be a whole number from 1 to {MOST_PIECES}, got {pieces!r}")
@@ -508,9 +514,9 @@ def from_matrices(
     groups : mapping of name to {"mass": M, "stiffness": K, "damping": C, "loss_factor": eta}
         Symmetric sparse or dense matrices (n_dofs, n_dofs), any of them left out where the group has none.
     dofs : sequence of degrees of freedom
-        What the rows stand for, the same for all groups.
+        Degree of freedom of each row, the same for all groups.
     nodes : mapping of label to position, optional
-        For pictures; all at the origin by default.
+        Positions for pictures, m; all at the origin by default.
     fixed : sequence of degrees of freedom
         Degrees of freedom held at zero.
 

@@ -71,21 +71,22 @@ class RigidLink:
         dependents: int | Iterable[int],
         directions: str | Iterable[str] | None = None,
     ) -> None:
+        """Store and check the arguments; see the class."""
         nodes = (dependents,) if isinstance(dependents, int) else tuple(int(n) for n in dependents)
         if not nodes or main in nodes:
             raise InputError(f"rigid link {name!r} needs dependent nodes other than its main node {main}, got {nodes}")
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "main", int(main))
         object.__setattr__(self, "dependents", nodes)
-        given = (directions,) if isinstance(directions, str) else directions
-        chosen = None if given is None else tuple(d.upper() for d in given)
+        named = (directions,) if isinstance(directions, str) else directions
+        chosen = None if named is None else tuple(d.upper() for d in named)
         if chosen is not None and not (chosen and set(chosen) <= set(DIRECTIONS)):
             raise InputError(f"`directions` of rigid link {name!r} must be among {' '.join(DIRECTIONS)}, got {chosen}")
         object.__setattr__(self, "directions", chosen)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """Dependent codes with the main node's codes and coefficients; see `Tie.equations`."""
-        found: Equations = {}
+        """Codes of the dependent nodes, each with codes and coefficients of the main node; see `Tie.equations`."""
+        result: Equations = {}
         for node in self.dependents:
             arm = np.zeros(3)
             difference = positions[node] - positions[self.main]
@@ -94,10 +95,10 @@ class RigidLink:
             motion[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
             for direction in (d for d in active if self.directions is None or d in self.directions):
                 row = motion[DIRECTIONS.index(direction)]
-                found[dof_code(node, direction)] = {
+                result[dof_code(node, direction)] = {
                     dof_code(self.main, d): float(row[DIRECTIONS.index(d)]) for d in active if row[DIRECTIONS.index(d)]
                 }
-        return found
+        return result
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,7 @@ class Constraint:
     depends_on: tuple[tuple[Dof, float], ...]
 
     def __init__(self, name: str, dependent: str | Dof, depends_on: Iterable[tuple[str | Dof, float]]) -> None:
+        """Store and check the arguments; see the class."""
         pairs = tuple((parse_dof(d), float(c)) for d, c in depends_on)
         if not all(np.isfinite(c) for _, c in pairs):
             raise InputError(f"coefficients of constraint {name!r} must be finite, got {[c for _, c in pairs]}")
@@ -127,13 +129,13 @@ class Constraint:
         object.__setattr__(self, "depends_on", pairs)
 
     def equations(self, positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-        """The dependent code with the others' codes and coefficients; see `Tie.equations`."""
-        own = self.dependent
+        """The dependent code with the codes and coefficients that it follows; see `Tie.equations`."""
+        dependent = self.dependent
         others: dict[int, float] = {}
         for dof, coefficient in self.depends_on:
             code = dof_code(dof.node, dof.direction)
-            others[code] = others.get(code, 0.0) + own.sign * dof.sign * coefficient
-        return {dof_code(own.node, own.direction): others}
+            others[code] = others.get(code, 0.0) + dependent.sign * dof.sign * coefficient
+        return {dof_code(dependent.node, dependent.direction): others}
 
 
 @dataclass(frozen=True)
@@ -183,9 +185,10 @@ class Base:
     supports: tuple[Dof, ...]
 
     def __init__(self, name: str, supports: str | Dof | Iterable[str | Dof]) -> None:
-        given = (supports,) if isinstance(supports, str | Dof) else tuple(supports)
+        """Store and check the arguments; see the class."""
+        named = (supports,) if isinstance(supports, str | Dof) else tuple(supports)
         object.__setattr__(self, "name", name)
-        object.__setattr__(self, "supports", tuple(parse_dof(dof) for dof in given))
+        object.__setattr__(self, "supports", tuple(parse_dof(dof) for dof in named))
         if not self.supports:
             raise InputError(f'base {name!r} has no support; name what moves, as in `supports = ["1X", "2X"]`')
 
@@ -201,22 +204,22 @@ class Base:
 
 
 def tie_equations(ties: Sequence[Tie], positions: Mapping[int, FloatArray], active: Sequence[str]) -> Equations:
-    """All equations of `ties` together.
+    """All equations of `ties`, by dependent code.
 
     Raises
     ------
     InputError
         If two ties claim one degree of freedom.
     """
-    together: Equations = {}
+    equations: Equations = {}
     for tie in ties:
         for code, others in tie.equations(positions, active).items():
-            if code in together:
+            if code in equations:
                 raise InputError(
                     f"{dof_of_code(code).unsigned} depends twice, the second time by {tie.name!r}; drop one"
                 )
-            together[code] = others
-    return together
+            equations[code] = others
+    return equations
 
 
 def tied_codes(equations: Equations) -> IntArray:

@@ -2,7 +2,7 @@
 
 from structid.files.lock import claim, claimed, release
 from structid.files.reading import DAMAGE, damage_told, digest, read_part, read_start, require_readable
-from structid.files.writing import atomic_write, made_folder, replace_unchanged, require_no_file
+from structid.files.writing import atomic_write, make_folder, replace_unchanged, require_no_file
 
 __all__ = [
     "DAMAGE",
@@ -11,7 +11,7 @@ __all__ = [
     "claimed",
     "damage_told",
     "digest",
-    "made_folder",
+    "make_folder",
     "read_part",
     "read_start",
     "release",

@@ -61,6 +61,7 @@ class _Child:
     """A running `worker.py`."""
 
     def __init__(self) -> None:
+        """Start a Python process that runs `worker.py` in the neutral folder, and wait until it is ready."""
         paths = os.pathsep.join(import_paths(sys.path, Path.cwd()))
         environment = child_environment({"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"})
         self.owner, self.served = os.getpid(), 0
@@ -76,7 +77,7 @@ class _Child:
         self._timed(_START_SECONDS, lambda stream: stream.readline())
 
     def ask(self, request: Mapping[str, Plain], seconds: float) -> _Answer:
-        """The answer to `request`."""
+        """Send one request (reader, path, options, seconds) and return its answer; `_LostError` if the child ends or is late."""
         assert self.process.stdin is not None
         self.served += 1
         try:
@@ -84,25 +85,25 @@ class _Child:
             self.process.stdin.flush()
         except OSError as error:
             raise _LostError("ended") from error
-        return self._timed(seconds, _answer)
+        return self._timed(seconds, _read_answer)
 
     def _timed(self, seconds: float, read: Callable[[IO[bytes]], T | None]) -> T:
-        """What `read` takes from the child's answers; the child is killed when it takes longer."""
+        """Return `read(stream)` of the child's output; kill the child and raise `_LostError` after `seconds`."""
         assert self.process.stdout is not None
         timer = threading.Timer(seconds, self.process.kill)
         timer.daemon = True
         timer.start()
         try:
-            found = read(self.process.stdout)
+            answer = read(self.process.stdout)
         finally:
-            late = not timer.is_alive()
+            is_late = not timer.is_alive()
             timer.cancel()
-        if not found:
-            raise _LostError(f"took more than {seconds:.0f} s" if late else "ended", late)
-        return found
+        if not answer:
+            raise _LostError(f"took more than {seconds:.0f} s" if is_late else "ended", is_late)
+        return answer
 
     def close(self) -> None:
-        """End it; one that another process started is left alone."""
+        """Kill the child and close its pipes, unless another process started it."""
         if self.owner == os.getpid():
             self.process.kill()
             self.process.wait()
@@ -112,8 +113,8 @@ class _Child:
                     stream.close()
 
 
-def _answer(stream: IO[bytes]) -> _Answer | None:
-    """One answer with its arrays; None where the stream ends before it is whole."""
+def _read_answer(stream: IO[bytes]) -> _Answer | None:
+    """One answer of the child from `stream`, with its arrays; None if the stream ends before the answer is complete."""
     line = stream.readline()
     if not line.endswith(b"\n"):
         return None
@@ -133,8 +134,8 @@ _lock = threading.Lock()
 _running: list[_Child] = []
 
 
-def contained(path: Path, reader: str, seconds: float | None = None, **options: Plain) -> Any:
-    """What the reader of `structid.files.worker` called `reader` gives for the file at `path`, in so many s and more by its size.
+def read_in_child(path: Path, reader: str, seconds: float | None = None, **options: Plain) -> Any:
+    """Run the reader `reader` of `structid.files.worker` on `path` in a child process and return its values.
 
     Raises
     ------
@@ -146,25 +147,25 @@ def contained(path: Path, reader: str, seconds: float | None = None, **options: 
     seconds = (_SECONDS if seconds is None else seconds) + path.stat().st_size / _BYTES_A_SECOND
     request: dict[str, Plain] = {"reader": reader, "path": str(path.resolve()), "options": options, "seconds": seconds}
     with _lock:
-        answer = _asked(path, request, seconds)
+        answer = _ask_child(path, request, seconds)
         if answer.error is not None:
             end()  # damage may have left it in a state that the next file should not meet
             raise answer.error
     return filled(answer.tree, answer.arrays.__getitem__)
 
 
-def _asked(path: Path, request: Mapping[str, Plain], seconds: float) -> _Answer:
-    """The answer of the child; of a new one where that which served others before is lost."""
+def _ask_child(path: Path, request: Mapping[str, Plain], seconds: float) -> _Answer:
+    """The answer of the running child, or of a new one if the child that served earlier requests is lost."""
     while True:
         if not _running or _running[0].owner != os.getpid():
             _running[:] = [_Child()]
         child = _running[0]
-        fresh = child.served == 0
+        is_new = child.served == 0
         try:
             return child.ask(request, seconds)
         except _LostError as error:
             end()
-            if fresh or error.is_late:
+            if is_new or error.is_late:
                 raise FileError(
                     f"{path}: cannot be read: the library that reads such files {error} on it, so that it is damaged; copy"
                     " or write it again"
@@ -175,7 +176,7 @@ def _asked(path: Path, request: Mapping[str, Plain], seconds: float) -> _Answer:
 
 
 def end() -> None:
-    """End the child; the next file starts another."""
+    """End the child process; the next file starts a new one."""
     while _running:
         _running.pop().close()
 

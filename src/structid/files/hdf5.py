@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.core.errors import FileError
-from structid.files.contained import ReaderError, contained
+from structid.files.contained import ReaderError, read_in_child
 from structid.files.reading import require_readable
 
 #: A dataset as read: numbers, a text, or a list of texts.
@@ -33,18 +33,18 @@ def hdf5_datasets(path: Path) -> dict[str, Dataset]:
     FileError
         If the file is not HDF5, is damaged, or has links to other files.
     """
-    with _damage_told(path):
-        found = contained(path, "hdf5_shapes")
+    with _hdf5_errors(path):
+        declared = read_in_child(path, "hdf5_shapes")
     return {
         name: Dataset(tuple(shape), np.dtype(object) if form == "text" else np.dtype(form), offset)
-        for name, (shape, form, offset) in found.items()
+        for name, (shape, form, offset) in declared.items()
     }
 
 
 def hdf5_units(path: Path) -> dict[str, tuple[str, ...]]:
     """Units that attributes of datasets state (``unit``, ``units``, in any case), one for all or one a channel, by their paths."""
-    with _damage_told(path):
-        return {name: tuple(map(str, texts)) for name, texts in contained(path, "hdf5_units").items()}
+    with _hdf5_errors(path):
+        return {name: tuple(map(str, texts)) for name, texts in read_in_child(path, "hdf5_units").items()}
 
 
 def hdf5_fields(path: Path, names: Iterable[str]) -> dict[str, Field]:
@@ -55,25 +55,25 @@ def hdf5_fields(path: Path, names: Iterable[str]) -> dict[str, Field]:
     FileError
         If the file is damaged, or the values of a dataset lie in other files or were never written.
     """
-    with _damage_told(path):
-        return _fields(contained(path, "hdf5_fields", names=list(names)))
+    with _hdf5_errors(path):
+        return _fields(read_in_child(path, "hdf5_fields", names=list(names)))
 
 
 def hdf5_part(path: Path, name: str, begin: int, stop: int, axis: int) -> np.ndarray:
-    """Entries `begin` to `stop` along one axis of a dataset of two."""
-    with _damage_told(path):
-        part: np.ndarray = contained(path, "hdf5_part", name=name, begin=begin, stop=stop, axis=axis)
+    """Entries `begin` to `stop` (exclusive) along `axis` 0 or 1 of the two-dimensional dataset `name`."""
+    with _hdf5_errors(path):
+        part: np.ndarray = read_in_child(path, "hdf5_part", name=name, begin=begin, stop=stop, axis=axis)
     return part
 
 
 def matlab_73_fields(path: Path) -> dict[str, Field]:
-    """Every variable of a MAT file of version 7.3 that is of numbers or texts."""
-    with _damage_told(path):
-        return _fields(contained(path, "matlab_73"))
+    """Every variable of numbers or texts of a MAT file of version 7.3, by name."""
+    with _hdf5_errors(path):
+        return _fields(read_in_child(path, "matlab_73"))
 
 
 def texts_of(field: Field) -> tuple[str, ...]:
-    """The texts of a field that is one text or a list of them."""
+    """The texts of a field as a tuple: one text, or a list of them."""
     return (field,) if isinstance(field, str) else tuple(map(str, field))
 
 
@@ -82,7 +82,8 @@ def _fields(found: Mapping[str, Field | list[str]]) -> dict[str, Field]:
 
 
 @contextmanager
-def _damage_told(path: Path) -> Iterator[None]:
+def _hdf5_errors(path: Path) -> Iterator[None]:
+    """Context manager: errors of a reader of HDF5 become `FileError` with the path, the cause and the remedy."""
     require_readable(path)
     try:
         yield

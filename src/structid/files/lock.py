@@ -26,9 +26,9 @@ _held: dict[Path, tuple[int, int]] = {}
 
 @contextmanager
 def claimed(path: Path, patience: float = 0.0) -> Iterator[None]:
-    """Holds `path`, a folder or a file that is or will be there, for the block; a process may hold it several times.
+    """Context manager: this process alone may write to `path`, a file or folder that may not exist yet.
 
-    Another process that holds it is waited for `patience` seconds.
+    It may claim a path repeatedly. Another process that writes there is waited for up to `patience` seconds.
     """
     path = path.absolute()
     before = path in _held
@@ -41,9 +41,9 @@ def claimed(path: Path, patience: float = 0.0) -> Iterator[None]:
 
 
 def claim(path: Path, patience: float = 0.0) -> None:
-    """Take `path` for this process until `release`, and remove what a killed run left beside it half written.
+    """Lock `path` for this process until `release`, and remove files that a killed run left half written beside it.
 
-    Another process that holds it is waited for `patience` seconds.
+    Another process that holds the lock is waited for up to `patience` seconds.
 
     Raises
     ------
@@ -57,17 +57,17 @@ def claim(path: Path, patience: float = 0.0) -> None:
         raise FileError(f"{path}: its folder {path.parent} does not exist; create it first")
     lock = _lock_file(path)
     try:
-        _held[path] = _locked(path, lock, patience), os.getpid()
+        _held[path] = _open_locked(path, lock, patience), os.getpid()
     except OSError as error:
         raise FileError(
             f"{path}: cannot be written ({error.strerror or error}); check the permissions of {path.parent}, or write to"
             " another folder"
         ) from error
-    _sweep(path)
+    _remove_leftovers(path)
 
 
 def release(path: Path) -> None:
-    """Let others have `path`."""
+    """Give up this process's lock on `path` and remove the lock file."""
     path = path.absolute()
     descriptor, owner = _held.pop(path, (-1, 0))
     if owner == os.getpid():
@@ -80,8 +80,8 @@ def _lock_file(path: Path) -> Path:
     return path.parent / f".{path.name[:200]}.lock"
 
 
-def _locked(path: Path, lock: Path, patience: float) -> int:
-    """The descriptor of the locked file `lock`, which is still the one of that name."""
+def _open_locked(path: Path, lock: Path, patience: float) -> int:
+    """Descriptor of the lock file `lock` of `path`, locked; waits up to `patience` seconds, then raises `FileError`."""
     end = time.monotonic() + patience
     while True:
         descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o644)
@@ -108,16 +108,16 @@ def _locked(path: Path, lock: Path, patience: float) -> int:
         os.close(descriptor)  # the one who held it has just removed it
 
 
-def _sweep(path: Path) -> None:
-    """Remove files and folders half written under another name; nobody else writes here now."""
+def _remove_leftovers(path: Path) -> None:
+    """Remove temporary files and folders that an interrupted write of `path` left beside it; the caller holds the lock."""
     mark = r"\.[0-9a-f]{12}"
     names = f"{re.escape('.' + path.name)}{mark}|{re.escape('.' + path.stem[:100])}{mark}{re.escape(path.suffix)}"
-    for left in path.parent.glob(".*"):
-        if re.fullmatch(names, left.name):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
+    for leftover in path.parent.glob(".*"):
+        if re.fullmatch(names, leftover.name):
+            if leftover.is_dir():
+                shutil.rmtree(leftover, ignore_errors=True)
             else:
-                left.unlink(missing_ok=True)
+                leftover.unlink(missing_ok=True)
 
 
 @atexit.register

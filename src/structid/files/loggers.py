@@ -34,7 +34,10 @@ class Channel(NamedTuple):
 
 
 def logger(path: str, kind: str) -> list[Channel]:
-    """The channels of numbers in a file of this kind; what a library only warns of counts as damage, but of miniSEED.
+    """Every numeric channel of a logger's file of the given `kind` (a key of `PACKAGES`), with its clock.
+
+    A warning of the library counts as damage, except for miniSEED: those records have checks of their own, and their
+    library warns of harmless things.
 
     Those files are of records with checks of their own, and their library warns of harmless ones.
     """
@@ -50,15 +53,15 @@ def logger(path: str, kind: str) -> list[Channel]:
 
 
 def _with_warnings(read: Callable[[], list[Channel]]) -> list[Channel]:
-    """The channels that `read` gives, with what the library warns of beside the first."""
+    """The channels that `read` returns, with the library's warnings as the note of the first."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         channels = read()
-    told = "; ".join(dict.fromkeys(" ".join(str(one.message).split()) for one in caught))
-    return [channel._replace(note=told) if told and i == 0 else channel for i, channel in enumerate(channels)]
+    note_text = "; ".join(dict.fromkeys(" ".join(str(one.message).split()) for one in caught))
+    return [channel._replace(note=note_text) if note_text and i == 0 else channel for i, channel in enumerate(channels)]
 
 
-def _entry(
+def _make_channel(
     name: str,
     unit: str | None,
     values: ArrayLike,
@@ -68,8 +71,9 @@ def _entry(
     note: str = "",
     times: FloatArray | None = None,
 ) -> Channel:
-    kept = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
-    return Channel(str(name), str(unit or ""), kept, rate, start, off, note, np.zeros(0) if times is None else times)
+    """A `Channel` with values as float64, (n_samples,), where masked samples are NaN."""
+    samples = np.ma.filled(np.ma.asarray(values, dtype=np.float64), np.nan)
+    return Channel(str(name), str(unit or ""), samples, rate, start, off, note, np.zeros(0) if times is None else times)
 
 
 #: Distance of a sample from an even clock, in parts of a step, above which the times are kept.
@@ -80,8 +84,8 @@ def _is_series(values: np.ndarray) -> bool:
     return values.ndim == 1 and values.dtype.kind in "fiub" and values.size > 0
 
 
-def _clock(time: np.ndarray) -> tuple[float, float, float]:
-    """Rate, start and unevenness of sample times."""
+def _clock_of_times(time: np.ndarray) -> tuple[float, float, float]:
+    """Sampling rate in Hz, first time in s and largest deviation from even steps (in steps) of times (n,); 0, 0, 0 if unusable."""
     if time.size < 2 or not np.isfinite(time).all() or time[-1] <= time[0]:
         return 0.0, 0.0, 0.0
     step = float(time[-1] - time[0]) / (time.size - 1)
@@ -89,7 +93,8 @@ def _clock(time: np.ndarray) -> tuple[float, float, float]:
     return 1 / step, float(time[0]), float(off)
 
 
-def _tdms(path: str) -> Iterator[Channel]:
+def _read_tdms(path: str) -> Iterator[Channel]:
+    """Channels of a TDMS file of LabVIEW, named group/channel where several groups have some."""
     from nptdms import TdmsFile
 
     with TdmsFile.open(path) as file:
@@ -98,41 +103,43 @@ def _tdms(path: str) -> Iterator[Channel]:
         several = sum(bool(group.channels()) for group in groups) > 1
         for group in groups:
             for channel in group.channels():
-                own = channel.properties
+                properties = channel.properties
                 values = np.asarray(channel[:])
                 if not _is_series(values):
                     continue
-                to_seconds = parse_time_unit(own.get("wf_xunit_string") or "s")
-                step = to_seconds * float(own.get("wf_increment") or 0.0)
-                yield _entry(
+                to_seconds = parse_time_unit(properties.get("wf_xunit_string") or "s")
+                step = to_seconds * float(properties.get("wf_increment") or 0.0)
+                yield _make_channel(
                     f"{group.name}/{channel.name}" if several else channel.name,
-                    own.get("unit_string") or own.get("NI_UnitDescription"),
+                    properties.get("unit_string") or properties.get("NI_UnitDescription"),
                     values,
                     1 / step if step > 0 else 0.0,
-                    to_seconds * float(own.get("wf_start_offset") or 0.0),
+                    to_seconds * float(properties.get("wf_start_offset") or 0.0),
                     note="the file ends within its last segment: the copy, or the logger, broke off" if cut else "",
                 )
 
 
-def _mdf(path: str) -> Iterator[Channel]:
+def _read_mdf(path: str) -> Iterator[Channel]:
+    """Channels of an MDF (ASAM) file, each with the clock of its group's time channel."""
     from asammdf import MDF
 
     with MDF(path) as file:
-        for at, group in enumerate(file.groups):
+        for group_index, group in enumerate(file.groups):
             for index in range(len(group.channels)):
-                if index == file.masters_db.get(at):
+                if index == file.masters_db.get(group_index):
                     continue
-                signal = file.get(group=at, index=index)
+                signal = file.get(group=group_index, index=index)
                 values = np.asarray(signal.samples)
                 if _is_series(values):
                     time = np.asarray(signal.timestamps, float)
-                    rate, start, off = _clock(time)
-                    yield _entry(
+                    rate, start, off = _clock_of_times(time)
+                    yield _make_channel(
                         signal.name, signal.unit, values, rate, start, off, times=time if off > _EVEN else None
                     )
 
 
-def _miniseed(path: str) -> Iterator[Channel]:
+def _read_miniseed(path: str) -> Iterator[Channel]:
+    """Channels of a miniSEED file, in its order; starts are relative to the earliest trace."""
     from obspy import read
 
     stream = read(path, format="MSEED")
@@ -142,10 +149,13 @@ def _miniseed(path: str) -> Iterator[Channel]:
     stream.merge(method=0)
     first = min(trace.stats.starttime for trace in stream)
     for trace in sorted(stream, key=lambda trace: order.index(trace.id)):
-        yield _entry(trace.id, "", trace.data, float(trace.stats.sampling_rate), float(trace.stats.starttime - first))
+        yield _make_channel(
+            trace.id, "", trace.data, float(trace.stats.sampling_rate), float(trace.stats.starttime - first)
+        )
 
 
-def _wav(path: str) -> Iterator[Channel]:
+def _read_wav(path: str) -> Iterator[Channel]:
+    """Channels of a WAV file, numbered from 1; integer samples become parts of full scale."""
     from scipy.io import wavfile
 
     warnings.filterwarnings("ignore", "Chunk .non-data. not understood")  # notes of recorders
@@ -157,10 +167,11 @@ def _wav(path: str) -> Iterator[Channel]:
         values = values / 2.0 ** (8 * values.dtype.itemsize - 1)
     values = values.reshape(len(values), -1)
     for j in range(values.shape[1]):
-        yield _entry(str(j + 1), "", values[:, j], float(rate), note=note)
+        yield _make_channel(str(j + 1), "", values[:, j], float(rate), note=note)
 
 
-def _parquet(path: str) -> Iterator[Channel]:
+def _read_parquet(path: str) -> Iterator[Channel]:
+    """Numeric columns of a Parquet file; a column of timestamps becomes seconds from its first."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -169,13 +180,13 @@ def _parquet(path: str) -> Iterator[Channel]:
     for name, column in zip(table.column_names, table.columns, strict=True):
         if pa.types.is_timestamp(column.type):
             ticks = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy()
-            yield _entry(name, "s", (ticks - ticks[0]) / 1e9)
+            yield _make_channel(name, "s", (ticks - ticks[0]) / 1e9)
         elif pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
-            yield _entry(name, "", column.cast(pa.float64()).to_numpy())
+            yield _make_channel(name, "", column.cast(pa.float64()).to_numpy())
 
 
-def _lvm(path: str) -> Iterator[Channel]:
-    """LabVIEW measurement files: a head, and one segment with a head of its own and columns of numbers."""
+def _read_lvm(path: str) -> Iterator[Channel]:
+    """Channels of a LabVIEW measurement file (LVM) with one segment and one column of times or none."""
     text = Path(path).read_text(encoding="cp1252")
     lines = text.splitlines()
     if not text.endswith("\n"):
@@ -208,7 +219,7 @@ def _lvm(path: str) -> Iterator[Channel]:
     steps, starts = ([_decimal(text, comma) for text in segment[key][:count]] for key in ("Delta_X", "X0"))
     for j in range(count):
         rate = 1 / steps[j] if steps[j] > 0 else 0.0
-        yield _entry(names[j], units[j].strip(), values[:, j], rate, starts[j])
+        yield _make_channel(names[j], units[j].strip(), values[:, j], rate, starts[j])
 
 
 def _decimal(text: str, comma: bool) -> float:
@@ -227,5 +238,5 @@ PACKAGES = {
     "parquet": "pyarrow",
 }
 _READERS: dict[str, Callable[[str], Iterator[Channel]]] = {
-    "tdms": _tdms, "mdf": _mdf, "miniseed": _miniseed, "lvm": _lvm, "wav": _wav, "parquet": _parquet,
+    "tdms": _read_tdms, "mdf": _read_mdf, "miniseed": _read_miniseed, "lvm": _read_lvm, "wav": _read_wav, "parquet": _read_parquet,
 }  # fmt: skip

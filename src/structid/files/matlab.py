@@ -1,4 +1,4 @@
-"""MAT files of MATLAB: numbers, texts, cells of texts, structs and sparse matrices, read in the child of `contained`.
+"""MAT files of MATLAB: numbers, texts, cells of texts, structs and sparse matrices, read in a child process (`read_in_child`).
 
 Objects, functions, arrays of structs and cells of other things are passed over.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.errors import FileError
-from structid.files.contained import ReaderError, contained
+from structid.files.contained import ReaderError, read_in_child
 from structid.files.hdf5 import matlab_73_fields
 from structid.files.reading import damage_told, require_readable
 from structid.files.sparse import compressed
@@ -25,7 +25,7 @@ _HDF5_START = b"\x89HDF\r\n\x1a\n"
 
 
 def matlab_variables(path: Path) -> dict[str, Variable]:
-    """Every variable of the file at `path` that is of numbers or texts; the field of a struct under ``name.field``.
+    """Every variable of numbers or texts of the MAT file at `path`, by name; fields of a struct as ``name.field``.
 
     Raises
     ------
@@ -37,10 +37,10 @@ def matlab_variables(path: Path) -> dict[str, Variable]:
         return dict(matlab_73_fields(path))
     with damage_told(path, "a whole MAT file", _REMEDY):
         try:
-            found = contained(path, "matlab")
+            variables = read_in_child(path, "matlab")
         except ReaderError as error:
             raise FileError(f"{path}: is not a whole MAT file ({error}); {_REMEDY}") from error
-        return {name: _variable(value) for name, value in found.items()}
+        return {name: _to_variable(value) for name, value in variables.items()}
 
 
 def _is_73(path: Path) -> bool:
@@ -49,7 +49,8 @@ def _is_73(path: Path) -> bool:
     return head.startswith((b"MATLAB 7.3", _HDF5_START)) or head[512:] == _HDF5_START
 
 
-def _variable(value: np.ndarray | str | list[str] | dict[str, np.ndarray]) -> Variable:
+def _to_variable(value: np.ndarray | str | list[str] | dict[str, np.ndarray]) -> Variable:
+    """A variable as the child sent it, with sparse matrices put together and lists made tuples."""
     if isinstance(value, dict):
         n_rows, n_columns = value["shape"].tolist()
         return compressed((n_rows, n_columns), value["starts"], value["rows"], value["values"])

@@ -41,11 +41,11 @@ def npy_header(path: Path) -> Header:
     """
     path = require_readable(path)
     with damage_told(path, "a whole NPY array"), path.open("rb") as stream:
-        return _header(stream, path.stat().st_size)
+        return _read_header(stream, path.stat().st_size)
 
 
 def npy_array(path: Path) -> np.ndarray:
-    """The array in the NPY file at `path`, as `npy_header` checks it."""
+    """The array in the NPY file at `path`, after the checks of `npy_header`."""
     header = npy_header(path)
     with damage_told(path, "a whole NPY array"):
         values = np.fromfile(path, header.dtype, math.prod(header.shape), offset=header.offset)
@@ -64,16 +64,17 @@ def npz_arrays(
     """
     path = require_readable(path)
     with damage_told(path, kind, remedy), zipfile.ZipFile(path) as archive:
-        return {_name(path, member): _member(archive, member) for member in archive.infolist()}
+        return {_array_name(path, member): _read_member(archive, member) for member in archive.infolist()}
 
 
-def _name(path: Path, member: zipfile.ZipInfo) -> str:
+def _array_name(path: Path, member: zipfile.ZipInfo) -> str:
     if not member.filename.endswith(".npy"):
         raise FileError(f"{path}: holds {member.filename!r}, which is no array; write it with numpy.savez")
     return member.filename[: -len(".npy")]
 
 
-def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+def _read_member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    """The array in one member of an NPZ archive; `ValueError` if its sizes are not plausible."""
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{member.filename} is packed in a way that NumPy does not use")
     if member.file_size > _DENSEST * member.compress_size + _MAGIC:
@@ -86,12 +87,13 @@ def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
             " zeros are; write it with numpy.savez, which does not pack"
         )
     with archive.open(member) as stream:
-        header = _header(stream, member.file_size)
+        header = _read_header(stream, member.file_size)
         values = np.frombuffer(stream.read(), header.dtype)
         return values.reshape(header.shape, order=header.order)  # type: ignore[call-overload]
 
 
-def _header(stream: IO[bytes], size: int) -> Header:
+def _read_header(stream: IO[bytes], size: int) -> Header:
+    """Header of the NPY array that `stream` begins with; `ValueError` unless its values fill all `size` bytes."""
     version = np.lib.format.read_magic(stream)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in readers:

@@ -25,7 +25,7 @@ DAMAGE = (
 
 
 def require_readable(path: str | Path) -> Path:
-    """`path`, after a check that it is an ordinary file with something in it that may be read.
+    """`path` as a `Path`, after a check that it is an ordinary, readable file that is not empty.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def require_readable(path: str | Path) -> Path:
         if path.is_dir():
             raise FileError(f"{path}: is a folder; give the path of a file in it")
         if not path.exists():
-            raise FileError(f"{path}: {_missing(path)}")
+            raise FileError(f"{path}: {_why_missing(path)}")
         if not path.is_file():
             raise FileError(f"{path}: is a pipe or a device, which has no size; copy what it gives to a file")
         with path.open("rb") as stream:
@@ -54,7 +54,7 @@ def require_readable(path: str | Path) -> Path:
 
 
 def read_part(path: Path, begin: int, most: int) -> bytes:
-    """Up to `most` bytes of an ordinary file that is no link, from byte `begin` on; raises as `read_start`."""
+    """Up to `most` bytes from byte `begin` of an ordinary file that is no link; raises as `read_start` does."""
     return read_start(path, most, follow=False, begin=begin)
 
 
@@ -86,14 +86,17 @@ def read_start(path: Path, most: int, follow: bool = True, begin: int = 0) -> by
         return stream.read(most)
 
 
-def _missing(path: Path) -> str:
+def _why_missing(path: Path) -> str:
+    """The reason why there is no file at `path`, with the nearest name in its folder as a suggestion."""
     if path.is_symlink():
         return "is a link to what is not there, or to itself; mend the link, or give the file itself"
     folder = path.parent
     if not folder.is_dir():
         return f"there is no such file; its folder {folder} does not exist either"
-    near = difflib.get_close_matches(path.name, [entry.name for entry in folder.iterdir()], n=1, cutoff=0.5)
-    return "there is no such file; " + (f"did you mean {near[0]}?" if near else "check the name and the folder")
+    close_names = difflib.get_close_matches(path.name, [entry.name for entry in folder.iterdir()], n=1, cutoff=0.5)
+    return "there is no such file; " + (
+        f"did you mean {close_names[0]}?" if close_names else "check the name and the folder"
+    )
 
 
 def digest(path: str | Path) -> str:
@@ -111,13 +114,13 @@ def digest(path: str | Path) -> str:
 
 @contextmanager
 def damage_told(path: Path, kind: str, remedy: str = "copy or write it again") -> Iterator[None]:
-    """Turns what damage makes a reader raise into a `FileError` that begins with `path`.
+    """Context manager: exceptions that damaged content raises in a reader become a `FileError` that begins with `path`.
 
     Parameters
     ----------
     path : Path
     kind : str
-        What the file should be, with its article, as in "a whole NPZ archive".
+        The kind of file that is expected, with its article, as in "a whole NPZ archive".
     remedy : str
     """
     try:

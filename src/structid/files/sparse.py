@@ -12,15 +12,15 @@ _EMPTY_ROWS, _ROWS_AN_ENTRY = 1_000_000, 64
 
 
 def compressed(shape: tuple[int, int], starts: np.ndarray, indices: np.ndarray, values: np.ndarray) -> sparse.csc_array:
-    """A matrix by columns from where each begins, the row of each entry, and the values.
+    """Sparse matrix (compressed columns) of `shape` from column starts, row indices and values, after checks of all of them.
 
     Raises
     ------
     ValueError
         If starts do not rise from 0 to the number of entries, or a row lies outside the matrix.
     """
-    starts, indices = _whole("column starts", starts), _whole("rows", indices)
-    n_rows, n_columns = _sides(shape)
+    starts, indices = _as_whole_numbers("column starts", starts), _as_whole_numbers("rows", indices)
+    n_rows, n_columns = _checked_shape(shape)
     if len(starts) != n_columns + 1:
         raise ValueError(f"{n_columns} columns need {n_columns + 1} starts, got {len(starts)}")
     n = int(starts[-1])
@@ -32,15 +32,15 @@ def compressed(shape: tuple[int, int], starts: np.ndarray, indices: np.ndarray, 
 
 
 def coordinates(shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> sparse.csc_array:
-    """A matrix from the row, column and value of each entry; entries at one place add up.
+    """Sparse matrix of `shape` from the row, column and value of each entry; entries with the same row and column are added.
 
     Raises
     ------
     ValueError
         If an entry lies outside the matrix.
     """
-    rows, columns = _whole("rows", rows), _whole("columns", columns)
-    sides = _sides(shape)
+    rows, columns = _as_whole_numbers("rows", rows), _as_whole_numbers("columns", columns)
+    sides = _checked_shape(shape)
     if not len(rows) == len(columns) == len(values):
         raise ValueError(f"there are {len(rows)} rows, {len(columns)} columns and {len(values)} values")
     if max(sides) > _EMPTY_ROWS + _ROWS_AN_ENTRY * len(values):
@@ -51,25 +51,28 @@ def coordinates(shape: tuple[int, int], rows: np.ndarray, columns: np.ndarray, v
     return sparse.coo_array((native, (rows, columns)), sides).tocsc()
 
 
-def _sides(shape: tuple[int, int]) -> tuple[int, int]:
+def _checked_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    """`shape` as two ints; `ValueError` if it is negative or absurdly large."""
     n_rows, n_columns = (int(n) for n in shape)
     if not (0 <= n_rows <= _LARGEST and 0 <= n_columns <= _LARGEST):
         raise ValueError(f"it declares shape {(n_rows, n_columns)}")
     return n_rows, n_columns
 
 
-def _whole(name: str, numbers: np.ndarray) -> NDArray[np.int64]:
+def _as_whole_numbers(name: str, numbers: np.ndarray) -> NDArray[np.int64]:
+    """`numbers` as int64, (n,); `ValueError` that calls them `name` if one is not whole."""
     array = np.asarray(numbers).ravel()
     if array.dtype.kind not in "iu" and not (abs(array) < 2**53).all():
         raise ValueError(f"its {name} must be whole numbers")
-    found = array.astype(np.int64)
-    if (found != array).any():
+    whole = array.astype(np.int64)
+    if (whole != array).any():
         raise ValueError(f"its {name} must be whole numbers")
-    return found
+    return whole
 
 
-def _require_inside(name: str, places: NDArray[np.int64], count: int) -> None:
-    outside = (places < 0) | (places >= count)
+def _require_inside(name: str, indices: NDArray[np.int64], count: int) -> None:
+    """Raise `ValueError` unless all indices of `name` (rows or columns) lie in 0 to `count` - 1."""
+    outside = (indices < 0) | (indices >= count)
     if outside.any():
-        at = int(np.argmax(outside))
-        raise ValueError(f"entry {at + 1} is in {name} {places[at]} of {count}, counted from 0")
+        first = int(np.argmax(outside))
+        raise ValueError(f"entry {first + 1} is in {name} {indices[first]} of {count}, counted from 0")

@@ -29,7 +29,7 @@ _HEADROOM = 2**30
 
 
 def plain(value: Entry, arrays: list[np.ndarray]) -> Plain:
-    """`value`, a tree of mappings, lists, numbers, texts and arrays, as JSON has it; its arrays go to `arrays`."""
+    """`value`, a tree of mappings, lists, numbers, texts and arrays, as JSON; its arrays are appended to `arrays`."""
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"array": len(arrays) - 1}
@@ -43,7 +43,7 @@ def plain(value: Entry, arrays: list[np.ndarray]) -> Plain:
 
 
 def filled(value: Plain, array: Callable[[int], np.ndarray]) -> Entry:
-    """The reverse of `plain`; `array` gives each array by its number."""
+    """The tree that `plain` turned into JSON; `array` returns each array by its number."""
     if not isinstance(value, dict):
         return value
     if "array" in value:
@@ -58,16 +58,17 @@ class UnusableError(Exception):
 
 
 def hdf5_shapes(path: str) -> dict[str, Entry]:
-    """Shape, type and first byte (None where it lies in pieces) of every dataset, by its path without the leading slash."""
+    """Shape, type and first byte of every dataset by its path without leading slash; the byte is None for chunked values."""
     import h5py
 
     found: dict[str, Entry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        """Note shape, type and first byte of a dataset."""
         if isinstance(item, h5py.Dataset) and item.shape is not None:
             dtype = _complex_type(item.dtype)
             text = h5py.check_string_dtype(item.dtype) is not None
-            whole = dtype == item.dtype and not text and not item.dtype.hasobject and _refusal(item) is None
+            whole = dtype == item.dtype and not text and not item.dtype.hasobject and _why_unusable(item) is None
             offset = item.id.get_offset() if whole and item.chunks is None else None
             found[name] = [list(item.shape), "text" if text else dtype.str, offset]
 
@@ -78,7 +79,7 @@ def hdf5_shapes(path: str) -> dict[str, Entry]:
 
 
 def hdf5_units(path: str) -> dict[str, Entry]:
-    """What the attributes of datasets say of their units, one text or one a channel, by the path of the dataset."""
+    """Units that attributes of datasets state, one text or one for each channel, by the path of the dataset."""
     import h5py
 
     found: dict[str, Entry] = {}
@@ -100,16 +101,16 @@ def hdf5_units(path: str) -> dict[str, Entry]:
 
 
 def hdf5_fields(path: str, names: list[str]) -> dict[str, Entry]:
-    """The datasets called `names`: arrays of numbers, a text, or lists of texts."""
+    """The datasets called `names` of an HDF5 file: arrays of numbers, a text, or lists of texts."""
     import h5py
 
     with h5py.File(path, "r") as file:
         _require_own_links(file)
-        return {name: _field(file[name]) for name in names}
+        return {name: _read_field(file[name]) for name in names}
 
 
 def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndarray:
-    """Entries `begin` to `stop` of a dataset of two dimensions along one axis."""
+    """Entries `begin` to `stop` (exclusive) along `axis` 0 or 1 of the two-dimensional dataset `name` of an HDF5 file."""
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -120,14 +121,15 @@ def hdf5_part(path: str, name: str, begin: int, stop: int, axis: int) -> np.ndar
 
 
 def matlab_73(path: str) -> dict[str, Entry]:
-    """Every variable of a MAT file of version 7.3 that is of numbers or texts."""
+    """Every variable of numbers or texts of a MAT file of version 7.3 (HDF5), by name."""
     import h5py
 
     found: dict[str, Entry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        """Read a variable, unless it is one of MATLAB's own groups."""
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
-            field = _field_73(item.file, item)
+            field = _read_field_73(item.file, item)
             if field is not None:
                 found[name.replace("/", ".")] = field
 
@@ -138,7 +140,7 @@ def matlab_73(path: str) -> dict[str, Entry]:
 
 
 def matlab(path: str) -> dict[str, Entry]:
-    """Every variable of a MAT file before 7.3 that is of numbers or texts; sparse matrices by their parts."""
+    """Every variable of numbers or texts of a MAT file before version 7.3, by name; sparse matrices as their parts."""
     from scipy.io import loadmat
 
     found: dict[str, Entry] = {}
@@ -148,8 +150,8 @@ def matlab(path: str) -> dict[str, Entry]:
     return found
 
 
-def _note_matlab(found: dict[str, Entry], name: str, value: np.ndarray | sparse.csc_array) -> None:
-    """Add a variable, or the fields of a struct under ``name.field``."""
+def _note_matlab(variables: dict[str, Entry], name: str, value: np.ndarray | sparse.csc_array) -> None:
+    """Add a MATLAB variable, or each field of a struct as ``name.field``, to `variables`."""
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
 
     if isinstance(value, MatlabOpaque | MatlabObject | MatlabFunction):
@@ -157,22 +159,23 @@ def _note_matlab(found: dict[str, Entry], name: str, value: np.ndarray | sparse.
     if not isinstance(value, np.ndarray):
         stored = value.tocsc()
         shape = np.array(stored.shape)
-        found[name] = {"shape": shape, "starts": stored.indptr, "rows": stored.indices, "values": stored.data}
+        variables[name] = {"shape": shape, "starts": stored.indptr, "rows": stored.indices, "values": stored.data}
     elif value.dtype.names:
         for field in value.dtype.names if value.size == 1 else ():
-            _note_matlab(found, f"{name}.{field}", value[field].item())
+            _note_matlab(variables, f"{name}.{field}", value[field].item())
     elif value.dtype.kind == "O":
         cells: dict[str, Entry] = {}
-        for place, cell in enumerate(value.ravel(order="F")):
-            _note_matlab(cells, str(place), cell)
+        for index, cell in enumerate(value.ravel(order="F")):
+            _note_matlab(cells, str(index), cell)
         texts = [cell for cell in cells.values() if isinstance(cell, str)]
         if len(texts) == value.size:
-            found[name] = texts
+            variables[name] = texts
     else:
-        found[name] = "".join(value.ravel().tolist()) if value.dtype.kind == "U" else value
+        variables[name] = "".join(value.ravel().tolist()) if value.dtype.kind == "U" else value
 
 
 def _require_own_links(file: h5py.File) -> None:
+    """Raise `UnusableError` if the HDF5 file has a link to another file."""
     import h5py
 
     linked: list[str] = []
@@ -183,8 +186,8 @@ def _require_own_links(file: h5py.File) -> None:
         )
 
 
-def _refusal(dataset: h5py.Dataset) -> str | None:
-    """Why the values of a dataset cannot be taken as they are."""
+def _why_unusable(dataset: h5py.Dataset) -> str | None:
+    """The reason why the values of a dataset cannot be read from its own file, or None."""
     if dataset.external:
         return "has its values in another file, which is not read; copy them into this file"
     if dataset.is_virtual:
@@ -195,15 +198,17 @@ def _refusal(dataset: h5py.Dataset) -> str | None:
 
 
 def _require_own_values(dataset: h5py.Dataset) -> None:
-    refusal = _refusal(dataset)
-    if refusal is not None:
-        raise UnusableError(f"{dataset.name[1:]!r} {refusal}")
-    declared, there = math.prod(dataset.shape) * dataset.dtype.itemsize, Path(dataset.file.filename).stat().st_size
-    if declared > _DENSEST * there:
-        raise ValueError(f"{dataset.name[1:]!r} declares {declared} bytes in a file of {there}")
+    """Raise if the values of a dataset are elsewhere, missing, or larger than the file can hold."""
+    reason = _why_unusable(dataset)
+    if reason is not None:
+        raise UnusableError(f"{dataset.name[1:]!r} {reason}")
+    declared, file_size = math.prod(dataset.shape) * dataset.dtype.itemsize, Path(dataset.file.filename).stat().st_size
+    if declared > _DENSEST * file_size:
+        raise ValueError(f"{dataset.name[1:]!r} declares {declared} bytes in a file of {file_size}")
 
 
-def _field(dataset: h5py.Dataset) -> np.ndarray | str | list[str]:
+def _read_field(dataset: h5py.Dataset) -> np.ndarray | str | list[str]:
+    """Values of an HDF5 dataset: an array of numbers (complex where it is a pair of parts), a text, or a list of texts."""
     import h5py
 
     _require_own_values(dataset)
@@ -213,8 +218,8 @@ def _field(dataset: h5py.Dataset) -> np.ndarray | str | list[str]:
     return texts if isinstance(texts, str) else [str(text) for text in texts.ravel()]
 
 
-def _field_73(file: h5py.File, dataset: h5py.Dataset) -> np.ndarray | str | list[str] | None:
-    """A dataset in MATLAB's conventions: axes reversed, characters as codes, cells as references."""
+def _read_field_73(file: h5py.File, dataset: h5py.Dataset) -> np.ndarray | str | list[str] | None:
+    """A variable stored in MATLAB's HDF5 conventions (reversed axes, characters as codes, cells as references), or None."""
     matlab_class = dataset.attrs.get("MATLAB_class", b"")
     if matlab_class == b"char" and dataset.attrs.get("MATLAB_empty", 0):
         return ""
@@ -224,19 +229,19 @@ def _field_73(file: h5py.File, dataset: h5py.Dataset) -> np.ndarray | str | list
     if matlab_class == b"char":
         return np.asarray(dataset[()]).T.astype("<u2").tobytes().decode("utf-16-le")
     if matlab_class == b"cell":
-        cells = [_field_73(file, file[reference]) for reference in np.asarray(dataset[()]).T.ravel()]
+        cells = [_read_field_73(file, file[reference]) for reference in np.asarray(dataset[()]).T.ravel()]
         return [str(cell) for cell in cells] if all(isinstance(cell, str) for cell in cells) else None
     return _as_complex(np.asarray(dataset[()])).T
 
 
 def _complex_type(dtype: np.dtype) -> np.dtype:
-    """complex128 for a compound of real and imaginary parts, as other programs write; else `dtype`."""
+    """complex128 for a compound type of real and imaginary parts, else `dtype`."""
     names = tuple(name.lower() for name in dtype.names or ())
     return np.dtype(np.complex128) if names in (("real", "imag"), ("r", "i"), ("re", "im")) else dtype
 
 
 def _as_complex(array: np.ndarray) -> np.ndarray:
-    """`array` with compounds of real and imaginary parts made complex numbers."""
+    """`array` with pairs of real and imaginary parts turned into complex numbers; other arrays unchanged."""
     if array.dtype.names and _complex_type(array.dtype) != array.dtype:
         real, imaginary = array.dtype.names
         return np.asarray(array[real] + 1j * array[imaginary])
@@ -244,29 +249,29 @@ def _as_complex(array: np.ndarray) -> np.ndarray:
 
 
 def ansys(path: str) -> dict[str, Entry]:
-    """What `ansys-mapdl-reader` finds: of a ``.full`` file rows and matrices, of a ``.emat`` file those of each element."""
+    """Contents of an ANSYS file: matrices and their rows from ``.full``, matrices of each element from ``.emat``."""
     from ansys.mapdl.reader import read_binary
 
     opened = read_binary(path)
     if path.lower().endswith(".full"):
         dofs, stiffness, mass = opened.load_km(sort=True)
-        found: dict[str, Entry] = {"dofs": np.asarray(dofs, np.int64), "held": np.asarray(opened.const, np.int64)}
+        assembled: dict[str, Entry] = {"dofs": np.asarray(dofs, np.int64), "held": np.asarray(opened.const, np.int64)}
         for name, matrix in (("STIFFNESS", stiffness), ("MASS", mass)):
             if matrix is not None:
                 compact = matrix.tocsc()
-                found[name] = [list(compact.shape), compact.indptr, compact.indices, compact.data]
-        return found
+                assembled[name] = [list(compact.shape), compact.indptr, compact.indices, compact.data]
+        return assembled
     elements: list[list[np.ndarray | dict[str, np.ndarray]]] = []
     for index in range(opened.n_elements):
-        where, data = opened.read_element(index)
+        equations, data = opened.read_element(index)
         parts = {key: np.asarray(values, np.float64) for key, values in data.items()}
-        elements.append([np.asarray(where, np.int64), parts])
+        elements.append([np.asarray(equations, np.int64), parts])
     nodes, labels = np.asarray(opened.neqv, np.int64), np.asarray(opened.eeqv, np.int64)
     return {"nodes": nodes, "labels": labels, "n_dof": int(opened.n_dof), "elements": elements}
 
 
 def logger(path: str, kind: str) -> Entry:
-    """The channels of a logger's file."""
+    """Channels of a logger's file of the given `kind`, read by its library."""
     from structid.files.loggers import logger as read  # with a library that takes its time: only when it is asked for
 
     return read(path, kind)
@@ -278,11 +283,11 @@ READERS: dict[str, Callable[..., Entry]] = {
 }
 
 
-def serve(asked: IO[bytes], answers: IO[bytes]) -> None:
-    """Answer requests until there are no more."""
+def serve(requests: IO[bytes], answers: IO[bytes]) -> None:
+    """Answer requests, one JSON line each, from the stream `requests` on the stream `answers` until there are no more."""
     answers.write(b"ready\n")
     answers.flush()
-    for line in asked:
+    for line in requests:
         request = json.loads(line)
         arrays: list[np.ndarray] = []
         try:
@@ -302,7 +307,7 @@ def serve(asked: IO[bytes], answers: IO[bytes]) -> None:
 
 
 def _limit_memory(path: str) -> None:
-    """Address space for what the file can hold and some more, where the system has such limits."""
+    """Limit this process's address space to what the file at `path` can plausibly hold, where the system has such limits."""
     try:
         import resource
     except ImportError:  # Windows
@@ -314,7 +319,7 @@ def _limit_memory(path: str) -> None:
 
 
 def _limit_time(seconds: float) -> None:
-    """Processor time for this request, so that the process ends where nobody is left to end it."""
+    """Limit this process's processor time for the next request to `seconds`, where the system has such limits."""
     try:
         import resource
     except ImportError:  # Windows

@@ -15,7 +15,10 @@ from structid.core.errors import FileError
 
 @contextmanager
 def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
-    """A temporary path in the folder of `path`, which becomes `path` when the block ends without an error.
+    """Context manager: a temporary path in the folder of `path`, renamed to `path` if the block ends without an error.
+
+    On any error the temporary file is removed and a file already at `path` stays as it was. A file that is replaced
+    hands on its permissions.
 
     On any error the temporary file is removed and a file already at `path` stays as it was. A file that is replaced hands on
     its permissions.
@@ -24,7 +27,7 @@ def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
     ----------
     path : str or Path
     is_new : bool, optional
-        Whether a file that is at `path` by the end of the block is an error.
+        True if a file that exists at `path` at the end of the block is an error.
 
     Raises
     ------
@@ -48,7 +51,7 @@ def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
         _flush_to_disk(temporary)
         if not is_new:
             temporary.replace(path)
-        elif not _linked(temporary, path):
+        elif not _link_new(temporary, path):
             raise FileError(f"{path}: is there already; give another name, or remove it")
     except OSError as error:
         raise FileError(
@@ -60,7 +63,7 @@ def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
 
 
 def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes | None], bool]) -> bool:
-    """Write `content` to `path` whole, if what stands there until that moment `is_expected`; else change nothing.
+    """Write `content` to `path` in one step if its present content satisfies `is_expected`; else change nothing.
 
     Other programs may write `path` at any time: where the system can exchange two names (Linux), what was replaced is looked
     at once more afterwards, and is put back where it is not as expected.
@@ -71,12 +74,12 @@ def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes |
         A file, or the name of a new one in a folder that is there.
     content : bytes
     is_expected : callable
-        Whether a content, None where there is no file, may be replaced.
+        Returns True for a content (None without a file) that may be replaced.
 
     Returns
     -------
     bool
-        Whether it was written.
+        True if the content was written.
 
     Raises
     ------
@@ -92,15 +95,15 @@ def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes |
         if not is_expected(before):
             return False
         if before is None:
-            return _linked(temporary, path)
-        if not _exchanged(temporary, path):  # another system: the moment between is left
+            return _link_new(temporary, path)
+        if not _exchange_names(temporary, path):  # another system: the moment between is left
             temporary.replace(path)
             return True
         if is_expected(temporary.read_bytes()):
             return True
-        _exchanged(temporary, path)
+        _exchange_names(temporary, path)
         if temporary.read_bytes() != content:  # written once more meanwhile: the newest stays
-            _exchanged(temporary, path)
+            _exchange_names(temporary, path)
         return False
     except OSError as error:
         raise FileError(
@@ -111,8 +114,8 @@ def replace_unchanged(path: Path, content: bytes, is_expected: Callable[[bytes |
         temporary.unlink(missing_ok=True)
 
 
-def _linked(temporary: Path, path: Path) -> bool:
-    """Give a new file its name, unless another program just took it."""
+def _link_new(temporary: Path, path: Path) -> bool:
+    """Give the temporary file the name `path` unless that exists; True if it did."""
     try:
         os.link(temporary, path)
     except FileExistsError:
@@ -122,8 +125,8 @@ def _linked(temporary: Path, path: Path) -> bool:
     return True
 
 
-def _exchanged(first: Path, second: Path) -> bool:
-    """Exchange two names at once (renameat2 with RENAME_EXCHANGE); False where the system cannot."""
+def _exchange_names(first: Path, second: Path) -> bool:
+    """Exchange the names of two files in one step (renameat2); False where the system cannot."""
     if sys.platform != "linux":
         return False
     import ctypes
@@ -145,14 +148,14 @@ def _flush_to_disk(path: Path) -> None:
 
 
 def require_no_file(folder: Path) -> None:
-    """Raise `FileError` where a file stands in the way of `folder`."""
+    """Raise `FileError` if a file stands in the way of creating `folder`."""
     there = next((path for path in (folder, *folder.parents) if path.exists()), folder)
     if there.exists() and not there.is_dir():
         raise FileError(f"{there}: is a file; give another folder for the results with --out")
 
 
-def made_folder(path: Path) -> Path:
-    """`path` as a folder, made with its parents where it does not exist.
+def make_folder(path: Path) -> Path:
+    """The folder `path`, created with its parents if it does not exist.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.core.arrays import FloatArray, locked
-from structid.core.display import figures
+from structid.core.display import format_number
 from structid.core.dof import Dof
 from structid.dynamics import Modes
 from structid.forward import ModalProblem, RecordProblem
@@ -42,7 +42,7 @@ class DecidingMeasurement:
     @property
     def words(self) -> str:
         """The measurement with the first predictions."""
-        told = ", ".join(figures(value, 3) for value in self.predicted[:_MOST_TOLD])
+        told = ", ".join(format_number(value, 3) for value in self.predicted[:_MOST_TOLD])
         more = len(self.predicted) - _MOST_TOLD
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.name}: {told}{f' and {more} more' if more > 0 else ''}{unit}"

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from importlib import import_module
+
+import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import Overview, Shown
@@ -25,6 +28,9 @@ from structid.inversion.intervals.intervals import Intervals
 from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
+
+#: Part of a variance from which on it is owed to priors, and of a direction's largest entry from which on a parameter is in it.
+_MOSTLY, _TAKES_PART = 0.5, 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -201,6 +207,11 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
         """What its estimate shows."""
         return self.estimate.overview()
 
+    def summary(self) -> str:
+        """Verdict, next step, and a row for each parameter: what `print` shows."""
+        view: Shown = import_module("structid.study.results.view").results_view(self)
+        return view.summary()
+
     @property
     def listed(self) -> tuple[int, ...]:
         """Positions of all parameters but the values that single records have of what varies."""
@@ -210,6 +221,18 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
     def seen_from(self, number: int) -> Identification:
         """The same with the record of responses at position `number` (from 0) as the only one."""
         return replace(self, fits=(self.fits[number],))
+
+    @property
+    def by_prior(self) -> tuple[int, ...]:
+        """Positions of the parameters that their own priors tell more of than the data, alone or in an unseen combination."""
+        if self.prior_share is None:
+            return ()
+        is_open = np.zeros(len(self.prior_share), dtype=bool)
+        for direction in self.estimate.identifiability.directions:
+            size = np.abs(direction.vector)
+            is_open |= size > _TAKES_PART * size.max()
+        is_by_prior = np.isfinite(self.prior_std) & ((self.prior_share > _MOSTLY) | is_open)
+        return tuple(np.flatnonzero(is_by_prior).tolist())
 
     @property
     def own_index(self) -> IntArray:

@@ -59,7 +59,9 @@ class MeshPieces:
         if self.is_enough:
             return f"{cut}: the mesh moves no value by more than {self.moved:.2g} of its deviation"
         moves = (
-            f"the mesh moves {self.name} by {self.moved:.2g} of its deviations, and " if np.isfinite(self.moved) else ""
+            f"the mesh moves {self.name} by {self.moved:.2g} standard deviations, and "
+            if np.isfinite(self.moved)
+            else ""
         )
         return f"{cut}: {moves}{self.obstacle}"
 

@@ -27,11 +27,14 @@ class LineOptions:
     evaluation_band : (float, float), optional
         Where the fit is judged and drawn, Hz; the lines that were used by default. A wider one shows how the model
         does on lines that had no part in the fit.
+    every : int
+        Only every so many of the remaining lines is used: 4 leaves a quarter of a long record, for a first look.
     """
 
     band: tuple[float, float] | None = None
     exclude: Sequence[tuple[float, float]] = ()
     evaluation_band: tuple[float, float] | None = None
+    every: Count = 1
 
 
 @dataclass(frozen=True, kw_only=True)

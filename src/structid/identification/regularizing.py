@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, locked
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.forward import RecordProblem
 from structid.forward.scatter import ScatterProblem, scatter_problems
 from structid.identification.options import IdentifyOptions
@@ -367,6 +367,6 @@ def regularization_warnings(
         sources += ["their priors"] if any(p.unknowns.priors.stated.any() for p in problems) else []
         warnings.append(
             f"{len(owing)} of {len(found.names)} parameters are held by {' and '.join(dict.fromkeys(sources))} more than"
-            f" by the data: {listed(owing, 4)}"
+            f" by the data: {join_words(owing, 4)}"
         )
     return tuple(warnings)

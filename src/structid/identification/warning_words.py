@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.forward import RecordProblem
 from structid.identification.together import by_name
 from structid.inversion import Estimate, Status
@@ -15,6 +15,10 @@ from structid.unknowns.named_unknowns import DAMPING, MAY_VANISH
 #: Times its start, or parts of it, from where on a value is no longer taken for an answer. Starts that were 50 times off
 #: are found again, and what has no effect ends at the reach of the search, a million times the start.
 _FAR = 1e3
+#: What warnings say of a value whose interval reaches 0, and of standard deviations that are larger than those of noise.
+MAY_BE_ZERO = "is not significantly different from 0"
+OTHER_MINIMA = "searches ended at this minimum"
+INCLUDES_MODEL_ERROR = "standard deviations include the model error"
 
 
 def _scale_warnings(found: Estimate) -> list[str]:
@@ -31,13 +35,13 @@ def _scale_warnings(found: Estimate) -> list[str]:
     return []
 
 
-def _unidentified(found: Estimate) -> list[str]:
+def unidentified_warnings(found: Estimate) -> list[str]:
     """Each parameter that is not identified; very many of them together."""
     lost = np.flatnonzero(~found.identified & found.is_free)
     if not found.uncertainty.has_matrix:
         words = (
             f"{len(lost)} of {len(found.names)} parameters are not identified: their standard deviations are larger than"
-            f" their values or not known: {listed([found.names[i] for i in lost], 4)}"
+            f" their values or not known: {join_words([found.names[i] for i in lost], 4)}"
         )
         return [words] if lost.size else []
     where = ["at the initial values " if found.std[i] <= abs(found.values[i]) else "" for i in lost]
@@ -55,7 +59,7 @@ def unused_damping(
     if not open_ones or not any(problem.facts.leaves_damping_out for problem in problems):
         return []
     return [
-        f"damping is not determined ({listed([names[i] for i in open_ones], 3)}), and the measured damping ratios are not used:"
+        f"damping is not determined ({join_words([names[i] for i in open_ones], 3)}), and the measured damping ratios are not used:"
         " write `use_damping = true` in"
         " [record.modes]"
     ]
@@ -69,28 +73,26 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
     warnings.extend(one.words for one in sorted(found.at_bound, key=lambda one: -one.push))
     warnings.extend(f"the data determine {direction.words}" for direction in found.identifiability.directions)
     warnings.extend(_scale_warnings(found))
-    warnings.extend(_unidentified(found))
+    warnings.extend(unidentified_warnings(found))
     absent = found.may_be_absent()
     for i in np.flatnonzero(absent & found.is_free).tolist():
         unit = "" if found.units[i] == "1" else f" {found.units[i]}"
-        warnings.append(
-            f"{found.names[i]} is not told from 0: its 95 % interval ends at {found.interval()[i, 1]:.2g}{unit}"
-        )
+        warnings.append(f"{found.names[i]} {MAY_BE_ZERO} (95 % interval up to {found.interval()[i, 1]:.2g}{unit})")
     tests = () if found.residual_tests is None else found.residual_tests.words
     too_large = [w for w in tests if "larger than the noise allows" in w]  # told below, with what is done about it
     warnings.extend(w for w in tests if w not in too_large)
-    if found.n_fitting < 2 and found.n_agreeing < found.n_starts and not found.is_exhaustive:
+    is_open = found.n_fitting < 2 and found.n_starts > 1 and found.n_agreeing < found.n_starts
+    if is_open and not found.is_exhaustive:
         warnings.append(
-            f"{found.n_agreeing} of {found.n_starts} searches ended at this minimum, the others at worse ones:"
+            f"{found.n_agreeing} of {found.n_starts} {OTHER_MINIMA}, the others at worse ones:"
             " there may be a better one still; start closer, or try more `restarts`"
         )
-    carried = "standard deviations are those that carry model error"
     if found.disagreement is not None:
-        warnings.append(f"{found.disagreement.words}: {carried}, each mode left out in turn")
+        warnings.append(f"{found.disagreement.words}: {INCLUDES_MODEL_ERROR}, each mode left out in turn")
     if found.covariance_basis == "model_error" and (too_large or found.disagreement is None):
         warnings.append(
             f"the model does not fit to within the noise ({found.misfit_words}, residual correlated over"
-            f" {found.residual_correlation:.0f} lines): {carried}"
+            f" {found.residual_correlation:.0f} lines): {INCLUDES_MODEL_ERROR}"
         )
     return tuple(warnings)
 

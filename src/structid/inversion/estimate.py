@@ -11,7 +11,7 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray, locked
-from structid.core.display import Overview, Shown, counted, data_frame, figures, listed
+from structid.core.display import Overview, Shown, data_frame, format_number, join_words, plural
 from structid.core.errors import InputError
 from structid.inversion.averaging import expected_square
 from structid.inversion.covariance import correlation_length
@@ -143,7 +143,7 @@ class Goodness:
         """The misfit in the one scale of all that shows it: root mean square over what is expected of noise and tolerances."""
         if not self.degrees_of_freedom > 0:
             return "no degree of freedom is left to test the model"
-        return f"misfit {figures(float(np.sqrt(self.misfit)), 3)} times what is expected"
+        return f"misfit {format_number(float(np.sqrt(self.misfit)), 3)} times what is expected"
 
     @property
     def chi_square_per_dof(self) -> float:
@@ -226,7 +226,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
             at_bound = ", ".join(one.name for one in self.at_bound)
             return f"the search converged with {at_bound} at a bound, and the data determine every other parameter"
         if self.status is Status.CONVERGED and few and not self.identified.all():
-            lost = listed([name for name, known in zip(self.names, self.identified, strict=True) if not known])
+            lost = join_words([name for name, known in zip(self.names, self.identified, strict=True) if not known])
             return f"the search converged; models that are about as likely leave {lost} open"
         return self.status.words if few else _WORDS_WITH_PRIORS.get(self.status, self.status.words)
 
@@ -309,19 +309,19 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
             If there is none of that name; with those that there are.
         """
         if name not in self.names:
-            raise KeyError(f"no parameter {name!r}; there are {listed(self.names)}")
+            raise KeyError(f"no parameter {name!r}; there are {join_words(self.names)}")
         index = self.names.index(name)
         return Value(float(self.values[index]), float(self.std[index]))
 
     def overview(self) -> Overview:
         """Status and fit, and one row a parameter."""
         words = (
-            f"{self.status.value}, {counted(len(self.names), 'parameter')} from {self.n_data} data,"
+            f"{self.status.value}, {plural(len(self.names), 'parameter')} from {self.n_data} data,"
             f" {self.misfit_words};"
             f" standard deviations from {self.covariance_basis.replace('_', ' ')}"
         )
         rows = [
-            (name, figures(value), figures(std, 2), figures(initial), unit)
+            (name, format_number(value), format_number(std, 2), format_number(initial), unit)
             for name, value, std, initial, unit in zip(
                 self.names, self.values, self.std, self.initial, self.units, strict=True
             )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.modal.modal_record import ModalRecord, by_frequency, largest_entries, unscaled_shape_std
@@ -150,7 +150,7 @@ def common_sensors(
                 lacking = next(name for name, part in zip(called, own, strict=True) if dof not in part)
                 raise InputError(f"`references` must be in all set-ups; {dof} is not in {lacking}")
     if not wanted:
-        sensors = "; ".join(f"{name} has {listed(part)}" for name, part in zip(called, channels, strict=True))
+        sensors = "; ".join(f"{name} has {join_words(part)}" for name, part in zip(called, channels, strict=True))
         raise InputError(
             f"set-ups must have a sensor in common, and none is in all of them: {sensors}; keep references at the same"
             " places, and call them alike in all files"
@@ -333,9 +333,9 @@ def _named(chosen: NDArray[np.bool_], frequency: FloatArray) -> str:
 
 
 def _disagreement(mode: int, frequency: FloatArray, probability: float, factor: float) -> str:
-    listed = ", ".join(f"{f:.5g}" for f in frequency)
+    join_words = ", ".join(f"{f:.5g}" for f in frequency)
     return (
-        f"mode {mode + 1}: the set-ups disagree more than their intervals say ({listed} Hz, probability"
+        f"mode {mode + 1}: the set-ups disagree more than their intervals say ({join_words} Hz, probability"
         f" {probability:.1g}): the structure changed between them, as with temperature or load, or a record is too short;"
         f" its standard deviations are {factor:.2g} times as wide. Measure the set-ups soon after one another"
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray, locked, require_finite, require_shape
-from structid.core.display import Overview, Shown, counted, data_frame, figures, listed
+from structid.core.display import Overview, Shown, data_frame, format_number, join_words, plural
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 
@@ -157,10 +157,12 @@ class ModalRecord(Shown):
 
     def overview(self) -> Overview:
         """Modes and channels, and one row a mode."""
-        words = f"{counted(self.n_modes, 'mode')} at {counted(len(self.channels), 'channel')} ({listed(self.channels)})"
+        words = (
+            f"{plural(self.n_modes, 'mode')} at {plural(len(self.channels), 'channel')} ({join_words(self.channels)})"
+        )
         words += self.unknown_words
         rows = [
-            (str(number + 1), *(figures(value, digits) for value, digits in zip(row, (6, 2, 3, 2), strict=True)))
+            (str(number + 1), *(format_number(value, digits) for value, digits in zip(row, (6, 2, 3, 2), strict=True)))
             for number, row in enumerate(_table(self).tolist())
         ]
         return Overview(words, ("mode", "frequency, Hz", "std", "damping ratio", "std"), rows)
@@ -184,7 +186,7 @@ class ModalRecord(Shown):
         """How many entries of the shapes are unknown, to follow other words; "" where none is."""
         known = self.known
         count, bare = int((~known).sum()), int((~known.any(axis=0)).sum()) if known.size else 0
-        without = f", {counted(bare, 'mode')} without a shape" if bare else ""
+        without = f", {plural(bare, 'mode')} without a shape" if bare else ""
         return f", {count} of {known.size} shape entries unknown{without}" if count else ""
 
     @property

@@ -20,7 +20,7 @@ _DEFAULT_SENSORS = 4
 
 
 def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) -> PlanOptions:
-    """`options` with candidates and numbers filled in.
+    """`options` with every default filled in (candidate sensors and loads, their numbers), after checks of all of them.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
         If they cannot be used; the message says which and why.
     """
     frequency = np.asarray(options.frequency, dtype=np.float64)
-    _require_lines(frequency)
+    _require_increasing(frequency)
     if not (options.relative_noise >= 0 and options.absolute_noise >= 0) or not (
         options.relative_noise + options.absolute_noise > 0
     ):
@@ -42,12 +42,12 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
     moving = sorted(
         dof.unsigned for dof in (*structure.dofs, *(dof for one in structure.reductions for dof in one.inside))
     )
-    every = tuple(dof for dof in moving if dof.node in structure.nodes and not dof.is_rotation)
-    every_load = every
+    translations = tuple(dof for dof in moving if dof.node in structure.nodes and not dof.is_rotation)
+    drivable = translations
     if options.kind == "transmissibility":
-        every_load = tuple(base.supports[0] for base in structure.bases)
-    sensors = _joined(installed_sensors, parse_dofs(options.sensors) or every)
-    loads = _joined(installed_loads, parse_dofs(options.loads) or (() if installed_loads else every_load))
+        drivable = tuple(base.supports[0] for base in structure.bases)
+    sensors = _joined(installed_sensors, parse_dofs(options.sensors) or translations)
+    loads = _joined(installed_loads, parse_dofs(options.loads) or (() if installed_loads else drivable))
     if not loads and options.kind == "transmissibility":
         raise InputError(
             "transmissibility is per motion of a support that drives the structure; add a [[structure.base]]"
@@ -56,12 +56,12 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
         if not dofs:
             raise InputError(f"`{name}` must name at least one place; the structure has no free translation")
         structure.require_places(dofs, name == "loads")
-    n_sensors = _count("sensors", options.n_sensors, len(installed_sensors) or _DEFAULT_SENSORS, len(sensors))
-    n_loads = _count("loads", options.n_loads, len(installed_loads) or 1, len(loads))
+    n_sensors = _checked_count("sensors", options.n_sensors, len(installed_sensors) or _DEFAULT_SENSORS, len(sensors))
+    n_loads = _checked_count("loads", options.n_loads, len(installed_loads) or 1, len(loads))
     if n_loads > 1 and any(isinstance(element, Friction) for element in structure.elements):
         raise InputError("`n_loads` must be 1 for a structure with friction, whose motion is not a sum over loads")
     if options.n_frequencies is not None:
-        _count("frequencies", options.n_frequencies, 0, len(frequency))
+        _checked_count("frequencies", options.n_frequencies, 0, len(frequency))
     wanted_parameters(unknown, options.of_interest)
     require_declared(options)
     return replace(
@@ -77,17 +77,17 @@ def resolved(structure: Structure, unknown: Parameters, options: PlanOptions) ->
 
 
 def wanted_parameters(unknown: Parameters, wanted: Sequence[str]) -> np.ndarray:
-    """Which parameters `wanted` names, each in full or by its property; all of them if it is empty, (n_params,) bool."""
+    """Mask (n_params,) of the parameters that `wanted` names, each in full or by property; all True if it is empty."""
     if not wanted:
         return np.ones(unknown.n_params, dtype=bool)
     properties = [name.split("[")[0] for name in unknown.names]
     mask = np.zeros(unknown.n_params, dtype=bool)
     for text in wanted:
-        found = [text in (name, kind) for name, kind in zip(unknown.names, properties, strict=True)]
-        if not any(found):
-            near = difflib.get_close_matches(text, [*unknown.names, *properties], 1, 0.0)
-            raise InputError(f"`of_interest` names {text!r}, which is no parameter; the nearest is {near[0]!r}")
-        mask |= np.array(found)
+        matches = [text in (name, kind) for name, kind in zip(unknown.names, properties, strict=True)]
+        if not any(matches):
+            nearest = difflib.get_close_matches(text, [*unknown.names, *properties], 1, 0.0)
+            raise InputError(f"`of_interest` names {text!r}, which is no parameter; the nearest is {nearest[0]!r}")
+        mask |= np.array(matches)
     return mask
 
 
@@ -97,7 +97,8 @@ def positions(wanted: Iterable[Dof], among: Sequence[Dof]) -> tuple[int, ...]:
     return tuple(place[dof.unsigned] for dof in wanted)
 
 
-def _require_lines(frequency: np.ndarray) -> None:
+def _require_increasing(frequency: np.ndarray) -> None:
+    """Raise `InputError` unless `frequency` is a finite, increasing, non-negative array (n_lines,)."""
     if frequency.ndim != 1 or frequency.size == 0:
         raise InputError(f"`frequency` must be a list of at least one line in Hz, got shape {frequency.shape}")
     require_finite("frequency", frequency)
@@ -110,7 +111,8 @@ def _joined(first: tuple[Dof, ...], others: tuple[Dof, ...]) -> tuple[Dof, ...]:
     return tuple({dof.unsigned: dof for dof in (*others, *first)}.values())
 
 
-def _count(name: str, wanted: int | None, default: int, available: int) -> int:
+def _checked_count(name: str, wanted: int | None, default: int, available: int) -> int:
+    """The number of items to choose: `wanted`, checked against the `available` candidates, or `default` if it is None."""
     if wanted is None:
         return min(default, available)
     if not 1 <= wanted <= available:

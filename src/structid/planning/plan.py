@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.core.arrays import FloatArray, spread_over
+from structid.core.arrays import FloatArray, evenly_spaced_indices
 from structid.fem import Structure
 from structid.identification.checks import require_sound_model
 from structid.identification.fits.model_modes import structure_modes
@@ -35,7 +35,7 @@ _MOST_ROUNDS, _MOST_STARTS = 10, 8
 
 
 def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Plan:
-    """The best sensors, loads and lines of a test, and how well it would determine each parameter.
+    """The most informative sensors, loads and lines of a test, with the predicted accuracy of each parameter.
 
     The information of a test is the sum over its lines, sensors and loads of what each value tells of the relative
     parameters (Udwadia 1994); sets are chosen by greedy addition and exchange (Fedorov 1972), sensors and loads in
@@ -76,7 +76,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Pla
     options = resolved(structure, unknown, options)
     require_sound_model(structure, unknown.values(unknown.start), float(min(options.frequency)))
     ground = _ground(structure, unknown, options)
-    sensors, loads = _best_places(ground)
+    sensors, loads = _best_sensors_and_loads(ground)
     chosen = _at_all_lines(ground, "chosen", sensors, loads)
     installed = None
     if options.installed_sensors:
@@ -92,14 +92,14 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Pla
         options=options,
         installed=installed,
         chosen=chosen,
-        kammer=_at_all_lines(ground, "effective independence", _kammer_places(ground, len(sensors)), loads)
+        kammer=_at_all_lines(ground, "effective independence", _kammer_sensors(ground, len(sensors)), loads)
         if structure.has_modes
         else None,
         everything=everything,
         frequencies=best,
         spread=spread,
         next_sensors=_next_sensors(ground, installed or chosen),
-        enough=None if lines is None or options.target is None else _enough(ground, chosen, loads, lines),
+        enough=None if lines is None or options.target is None else _smallest_sufficient(ground, chosen, loads, lines),
         identifiability=identifiability(ground.rows(sensors, loads), unknown.start, unknown.names),
     )
 
@@ -162,45 +162,45 @@ def _ground(structure: Structure, unknown: Parameters, options: PlanOptions) -> 
     return _Ground(candidates, options, pair_roots(candidates), prior, wanted_parameters(unknown, options.of_interest))
 
 
-def _best_places(ground: _Ground) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """The best sensors and loads found from several first choices of the loads."""
+def _best_sensors_and_loads(ground: _Ground) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Indices of the sensors and of the loads of the most informative test, searched from several first choices of loads."""
     options, known = ground.options, ground.known
-    how = (options.criterion, ground.of_interest)
+    criterion = (options.criterion, ground.of_interest)
     by_load = ground.by_load(range(len(options.sensors)))
     count = options.n_loads or 1
-    starts = [optimal(by_load, known, count, *how)]
-    for load in np.argsort(-gains(by_load, known, *how), kind="stable")[:_MOST_STARTS].tolist():
-        others = greedy(by_load, np.vstack([known, by_load[load]]), min(count, len(by_load)), *how)
+    starts = [optimal(by_load, known, count, *criterion)]
+    for load in np.argsort(-gains(by_load, known, *criterion), kind="stable")[:_MOST_STARTS].tolist():
+        others = greedy(by_load, np.vstack([known, by_load[load]]), min(count, len(by_load)), *criterion)
         starts.append((load, *[i for i in others if i != load][: count - 1]))
-    found = {_settled(ground, start) for start in dict.fromkeys(starts)}
-    return max(sorted(found), key=lambda places: merit(np.vstack([known, ground.rows(*places)]), *how))
+    found = {_exchange_until_stable(ground, start) for start in dict.fromkeys(starts)}
+    return max(sorted(found), key=lambda places: merit(np.vstack([known, ground.rows(*places)]), *criterion))
 
 
-def _settled(ground: _Ground, loads: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Sensors and loads, each exchanged for the other until neither changes."""
+def _exchange_until_stable(ground: _Ground, loads: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Indices of sensors and of loads, improved in turn by exchanges until neither changes; `loads` is where to begin."""
     options, known = ground.options, ground.known
-    how = (options.criterion, ground.of_interest)
-    sensors = optimal(ground.by_sensor(loads), known, options.n_sensors or 1, *how)
+    criterion = (options.criterion, ground.of_interest)
+    sensors = optimal(ground.by_sensor(loads), known, options.n_sensors or 1, *criterion)
     for _ in range(_MOST_ROUNDS):
-        better_loads = exchanged(ground.by_load(sensors), known, loads, *how)
-        better_sensors = exchanged(ground.by_sensor(better_loads), known, sensors, *how)
+        better_loads = exchanged(ground.by_load(sensors), known, loads, *criterion)
+        better_sensors = exchanged(ground.by_sensor(better_loads), known, sensors, *criterion)
         if (better_loads, better_sensors) == (loads, sensors):
             break
         loads, sensors = better_loads, better_sensors
     return sensors, loads
 
 
-def _kammer_places(ground: _Ground, count: int) -> tuple[int, ...]:
-    """Sensors by effective independence of the modes in the band (the lowest modes where there are none in it)."""
+def _kammer_sensors(ground: _Ground, count: int) -> tuple[int, ...]:
+    """Indices of `count` sensors chosen by effective independence (Kammer) of the modes in the band, or of the lowest modes."""
     structure, unknown, frequency = (
         ground.candidates.structure,
         ground.candidates.parameters,
         ground.candidates.frequency,
     )
-    found = structure_modes(structure, unknown.values(unknown.start), structure.n_dofs)
-    inside = np.flatnonzero((found.frequency >= frequency[0]) & (found.frequency <= frequency[-1]))
-    used = (inside if len(inside) else np.arange(len(found.frequency)))[:count]
-    shapes = structure.selection(ground.candidates.sensors).T @ found.mode_shapes[:, used]
+    modes = structure_modes(structure, unknown.values(unknown.start), structure.n_dofs)
+    in_band = np.flatnonzero((modes.frequency >= frequency[0]) & (modes.frequency <= frequency[-1]))
+    used = (in_band if len(in_band) else np.arange(len(modes.frequency)))[:count]
+    shapes = structure.selection(ground.candidates.sensors).T @ modes.mode_shapes[:, used]
     return effective_independence(np.asarray(shapes), count)
 
 
@@ -232,12 +232,12 @@ def _at_lines(
 def _best_lines(
     ground: _Ground, chosen: PlannedTest, lines: FloatArray | None, count: int | None
 ) -> tuple[PlannedTest | None, PlannedTest | None]:
-    """`chosen` at its best `count` lines, and at as many that are spread evenly."""
+    """The test `chosen` at its `count` most informative lines, and at `count` evenly spaced ones; None, None without a count."""
     if lines is None or count is None:
         return None, None
     options = ground.options
     best = optimal(lines, ground.known, count, options.criterion, ground.of_interest)
-    even = tuple(spread_over(len(lines), count).tolist())
+    even = tuple(evenly_spaced_indices(len(lines), count).tolist())
     return (
         _at_lines(ground, chosen, f"chosen, best {count} lines", lines, best),
         _at_lines(ground, chosen, f"chosen, {len(even)} lines spread evenly", lines, even),
@@ -245,43 +245,46 @@ def _best_lines(
 
 
 def _next_sensors(ground: _Ground, start: PlannedTest) -> tuple[PlannedTest, ...]:
-    """`start` with one more sensor, for the candidates that would add most."""
+    """The tests that add one more sensor to `start`, for the candidates that add most information, best first."""
     options = ground.options
-    there, loads = positions(start.sensors, options.sensors), positions(start.loads, options.loads)
-    known = np.vstack([ground.known, ground.rows(there, loads)])
+    sensors, loads = positions(start.sensors, options.sensors), positions(start.loads, options.loads)
+    known = np.vstack([ground.known, ground.rows(sensors, loads)])
     gain = gains(ground.by_sensor(loads), known, options.criterion, ground.of_interest)
-    gain[list(there)] = -np.inf
+    gain[list(sensors)] = -np.inf
     order = [int(i) for i in np.argsort(-gain, kind="stable") if np.isfinite(gain[i])][:_SHOWN_NEXT]
-    return tuple(_at_all_lines(ground, f"{start.label} + {options.sensors[i]}", (*there, i), loads) for i in order)
+    return tuple(_at_all_lines(ground, f"{start.label} + {options.sensors[i]}", (*sensors, i), loads) for i in order)
 
 
-def _enough(ground: _Ground, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray) -> Enough:
-    """The smallest numbers of sensors and of lines that reach the target, by greedy choice."""
+def _smallest_sufficient(ground: _Ground, chosen: PlannedTest, loads: tuple[int, ...], lines: FloatArray) -> Enough:
+    """The smallest numbers of sensors and of lines (greedy choice), and the averages, that reach the target deviation."""
     target = float(ground.options.target or 0.0)
 
-    def with_sensors(places: tuple[int, ...]) -> PlannedTest:
-        return _at_all_lines(ground, f"enough for {target:g}: sensors", places, loads)
+    def with_sensors(indices: tuple[int, ...]) -> PlannedTest:
+        return _at_all_lines(ground, f"enough for {target:g}: sensors", indices, loads)
 
-    def with_lines(places: tuple[int, ...]) -> PlannedTest:
-        return _at_lines(ground, chosen, f"enough for {target:g}: lines", lines, places)
+    def with_lines(indices: tuple[int, ...]) -> PlannedTest:
+        return _at_lines(ground, chosen, f"enough for {target:g}: lines", lines, indices)
 
     return Enough(
         target,
-        _smallest(ground, ground.by_sensor(loads), with_sensors, target),
-        _smallest(ground, lines, with_lines, target),
+        _fewest_reaching(ground, ground.by_sensor(loads), with_sensors, target),
+        _fewest_reaching(ground, lines, with_lines, target),
         (chosen.worst_std / target) ** 2,
     )
 
 
-def _smallest(
-    ground: _Ground, candidates: FloatArray, made: Callable[[tuple[int, ...]], PlannedTest], target: float
+def _fewest_reaching(
+    ground: _Ground, candidates: FloatArray, make_test: Callable[[tuple[int, ...]], PlannedTest], target: float
 ) -> PlannedTest | None:
-    """The test of the fewest candidates, taken greedily, that reaches `target`; None where all of them do not."""
-    if made(tuple(range(len(candidates)))).worst_std > target:
+    """The test with the fewest candidates, added greedily, whose worst deviation is at most `target`; None if all do not reach it.
+
+    `candidates` holds information roots (n_candidates, n_rows, n_params); `make_test` turns chosen indices into a test.
+    """
+    if make_test(tuple(range(len(candidates)))).worst_std > target:
         return None
     criterion, wanted = ground.options.criterion, ground.of_interest
 
-    def reached(places: tuple[int, ...]) -> bool:
-        return made(places).worst_std <= target
+    def reached(indices: tuple[int, ...]) -> bool:
+        return make_test(indices).worst_std <= target
 
-    return made(greedy(candidates, ground.known, len(candidates), criterion, wanted, reached))
+    return make_test(greedy(candidates, ground.known, len(candidates), criterion, wanted, reached))

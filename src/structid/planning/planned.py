@@ -202,7 +202,7 @@ class Plan(PlannedTests):
 
     @property
     def is_undamped(self) -> bool:
-        """Whether nothing damps the initial model, whose resonances then are endlessly high."""
+        """True if the initial model has no damping, so that its resonances are infinitely high."""
         if not self.structure.has_matrices:
             return False
         values = self.parameters.values(self.parameters.start)

@@ -58,9 +58,9 @@ class Candidates:
 
 
 def pair_roots(given: Candidates) -> FloatArray:
-    """R with R'R the information of one sensor under one load over all lines, (n_sensors, n_loads, n_params, n_params).
+    """Triangular R with R'R the information of one sensor under one load over all lines, (n_sensors, n_loads, n_params, n_params).
 
-    Lines are taken in stretches, and each stretch is folded into the triangles before the next is computed.
+    Lines are processed in chunks, and each chunk is merged into the triangles before the next is computed.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def pair_roots(given: Candidates) -> FloatArray:
             f" candidates ({size / 1e9:.1f} GB); name fewer in `sensors` and `loads`"
         )
     roots = np.zeros((len(given.sensors), len(given.loads), n_params, n_params))
-    for loads, _, rows in _stretches(given, range(len(given.sensors)), range(len(given.loads))):
+    for loads, _, rows in _row_chunks(given, range(len(given.sensors)), range(len(given.loads))):
         n_lines = rows.shape[0]
         by_pair = np.moveaxis(rows, 0, 2).reshape(*rows.shape[1:3], n_lines * 2, n_params)
         stacked = np.concatenate([roots[:, loads], by_pair], axis=2)
@@ -84,19 +84,19 @@ def pair_roots(given: Candidates) -> FloatArray:
 
 
 def line_roots(given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...]) -> FloatArray:
-    """R with R'R the information of one line from these sensors and loads, (n_lines, n_rows, n_params)."""
+    """R with R'R the information of each line from the given sensors and loads (indices), (n_lines, n_rows, n_params)."""
     n_params, n_lines = given.parameters.n_params, len(given.frequency)
     parts: dict[int, list[FloatArray]] = {}
-    for _, lines, rows in _stretches(given, sensors, loads):
+    for _, lines, rows in _row_chunks(given, sensors, loads):
         parts.setdefault(lines.start, []).append(rows.reshape(rows.shape[0], -1, n_params))
-    found = [information_root(np.concatenate(blocks, axis=1)) for _, blocks in sorted(parts.items())]
-    return np.concatenate(found).reshape(n_lines, -1, n_params)
+    roots = [information_root(np.concatenate(blocks, axis=1)) for _, blocks in sorted(parts.items())]
+    return np.concatenate(roots).reshape(n_lines, -1, n_params)
 
 
-def _stretches(
+def _row_chunks(
     given: Candidates, sensors: range | tuple[int, ...], loads: range | tuple[int, ...]
 ) -> Iterator[tuple[slice, slice, FloatArray]]:
-    """Positions in `loads`, lines, and whitened rows (n_lines, n_sensors, n_loads, 2, n_params), piece by piece."""
+    """Chunks of whitened sensitivities: slice of `loads`, slice of lines, rows (n_lines, n_sensors, n_loads, 2, n_params)."""
     n_params, n_dofs = given.parameters.n_params, given.structure.n_dofs
     has_friction = any(isinstance(element, Friction) for element in given.structure.elements)
     per_load = 16 * len(sensors) * n_params
@@ -108,11 +108,16 @@ def _stretches(
         step = max(1, _CHUNK_BYTES // max(per_line, 1))
         for first in range(0, len(given.frequency), step):
             lines = slice(first, min(first + step, len(given.frequency)))
-            yield part, lines, _rows(given, tuple(sensors), chosen, lines)
+            yield part, lines, _whitened_sensitivities(given, tuple(sensors), chosen, lines)
 
 
-def _rows(given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...], lines: slice) -> FloatArray:
-    """Real and imaginary parts of the derivative by relative parameters, over the standard deviation of each part."""
+def _whitened_sensitivities(
+    given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...], lines: slice
+) -> FloatArray:
+    """Derivatives of the FRFs by relative parameter changes, divided by the noise, (n_lines, n_sensors, n_loads, 2, n_params).
+
+    The fourth axis has the real and the imaginary part; `sensors` and `loads` are indices of candidates.
+    """
     frequency = given.frequency[lines]
     record = FrfRecord(
         frequency,
@@ -122,17 +127,17 @@ def _rows(given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...], l
         given.kind,
     )
     values, derivative = response(given.structure, given.parameters, record).derivatives_at(given.parameters.start)
-    std = _deviation(given, values)
+    std = _noise_deviation(given, values)
     # a value that nothing moves, at rest on the path of every load, has no noise either and tells nothing
     weight = np.divide(1.0, std, out=np.zeros_like(std), where=std > 0)
     rows = derivative * given.scale * weight[..., None]
     return np.stack([rows.real, rows.imag], axis=3)
 
 
-def _deviation(given: Candidates, values: ComplexArray) -> FloatArray:
-    """Standard deviation of the real (and of the imaginary) part of every value."""
+def _noise_deviation(given: Candidates, values: ComplexArray) -> FloatArray:
+    """Standard deviation of the real (and of the imaginary) part of each FRF value, as `values` (n_lines, n_sensors, n_loads)."""
     size = np.abs(values)
     rounding = _ROUNDING * size.max(axis=(1, 2), keepdims=True)
     noise = np.hypot(given.relative_noise * size, given.absolute_noise)
-    small = size < rounding
-    return np.where(small, np.maximum(noise, size.max(axis=(1, 2), keepdims=True)), noise) / np.sqrt(2)
+    is_rounding = size < rounding
+    return np.where(is_rounding, np.maximum(noise, size.max(axis=(1, 2), keepdims=True)), noise) / np.sqrt(2)

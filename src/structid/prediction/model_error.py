@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
-from structid.core.display import figures
+from structid.core.display import format_number
 from structid.core.units import FrfKind
 from structid.forward import FrfProblem
 from structid.forward.frf.response import response
@@ -74,7 +74,7 @@ class ModelError:
     @property
     def words(self) -> str:
         """Such as ``what the fit misses at a sensor left out (median 2.1 % of the responses)``."""
-        part = figures(100 * float(np.median(self.part)), 2)
+        part = format_number(100 * float(np.median(self.part)), 2)
         return f"what the fit misses at a sensor left out (median {part} % of the responses)"
 
     def added_to(

@@ -53,6 +53,7 @@ class PredictOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        """Check each option; `InputError` for an unknown kind or a band that is none."""
         require_declared(self)
         if self.band is not None and not 0 < self.band[0] < self.band[1]:
             raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {self.band}", "band")

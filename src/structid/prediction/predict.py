@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.core.arrays import FloatArray, NumberArray
-from structid.core.display import Overview, Shown, figures
+from structid.core.display import Overview, Shown, format_number
 from structid.core.errors import InputError, SingularModelError
 from structid.fem import Structure
 from structid.identification.identified import Identification
@@ -58,7 +58,9 @@ class Prediction(Shown):
         part = np.divide(self.high - self.low, 2 * size, out=np.zeros(size.shape), where=size > 0)
         axes = ", ".join(f"{len(entries)} {name}" for name, entries in self.quantity.axes.items())
         words = f"{type(self.quantity).__name__} of {axes}, {self.quantity.unit}; half-width of the 95 % band: median"
-        return Overview(f"{words} {figures(100 * float(np.median(part)), 3)} % of the value; {self.words}", (), ())
+        return Overview(
+            f"{words} {format_number(100 * float(np.median(part)), 3)} % of the value; {self.words}", (), ()
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import linalg
 
 from structid.core.arrays import FloatArray
-from structid.core.display import Overview, Shown, figures, listed
+from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, NoAnswerError
 from structid.files import atomic_write
@@ -62,9 +62,11 @@ class StateSpace(Shown):
     def overview(self) -> Overview:
         """Order, channels and error."""
         kind = "continuous time" if self.sampling_rate is None else f"{self.sampling_rate:g} samples a second"
+        error = format_number(100 * self.error, 2)
         return Overview(
-            f"{len(self.a)} states in {kind}, {self.motion} at {listed(self.outputs)} under forces at {listed(self.inputs)};"
-            f" largest error of FRFs from {self.band[0]:g} to {self.band[1]:g} Hz {figures(100 * self.error, 2)} % of the largest"
+            f"{len(self.a)} states in {kind}, {self.motion} at {join_words(self.outputs)} under forces at"
+            f" {join_words(self.inputs)};"
+            f" largest error of FRFs from {self.band[0]:g} to {self.band[1]:g} Hz {error} % of the largest"
         )
 
     def frf(self, frequency: FloatArray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 
 from structid.core.arrays import FloatArray
-from structid.core.display import Overview, Shown, figures, listed
+from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoAnswerError
 from structid.dynamics.exact_discretization import stepped
@@ -91,7 +91,11 @@ class SensedMotion(Shown):
     def overview(self) -> Overview:
         """One row an output: its size and its standard deviation."""
         rows = [
-            (str(dof), figures(float(np.sqrt(np.mean(value**2))), 3), figures(float(np.sqrt(np.mean(std**2))), 2))
+            (
+                str(dof),
+                format_number(float(np.sqrt(np.mean(value**2))), 3),
+                format_number(float(np.sqrt(np.mean(std**2))), 2),
+            )
             for dof, value, std in zip(
                 (*self.outputs, *self.force_dofs),
                 (*self.values.T, *self.forces.T),
@@ -99,9 +103,9 @@ class SensedMotion(Shown):
                 strict=True,
             )
         ]
-        told = "".join(f"; {dof}, left out: {figures(z, 3)} times its stated deviation" for dof, z in self.checks)
+        told = "".join(f"; {dof}, left out: {format_number(z, 3)} times its stated deviation" for dof, z in self.checks)
         return Overview(
-            f"{self.motion} at {listed(self.outputs)} over {len(self.time)} samples{told}",
+            f"{self.motion} at {join_words(self.outputs)} over {len(self.time)} samples{told}",
             ("where", "rms", "± rms"),
             rows,
         )
@@ -193,7 +197,9 @@ def sense(
     remaining = nominal.variance[n_wanted + n_left :] / std**2 if forces else np.zeros(0)
     blind = [str(dof) for dof, part in zip(forces, remaining, strict=True) if part > _UNSEEN]
     words = (
-        (f"the record says next to nothing of the force at {listed(blind)}: no sensor moves with it",) if blind else ()
+        (f"the record says next to nothing of the force at {join_words(blind)}: no sensor moves with it",)
+        if blind
+        else ()
     )
     return SensedMotion(
         np.arange(len(record.values)) / rate,

@@ -80,7 +80,7 @@ class MemoryRecord:
 
     def chunks(self, first: int = 0, last: int | None = None, longest: int | None = None) -> Iterator[FloatArray]:
         """Samples `first` to `last` in order, (n_channels, at most `longest`) each."""
-        for begin, stop in _stretches(self.n_times, len(self.channels), first, last, longest):
+        for begin, stop in _sample_chunks(self.n_times, len(self.channels), first, last, longest):
             yield np.ascontiguousarray(self.record.values[begin:stop].T)
 
 
@@ -122,30 +122,30 @@ class OnDiskRecord:
         InputError
             If a sample is missing (NaN or infinite).
         """
-        for begin, stop in _stretches(self.n_times, len(self.channels), first, last, longest):
-            yield self._chunk(begin, stop)
+        for begin, stop in _sample_chunks(self.n_times, len(self.channels), first, last, longest):
+            yield self._read_chunk(begin, stop)
 
-    def _chunk(self, begin: int, stop: int) -> FloatArray:
-        """Channels first, in double precision; turned a few samples at a time, so that little else is in memory."""
+    def _read_chunk(self, begin: int, stop: int) -> FloatArray:
+        """Samples `begin` to `stop` in SI units, (n_channels, n_samples); transposed in small parts to save memory."""
         if self.samples_first:
             chunk = np.empty((len(self.channels), stop - begin))
             step = max(_LINE, _AT_ONCE // (8 * len(self.channels)))
-            for at in range(begin, stop, step):
-                end = min(at + step, stop)
-                read = self._read(at, end)
+            for first in range(begin, stop, step):
+                end = min(first + step, stop)
+                rows = self._read(first, end)
                 for row in range(0, len(chunk), 512):
-                    chunk[row : row + 512, at - begin : end - begin] = read[:, row : row + 512].T
+                    chunk[row : row + 512, first - begin : end - begin] = rows[:, row : row + 512].T
         else:
             chunk = np.ascontiguousarray(self._read(begin, stop), dtype=np.float64)
         if self.factors is not None:
             chunk *= self.factors[:, None]
-        self._require_whole(chunk, begin)
+        self._require_finite_samples(chunk, begin)
         return chunk
 
     def _read(self, begin: int, stop: int) -> np.ndarray:
-        """These samples, as they lie in the file; opened anew for each chunk, so that a change is noticed."""
+        """Samples `begin` to `stop` as they lie in the file, which is opened anew so that changes are noticed."""
         shape = (self.n_times, len(self.channels)) if self.samples_first else (len(self.channels), self.n_times)
-        stored = _stored(self.path, self.array, f"at sample {begin}")
+        stored = _locate_array(self.path, self.array, f"at sample {begin}")
         if stored.shape != shape:
             axis = 0 if self.samples_first else 1
             now = stored.shape[axis] if len(stored.shape) == 2 else 0
@@ -157,24 +157,27 @@ class OnDiskRecord:
             return hdf5_part(self.path, self.array, begin, stop, 0 if self.samples_first else 1)
         if self.samples_first and not stored.fortran:
             return self._read_rows(stored.offset, stored.dtype, begin, stop)
-        with _damage_told(self.path, f"at sample {begin}"):
+        with _reading_errors(self.path, f"at sample {begin}"):
             order: Literal["C", "F"] = "F" if stored.fortran else "C"
             mapped = np.memmap(self.path, stored.dtype, "r", stored.offset, shape, order)
             return np.array(mapped[begin:stop] if self.samples_first else mapped[:, begin:stop])
 
     def _read_rows(self, offset: int, dtype: np.dtype, begin: int, stop: int) -> np.ndarray:
-        """Whole samples by plain reading: no mapped pages, and no fault where the file is cut."""
+        """Samples `begin` to `stop`, (n_samples, n_channels), by plain reading from byte `offset`; a short file is an error."""
         count = len(self.channels)
-        with _damage_told(self.path, f"at sample {begin}"):
-            found = np.fromfile(
+        with _reading_errors(self.path, f"at sample {begin}"):
+            values = np.fromfile(
                 self.path, dtype, (stop - begin) * count, offset=offset + begin * count * dtype.itemsize
             )
-        if len(found) < (stop - begin) * count:
-            at = begin + len(found) // count
-            raise FileError(f"{self.path}: ends at sample {at} of {self.n_times}; copy it again, and resume from there")
-        return found.reshape(-1, count)
+        if len(values) < (stop - begin) * count:
+            end_of_file = begin + len(values) // count
+            raise FileError(
+                f"{self.path}: ends at sample {end_of_file} of {self.n_times}; copy it again, and resume from there"
+            )
+        return values.reshape(-1, count)
 
-    def _require_whole(self, chunk: FloatArray, begin: int) -> None:
+    def _require_finite_samples(self, chunk: FloatArray, begin: int) -> None:
+        """Raise `InputError` with channel and time if a sample of `chunk` is NaN or infinite; it starts at sample `begin`."""
         if np.isfinite(np.add.reduce(chunk, axis=None)):  # NaN and infinity survive a sum
             return
         bad = ~np.isfinite(chunk)
@@ -217,7 +220,7 @@ def open_record(path: str | Path, options: ReadOptions | None = None) -> OnDiskR
         own = _own_layout(path)
         if own is not None:
             return own
-    array = _only_array(path, chosen.array) if path.suffix.lower() in _HDF5 else ""
+    array = _choose_array(path, chosen.array) if path.suffix.lower() in _HDF5 else ""
     for name, purpose in (("sampling_rate", "its sampling rate"), ("channels", "what its channels are")):
         require_option(path, chosen, name, purpose)
     if not chosen.units:
@@ -225,10 +228,10 @@ def open_record(path: str | Path, options: ReadOptions | None = None) -> OnDiskR
     channels = _dofs(chosen.channels)
     quantities, factors = channel_units(path, channels, chosen)
     shape = _shape(path, array)
-    return _record(path, array, channels, quantities, float(chosen.sampling_rate or 0.0), shape, factors)
+    return _make_record(path, array, channels, quantities, float(chosen.sampling_rate or 0.0), shape, factors)
 
 
-def _record(
+def _make_record(
     path: Path,
     array: str,
     channels: tuple[Dof, ...],
@@ -237,6 +240,7 @@ def _record(
     shape: tuple[int, ...],
     factors: FloatArray | None,
 ) -> OnDiskRecord:
+    """The record on disk with these channels, after checks of the array's shape."""
     count = len(channels)
     if len(shape) != 2 or count not in shape:
         raise InputError(f"{path}: must hold an array of samples by {count} channels, got shape {shape}; name them all")
@@ -254,7 +258,7 @@ def _record(
 
 
 def _own_layout(path: Path) -> OnDiskRecord | None:
-    """The record of a file in structid's own layout; None for another."""
+    """The record in a file with structid's own layout, or None for another file."""
     datasets = hdf5_datasets(path)
     if MARK not in datasets:
         return None
@@ -265,28 +269,29 @@ def _own_layout(path: Path) -> OnDiskRecord | None:
     if fields[MARK] != "time 1":
         raise InputError(f"{path}: holds no time histories; only they are read by chunks")
     channels, quantities = _dofs(texts_of(fields["channels"])), texts_of(fields["quantities"])
-    with _damage_told(path, "as it was opened"):
+    with _reading_errors(path, "as it was opened"):
         rate, shape = float(np.ravel(fields["sampling_rate"])[0]), datasets["values"].shape
     for quantity in dict.fromkeys(quantities):
         if quantity not in QUANTITY_UNITS:
             raise FileError(f"{path}: has channels of {quantity!r}, which this version does not know")
     if len(quantities) != len(channels):
         raise FileError(f"{path}: names {len(channels)} channels and {len(quantities)} quantities; write it again")
-    return _record(path, "values", channels, cast(tuple[Quantity, ...], quantities), rate, shape, None)
+    return _make_record(path, "values", channels, cast(tuple[Quantity, ...], quantities), rate, shape, None)
 
 
 def _dofs(texts: Iterable[str]) -> tuple[Dof, ...]:
-    """Degrees of freedom of many texts, each different one read once."""
-    known: dict[str, Dof] = {}
+    """Degrees of freedom of many texts; each different text is parsed once."""
+    by_text: dict[str, Dof] = {}
     for text in texts:
-        if text not in known:
-            known[text] = parse_dof(text)
-    return tuple(known[text] for text in texts)
+        if text not in by_text:
+            by_text[text] = parse_dof(text)
+    return tuple(by_text[text] for text in texts)
 
 
-def _only_array(path: Path, wanted: str) -> str:
+def _choose_array(path: Path, wanted: str) -> str:
+    """Name of the array to read: `wanted`, or the only one of numbers with two axes."""
     datasets = hdf5_datasets(path)
-    numeric = [name for name, found in datasets.items() if found.dtype.kind in "fiu" and len(found.shape) == 2]
+    numeric = [name for name, dataset in datasets.items() if dataset.dtype.kind in "fiu" and len(dataset.shape) == 2]
     if wanted and wanted in numeric:
         return wanted
     if wanted or len(numeric) != 1:
@@ -297,7 +302,8 @@ def _only_array(path: Path, wanted: str) -> str:
 
 
 def _shape(path: Path, array: str) -> tuple[int, ...]:
-    stored = _stored(path, array, "as it was opened")
+    """Shape of the stored array; `FileError` unless it holds real numbers."""
+    stored = _locate_array(path, array, "as it was opened")
     if stored.dtype.kind not in "fiu":
         raise FileError(f"{path}: must hold real numbers, got type {stored.dtype}")
     return stored.shape
@@ -312,9 +318,9 @@ class _Stored(NamedTuple):
     fortran: bool
 
 
-def _stored(path: Path, array: str, when: str) -> _Stored:
-    """How the array of an NPY file, or the dataset `array` of an HDF5 file, lies in it."""
-    with _damage_told(path, when):
+def _locate_array(path: Path, array: str, when: str) -> _Stored:
+    """Shape, type, first byte and order of the array of an NPY file, or of the dataset `array` of an HDF5 file."""
+    with _reading_errors(path, when):
         if array:
             return _Stored(*hdf5_datasets(path)[array], False)
         header = npy_header(path)
@@ -322,7 +328,8 @@ def _stored(path: Path, array: str, when: str) -> _Stored:
 
 
 @contextmanager
-def _damage_told(path: Path, when: str) -> Iterator[None]:
+def _reading_errors(path: Path, when: str) -> Iterator[None]:
+    """Context manager: exceptions due to damaged content become `FileError` with the path; `when` says at which point."""
     try:
         yield
     except DAMAGE as error:
@@ -332,9 +339,10 @@ def _damage_told(path: Path, when: str) -> Iterator[None]:
         ) from error
 
 
-def _stretches(
+def _sample_chunks(
     n_times: int, n_channels: int, first: int, last: int | None, longest: int | None
 ) -> Iterator[tuple[int, int]]:
+    """Chunks of samples (begin, stop) from `first` to `last`, at most `longest` samples each."""
     end = n_times if last is None else last
     if not 0 <= first <= end <= n_times:
         raise InputError(f"`first` and `last` must lie from 0 to {n_times} in this order, got {first} and {end}")

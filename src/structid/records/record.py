@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from structid.core.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
-from structid.core.display import Overview, Shown, counted, data_array, figures, listed
+from structid.core.display import Overview, Shown, data_array, format_number, join_words, plural
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoLinesError
 from structid.core.units import FrfKind, Quantity
@@ -45,6 +45,7 @@ LOADS: tuple[Quantity, ...] = ("force", "support_acceleration")
 
 
 def _require_distinct(name: str, dofs: tuple[Dof, ...]) -> None:
+    """Raise `InputError` if `dofs` has one twice; `name` is the argument in the message."""
     seen: set[Dof] = set()
     for dof in dofs:
         if dof in seen:
@@ -55,6 +56,7 @@ def _require_distinct(name: str, dofs: tuple[Dof, ...]) -> None:
 
 
 def _require_increasing(name: str, axis: FloatArray) -> None:
+    """Raise `InputError` unless `axis` (n,) increases; `name` is the argument in the message."""
     steps = np.diff(axis)
     if (steps <= 0).any():
         i = int(np.argmax(steps <= 0))
@@ -142,6 +144,7 @@ class FrfRecord(Shown):
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        """Convert, lock and check the fields."""
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
         object.__setattr__(self, "values", locked(self.values, np.complex128))
         object.__setattr__(self, "outputs", parse_dofs(self.outputs))
@@ -178,16 +181,17 @@ class FrfRecord(Shown):
             raise InputError(f"`segment` must be a duration above 0 s, got {self.segment:g}")
 
     def overview(self) -> Overview:
-        """Kind, lines, channels, noise, and one row a sensor."""
+        """Kind, lines, channels and noise, and one row for each sensor."""
         first, last = self.frequency[[0, -1]].tolist()
         words = (
-            f"{self.kind}, {counted(len(self.frequency), 'line')} from {figures(first)} to {figures(last)} Hz,"
-            f" {counted(len(self.outputs), 'sensor')}, {counted(len(self.inputs), 'load')} at {listed(self.inputs)};"
+            f"{self.kind}, {plural(len(self.frequency), 'line')} from {format_number(first)} to {format_number(last)} Hz,"
+            f" {plural(len(self.outputs), 'sensor')}, {plural(len(self.inputs), 'load')} at {join_words(self.inputs)};"
             f" noise: {self.noise_source}"
         )
         rms = np.sqrt(np.mean(np.abs(self.values) ** 2, axis=0))
         rows = [
-            (str(dof), *(figures(size, 4) for size in row)) for dof, row in zip(self.outputs, rms.tolist(), strict=True)
+            (str(dof), *(format_number(size, 4) for size in row))
+            for dof, row in zip(self.outputs, rms.tolist(), strict=True)
         ]
         return Overview(words, ("sensor", *(f"rms under {dof}" for dof in self.inputs)), rows)
 
@@ -225,7 +229,7 @@ class FrfRecord(Shown):
         return self.lines(np.flatnonzero((self.frequency >= low) & (self.frequency <= high)))
 
     def lines(self, keep: np.ndarray) -> FrfRecord:
-        """The lines at the indices (or where the mask) `keep`."""
+        """The record at the lines `keep`, indices or a mask."""
         keep = np.asarray(keep)
         if not np.size(self.frequency[keep]):
             raise NoLinesError(
@@ -235,7 +239,7 @@ class FrfRecord(Shown):
         return _cut(self, (keep,), self.frequency[keep], decay, self.outputs, self.inputs)
 
     def channels(self, outputs: tuple[Dof, ...]) -> FrfRecord:
-        """The same record with these outputs only, in this order."""
+        """The record with these outputs only, in this order."""
         missing = [str(dof) for dof in outputs if dof not in self.outputs]
         if missing:
             raise InputError(
@@ -250,7 +254,7 @@ class FrfRecord(Shown):
         return _cut(self, index, self.frequency, self.decay, *named)
 
     def as_kind(self, kind: FrfKind) -> FrfRecord:
-        """The same measurement as receptance, mobility or accelerance: multiplied by a power of its Laplace variable.
+        """The record as receptance, mobility or accelerance: its values times a power of the Laplace variable.
 
         Raises
         ------
@@ -273,14 +277,14 @@ class FrfRecord(Shown):
 
 
 def _require_within(record: FrfRecord, name: str, array: FloatArray) -> None:
-    """Refuse a coherence outside of 0 to 1, or what else is below 0, and say where."""
+    """Raise `InputError` if a coherence is outside of 0 to 1, or another array below 0, and say where."""
     most, words = (COHERENCE_MOST, "from 0 to 1") if name == "coherence" else (np.inf, "at least 0")
     wrong = np.argwhere((array < 0) | (array > most))
     if len(wrong):
         line, output, load = wrong[0].tolist()
         raise InputError(
             f"`{name}` must be {words}, got {array[line, output, load]:.9g} of {record.outputs[output]}/{record.inputs[load]} at"
-            f" {record.frequency[line]:g} Hz ({counted(len(wrong), 'such value')}); repair or remove these lines"
+            f" {record.frequency[line]:g} Hz ({plural(len(wrong), 'such value')}); repair or remove these lines"
         )
 
 
@@ -336,7 +340,7 @@ def coherence_variance(values: ComplexArray, coherence: FloatArray, averages: in
 
 
 def with_coherence_noise(record: FrfRecord, averages: int | None = None) -> FrfRecord:
-    """`record` with its variance taken from its coherence and number of averages."""
+    """`record` with its variance from its coherence and the number of averages."""
     count = averages if averages is not None else record.averages
     if record.coherence is None or count is None:
         raise InputError(
@@ -366,8 +370,8 @@ def with_declared_noise(record: FrfRecord, relative: float = 0.0, absolute: floa
 def from_repeats(records: list[FrfRecord]) -> FrfRecord:
     """The mean of repeated measurements, with the variance of that mean from their scatter.
 
-    Few repeats tell the variance of a line badly: their scatter is averaged over as many neighbouring lines as it takes to
-    have 20 degrees of freedom, as a part of each value's square or as it is, whichever is more alike over the lines.
+    Few repeats tell the variance of a line badly: their scatter is averaged over as many neighbouring lines as it takes
+    to have 20 degrees of freedom, as a part of each value's square or as it is, whichever is more alike over the lines.
 
     Raises
     ------
@@ -384,35 +388,36 @@ def from_repeats(records: list[FrfRecord]) -> FrfRecord:
     require_shared("frequencies, Hz", [record.frequency.tolist() for record in records], sources)
     values = np.array([record.values for record in records])
     mean, variance = values.mean(axis=0), values.var(axis=0, ddof=1) / len(records)
-    pooled, relative = _pooled(variance, np.abs(mean) ** 2, 2 * (len(records) - 1))
+    pooled, relative = _pool_variance(variance, np.abs(mean) ** 2, 2 * (len(records) - 1))
     return replace(
         first, values=mean, variance=pooled, noise_source="repeats", coherence=None, relative=relative, sizes=None
     )
 
 
-def _pooled(variance: FloatArray, square: FloatArray, freedom: int) -> tuple[FloatArray, FloatArray | None]:
-    """Variances (n_lines, n_outputs, n_inputs) of so many degrees of freedom, averaged over neighbouring lines.
+def _pool_variance(variance: FloatArray, square: FloatArray, freedom: int) -> tuple[FloatArray, FloatArray | None]:
+    """Variances (n_lines, n_outputs, n_inputs) averaged over neighbouring lines, and relative deviations or None.
 
-    And standard deviations as parts of the values' sizes, 0 of channels that are averaged as they are.
+    `freedom` is the number of degrees of freedom of each variance, `square` the squared modulus of the values. Relative
+    deviations are 0 for channels whose variance is averaged as it is.
     """
     reach = -(-(_FREEDOM // freedom) // 2)
     if not reach or len(variance) <= 2 * reach:
         return variance, None
-    found, relative = np.empty_like(variance), np.zeros_like(variance)
+    pooled, relative = np.empty_like(variance), np.zeros_like(variance)
     for pair in np.ndindex(variance.shape[1:]):
-        own, size = variance[:, *pair], square[:, *pair]
+        raw, size = variance[:, *pair], square[:, *pair]
         with np.errstate(divide="ignore", invalid="ignore"):
-            spread = [np.nanstd(np.log(part[part > 0])) for part in (own, own / size)]
+            spread = [np.nanstd(np.log(part[part > 0])) for part in (raw, raw / size)]
         is_relative = bool((size > 0).all() and spread[1] < spread[0])
         scale = size if is_relative else np.ones(len(size))
         window = np.ones(2 * reach + 1)
-        counts = np.convolve(np.ones(len(own)), window, "same")
+        counts = np.convolve(np.ones(len(raw)), window, "same")
         beside = scale.copy()  # a value's own size would tie its weight to its own error
         beside[1:-1] = np.sqrt(scale[:-2] * scale[2:])
-        mean = (np.convolve(own / scale, window, "same") - own / scale + own / beside) / counts
-        found[:, *pair] = mean * scale
+        mean = (np.convolve(raw / scale, window, "same") - raw / scale + raw / beside) / counts
+        pooled[:, *pair] = mean * scale
         relative[:, *pair] = np.sqrt(mean) if is_relative else 0.0
-    return found, relative
+    return pooled, relative
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -459,6 +464,7 @@ class TimeRecord(Shown):
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        """Convert, lock and check the fields."""
         object.__setattr__(self, "values", locked(self.values, np.float64))
         object.__setattr__(self, "channels", parse_dofs(self.channels))
         object.__setattr__(self, "quantities", tuple(self.quantities))
@@ -481,15 +487,15 @@ class TimeRecord(Shown):
             require_shape("variance", np.asarray(self.variance), (len(self.channels),))
 
     def overview(self) -> Overview:
-        """Length and rate, and one row a channel."""
+        """Number of channels, length and rate, and one row for each channel."""
         n_times = len(self.values)
         words = (
-            f"{counted(len(self.channels), 'channel')}, {n_times} samples at {figures(self.sampling_rate)} Hz,"
-            f" {figures(n_times / self.sampling_rate)} s"
+            f"{plural(len(self.channels), 'channel')}, {n_times} samples at {format_number(self.sampling_rate)} Hz,"
+            f" {format_number(n_times / self.sampling_rate)} s"
         )
         rms = np.sqrt(np.mean(self.values**2, axis=0)).tolist()
         cells = zip(self.channels, self.quantities, self.units, rms, strict=True)
-        rows = [(str(dof), quantity, figures(size, 4), unit) for dof, quantity, unit, size in cells]
+        rows = [(str(dof), quantity, format_number(size, 4), unit) for dof, quantity, unit, size in cells]
         return Overview(words, ("channel", "quantity", "rms", "unit"), rows)
 
     def to_xarray(self) -> xr.DataArray:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.errors import InputError
 
 
 def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Sequence[str]) -> None:
-    """Refuse repeats whose `values` are not those of the first.
+    """Raise `InputError` if repeats differ in `values` from the first one.
 
     Parameters
     ----------
     name : str
-        What they are, for the message.
+        What the values are, for the message.
     values : sequence of sequences
-        Of each repeat.
+        Values of each repeat.
     sources : sequence of str
-        Where each comes from.
+        Name of each repeat, for the message.
 
     Raises
     ------
@@ -41,4 +41,4 @@ def require_shared(name: str, values: Sequence[Sequence[Hashable]], sources: Seq
 
 
 def _listed(items: Sequence[Hashable]) -> str:
-    return listed([f"{one:.12g}" if isinstance(one, float) else one for one in items])
+    return join_words([f"{one:.12g}" if isinstance(one, float) else one for one in items])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from structid.core.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
-from structid.core.display import Overview, Shown, counted, figures
+from structid.core.display import Overview, Shown, format_number, plural
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.units import Quantity
@@ -69,6 +69,7 @@ class SpectrumRecord(Shown):
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        """Convert and check the arguments: shapes, finite values, channels named once, evenly spaced frequencies."""
         channels, references = parse_dofs(self.channels), parse_dofs(self.references)
         quantities = tuple(self.quantities)
         for name, dofs in (("channels", channels), ("references", references)):
@@ -105,7 +106,7 @@ class SpectrumRecord(Shown):
         """Lines, channels and references."""
         units = ", ".join(dict.fromkeys(QUANTITY_UNITS[quantity][0] for quantity in self.quantities))
         words = (
-            f"spectra of {counted(len(self.channels), 'channel')} ({units}) and {counted(len(self.references), 'reference')},"
-            f" {len(self.frequency)} lines from {figures(self.frequency[0])} to {figures(self.frequency[-1])} Hz"
+            f"spectra of {plural(len(self.channels), 'channel')} ({units}) and {plural(len(self.references), 'reference')},"
+            f" {len(self.frequency)} lines from {format_number(self.frequency[0])} to {format_number(self.frequency[-1])} Hz"
         )
         return Overview(words)

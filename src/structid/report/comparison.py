@@ -7,10 +7,10 @@ from rich.text import Text
 
 from structid.compare.states.comparing import COMPARE_PAGE, ComparisonResult
 from structid.core.display import first_warnings
+from structid.core.quantities import number, percent, unit_text, with_std
 from structid.report.figures.comparison import comparison_figures
 from structid.report.page import Page
 from structid.report.tables import Table, printed
-from structid.report.text import number, percent, unit_text, with_std
 
 _HEADER = (
     "Parameter", "Unit", "Baseline", "Later", "Change", "Std", "p", "p corrected", "Declared", "Detection limit",

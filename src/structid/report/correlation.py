@@ -17,7 +17,8 @@ from structid.compare.correlation.correlating import (
 )
 from structid.compare.correlation.modes import ModesCorrelation
 from structid.compare.correlation.responses import ResponsesCorrelation
-from structid.core.display import counted, first_warnings
+from structid.core.display import first_warnings, plural
+from structid.core.quantities import NOTHING, likeness, number, percent
 from structid.identification.identified import Identification
 from structid.report.figures.correlation import (
     ALONE,
@@ -30,8 +31,7 @@ from structid.report.figures.correlation import (
 from structid.report.figures.side_by_side import side_by_side_figure
 from structid.report.page import Page
 from structid.report.rendering import plot
-from structid.report.tables import Table, printed, provenance_facts
-from structid.report.text import NOTHING, likeness, number, percent
+from structid.report.tables import Table, printed, provenance_table
 
 #: Modes of a basis that are named at most.
 _MOST_NAMED = 8
@@ -74,7 +74,7 @@ def orthogonality_facts(part: ModesCorrelation) -> tuple[tuple[str, str], ...]:
     whole = np.flatnonzero(part.measured.known.all(axis=0))
     off, paired = np.nan_to_num(own - np.eye(len(own))), np.intersect1d(part.pairing.paired, whole)
     pairs = [cross[i, part.pairing.number[i]] for i in paired]
-    left = f"; of the {counted(len(whole), 'shape')} known at every sensor" if len(whole) < len(own) else ""
+    left = f"; of the {plural(len(whole), 'shape')} known at every sensor" if len(whole) < len(own) else ""
     found = [("Reduction of the mass", name + left)]
     if len(whole) > 1:
         i, j = sorted(int(k) for k in np.unravel_index(np.argmax(off), off.shape))
@@ -133,13 +133,13 @@ def channels_table(found: StudyCorrelation) -> Table:
 def summary_words(part: ModesCorrelation) -> str:
     """The correlation of modes in a sentence."""
     if not part.n_paired:
-        return f"None of {counted(part.measured.n_modes, 'measured mode')} has a like in the model"
+        return f"None of {plural(part.measured.n_modes, 'measured mode')} has a like in the model"
     paired = part.pairing.paired
     worst = float(np.nanmax(np.abs(part.frequency_difference)))
     like = part.pairing.mac[paired, part.pairing.number[paired]]
     least = f", MAC {np.nanmin(like):.3f} or more" if np.isfinite(like).any() else ""
     return (
-        f"{part.n_paired} of {counted(part.measured.n_modes, 'measured mode')} paired: frequencies within"
+        f"{part.n_paired} of {plural(part.measured.n_modes, 'measured mode')} paired: frequencies within"
         f" {percent(worst, signed=False)}{least}{part.measured.unknown_words}"
     )
 
@@ -151,7 +151,7 @@ def frac_words(part: ResponsesCorrelation) -> str:
         return "No function of the model responds where the record does"
     f = part.record.frequency
     return (
-        f"FRAC from {f[0]:.5g} to {f[-1]:.5g} Hz: median {np.median(values):.3f} of {counted(values.size, 'function')},"
+        f"FRAC from {f[0]:.5g} to {f[-1]:.5g} Hz: median {np.median(values):.3f} of {plural(values.size, 'function')},"
         f" least {values.min():.3f}"
     )
 
@@ -254,6 +254,6 @@ def correlation_page(found: StudyCorrelation) -> Page:
         "warnings": found.warnings,
         "parts": parts,
         "channels": channels_table(found),
-        "provenance": provenance_facts(asdict(found.provenance)),
+        "provenance": provenance_table(asdict(found.provenance)),
     }
     return Page(CORRELATION_PAGE, "correlation.html.j2", figures, words)

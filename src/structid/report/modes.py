@@ -8,7 +8,8 @@ from dataclasses import asdict
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.core.display import counted, first_warnings
+from structid.core.display import first_warnings, plural
+from structid.core.quantities import exact, percent, value_words, with_std
 from structid.modal.merging import Merging
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult
 from structid.records import FrfRecord
@@ -23,8 +24,7 @@ from structid.report.figures.survey import (
     stabilization_figure,
 )
 from structid.report.page import Page
-from structid.report.tables import Table, printed, provenance_facts
-from structid.report.text import exact, percent, value_words, with_std
+from structid.report.tables import Table, printed, provenance_table
 from structid.similarity import mac
 
 _HEADER = ("mode", "frequency (Hz)", "damping ratio (%)", "MPC", "poles in the cluster", "cluster (Hz)", "remarks")
@@ -33,7 +33,7 @@ _ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
 
 def modes_text(result: ModesResult) -> list[RenderableType]:
     """Heading, warnings, what was done, and the table of modes."""
-    parts: list[RenderableType] = [Text(f"{result.title}: {counted(result.modes.n_modes, 'mode')}", style="bold")]
+    parts: list[RenderableType] = [Text(f"{result.title}: {plural(result.modes.n_modes, 'mode')}", style="bold")]
     parts += [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
     return [*parts, printed(mode_table(result)), Text(scale_sentence(result))]
@@ -42,7 +42,7 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
 def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
     """Heading, warnings, the table of modes that set-ups have in common, with what each of them says, and what is not written."""
     modes, n = merging.modes, merging.modes.n_modes
-    heading = f"{', '.join(names)}: {counted(n, 'mode')} at {counted(len(modes.channels), 'sensor')}"
+    heading = f"{', '.join(names)}: {plural(n, 'mode')} at {plural(len(modes.channels), 'sensor')}"
     heading += modes.unknown_words
     rows = [
         (
@@ -68,7 +68,7 @@ def mode_table(result: ModesResult) -> Table:
     for k in range(n):
         count, spread = "", ""
         if len(clusters) == n:
-            count = f"{clusters[k].size} in {counted(len(result.identification.orders), 'order')}"
+            count = f"{clusters[k].size} in {plural(len(result.identification.orders), 'order')}"
             spread = with_std(float(clusters[k].frequency.mean()), clusters[k].frequency_spread)
         rows.append(
             (
@@ -120,21 +120,21 @@ def record_words(result: ModesResult) -> str:
     record = result.record
     if isinstance(record, FrfRecord):
         return (
-            f"{record.kind}, {counted(len(record.frequency), 'line')} from {exact(record.frequency[0])} to"
-            f" {exact(record.frequency[-1])} Hz, {counted(len(record.outputs), 'output')},"
-            f" {counted(len(record.inputs), 'input')}"
+            f"{record.kind}, {plural(len(record.frequency), 'line')} from {exact(record.frequency[0])} to"
+            f" {exact(record.frequency[-1])} Hz, {plural(len(record.outputs), 'output')},"
+            f" {plural(len(record.inputs), 'input')}"
         )
     kinds = ", ".join(dict.fromkeys(record.quantities))
     if isinstance(record, SpectrumRecord):
         return (
-            f"stored spectra of {counted(len(record.channels), 'channel')} of {kinds} and"
-            f" {counted(len(record.references), 'reference')}, {len(record.frequency)} lines from {exact(record.frequency[0])} to"
+            f"stored spectra of {plural(len(record.channels), 'channel')} of {kinds} and"
+            f" {plural(len(record.references), 'reference')}, {len(record.frequency)} lines from {exact(record.frequency[0])} to"
             f" {exact(record.frequency[-1])} Hz"
         )
     seconds = len(record.values) / record.sampling_rate
     of_several = not {dof.unsigned for dof in result.modes.channels} <= {dof.unsigned for dof in record.channels}
     return (
-        f"{'first set-up: ' if of_several else ''}{counted(len(record.channels), 'channel')} of {kinds},"
+        f"{'first set-up: ' if of_several else ''}{plural(len(record.channels), 'channel')} of {kinds},"
         f" {len(record.values)} samples at {exact(record.sampling_rate)} Hz, {exact(seconds)} s"
     )
 
@@ -184,7 +184,7 @@ def modes_page(result: ModesResult) -> Page:
     }
     words = {
         "title": result.title,
-        "found": counted(result.modes.n_modes, "mode"),
+        "found": plural(result.modes.n_modes, "mode"),
         "doubtful": bool(result.warnings) or any(remarks(result)),
         "warnings": result.warnings,
         "scale": scale_sentence(result),
@@ -192,7 +192,7 @@ def modes_page(result: ModesResult) -> Page:
         "facts": (record_words(result), method_words(result)),
         "steps": result.steps,
         "modes": mode_table(result),
-        "provenance": provenance_facts(asdict(result.provenance)),
+        "provenance": provenance_table(asdict(result.provenance)),
     }
     return Page(
         MODES_PAGE, "modes.html.j2", {name: figure for name, figure in drawn.items() if figure is not None}, words

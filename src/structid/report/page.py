@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,14 +12,17 @@ from importlib.resources import files
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from structid._version import __version__
-from structid.files import atomic_write, made_folder
+from structid.files import atomic_write, make_folder
 from structid.report.rendering.browser import clean, embedded, legend
 from structid.report.rendering.plot import Figure
 
 #: Parts of Plotly (4.1.1, MIT licence): name, file, and whether it draws space. All of it would be twice as large.
 PLOTLY_PARTS = (("plane", "plotly-cartesian.min.js", False), ("space", "plotly-gl3d.min.js", True))
+
+_CODE = re.compile(r"`([^`]+)`")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +67,7 @@ class Page:
         FileError
             If a file cannot be written.
         """
-        path = made_folder(Path(folder)) / self.file
+        path = make_folder(Path(folder)) / self.file
         if png:
             from structid.report.rendering.png import write_pngs  # imported here, so that pages do not wait for it
 
@@ -84,6 +88,11 @@ def plotly_part(file: str) -> str:
     return (files("structid.report") / "plotly_parts" / file).read_text(encoding="utf-8")
 
 
+def with_code(text: str) -> Markup:
+    """`text` escaped, what stands between back quotes as code."""
+    return Markup(_CODE.sub(r"<code>\1</code>", str(escape(text))))
+
+
 @cache
 def _library(file: str) -> str:
     return packed(plotly_part(file))
@@ -96,4 +105,5 @@ def _environment() -> Environment:
         lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     found.globals |= {"legend": legend, "clean": clean}
+    found.filters["code"] = with_code
     return found

@@ -7,7 +7,7 @@ import math
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.core.display import counted, listed
+from structid.core.display import join_words, plural
 from structid.core.dof import Dof
 from structid.inversion.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan
@@ -45,8 +45,8 @@ def options_text(found: Plan) -> str:
     frequency = options.frequency
     interest = f", for {', '.join(options.of_interest)}" if options.of_interest else ""
     return (
-        f"candidates: {counted(len(options.sensors), 'sensor')}, {counted(len(options.loads), 'load')},"
-        f" {counted(len(frequency), 'line')} from"
+        f"candidates: {plural(len(options.sensors), 'sensor')}, {plural(len(options.loads), 'load')},"
+        f" {plural(len(frequency), 'line')} from"
         f" {frequency[0]:.4g} to {frequency[-1]:.4g} Hz, {options.kind}, noise {_noise_words(found)};"
         f" {options.criterion.upper()}-optimal{interest}; standard deviations are predicted at the initial values, relative"
         " to them"
@@ -128,11 +128,11 @@ def enough_lines(found: Plan) -> list[str]:
         most = percent_text(found.everything.worst_std)
         first = f"all sensors at the chosen loads do not reach {wanted} (all candidates: {most})"
     else:
-        first = f"{counted(len(enough.sensors.sensors), 'sensor')} at all lines reach {wanted}: {places(enough.sensors.sensors)}"
+        first = f"{plural(len(enough.sensors.sensors), 'sensor')} at all lines reach {wanted}: {places(enough.sensors.sensors)}"
     if enough.frequencies is None:
         second = f"the chosen sensors do not reach {wanted} at all lines"
     else:
-        second = f"{counted(len(enough.frequencies.frequency), 'line')} with the chosen sensors reach {wanted}"
+        second = f"{plural(len(enough.frequencies.frequency), 'line')} with the chosen sensors reach {wanted}"
     if math.isfinite(enough.averages) and enough.averages > 1:
         second += f"; {math.ceil(enough.averages)} times as many averages would"
     return [first, second]
@@ -152,7 +152,7 @@ def next_lines(found: Plan) -> list[str]:
 
 def places(dofs: tuple[Dof, ...]) -> str:
     """Places with commas, the first dozen of them."""
-    return listed(dofs, _MOST_PLACES)
+    return join_words(dofs, _MOST_PLACES)
 
 
 def plan_page(found: Plan, title: str = "", notes: tuple[str, ...] = ()) -> Page:

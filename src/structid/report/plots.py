@@ -20,6 +20,7 @@ from structid.report.figures.modes import band_used, mode_rows, modes_figure
 from structid.report.figures.parameters import convergence_figure, correlation_figure, parameters_figure
 from structid.report.figures.responses import residual_map_figure, responses_figure, worst_channels
 from structid.report.figures.shapes import shapes_figure
+from structid.report.figures.side_by_side import model_shapes_figure
 from structid.report.figures.structure import structure_figure
 from structid.report.figures.survey import stabilization_figure
 from structid.report.rendering.plot import Figure
@@ -45,6 +46,19 @@ def modes(found: Identification, axes: Where) -> Picture:
     if not len(rows.frequency):
         raise InputError("a solver gave the FRFs of this model alone, so that its modes are not known")
     return plotted(modes_figure(rows, band_used(found.fits[:1], found.modal_fits)), axes)
+
+
+def model_shapes(found: Identification, mode: int, axes: Where) -> Picture:
+    whole = model_shapes_figure(found.structure, found.modes)
+    if whole is None:
+        raise InputError("the model has no modes with shapes in space; `plot_frequencies` shows its frequencies")
+    if not 0 <= mode <= len(whole.panels):
+        raise InputError(f"`mode` must be between 1 and {len(whole.panels)}, got {mode}")
+    if mode == 0:
+        return plotted(whole, axes)
+    panel = whole.panels[mode - 1]
+    alone = replace(whole, panels=(replace(panel, title=panel.name),), choice=None, size=(600.0, 420.0), columns=1)
+    return plotted(alone, axes)
 
 
 def changes(found: Identification, axes: Where) -> Picture:

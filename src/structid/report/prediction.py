@@ -6,12 +6,12 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.core.display import counted
+from structid.core.display import plural
+from structid.core.quantities import NOTHING, number, percent, unit_text, value_words
 from structid.prediction.predict import PredictedChange, Prediction
 from structid.report.figures.prediction import frf_figure, history_figure
 from structid.report.page import Page
 from structid.report.tables import Table, printed
-from structid.report.text import NOTHING, number, percent, unit_text, value_words
 from structid.study.run.predicting import PREDICTION_PAGE, StudyPrediction, parts_of
 
 #: Part of a value that rounding makes at most.
@@ -122,6 +122,6 @@ def prediction_page(found: StudyPrediction) -> Page:
         "width": width_words(found),
         "modes": modes_table(found.modes),
         "maxima": None if found.maxima is None else maxima_table(found.maxima),
-        "n_draws": counted(next(iter(parts_of(found.modes).values())).n_draws, "model"),
+        "n_draws": plural(next(iter(parts_of(found.modes).values())).n_draws, "model"),
     }
     return Page(PREDICTION_PAGE, "prediction.html.j2", figures, words)

@@ -12,10 +12,10 @@ import numpy as np
 from structid._version import __version__
 from structid.core.arrays import FloatArray
 from structid.core.json_types import Plain, json_text, plain
-from structid.files import atomic_write, made_folder
+from structid.core.quantities import MINUS, NOTHING, number, unit_text
+from structid.files import atomic_write, make_folder
 from structid.report.figures.reproduction import panels_figure
 from structid.report.page import Page
-from structid.report.text import MINUS, NOTHING, number, unit_text
 from structid.reproduce.item import Curve, Item, Table, Verdict
 
 _CLASSES = {
@@ -50,7 +50,7 @@ def write_reproduction(items: Sequence[Item], folder: Path, png: bool = False) -
     FileError
         If a file cannot be written.
     """
-    folder = made_folder(Path(folder))
+    folder = make_folder(Path(folder))
     with atomic_write(folder / "reproduction.json") as temporary:
         temporary.write_text(json_text(reproduction_summary(items)), encoding="utf-8")
     return reproduction_page(items).write(folder, png)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from rich.console import RenderableType
 from rich.text import Text
 
+from structid.core.quantities import number
 from structid.prediction.virtual_sensing import SensedMotion
 from structid.report.tables import Table, printed
-from structid.report.text import number
 
 
 def sensing_text(found: SensedMotion) -> list[RenderableType]:

@@ -44,11 +44,16 @@ def printed(table: Table) -> rich.table.Table:
     return found
 
 
-def provenance_facts(provenance: Mapping[str, object] | None) -> tuple[tuple[str, str], ...]:
-    """The provenance as pairs of a label and a text; nested values are written as JSON."""
-    given = provenance or {}
-    texts = (
-        value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, sort_keys=True, default=str)
-        for value in given.values()
-    )  # fmt: skip
-    return tuple(zip(map(str, given), texts, strict=True))
+def provenance_table(provenance: Mapping[str, object] | None) -> Table:
+    """The provenance with a row for each version, input file and setting."""
+    rows: list[tuple[str, str]] = []
+    for name, value in (provenance or {}).items():
+        if isinstance(value, Mapping):
+            rows.extend((f"{name.replace('_', ' ')}: {key}", _text(inner)) for key, inner in value.items())
+        else:
+            rows.append((str(name).replace("_", " "), _text(value)))
+    return Table(("Origin", "Value"), tuple(rows))
+
+
+def _text(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, sort_keys=True, default=str)

@@ -124,14 +124,16 @@ Step = tuple[float, str, Callable[[Callable[[float], None]], Sequence[Item]]]
 
 
 def made(steps: Sequence[Step], progress: Progress | None) -> tuple[Item, ...]:
-    """The items of all steps in turn."""
-    found: list[Item] = []
+    """All items that the steps (start fraction, name, function) make, in order; `progress` is told the name and the
+    fraction done.
+    """
+    items: list[Item] = []
     report = progress or (lambda _name, _done: None)
     for (begin, name, make), end in zip(steps, [*(step[0] for step in steps[1:]), 1.0], strict=True):
         report(name, begin)
-        found += make(partial(_part, report, name, begin, end))
+        items += make(partial(_part, report, name, begin, end))
     report(steps[-1][1], 1.0)
-    return tuple(found)
+    return tuple(items)
 
 
 def _part(report: Progress, name: str, begin: float, end: float, done: float) -> None:

@@ -70,7 +70,7 @@ class Pairing:
         return np.flatnonzero(self.number < 0)
 
     def partners(self, mode: int) -> tuple[int, ...]:
-        """All modes of the model that the measured `mode` is held against; () where none is like it."""
+        """Indices of all model modes that are compared with the measured mode `mode`; () if it has no counterpart."""
         for measured, model in self.groups:
             if mode in measured:
                 return model
@@ -78,16 +78,16 @@ class Pairing:
 
 
 def likenesses(measured: NDArray[np.inexact], model: NDArray[np.inexact], moves: NDArray[np.bool_]) -> FloatArray:
-    """MAC of every measured shape with every mode of a model, (n_measured, n_model).
+    """MAC of each measured shape with each model mode, (n_measured, n_model); shapes are (n_channels, n_modes) at common channels.
 
-    0 for modes that do not move the sensors (`moves`, (n_model,)), NaN for measured shapes without a known entry.
+    0 for model modes that do not move the sensors (`moves`, (n_model,)), NaN for measured shapes without a known entry.
     """
-    bare = np.isnan(measured).all(axis=0)
-    found = np.zeros((measured.shape[1], model.shape[1]))
-    found[bare] = np.nan
-    if moves.any() and not bare.all():
-        found[np.ix_(~bare, moves)] = mac(measured[:, ~bare], model[:, moves])
-    return found
+    unknown = np.isnan(measured).all(axis=0)
+    values = np.zeros((measured.shape[1], model.shape[1]))
+    values[unknown] = np.nan
+    if moves.any() and not unknown.all():
+        values[np.ix_(~unknown, moves)] = mac(measured[:, ~unknown], model[:, moves])
+    return values
 
 
 def pairing_worth(likeness: FloatArray, measured: FloatArray, model: FloatArray, guard: float) -> FloatArray:
@@ -124,7 +124,7 @@ def pair_modes(
     closeness: float = 0.02,
     frequency_guard: float = 0.3,
 ) -> Pairing:
-    """Measured modes paired with modes of a model, each of these used once, so that the sum of `pairing_worth` is largest.
+    """Pairing of measured modes with modes of a model, each used once, with the largest sum of `pairing_worth`.
 
     Measured modes closer than `closeness` form a group, and modes of the model that close to a pair, with a part in the
     measured shapes, belong to it: where single shapes are not told apart, the span is.
@@ -182,8 +182,8 @@ def pair_modes(
         number[rows[near]] = use[columns[near]]
     own = np.where(number >= 0, likeness[np.arange(len(f)), number], 0.0)
     groups = []
-    for members in _close(f, np.flatnonzero(~np.isnan(x).all(axis=0)).tolist(), closeness):
-        model = _extended(members, number, likeness, g, closeness)
+    for members in _group_close_modes(f, np.flatnonzero(~np.isnan(x).all(axis=0)).tolist(), closeness):
+        model = _extend_group(members, number, likeness, g, closeness)
         told = bool((own[members] >= _TOLD).all())
         shared = ~np.isnan(x[:, members]).any(axis=1)
         small = not told and len(members) <= len(model) <= max(int(shared.sum()) // 2, 1)
@@ -194,46 +194,54 @@ def pair_modes(
                 groups.append((tuple(members), tuple(model)))
     number = np.where(own < least_mac, -1, number)
     taken = {*number[number >= 0].tolist(), *(k for _, model in groups for k in model)}
-    ambiguous = _ambiguous(number, likeness, worth, {i for members, _ in groups for i in members}, least_mac)
+    ambiguous = _find_ambiguous(number, likeness, worth, {i for members, _ in groups for i in members}, least_mac)
     inside = (g >= (1 - _BEYOND) * f.min()) & (g <= (1 + _BEYOND) * f.max())
     surplus = tuple(int(k) for k in np.flatnonzero(moves & inside) if int(k) not in taken)
     return Pairing(number, own, likeness, tuple(groups), ambiguous, surplus, nearness)
 
 
-def _close(frequency: FloatArray, modes: list[int], closeness: float) -> list[list[int]]:
-    """Of `modes`, in order, neighbours within `closeness` in one list."""
-    found: list[list[int]] = []
+def _group_close_modes(frequency: FloatArray, modes: list[int], closeness: float) -> list[list[int]]:
+    """Groups of neighbouring modes in `modes` whose frequencies differ by at most `closeness` (relative) from one to the next."""
+    groups: list[list[int]] = []
     for k in modes:
-        if found and frequency[k] - frequency[found[-1][-1]] <= closeness * frequency[k]:
-            found[-1].append(k)
+        if groups and frequency[k] - frequency[groups[-1][-1]] <= closeness * frequency[k]:
+            groups[-1].append(k)
         else:
-            found.append([k])
-    return found
+            groups.append([k])
+    return groups
 
 
-def _extended(
+def _extend_group(
     members: list[int], number: IntArray, likeness: FloatArray, frequency: FloatArray, closeness: float
 ) -> list[int]:
-    """The model's modes of a group: the pairs, and free ones close to them that have a part in the measured shapes."""
-    own = [int(k) for k in number[members] if k >= 0]
-    others = set(number.tolist()) - set(own)
+    """Model modes that span the measured modes `members`: their pairs, and unpaired modes close to these with enough MAC.
+
+    `number` (n_measured,) is the paired model mode or -1, `likeness` the MAC (n_measured, n_model), `frequency`
+    (n_model,) that of the model.
+    """
+    chosen = [int(k) for k in number[members] if k >= 0]
+    others = set(number.tolist()) - set(chosen)
     part = (likeness[members] >= _PART).any(axis=0)
     for k in np.flatnonzero(part).tolist():
-        near = any(abs(frequency[k] - frequency[j]) <= closeness * frequency[j] for j in own)
-        if near and k not in own and k not in others:
-            own.append(k)
-    return sorted(own)
+        near = any(abs(frequency[k] - frequency[j]) <= closeness * frequency[j] for j in chosen)
+        if near and k not in chosen and k not in others:
+            chosen.append(k)
+    return sorted(chosen)
 
 
-def _ambiguous(
+def _find_ambiguous(
     number: IntArray, likeness: FloatArray, worth: FloatArray, grouped: set[int], least_mac: float
 ) -> dict[int, tuple[int, ...]]:
-    found = {}
+    """Model modes that are nearly as good a partner as the pair, for each measured mode outside of groups.
+
+    `number` (n_measured,) is the paired model mode or -1, `likeness` (MAC) and `worth` are (n_measured, n_model).
+    """
+    ambiguous = {}
     for i, k in enumerate(number.tolist()):
         if k < 0 or i in grouped:
             continue
         good = (worth[i] >= _AS_GOOD * worth[i, k]) & (likeness[i] >= least_mac)
         good[k] = False
         if good.any():
-            found[i] = tuple(np.flatnonzero(good).tolist())
-    return found
+            ambiguous[i] = tuple(np.flatnonzero(good).tolist())
+    return ambiguous

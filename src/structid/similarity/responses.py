@@ -10,7 +10,7 @@ from structid.core.errors import InputError
 
 
 def frac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Frequency response assurance criterion: `mac` along the frequency axis, function by function.
+    """Frequency response assurance criterion (FRAC) of each function: `mac` along the frequency axis.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def frac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def fdac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Frequency domain assurance criterion: `mac` of the operating shapes at every pair of frequencies, load by load.
+    """Frequency domain assurance criterion (FDAC) of each load: `mac` of the operating shapes at each pair of frequencies.
 
     FDAC(w, v)_i = |sum_o x_oi(w)^* y_oi(v)|^2 / (sum_o |x_oi(w)|^2  sum_o |y_oi(v)|^2). Where the model is too stiff
     throughout, the ridge of ones lies beside the diagonal.
@@ -85,14 +85,14 @@ def fdac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def energies(name: str, x: NDArray[np.inexact]) -> FloatArray:
-    """Sum of squares of every column of (n, n_columns).
+    """Sum of squared moduli of each column of `x`, (n, n_columns); `name` is for the error.
 
     Raises
     ------
     InputError
         If a column is zero throughout.
     """
-    found: FloatArray = np.sum(np.abs(x) ** 2, axis=0)
-    if (found == 0).any():
-        raise InputError(f"`{name}` is zero throughout in column {int(np.argmin(found)) + 1}; leave it out")
-    return found
+    sums: FloatArray = np.sum(np.abs(x) ** 2, axis=0)
+    if (sums == 0).any():
+        raise InputError(f"`{name}` is zero throughout in column {int(np.argmin(sums)) + 1}; leave it out")
+    return sums

@@ -43,7 +43,7 @@ def mac(first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
     >>> mac([1.0, 2.0], [2.0, 4.0]).item()
     1.0
     """
-    x, y = _both(first, second)
+    x, y = _check_channels(first, second)
     known_x, known_y = (~np.isnan(z) for z in (x, y))
     x, y = np.where(known_x, x, 0.0), np.where(known_y, y, 0.0)
     for name, shapes, known in (("first", x, known_x), ("second", y, known_y)):
@@ -55,7 +55,7 @@ def mac(first: ArrayLike, second: ArrayLike | None = None) -> FloatArray:
 
 
 def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Coordinate modal assurance criterion: `mac` along the modes, channel by channel, of paired shapes.
+    """Coordinate modal assurance criterion (COMAC) of each channel: `mac` along the modes of paired shapes.
 
     COMAC_c = |sum_r x_cr^* y_cr|^2 / (sum_r |x_cr|^2  sum_r |y_cr|^2), each pair of shapes scaled to size 1 and y turned
     to the phase of x: 1 where a channel follows the other set in every mode. A channel that is only turned round keeps
@@ -88,7 +88,7 @@ def comac(first: ArrayLike, second: ArrayLike) -> FloatArray:
 
 
 def ecomac(first: ArrayLike, second: ArrayLike) -> FloatArray:
-    """Enhanced COMAC: mean distance of the paired shapes at each channel, sum_r |x_cr - y_cr| / (2 n_modes).
+    """Enhanced COMAC of each channel: mean distance of the paired shapes, sum_r |x_cr - y_cr| / (2 n_modes).
 
     Each pair of shapes is scaled to size 1 (in the mean over channels) and y turned to the phase of x: 0 where a channel
     agrees in every mode, large where its sense, its gain or its place is wrong.
@@ -140,7 +140,7 @@ def orthogonality(mass: ArrayLike, first: ArrayLike, second: ArrayLike | None = 
     ----------
     Ewins (2000), Modal Testing, 2nd ed., section 5.5; NASA-STD-5002 (1996) for the limits.
     """
-    x, y = _complete(first, second)
+    x, y = _require_complete(first, second)
     m = np.asarray(mass, dtype=np.float64)
     if m.shape != (len(x), len(x)):
         raise InputError(f"`mass` must be ({len(x)}, {len(x)}) like the channels, got shape {m.shape}")
@@ -184,12 +184,13 @@ def subspace_angles(first: ArrayLike, second: ArrayLike) -> FloatArray:
     ----------
     Knyazev and Argentati (2002), SIAM J. Sci. Comput. 23(6), 2009-2041.
     """
-    x, y = _complete(first, second)
+    x, y = _require_complete(first, second)
     angles: FloatArray = linalg.subspace_angles(x, y)[::-1]
     return angles
 
 
-def _columns(name: str, values: ArrayLike) -> NDArray[np.inexact]:
+def _as_columns(name: str, values: ArrayLike) -> NDArray[np.inexact]:
+    """`values` as a float or complex array (n_channels, n_shapes), one shape a column; NaN is allowed, infinity is not."""
     array = np.asarray(values)
     if not np.issubdtype(array.dtype, np.inexact):
         array = array.astype(np.float64)
@@ -203,11 +204,12 @@ def _columns(name: str, values: ArrayLike) -> NDArray[np.inexact]:
 def _paired_columns(
     first: ArrayLike, second: ArrayLike
 ) -> tuple[NDArray[np.inexact], NDArray[np.inexact], NDArray[np.bool_]]:
-    """Both sets with columns of size 1, the second turned to the phase of the first, and which entries both know.
+    """Two sets of shapes with unit columns, the second in phase with the first, and a mask of entries that both have.
 
-    Others are 0, also of a pair that knows none in common.
+    Three arrays (n_channels, n_shapes). Entries that are NaN in either set become 0; so does a pair with no common
+    entry.
     """
-    x, y = _columns("first", first), _columns("second", second)
+    x, y = _as_columns("first", first), _as_columns("second", second)
     if x.shape != y.shape:
         raise InputError(f"`first` and `second` must have one shape, got {x.shape} and {y.shape}; pair them first")
     known = ~(np.isnan(x) | np.isnan(y))
@@ -220,10 +222,10 @@ def _paired_columns(
     return x, y * np.where(size > 0, product / np.where(size > 0, size, 1.0), 1.0), known
 
 
-def _both(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
-    """Columns of both sets, of the first one twice where there is no second, at the same channels."""
-    x = _columns("first", first)
-    y = x if second is None else _columns("second", second)
+def _check_channels(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
+    """The sets of shapes `first` and `second` as columns at the same channels; `first` twice without a second."""
+    x = _as_columns("first", first)
+    y = x if second is None else _as_columns("second", second)
     if x.shape[0] != y.shape[0]:
         raise InputError(
             f"`first` and `second` must have the same channels, got {x.shape[0]} and {y.shape[0]}; "
@@ -232,9 +234,9 @@ def _both(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexac
     return x, y
 
 
-def _complete(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
-    """The same without an unknown entry, which only a measure of single pairs can do without."""
-    x, y = _both(first, second)
+def _require_complete(first: ArrayLike, second: ArrayLike | None) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
+    """The sets of shapes `first` and `second` as columns; raises `InputError` if an entry is NaN."""
+    x, y = _check_channels(first, second)
     hint = "leave out shapes, or channels, with unknown entries"
     require_finite("first", x, hint)
     require_finite("second", y, hint)

@@ -45,14 +45,14 @@ def study_table() -> Table:
 
 
 def study_schema() -> dict[str, object]:
-    """The schema of study files, draft 2020-12, as plain values."""
+    """The JSON Schema (draft 2020-12) of study files, as plain values."""
     elements = {name: key.holds for name, key in changes_table().keys.items() if key.listed}
-    names = {_text(held.schema): name for name, held in (_NAMED | elements).items()}
+    names = {_text(kind.schema): name for name, kind in (_NAMED | elements).items()}
     parts: dict[str, Schema] = {}
     whole = _with_references(study_table().schema, names, parts)
-    one: Schema = {"$ref": "#/$defs/record"}
+    record: Schema = {"$ref": "#/$defs/record"}
     parts["record"] = whole["properties"]["record"]
-    whole["properties"]["record"] = {"anyOf": [one, {"type": "array", "items": one}]}
+    whole["properties"]["record"] = {"anyOf": [record, {"type": "array", "items": record}]}
     return {"$schema": _DIALECT, "title": "structid study", **whole, "$defs": dict(sorted(parts.items()))}
 
 
@@ -61,27 +61,27 @@ def _text(schema: Schema) -> str:
 
 
 def _with_references(schema: Schema, names: Mapping[str, str], parts: dict[str, Schema]) -> Schema:
-    """`schema` with a reference in place of each part that has a name; those are added to `parts`."""
-    about: Schema = {}
+    """`schema` with a reference in place of each part that `names` (schema text: name) knows; those are added to `parts`."""
+    annotations: Schema = {}
     bare: Schema = {**schema}
     if "description" in bare:
-        about["description"] = bare.pop("description")
+        annotations["description"] = bare.pop("description")
     if "default" in bare:
-        about["default"] = bare.pop("default")
+        annotations["default"] = bare.pop("default")
     name = names.get(_text(bare))
-    made: Schema = {**bare}
-    if "anyOf" in made:
-        made["anyOf"] = [_with_references(one, names, parts) for one in made["anyOf"]]
-    if "items" in made:
-        made["items"] = _with_references(made["items"], names, parts)
-    if "properties" in made:
-        made["properties"] = {key: _with_references(one, names, parts) for key, one in made["properties"].items()}
-    if "patternProperties" in made:
-        found = {key: _with_references(one, names, parts) for key, one in made["patternProperties"].items()}
-        made["patternProperties"] = found
-    if "additionalProperties" in made and not isinstance(made["additionalProperties"], bool):
-        made["additionalProperties"] = _with_references(made["additionalProperties"], names, parts)
+    result: Schema = {**bare}
+    if "anyOf" in result:
+        result["anyOf"] = [_with_references(part, names, parts) for part in result["anyOf"]]
+    if "items" in result:
+        result["items"] = _with_references(result["items"], names, parts)
+    if "properties" in result:
+        result["properties"] = {key: _with_references(part, names, parts) for key, part in result["properties"].items()}
+    if "patternProperties" in result:
+        patterns = {key: _with_references(part, names, parts) for key, part in result["patternProperties"].items()}
+        result["patternProperties"] = patterns
+    if "additionalProperties" in result and not isinstance(result["additionalProperties"], bool):
+        result["additionalProperties"] = _with_references(result["additionalProperties"], names, parts)
     if name is None:
-        return {**made, **about}
-    parts[name] = made
-    return {"$ref": f"#/$defs/{name}", **about}
+        return {**result, **annotations}
+    parts[name] = result
+    return {"$ref": f"#/$defs/{name}", **annotations}

@@ -88,14 +88,15 @@ class NamedUnknowns:
         return self.transforms.reach(self.start, self.sizes(self.start))
 
     def prior_rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Whitened residual of the priors and couplings, and its derivative with respect to the physical parameters.
+        """Whitened residual of priors and couplings at `physical`, (n_rows,), and its derivative, (n_rows, n_params).
 
-        Shapes (n_rows,) and (n_rows, n_params): one row a parameter with a prior, then those of the couplings.
+        One row for each parameter with a prior, then the rows of the couplings; `physical` (n_params,) has the
+        parameters in physical units.
         """
         rows, residual, slope = self.priors.entries(physical)
-        own = np.zeros((len(rows), len(physical)))
-        own[np.arange(len(rows)), rows] = slope
-        parts = [(residual, own), *(coupling.rows(physical) for coupling in self.couplings)]
+        jacobian = np.zeros((len(rows), len(physical)))
+        jacobian[np.arange(len(rows)), rows] = slope
+        parts = [(residual, jacobian), *(coupling.rows(physical) for coupling in self.couplings)]
         return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
     def prior_residual(self, physical: FloatArray) -> FloatArray:
@@ -106,12 +107,12 @@ class NamedUnknowns:
     def sparse_prior_rows(self, physical: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         """`prior_rows` with the derivative as a sparse (n_rows, n_params) array."""
         rows, residual, slope = self.priors.entries(physical)
-        own = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
-        parts = [(residual, own), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
+        jacobian = sparse.csr_array((slope, (np.arange(len(rows)), rows)), (len(rows), self.n_params))
+        parts = [(residual, jacobian), *(coupling.sparse_rows(physical) for coupling in self.couplings)]
         return np.concatenate([part[0] for part in parts]), sparse.csr_array(sparse.vstack([p[1] for p in parts]))
 
     def started_at(self, physical: FloatArray) -> Self:
-        """The same with other initial values."""
+        """A copy with the initial values `physical`, (n_params,), in physical units."""
         require_shape("physical", np.asarray(physical), (self.n_params,), "one value a parameter")
         outside = ~((self.transforms.lower < physical) & (physical < self.transforms.upper))
         if outside.any():
@@ -123,11 +124,11 @@ class NamedUnknowns:
         return replace(self, start=locked(physical, np.float64))
 
     def kept_near_start(self, relative: float) -> Self:
-        """The same, each without a prior drawn to its start by one of `relative` of its size as standard deviation."""
+        """A copy in which each parameter without a prior gets one at its start, with `relative` of its size as deviation."""
         width = relative * self.sizes(self.start)
-        free, own = ~self.priors.stated & (width > 0), self.priors
-        mean, std = np.where(free, self.start, own.mean), np.where(free, width, own.std)
-        return replace(self, priors=Priors(mean, std, own.lognormal))
+        free, priors = ~self.priors.stated & (width > 0), self.priors
+        mean, std = np.where(free, self.start, priors.mean), np.where(free, width, priors.std)
+        return replace(self, priors=Priors(mean, std, priors.lognormal))
 
 
 def begun_at(unknowns: N, known: Mapping[str, float]) -> N:
@@ -138,13 +139,13 @@ def begun_at(unknowns: N, known: Mapping[str, float]) -> N:
 
 
 def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
-    """Those of both, one after the other."""
+    """The unknowns of `first` followed by those of `second`, as one set."""
 
     def both(one: FloatArray, other: FloatArray) -> FloatArray:
         return np.concatenate([one, other])
 
     n = first.n_params + second.n_params
-    held = [u.held or (np.full(u.n_params, np.nan),) * 2 for u in (first, second)]
+    regularized = [u.held or (np.full(u.n_params, np.nan),) * 2 for u in (first, second)]
     couplings = [c.among(n, 0) for c in first.couplings] + [c.among(n, first.n_params) for c in second.couplings]
     return NamedUnknowns(
         names=first.names + second.names,
@@ -155,5 +156,5 @@ def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
         priors=first.priors.followed_by(second.priors),
         scale=both(first.scale, second.scale),
         couplings=tuple(couplings),
-        held=(both(held[0][0], held[1][0]), both(held[0][1], held[1][1])),
+        held=(both(regularized[0][0], regularized[1][0]), both(regularized[0][1], regularized[1][1])),
     )

@@ -12,10 +12,11 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, locked
+from structid.core.display import Overview, Shown, format_number, plural
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.unknowns.families import Family, element_sets, family, label_of, require_distinct
 from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns
+from structid.unknowns.parameter_groups import ParameterGroup, element_sets, label_of, parameter_group, require_distinct
 from structid.unknowns.priors import Coupling, no_priors, priors_of
 from structid.unknowns.scatter import BEGUN, Scatter
 from structid.unknowns.transforms import Transform, Transforms
@@ -24,8 +25,8 @@ from structid.unknowns.unknown import Unknown
 Entry = TypeVar("Entry")
 
 
-@dataclass(frozen=True, eq=False)
-class Parameters(NamedUnknowns):
+@dataclass(frozen=True, eq=False, repr=False)
+class Parameters(Shown, NamedUnknowns):
     """Named unknowns of a structure; property values are ``offset + design @ p`` for physical parameters p.
 
     Attributes
@@ -49,6 +50,30 @@ class Parameters(NamedUnknowns):
         """Property values of the structure for physical parameters, (n_values,)."""
         return self.offset + self.design @ physical
 
+    def overview(self) -> Overview:
+        """How many there are, and one row each: start, prior, unit and element sets."""
+        words = f"{plural(self.n_params, 'parameter')}, {int(self.priors.stated.sum())} with a prior"
+        rows = [
+            (
+                name,
+                format_number(start),
+                f"{format_number(mean)} ± {format_number(std, 2)}" if stated else "",
+                unit,
+                ", ".join(map(str, elements)),
+            )
+            for name, start, mean, std, stated, unit, elements in zip(
+                self.names,
+                self.start,
+                self.priors.mean,
+                self.priors.std,
+                self.priors.stated,
+                self.units,
+                self.elements,
+                strict=True,
+            )
+        ]
+        return Overview(words, ("parameter", "start", "prior", "unit", "elements"), rows)
+
     @property
     def has_priors(self) -> bool:
         """Whether anything is known of the parameters beside their ranges."""
@@ -59,7 +84,7 @@ class Parameters(NamedUnknowns):
         return replace(self, priors=no_priors(self.n_params), couplings=())
 
     def coupled(self, *couplings: Coupling) -> Parameters:
-        """The same parameters with more knowledge of their combinations."""
+        """A copy with additional couplings (knowledge of combinations of parameters)."""
         for coupling in couplings:
             if coupling.matrix.shape[1] != self.n_params:
                 raise InputError(
@@ -77,14 +102,14 @@ class Parameters(NamedUnknowns):
 _ABSENT = 0.25
 
 
-def _sizes(one: Family) -> FloatArray:
+def _sizes(one: ParameterGroup) -> FloatArray:
     """What the deviations of parameters that may vanish are held against then, as they may be well known at that; else 0."""
     part = 1.0 if one.limits[0] < 0 else _ABSENT * (_transform(one) == "log") * np.isin(one.kinds, MAY_VANISH)
     return np.abs(one.start) * part
 
 
 def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
-    """The named parameters that `unknowns` declare on `structure`.
+    """The named parameters that the declarations `unknowns` make on `structure`.
 
     Raises
     ------
@@ -100,49 +125,49 @@ def parameters(structure: Structure, unknowns: Iterable[Unknown]) -> Parameters:
     >>> parameters(cantilever, [Unknown("mass", "beam", each=True)]).names
     ('mass[beam:1]', 'mass[beam:2]')
     """
-    families = [family(structure, unknown) for unknown in unknowns]
-    require_distinct(families)
-    offset, design = _map(structure, families)
-    free = [one for one in families if one.is_free]
-    for one in free:
-        _ = one.limits
-    for one in free:
-        prior = one.unknown.prior
+    groups = [parameter_group(structure, unknown) for unknown in unknowns]
+    require_distinct(groups)
+    offset, design = _assemble_map(structure, groups)
+    free = [group for group in groups if group.is_free]
+    for group in free:
+        _ = group.limits
+    for group in free:
+        prior = group.unknown.prior
         if prior is not None and prior.problem:
-            raise InputError(f"prior of {one.names[0]} {prior.problem}")
-        if prior is not None and prior.kind == "lognormal" and one.limits[0] < 0:
-            raise InputError(f"{one.names[0]} must be kept positive for a log-normal prior; declare it `positive`")
-    family_of = np.repeat(np.arange(len(free)), [one.n_params for one in free])
-    limits = np.array([one.limits for one in free], dtype=float).reshape(-1, 2)[family_of]
-    transforms = Transforms(_joined((_transform(one),) * one.n_params for one in free), *locked(limits.T))
-    start = [one.start for one in free]
-    sizes = [_sizes(one) for one in free]
+            raise InputError(f"prior of {group.names[0]} {prior.problem}")
+        if prior is not None and prior.kind == "lognormal" and group.limits[0] < 0:
+            raise InputError(f"{group.names[0]} must be kept positive for a log-normal prior; declare it `positive`")
+    group_index = np.repeat(np.arange(len(free)), [group.n_params for group in free])
+    limits = np.array([group.limits for group in free], dtype=float).reshape(-1, 2)[group_index]
+    transforms = Transforms(_joined((_transform(group),) * group.n_params for group in free), *locked(limits.T))
+    start = [group.start for group in free]
+    sizes = [_sizes(group) for group in free]
     made = Parameters(
-        names=_joined(one.names for one in free),
-        kinds=_joined(one.kinds for one in free),
-        units=_joined(one.units for one in free),
-        elements=_joined(element_sets(one) for one in free),
+        names=_joined(group.names for group in free),
+        kinds=_joined(group.kinds for group in free),
+        units=_joined(group.units for group in free),
+        elements=_joined(element_sets(group) for group in free),
         start=locked(np.concatenate(start) if start else np.zeros(0)),
         transforms=transforms,
-        priors=priors_of(one.unknown.prior for one in free).at(family_of),
+        priors=priors_of(group.unknown.prior for group in free).at(group_index),
         scale=locked(np.concatenate(sizes) if sizes else np.zeros(0)),
         offset=locked(offset),
         design=design,
-        scatters=tuple(_scatter(one) for one in families if one.unknown.varies is not False),
+        scatters=tuple(_scatter_of(group) for group in groups if group.unknown.varies is not False),
     )
-    _require_tolerances_of_held(structure, design)
+    _require_tolerances_of_fixed(structure, design)
     return made.started_at(made.start)
 
 
-def _require_tolerances_of_held(structure: Structure, design: sparse.csc_array) -> None:
-    """Raise `InputError` where an element set states how well a property is known that is sought."""
+def _require_tolerances_of_fixed(structure: Structure, design: sparse.csc_array) -> None:
+    """Raise `InputError` if an element set states a tolerance for a property that is an unknown (has a row in `design`)."""
     is_sought = np.diff(design.tocsr().indptr) > 0
     for element in structure.elements:
         stated = element.tolerance
-        own = [item for item in structure.properties if item.element == element.name and item.term.values.any()]
-        sought = [item.term.property for item in own if is_sought[item.values].all()]
+        properties = [item for item in structure.properties if item.element == element.name and item.term.values.any()]
+        sought = [item.term.property for item in properties if is_sought[item.values].all()]
         wrong = [name for name in sought if isinstance(stated, Mapping) and name in stated]
-        if stated is not None and not isinstance(stated, Mapping) and own and len(sought) == len(own):
+        if stated is not None and not isinstance(stated, Mapping) and properties and len(sought) == len(properties):
             wrong = sought
         if wrong:
             raise InputError(
@@ -151,73 +176,78 @@ def _require_tolerances_of_held(structure: Structure, design: sparse.csc_array) 
             )
 
 
-def _scatter(one: Family) -> Scatter:
-    """That of a declaration that varies from record to record."""
-    name = one.names[0] if one.n_params == 1 else f"{one.unknown.property}[{label_of(one.unknown)}]"
-    if not one.is_free:
+def _scatter_of(group: ParameterGroup) -> Scatter:
+    """The scatter of a group of parameters that is declared to vary from record to record."""
+    name = group.names[0] if group.n_params == 1 else f"{group.unknown.property}[{label_of(group.unknown)}]"
+    if not group.is_free:
         raise InputError(f"{name} must be free to vary from record to record; leave `fixed` and `tied_to` out of it")
-    if one.limits[0] < 0:
+    if group.limits[0] < 0:
         raise InputError(f"{name} must be kept positive to vary from record to record; declare it `positive`")
-    given = None if one.unknown.varies is True else float(one.unknown.varies)
-    if given is not None and not 0 < given < np.inf:
-        raise InputError(f"`varies` of {name} must be true, or its scatter as a part greater than 0, got {given:g}")
-    return Scatter(name, one.names, given=given, std=given or BEGUN)
+    stated = None if group.unknown.varies is True else float(group.unknown.varies)
+    if stated is not None and not 0 < stated < np.inf:
+        raise InputError(f"`varies` of {name} must be true, or its scatter as a part greater than 0, got {stated:g}")
+    return Scatter(name, group.names, given=stated, std=stated or BEGUN)
 
 
-def _map(structure: Structure, families: list[Family]) -> tuple[FloatArray, sparse.csc_array]:
-    """Offset and design of `Parameters`."""
+def _assemble_map(structure: Structure, groups: list[ParameterGroup]) -> tuple[FloatArray, sparse.csc_array]:
+    """Offset (n_values,) and design matrix (n_values, n_params) that turn parameters into property values."""
     first_column, n_free = {}, 0
-    for one in families:
-        if one.is_free:
-            first_column[id(one)] = n_free
-            n_free += one.n_params
+    for group in groups:
+        if group.is_free:
+            first_column[id(group)] = n_free
+            n_free += group.n_params
     offset = np.array(structure.values)
-    for one in families:
-        offset[one.indices] = 0.0
+    for group in groups:
+        offset[group.indices] = 0.0
     rows, columns, entries = [], [], []
-    for one in families:
-        leader, ratio = _leader(one, families)
-        base = one.base * ratio
-        followed = one.owner if leader is None else np.full(len(one.indices), leader[1])
-        source = one if leader is None else leader[0]
+    for group in groups:
+        leader, ratio = _resolve_tie(group, groups)
+        base = group.base * ratio
+        followed = group.owner if leader is None else np.full(len(group.indices), leader[1])
+        source = group if leader is None else leader[0]
         if id(source) in first_column:
-            rows.append(one.indices)
+            rows.append(group.indices)
             columns.append(first_column[id(source)] + followed)
             entries.append(base)
         else:
-            np.add.at(offset, one.indices, base * source.start[followed])
+            np.add.at(offset, group.indices, base * source.start[followed])
     if not rows:
         return offset, sparse.csc_array((len(offset), 0))
     table = (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns)))
     return offset, sparse.coo_array(table, (len(offset), n_free)).tocsc()
 
 
-def _leader(one: Family, families: list[Family]) -> tuple[tuple[Family, int] | None, float]:
-    """What all parameters of `one` follow in the end (None for themselves), and the multiple of it."""
-    if one.unknown.tied_to is None:
+def _resolve_tie(
+    group: ParameterGroup, groups: list[ParameterGroup]
+) -> tuple[tuple[ParameterGroup, int] | None, float]:
+    """The parameter (group, index) that all parameters of a tied group follow in the end, and the ratio to it.
+
+    None and 1.0 for a group that is not tied.
+    """
+    if group.unknown.tied_to is None:
         return None, 1.0
-    places = {name: (own, k) for own in families for k, name in enumerate(own.names)}
-    ratio, name, seen = 1.0, one.names[0], [one.names[0]]
-    target = one.unknown.tied_to
+    parameter_of = {name: (other, k) for other in groups for k, name in enumerate(other.names)}
+    ratio, name, seen = 1.0, group.names[0], [group.names[0]]
+    target = group.unknown.tied_to
     while True:
-        if target not in places:
-            near = difflib.get_close_matches(target, places, 1, 0.0)
+        if target not in parameter_of:
+            nearest = difflib.get_close_matches(target, parameter_of, 1, 0.0)
             raise InputError(
                 f"{name} is tied to {target!r}, which is no parameter"
-                + (f"; the nearest is {near[0]!r}" if near else "")
+                + (f"; the nearest is {nearest[0]!r}" if nearest else "")
             )
-        ratio *= one.unknown.ratio
-        one, k = places[target]
+        ratio *= group.unknown.ratio
+        group, k = parameter_of[target]
         name = target
         if name in seen:
             raise InputError(f"ties run in a circle: {' -> '.join([*seen, name])}")
-        if one.unknown.tied_to is None:
-            return (one, k), ratio
+        if group.unknown.tied_to is None:
+            return (group, k), ratio
         seen.append(name)
-        target = one.unknown.tied_to
+        target = group.unknown.tied_to
 
 
-def _transform(one: Family) -> Transform:
+def _transform(one: ParameterGroup) -> Transform:
     if one.is_bounded:
         return "interval"
     return "log" if one.limits[0] >= 0 else "linear"

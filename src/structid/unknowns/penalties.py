@@ -10,11 +10,11 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.constraints import Positive, declared_types, problem_of
+from structid.core.constraints import Positive, constraint_violation, declared_types
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.inversion.regularization.strengths import StrengthRule
-from structid.unknowns.families import named_members
+from structid.unknowns.parameter_groups import named_members
 from structid.unknowns.parameters import Parameters
 from structid.unknowns.priors import Coupling
 
@@ -95,7 +95,7 @@ def term_name(term: Regularization) -> str:
 
 
 def penalty(structure: Structure, unknown: Parameters, term: Regularization) -> Coupling:
-    """The rows of `term` at strength 1: logarithms of neighbours' ratios, or of ratios to the start.
+    """The regularization rows of `term` at strength 1: log ratios of neighbouring parameters, or of parameters to their start.
 
     Raises
     ------
@@ -103,9 +103,9 @@ def penalty(structure: Structure, unknown: Parameters, term: Regularization) -> 
         If the strength is not usable, there are no parameters or no neighbours for it, or one may be negative.
     """
     _require_strength(term)
-    columns, values = _columns(structure, unknown, term)
+    columns, values = _parameters_of_term(structure, unknown, term)
     if not term.is_sparse:
-        pairs = _neighbours(structure, columns, values)
+        pairs = _neighbour_pairs(structure, columns, values)
         if not len(pairs):
             raise InputError(
                 f"{term_name(term)} must have elements that share a node and have parameters of their own, got"
@@ -114,7 +114,7 @@ def penalty(structure: Structure, unknown: Parameters, term: Regularization) -> 
         rows, ones = np.arange(len(pairs)), np.ones(len(pairs))
         entries = np.concatenate([ones, -ones]), (np.concatenate([rows, rows]), pairs.T.ravel())
         matrix = _dense_where_small(sparse.csr_array(entries, (len(pairs), unknown.n_params)))
-        made = Coupling(term_name(term), matrix, np.zeros(len(pairs)), logarithmic=True)
+        coupling = Coupling(term_name(term), matrix, np.zeros(len(pairs)), logarithmic=True)
     else:
         chosen = np.unique(columns)
         start = unknown.start[chosen]
@@ -123,9 +123,9 @@ def penalty(structure: Structure, unknown: Parameters, term: Regularization) -> 
             raise InputError(f"{term_name(term)} needs positive starts, got {start.min():g} for {name}")
         entries = np.ones(len(chosen)), (np.arange(len(chosen)), chosen)
         matrix = _dense_where_small(sparse.csr_array(entries, (len(chosen), unknown.n_params)))
-        made = Coupling(term_name(term), matrix, np.log(start), logarithmic=True)
-    unknown.coupled(made)
-    return made
+        coupling = Coupling(term_name(term), matrix, np.log(start), logarithmic=True)
+    unknown.coupled(coupling)
+    return coupling
 
 
 def _dense_where_small(matrix: sparse.csr_array) -> FloatArray | sparse.csr_array:
@@ -133,13 +133,13 @@ def _dense_where_small(matrix: sparse.csr_array) -> FloatArray | sparse.csr_arra
 
 
 def _require_strength(term: Regularization) -> None:
-    problem = problem_of(declared_types(type(term))["strength"], term.strength)
+    problem = constraint_violation(declared_types(type(term))["strength"], term.strength)
     if problem or term.strength == np.inf:
         raise InputError(f"`strength` of {term_name(term)} {problem or 'must be finite, got inf'}")
 
 
-def _columns(structure: Structure, unknown: Parameters, term: Regularization) -> tuple[IntArray, IntArray]:
-    """Parameters of the elements of `term`, and the property values that they make, pair by pair."""
+def _parameters_of_term(structure: Structure, unknown: Parameters, term: Regularization) -> tuple[IntArray, IntArray]:
+    """Pairs of parameter index and property-value index, (n_pairs,) each, for the elements of a regularization term."""
     texts = (term.elements,) if isinstance(term.elements, str) else tuple(term.elements)
     members = [member for text in texts for member in named_members(structure, term.property, text)]
     values = np.unique(np.concatenate([item.values.start + rows for item, rows in members]))
@@ -149,16 +149,16 @@ def _columns(structure: Structure, unknown: Parameters, term: Regularization) ->
     return part.coords[1], values[part.coords[0]]
 
 
-def _neighbours(structure: Structure, columns: IntArray, values: IntArray) -> IntArray:
-    """Pairs of parameters whose elements share a node, (n_pairs, 2)."""
+def _neighbour_pairs(structure: Structure, columns: IntArray, values: IntArray) -> IntArray:
+    """Pairs of parameters whose elements share a node, (n_pairs, 2); `columns` and `values` are those of `_parameters_of_term`."""
     tables = {element.name: element.nodes for element in structure.sets}
     owners, nodes = [], []
     for item in structure.properties:
-        here = (values >= item.values.start) & (values < item.values.stop)
-        if here.any():
-            found = tables[item.element][values[here] - item.values.start]
-            owners.append(np.repeat(columns[here], found.shape[1]))
-            nodes.append(found.ravel())
+        of_item = (values >= item.values.start) & (values < item.values.stop)
+        if of_item.any():
+            element_nodes = tables[item.element][values[of_item] - item.values.start]
+            owners.append(np.repeat(columns[of_item], element_nodes.shape[1]))
+            nodes.append(element_nodes.ravel())
     owner, node = np.concatenate(owners), np.concatenate(nodes)
     owner, node = owner[node >= 0], np.unique(node[node >= 0], return_inverse=True)[1]
     size, n_nodes = int(columns.max()) + 1, int(node.max(initial=-1)) + 1

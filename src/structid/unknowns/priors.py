@@ -38,7 +38,7 @@ class Prior:
 
     @property
     def problem(self) -> str:
-        """What is wrong with it; "" where nothing is."""
+        """The reason why the prior cannot be used; "" if it can."""
         if self.kind not in ("normal", "lognormal"):
             return f"must be of kind 'normal' or 'lognormal', got {self.kind!r}"
         if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std > 0):
@@ -74,7 +74,7 @@ class Priors:
         return np.isfinite(self.std)
 
     def one(self, index: int) -> Prior | None:
-        """That of one parameter."""
+        """The prior of the parameter `index`, or None."""
         if not self.stated[index]:
             return None
         kind: PriorKind = "lognormal" if self.lognormal[index] else "normal"
@@ -90,9 +90,10 @@ class Priors:
         return Priors(*(np.concatenate(pair) for pair in pairs))
 
     def entries(self, physical: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Whitened rows: which parameter each is about, residual and derivative, (n_rows,) each.
+        """Whitened rows of the priors at `physical`: parameter index, residual and derivative, (n_rows,) each.
 
-        (p - mean) / std, or (log p - mu) / s with s^2 = log(1 + (std / mean)^2) and mu = log(mean) - s^2 / 2.
+        The residual is (p - mean) / std, or (log p - mu) / s with s^2 = log(1 + (std / mean)^2) and mu = log(mean) -
+        s^2 / 2.
         """
         rows = np.flatnonzero(self.stated)
         p, m, s, log = physical[rows], self.mean[rows], self.std[rows], self.lognormal[rows]
@@ -123,7 +124,7 @@ class Coupling:
     Parameters
     ----------
     name : str
-        What reports call it.
+        Name of the prior in reports.
     matrix : (n_rows, n_params) float array
         Sparse where parameters are many.
     target : (n_rows,) float array
@@ -137,6 +138,7 @@ class Coupling:
     logarithmic: bool = False
 
     def __post_init__(self) -> None:
+        """Lock the matrix and the target, and check that they are finite and fit each other."""
         if sparse.issparse(self.matrix):
             rows = sparse.csr_array(self.matrix, dtype=np.float64, copy=True)
             require_finite("matrix", rows.data)
@@ -151,7 +153,7 @@ class Coupling:
 
     @property
     def used(self) -> np.ndarray:
-        """Which parameters take part, (n_params,)."""
+        """True for each parameter that takes part in the coupling, (n_params,)."""
         if sparse.issparse(self.matrix):
             entries = sparse.coo_array(self.matrix)
             return np.bincount(entries.col[entries.data != 0], minlength=entries.shape[1]) > 0
@@ -169,7 +171,7 @@ class Coupling:
         return self.residual(physical), sparse.csr_array(sparse.csr_array(self.matrix) @ sparse.diags_array(slope))
 
     def rows(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residual (n_rows,) and its derivative with respect to the physical parameters (n_rows, n_params)."""
+        """Residual (n_rows,) at the parameters `physical` (n_params,), and its derivative by them, (n_rows, n_params)."""
         if sparse.issparse(self.matrix):
             residual, jacobian = self.sparse_rows(physical)
             return residual, jacobian.toarray()
@@ -182,7 +184,7 @@ class Coupling:
         return self.at(np.arange(first, first + self.matrix.shape[1]), n_params)
 
     def at(self, index: IntArray, n_params: int) -> Coupling:
-        """The same of the parameters at `index` among `n_params`."""
+        """The coupling with its parameters at positions `index` among `n_params`."""
         matrix = sparse.csr_array(self.matrix)
         wide = sparse.csr_array((matrix.data, index[matrix.indices], matrix.indptr), (matrix.shape[0], n_params))
         kept = wide if sparse.issparse(self.matrix) else wide.toarray()
@@ -208,15 +210,15 @@ def joint_prior(
     Parameters
     ----------
     name : str
-        What reports call it.
+        Name of the prior in reports.
     names : tuple of str
         All parameters, in order.
     known : tuple of str
-        Those that the prior is about.
+        Names of the parameters that the prior is about.
     mean, covariance : (n_known,), (n_known, n_known) float arrays
         Physical units.
     logarithmic : bool
-        Whether the logarithms are Gaussian, with means log(mean) and covariance C_ij / (mean_i mean_j).
+        True if the logarithms are Gaussian, with means log(mean) and covariance C_ij / (mean_i mean_j).
 
     Raises
     ------
@@ -248,7 +250,11 @@ def joint_prior(
 
 
 def held_rows(held: tuple[FloatArray, FloatArray] | None, theta: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Whitened rows of `NamedUnknowns.held`: which free variable each is about, residual and derivative, (n_rows,) each."""
+    """Whitened rows of a Gaussian prior on the free variables: variable index, residual and derivative, (n_rows,) each.
+
+    `held` is its mean and standard deviation, (n_params,) each and NaN where there is none; `theta` (n_params,) are the
+    free variables.
+    """
     if held is None:
         return np.zeros(0, dtype=int), np.zeros(0), np.zeros(0)
     mean, std = held

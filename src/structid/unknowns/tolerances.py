@@ -49,7 +49,7 @@ class Tolerances:
         require_declared(self)
 
     def of_kind(self, kind: str) -> float:
-        """The tolerance of a property of this kind; 0 of what has none, such as the place of a node."""
+        """The relative tolerance for a property of this kind; 0 for a kind without one, such as a node coordinate."""
         if kind in _MASSES:
             return self.mass
         if kind in _STIFFNESSES:
@@ -86,7 +86,7 @@ class FixedProperty:
 
 
 def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tolerances) -> tuple[FixedProperty, ...]:
-    """Every property with values that a model holds and that are not known exactly.
+    """Every property of the structure that no parameter changes and whose value has a tolerance.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tole
     unknown : Parameters
         Parameters of that structure, which do not count as held.
     tolerances : Tolerances
-        Of element sets that state none.
+        Tolerances of element sets that state none.
     """
     stated = {element.name: element.tolerance for element in structure.elements}
     is_held = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)
@@ -114,7 +114,7 @@ def _own_tolerance(tolerance: float | Mapping[str, float] | None, name: str) -> 
 
 
 def relative_sensitivities(values: FloatArray, properties: tuple[FixedProperty, ...]) -> FloatArray:
-    """Derivatives of the values (n_values,) with respect to a common relative change of each property, (n_values, n_properties)."""
+    """Derivatives of all property values by a common relative change of each property, (n_values, n_properties)."""
     columns = np.zeros((len(values), len(properties)))
     for number, item in enumerate(properties):
         columns[item.indices, number] = values[item.indices]

@@ -51,7 +51,7 @@ class Transforms:
         return kinds == "log", kinds == "interval"
 
     def physical(self, theta: FloatArray) -> FloatArray:
-        """Physical values of the free variables `theta`."""
+        """Parameters in physical units, (n_params,), from the free variables `theta`, (n_params,)."""
         log, interval = self._masks
         values = np.array(theta, dtype=np.float64)
         values[log] = np.exp(values[log])
@@ -61,7 +61,7 @@ class Transforms:
         return values
 
     def slope(self, theta: FloatArray) -> FloatArray:
-        """Derivative of the physical value with respect to the free variable."""
+        """Derivative of each physical parameter with respect to its free variable at `theta`, (n_params,)."""
         log, interval = self._masks
         slope = np.ones(len(theta))
         slope[log] = np.exp(theta[log])
@@ -70,7 +70,7 @@ class Transforms:
         return slope
 
     def free(self, values: FloatArray) -> FloatArray:
-        """Free variables of physical `values`."""
+        """Free variables, (n_params,), from parameters in physical units, (n_params,)."""
         log, interval = self._masks
         theta = np.array(values, dtype=np.float64)
         theta[log] = np.log(theta[log])
@@ -85,10 +85,10 @@ class Transforms:
         return np.where(bounded, np.stack([self.lower, self.upper], axis=1), [-np.inf, np.inf])
 
     def reach(self, values: FloatArray, sizes: FloatArray) -> FloatArray:
-        """Free variables between which a search from physical `values` stays, (n_params, 2).
+        """Lowest and highest free variable that a search from the physical `values` may reach, (n_params, 2).
 
-        A positive parameter stays within a factor of a million, an unlimited one within a million of its `sizes` (everywhere
-        where that is 0), and a bounded one comes as close to its bounds as digits tell.
+        A positive parameter stays within a factor of a million, an unlimited one within a million of its `sizes` (no
+        limit where that is 0), and a bounded one as close to its bounds as rounding allows.
         """
         log, interval = self._masks
         far = np.where(log, np.log(FARTHEST), np.where(interval, _FARTHEST_LOGIT, FARTHEST * sizes))

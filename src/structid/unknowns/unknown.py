@@ -42,6 +42,7 @@ class Field:
     degree: int = 1
 
     def __post_init__(self) -> None:
+        """Make `intervals` a tuple of ints and check it and the degree."""
         object.__setattr__(self, "intervals", tuple(int(n) for n in np.atleast_1d(self.intervals)))
         if not 1 <= len(self.intervals) <= 3 or min(self.intervals) < 1:
             raise InputError(f"`intervals` of a field must be 1 to 3 whole numbers of at least 1, got {self.intervals}")
@@ -50,7 +51,7 @@ class Field:
 
 
 def field_functions(field: Field, middles: FloatArray) -> tuple[sparse.csc_array, tuple[str, ...]]:
-    """Values of the functions of `field` at the middles of the elements.
+    """Values of the shape functions of `field` at the middles of the elements, sparse, and labels of its grid points.
 
     Parameters
     ----------

@@ -20,18 +20,18 @@ def own_name(name: str, title: str) -> str:
 
 
 def own_values(parameters: Parameters, title: str) -> Parameters:
-    """The parameters of the record called `title`: what varies has a value of its own there, beside the common one.
+    """`parameters` extended for the record `title` by an own value of each varying property beside the common one.
 
-    The properties follow the record's own values; the common ones act on nothing but through their scatter.
+    The properties follow the record's own values; the common ones act only through their scatter.
     """
     common = [name for scatter in parameters.scatters for name in scatter.common]
     if not common:
         return parameters
-    place = {name: i for i, name in enumerate(parameters.names)}
-    columns, n, m = np.array([place[name] for name in common]), parameters.n_params, len(common)
-    design, kept, ranges = parameters.design.tocsc(), np.ones(n), parameters.transforms
-    kept[columns] = 0.0
-    design = sparse.csc_array(sparse.hstack([design @ sparse.diags_array(kept), design[:, columns]]))
+    index_of = {name: i for i, name in enumerate(parameters.names)}
+    columns, n, m = np.array([index_of[name] for name in common]), parameters.n_params, len(common)
+    design, is_kept, ranges = parameters.design.tocsc(), np.ones(n), parameters.transforms
+    is_kept[columns] = 0.0
+    design = sparse.csc_array(sparse.hstack([design @ sparse.diags_array(is_kept), design[:, columns]]))
     design.eliminate_zeros()
     return replace(
         parameters,
@@ -53,7 +53,7 @@ def own_values(parameters: Parameters, title: str) -> Parameters:
 
 
 def with_scatter(parameters: Parameters, std: Mapping[str, float]) -> Parameters:
-    """The same parameters with the standard deviations of scatters by name."""
+    """`parameters` with new standard deviations of their scatters; `std` maps names of scatters to deviations."""
     if not parameters.scatters:
         return parameters
     scatters = tuple(replace(scatter, std=std.get(scatter.name, scatter.std)) for scatter in parameters.scatters)

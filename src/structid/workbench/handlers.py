@@ -400,6 +400,9 @@ async def _results(bench: Workbench, request: Request) -> Response:
         "verdict",
         "verdict_text",
         "verdict_reasons",
+        "headline",
+        "next_step",
+        "advice",
         "causes",
         "suggestions",
         "parameters",
@@ -409,6 +412,14 @@ async def _results(bench: Workbench, request: Request) -> Response:
         "chi_square_per_dof",
     )
     return Json({"results": {key: estimate.get(key) for key in keys}, "files": listed, "report": shown})
+
+
+async def _fits(bench: Workbench, request: Request) -> Response:
+    """Measured and fitted responses of results: found out once, until they change."""
+    name = request.query_params["results"]
+    path = bench.opened.inside(f"{name}/estimate.h5")
+    version = str(path.stat().st_mtime_ns) if path.is_file() else ""
+    return await bench.worked("fits", {"results": name}, version)
 
 
 async def _view(bench: Workbench, request: Request) -> Response:
@@ -481,6 +492,7 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("POST", "/api/runs/{id}/{action}", _act),
     ("GET", "/api/events", _events),
     ("GET", "/api/results", _results),
+    ("GET", "/api/fits", _fits),
     ("GET", "/api/download", _download),
     ("GET", "/api/export", _export),
 )

@@ -71,7 +71,7 @@ def test_two_studies_with_unchanged_masses_locate_the_weaker_spring(states, tmp_
     assert stored["basis"] == "joint"
     assert set(stored["unchanged"]) == {"mass[mass 1]", "mass[mass 2]", "mass[mass 3]"}
     assert stored["complete"] is True
-    assert "changed at the family-wise level of 5 %: stiffness[upper:2] (-10" in done.stdout
+    assert "changed (joint risk 5 %): stiffness[upper:2] (-10" in done.stdout
     page = (folder / "compare.html").read_text().split("<script")[0]
     assert "stiffness[upper:2]" in page
     assert "http" not in page.replace("http-equiv", "")
@@ -145,7 +145,7 @@ def test_changes_stand_by_their_size_and_less_than_the_least_is_not_declared(sta
     assert every.changed[every.order][:declared].all()
     found = compare(*states, CompareOptions(unchanged="mass", least="5 %")).comparison
     assert [n for n, c in zip(found.names, found.changed, strict=True) if c] == ["stiffness[upper:2]"]
-    assert "changed by more than 5 % at the family-wise level" in found.words
+    assert "changed by more than 5 % (joint risk" in found.words
     assert not replace(found, least=0.15).changed.any()
     assert (replace(found, least=0.15).relative_detection_limit > 0.15).all()
 
@@ -180,7 +180,7 @@ def test_the_same_record_twice_is_no_change_and_says_so(states, tmp_path):
         "compare", before, again, "--no-report", "--out", tmp_path / "none", "--correction", "benjamini_hochberg"
     )
     assert done.exit_code == 0
-    assert "no parameter changed at the false discovery level of 5 %" in done.stdout
+    assert "no parameter changed (false discovery rate 5 %)" in done.stdout
     assert "both states read the same frf.npz" in done.stdout
     assert [p.name for p in (tmp_path / "none").iterdir()] == ["compare.json"]
 

@@ -336,7 +336,7 @@ class FakeEmat:
 
 def test_ansys_files_are_read_through_the_library(tmp_path, monkeypatch):
     """The reader that runs in a child, called here with a library that is none."""
-    monkeypatch.setattr(ansys, "contained", lambda path, reader: worker.READERS[reader](str(path)))
+    monkeypatch.setattr(ansys, "read_in_child", lambda path, reader: worker.READERS[reader](str(path)))
     library = types.ModuleType("ansys.mapdl.reader")
     library.read_binary = lambda path: FakeFull() if path.endswith(".full") else FakeEmat()
     for name in ("ansys", "ansys.mapdl"):

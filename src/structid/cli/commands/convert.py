@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from structid.cli.base import say
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.errors import FileError, InputError
 from structid.fem.importers import FORMATS as MATRIX_FORMATS
 from structid.fem.importers import (
@@ -174,7 +174,7 @@ def _modes(source: Path, target: Path, options: ModeFileOptions) -> list[str]:
     is_told = source.suffix.lower() not in JSON_SUFFIXES and "; " in record.source
     read = [f"read: {record.source}"] if is_told else []
     lost = _lost_of_modes(record, target)
-    size = f"{counted(record.n_modes, 'mode')} at {counted(len(record.channels), 'channel')}, scaling {record.scaling}"
+    size = f"{plural(record.n_modes, 'mode')} at {plural(len(record.channels), 'channel')}, scaling {record.scaling}"
     return [*read, f"{target}: {size}", *([f"not kept by {target.suffix}: {', '.join(lost)}"] if lost else [])]
 
 
@@ -249,4 +249,4 @@ def _write_numbering(path: Path, items: Sequence[ImportedMatrix]) -> str:
     dofs_of(table)
     with atomic_write(path) as temporary:
         temporary.write_text("".join(f"{node} {component}\n" for node, component in table.tolist()), encoding="ascii")
-    return f"{path}: node and component of {counted(len(table), 'row')}"
+    return f"{path}: node and component of {plural(len(table), 'row')}"

@@ -28,7 +28,7 @@ def doctor(study: StudyPath = None, workers: Workers = 1) -> None:
     """
     from structid.cli.doctor_summary import installed_lines, needed_lines  # the help needs none of these
     from structid.study.run.doctor import installation
-    from structid.study.run.needs import available_bytes, expected, gigabytes
+    from structid.study.run.resources import available_bytes, expected, gigabytes
     from structid.study.schema.study import load_study
 
     found = installation()

@@ -56,6 +56,7 @@ CauseSeconds = Annotated[
         help="Processor time for the search for causes [default: three times the identification and 5 s].",
     ),
 ]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print warnings, statistics, causes and modes too.")]
 #: The words of each choice.
 _EXPLAIN: dict[bool | None, list[str]] = {None: [], True: ["--explain"], False: ["--no-explain"]}
 
@@ -72,6 +73,7 @@ def identify(
     checkpoint: Seconds = CHECKPOINT_SECONDS,
     progress_file: Watched = None,
     seconds: CauseSeconds = None,
+    verbose: Verbose = False,
 ) -> None:
     """Identify the unknowns of a study and write estimate.json, estimate.h5, study.toml and report.html.
 
@@ -88,6 +90,7 @@ def identify(
     from structid.cli.console import identification_summary  # the help needs none of these
     from structid.cli.progress import ProgressFile, run_progress
     from structid.cli.tables import show
+    from structid.core.isolation import paths_as_called
     from structid.explanation.answer import criticized, time_for_causes, write_suggestions
     from structid.explanation.time_budget import TimeBudget
     from structid.inversion.estimate import Status
@@ -142,7 +145,7 @@ def identify(
         finally:
             run.close()
         kept.remove()
-    show(identification_summary(result))
+    show(identification_summary(result, verbose, paths_as_called(str(folder))))
     say(folder / name)
     estimate = result.identification.estimate
     verdict = result.criticism.judgement.verdict if result.criticism is not None else ""

@@ -46,10 +46,10 @@ def reproduce(
 def _summary(items: Iterable[Item]) -> list[RenderableType]:
     """Verdict and largest difference of every table and figure."""
     from structid.cli.tables import new_table
-    from structid.core.display import figures
+    from structid.core.display import format_number
 
     table = new_table("item", "verdict", "largest difference", "title")
     for item in items:
         largest = item.max_abs_difference
-        table.add_row(item.name, item.verdict.value, "-" if largest is None else figures(largest, 2), item.title)
+        table.add_row(item.name, item.verdict.value, "-" if largest is None else format_number(largest, 2), item.title)
     return [table]

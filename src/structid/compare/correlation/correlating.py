@@ -65,7 +65,7 @@ class StudyCorrelation:
 
 
 def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None = None) -> StudyCorrelation:
-    """The records of `study` beside its model at the start values, or at the values that the folder `at` holds.
+    """Comparison of the records of `study` with its model at the start values, or at the values stored in the results folder `at`.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
     SingularModelError
         If the model has a mechanism.
     """
-    known = {} if at is None else stored_values(at)
+    stored = {} if at is None else stored_values(at)
     study, setups, _ = load_setups(study)
     names = titles(setups) if len(setups) > 1 else [""] * len(setups)
     modal: list[ModesCorrelation] = []
@@ -84,10 +84,10 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
         part: Correlation
         with placed_mechanism(study.section("structure")), source.section.located():
             if source.record.modes is not None:
-                part = _modes(name, setup, source.record.modes, known, options)
+                part = _compare_modes(name, setup, source.record.modes, stored, options)
                 modal.append(part)
             else:
-                part = _responses(name, setup, study, known)
+                part = _compare_responses(name, setup, study, stored)
                 responses.append(part)
         warnings += [f"{name}: {words}" if name else words for words in part.warnings]
     channels = tuple(
@@ -98,7 +98,7 @@ def correlate(study: Study, options: CorrelateOptions = DEFAULT, at: Path | None
     return StudyCorrelation(study, at, tuple(modal), tuple(responses), channels, tuple(warnings), provenance(study))
 
 
-def _modes(
+def _compare_modes(
     name: str, setup: AnySetup, source: ModesSource, known: Mapping[str, float], options: CorrelateOptions
 ) -> ModesCorrelation:
     unknown = setup.parameters
@@ -106,7 +106,8 @@ def _modes(
     return correlated_modes(setup.structure, values, source.load(), options, source.settings, name)
 
 
-def _responses(name: str, setup: AnySetup, study: Study, known: Mapping[str, float]) -> ResponsesCorrelation:
+def _compare_responses(name: str, setup: AnySetup, study: Study, known: Mapping[str, float]) -> ResponsesCorrelation:
+    """Measured and modelled FRFs of one record; `known` has parameter values that replace start values, by name."""
     problem = setup.prepared(study.options).problem
     values = values_at(problem.names, problem.unknowns.start, known)
     fit = setup.response_fit(name, problem, Own(problem.theta_start, values, values), study.options)
@@ -129,21 +130,21 @@ def values_at(names: tuple[str, ...], start: FloatArray, known: Mapping[str, flo
 
 
 def before_and_after(
-    found: Identification,
+    identification: Identification,
 ) -> tuple[
     tuple[tuple[ModesCorrelation, ModesCorrelation], ...], tuple[tuple[ResponsesCorrelation, ResponsesCorrelation], ...]
 ]:
-    """Each record of modes, and each of responses, beside the initial and beside the identified model.
+    """Comparisons of each record of modes, and of each record of responses, with the initial and with the identified model.
 
     A record whose model cannot be evaluated, as after a search that failed, is left out.
     """
     modal, responses = [], []
-    for one in found.modal_fits:
+    for modal_fit in identification.modal_fits:
         with suppress(InputError, SingularModelError):
-            values = one.initial_values, one.problem.physical(one.theta)
-            before, after = (_fitted_modes(one, physical) for physical in values)
+            values = modal_fit.initial_values, modal_fit.problem.physical(modal_fit.theta)
+            before, after = (_fitted_modes(modal_fit, physical) for physical in values)
             modal.append((before, after))
-    for fit in found.fits:
+    for fit in identification.fits:
         with suppress(InputError):
             record, both = fit.evaluation, (fit.evaluation_initial, fit.evaluation_predicted)
             first, last = (correlated_responses(record, model, fit.name) for model in both)
@@ -171,6 +172,7 @@ def correlation_summary(found: StudyCorrelation) -> dict[str, Entry]:
 
 
 def _modes_summary(part: ModesCorrelation) -> dict[str, Entry]:
+    """Content of correlation.json for one record of modes."""
     pairing, expanded = part.pairing, part.expanded
     number = pairing.number
     rows = [
@@ -223,15 +225,18 @@ def _modes_summary(part: ModesCorrelation) -> dict[str, Entry]:
 
 
 def expansion_sizes(part: ModesCorrelation) -> list[tuple[float, float]]:
-    """Of every expanded shape: residual at the sensors in parts of the measured shape, and the median standard deviation
-    in parts of the largest entry.
+    """Relative residual at the sensors and relative median deviation of each expanded shape; empty without an expansion.
+
+    The residual is relative to the measured shape, the deviation to the largest entry.
     """
     expanded = part.expanded
     if expanded is None:
         return []
     size = np.abs(expanded.shapes).max(axis=0)
-    left, whole = (np.nansum(values**2, axis=0) for values in (expanded.residual, part.shapes))
-    residual = np.sqrt(np.divide(left, whole, out=np.full(len(whole), np.nan), where=whole > 0))
+    residual_energy, shape_energy = (np.nansum(values**2, axis=0) for values in (expanded.residual, part.shapes))
+    residual = np.sqrt(
+        np.divide(residual_energy, shape_energy, out=np.full(len(shape_energy), np.nan), where=shape_energy > 0)
+    )
     median = np.median(expanded.std, axis=0) / np.where(size > 0, size, np.nan)
     return list(zip(residual.tolist(), median.tolist(), strict=True))
 
@@ -256,16 +261,16 @@ def _responses_summary(part: ResponsesCorrelation) -> dict[str, Entry]:
 
 
 def expanded_record(part: ModesCorrelation) -> ModalRecord | None:
-    """The measured modes with shapes at every degree of freedom of the model; None where there is no expansion."""
+    """Measured modes with shapes at all degrees of freedom of the model; None without an expansion."""
     if part.expanded is None:
         return None
-    inside = np.array([dof.node in part.structure.nodes for dof in part.structure.dofs])
-    std = part.expanded.std[inside]
+    in_model = np.array([dof.node in part.structure.nodes for dof in part.structure.dofs])
+    std = part.expanded.std[in_model]
     return replace(
         part.measured,
-        mode_shapes=part.expanded.shapes[inside],
-        channels=tuple(dof for dof, is_own in zip(part.structure.dofs, inside, strict=True) if is_own),
-        shape_std=std if np.isfinite(std[~np.isnan(part.expanded.shapes[inside])]).all() else None,
+        mode_shapes=part.expanded.shapes[in_model],
+        channels=tuple(dof for dof, is_own in zip(part.structure.dofs, in_model, strict=True) if is_own),
+        shape_std=std if np.isfinite(std[~np.isnan(part.expanded.shapes[in_model])]).all() else None,
         changes=None,
         source=f"{part.measured.source}, expanded to the model by {part.options.expansion}",
     )

@@ -20,7 +20,7 @@ _WORST = 100.0
 
 
 def constrained_shapes(dynamic_stiffness: sparse.csc_array, sensors: sparse.csc_array) -> FloatArray:
-    """The motion without force elsewhere that each sensor at 1 and all others at 0 makes, (n_dofs, n_channels).
+    """Static or dynamic shapes for a unit motion of each sensor, the others at 0, without other forces, (n_dofs, n_channels).
 
     The solution x of Z x = S f, S' x = e for every unit vector e: with Z = K it is Guyan's (1965) reduction, with
     Z = K - omega^2 M the dynamic expansion of Kidder (1973). Sensors may read sums of degrees of freedom.
@@ -180,7 +180,7 @@ def expand(
             continue
         seen, given = everywhere[own], measured[own, r]
         if dynamic is None:
-            chosen = _told_apart(seen, basis[r])
+            chosen = _distinguishable(seen, basis[r])
             carry = modes.mode_shapes[:, chosen] @ np.linalg.pinv(seen[:, chosen])
         else:
             mass, stiffness = dynamic
@@ -195,36 +195,36 @@ def expand(
         variance = np.square(carry) @ np.square(noise[own, r])
         if model_error > 0:
             left = modes.mode_shapes - carry @ seen
-            near = chosen or _told_apart(seen, basis[r])
+            near = chosen or _distinguishable(seen, basis[r])
             part = float((np.linalg.pinv(seen[:, near]) @ given)[0])
-            variance = variance + np.square(left) @ (part**2 * _turning(modes, near[0], model_error))
+            variance = variance + np.square(left) @ (part**2 * _mixing_variance(modes, near[0], model_error))
         std[:, r] = np.sqrt(variance)
         used.append(chosen)
     return ExpandedShapes(shapes, std, residual, noise, tuple(used))
 
 
-def _told_apart(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
-    """The first of `modes` as far as the sensors tell them apart."""
+def _distinguishable(seen: FloatArray, modes: Sequence[int]) -> tuple[int, ...]:
+    """Mode indices of `modes`, in order, whose shapes at the sensors (columns of `seen`) are linearly independent enough."""
     size = np.abs(seen).max(axis=0)
-    found: list[int] = []
+    chosen: list[int] = []
     for k in modes:
-        wanted = [*found, k]
-        values = np.linalg.svd(seen[:, wanted] / np.maximum(size[wanted], 1e-300), compute_uv=False)
-        if size[k] > 0 and len(wanted) <= len(seen) and values[0] <= _WORST * values[-1]:
-            found.append(k)
-    if not found:
+        candidates = [*chosen, k]
+        values = np.linalg.svd(seen[:, candidates] / np.maximum(size[candidates], 1e-300), compute_uv=False)
+        if size[k] > 0 and len(candidates) <= len(seen) and values[0] <= _WORST * values[-1]:
+            chosen.append(k)
+    if not chosen:
         raise InputError("no mode of the model that a shape could be made of moves the sensors; check the channels")
-    return tuple(found)
+    return tuple(chosen)
 
 
-def _turning(modes: Modes, own: int, model_error: float) -> FloatArray:
-    """Variance of the part that every mode of the model has in a measured one, in parts of that of the mode `own`, (n_modes,).
+def _mixing_variance(modes: Modes, index: int, model_error: float) -> FloatArray:
+    """Variance of the contribution of each model mode to a measured one, relative to that of the mode `index`, (n_modes,).
 
-    The part of the mode `own` is known; it counts where an expansion does not keep it.
+    A relative stiffness error `model_error` mixes modes the more, the closer their frequencies are.
     """
     squares = (2 * np.pi * modes.frequency) ** 2
     together = model_error**2 * (1 + 3 * len(squares) * model_error**2)
-    between = together * squares[own] * squares
-    variance = between / ((squares - squares[own]) ** 2 + between + np.finfo(float).tiny)
-    variance[own] = 1.0
+    between = together * squares[index] * squares
+    variance = between / ((squares - squares[index]) ** 2 + between + np.finfo(float).tiny)
+    variance[index] = 1.0
     return np.asarray(variance)

@@ -12,7 +12,7 @@ from scipy import sparse
 from structid.compare.correlation.expansion import ExpandedShapes, constrained_shapes, expand, reduced_mass, serep_basis
 from structid.compare.correlation.options import DEFAULT, CorrelateOptions
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.errors import InputError
 from structid.dynamics import Modes
 from structid.dynamics.modes import modes
@@ -83,16 +83,18 @@ class ModesCorrelation:
 
     @cached_property
     def coefficients(self) -> FloatArray:
-        """The sum of the model's modes that is the like of each measured shape, in its scale, (n_model, n_measured).
+        """Least-squares coefficients of each measured shape in its model partners, (n_model, n_measured).
 
-        Of close modes several, of one without a pair, or without a known entry, none.
+        A column has several entries for close modes, and only zeros for a mode without a pair or without a known entry.
         """
-        found = np.zeros((self.seen.shape[1], self.shapes.shape[1]))
+        matrix = np.zeros((self.seen.shape[1], self.shapes.shape[1]))
         for i in self.pairing.paired.tolist():
-            known, own = ~np.isnan(self.shapes[:, i]), list(self.pairing.partners(i))
+            known, partners = ~np.isnan(self.shapes[:, i]), list(self.pairing.partners(i))
             if known.any():
-                found[own, i] = np.linalg.lstsq(self.seen[known][:, own], self.shapes[known, i], rcond=None)[0]
-        return found
+                matrix[partners, i] = np.linalg.lstsq(self.seen[known][:, partners], self.shapes[known, i], rcond=None)[
+                    0
+                ]
+        return matrix
 
     @cached_property
     def _pairs_at_sensors(self) -> tuple[FloatArray, FloatArray]:
@@ -119,7 +121,7 @@ class ModesCorrelation:
 
     @cached_property
     def shown(self) -> IntArray:
-        """Modes of the model worth showing beside the measured ones: pairs, and all near their range."""
+        """Indices of the model modes to show beside the measured ones: pairs, and all near the measured range."""
         f, g = self.measured.frequency, self.model.frequency
         near = (g >= _SHOWN[0] * f[0]) & (g <= _SHOWN[1] * f[-1]) & _moving(self.pairing)
         near[self.pairing.number[self.pairing.paired]] = True
@@ -133,23 +135,23 @@ class ModesCorrelation:
         return np.where(number >= 0, ratio, np.nan)
 
     def remark(self, mode: int) -> str:
-        """What the reader should know of a measured mode's pair; "" where it is plain."""
+        """A remark on the pair of the measured mode `mode` (missing, grouped, ambiguous); "" if there is none."""
         pairing, f, i = self.pairing, self.model.frequency, mode
-        bare = not self.measured.known[:, i].any()
+        has_no_entry = not self.measured.known[:, i].any()
         if pairing.number[i] < 0:
             best = int(pairing.mac[i].argmax()) if pairing.mac.shape[1] else -1
-            if bare or best < 0 or pairing.mac[i, best] == 0:
+            if has_no_entry or best < 0 or pairing.mac[i, best] == 0:
                 return "missing in the model"
             like = f"missing in the model: nearest is mode {best + 1}, {f[best]:.5g} Hz, MAC {pairing.mac[i, best]:.2f}"
             owner = next((k for k in pairing.paired.tolist() if best in pairing.partners(k)), None)
             if owner is not None:
                 return f"{like}, the pair of measured mode {owner + 1}"
             return like + (", too far off in frequency" if pairing.mac[i, best] >= self.options.least_mac else "")
-        words = ["no shape entry is known: paired by frequency alone"] if bare else []
+        words = ["no shape entry is known: paired by frequency alone"] if has_no_entry else []
         for measured, model in pairing.groups:
             if i in measured:
-                own = self.measured.known[:, measured].all(axis=1)
-                angle = subspace_angles(self.shapes[own][:, measured], self.seen[own][:, model])[-1]
+                complete = self.measured.known[:, measured].all(axis=1)
+                angle = subspace_angles(self.shapes[complete][:, measured], self.seen[complete][:, model])[-1]
                 members = " and ".join(str(k + 1) for k in model)
                 words.append(
                     f"close modes: held against modes {members} together, largest angle {np.degrees(angle):.2g}°"
@@ -160,54 +162,54 @@ class ModesCorrelation:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the pairs say of model and test: missing, surplus and doubtful modes, and sensors that stand out."""
-        found = list(self.notes)
+        """Warnings about missing, surplus and ambiguous modes, and about sensors with the wrong sense."""
+        messages = list(self.notes)
         surplus, far = self.pairing.surplus, _too_far(self)
         missing = [i for i in self.pairing.missing.tolist() if i not in far]
         if missing:
-            found.append(
+            messages.append(
                 f"the model has no like of the modes measured at {_listed(self.measured.frequency[missing])} Hz (MAC below"
                 f" {self.options.least_mac:g} with what is near in frequency and free): check sensors and model, or they are no"
                 " modes of the structure"
             )
         if far:
-            found.append(
+            messages.append(
                 f"the shapes measured at {_listed(self.measured.frequency[list(far)])} Hz are the model's at"
                 f" {_listed(self.model.frequency[list(far.values())])} Hz, too far off in frequency for pairs: check"
                 " units, stiffness and mass of the model, or raise `frequency_guard` in [record.modes]"
             )
         if surplus:
-            found.append(
+            messages.append(
                 f"no measured mode is like the model's at {_listed(self.model.frequency[list(surplus)])} Hz: missed in the"
                 " test, or the model has motions that the structure has not"
             )
         if self.pairing.ambiguous:
             numbers = ", ".join(str(i + 1) for i in self.pairing.ambiguous)
-            found.append(f"pairs of measured modes {numbers} are ambiguous: other modes of the model are as good")
+            messages.append(f"pairs of measured modes {numbers} are ambiguous: other modes of the model are as good")
         if len(self.measured.channels) == 1:
-            found.append("there is one sensor: every MAC is 1, and modes are paired by frequency alone")
-        return (*found, *_turned(self))
+            messages.append("there is one sensor: every MAC is 1, and modes are paired by frequency alone")
+        return (*messages, *_reversed_sensor(self))
 
 
-def _too_far(found: ModesCorrelation) -> dict[int, int]:
-    """Measured modes whose shape is the model's at a frequency too far off for a pair, with that mode of the model."""
-    free = np.ones(len(found.model.frequency), dtype=bool)
-    free[[k for i in found.pairing.paired.tolist() for k in found.pairing.partners(i)]] = False
+def _too_far(correlation: ModesCorrelation) -> dict[int, int]:
+    """Measured modes whose shape matches a free model mode at a frequency too far off for a pair, with that model mode."""
+    free = np.ones(len(correlation.model.frequency), dtype=bool)
+    free[[k for i in correlation.pairing.paired.tolist() for k in correlation.pairing.partners(i)]] = False
     far = {}
-    for i in found.pairing.missing.tolist():
-        like = np.where(free, found.pairing.mac[i], 0.0)
-        if like.max(initial=0.0) >= _SAME:
-            far[i] = int(like.argmax())
+    for i in correlation.pairing.missing.tolist():
+        free_mac = np.where(free, correlation.pairing.mac[i], 0.0)
+        if free_mac.max(initial=0.0) >= _SAME:
+            far[i] = int(free_mac.argmax())
     return far
 
 
-def _turned(found: ModesCorrelation) -> list[str]:
-    """The sensor that agrees much better if it is turned round; modes are paired anew for each, as it may have cost them."""
-    use = np.flatnonzero(found.pairing.nearness.any(axis=0))
-    if found.measured.n_modes < 2 or len(found.shapes) < 3 or not len(use):
+def _reversed_sensor(correlation: ModesCorrelation) -> list[str]:
+    """A warning that names the sensor whose reversed sign raises the mean MAC most, if it does so clearly; else empty."""
+    use = np.flatnonzero(correlation.pairing.nearness.any(axis=0))
+    if correlation.measured.n_modes < 2 or len(correlation.shapes) < 3 or not len(use):
         return []
-    known, nearness = found.measured.known, found.pairing.nearness[:, use]
-    x, y = np.where(known, found.shapes, 0.0), found.seen[:, use]
+    known, nearness = correlation.measured.known, correlation.pairing.nearness[:, use]
+    x, y = np.where(known, correlation.shapes, 0.0), correlation.seen[:, use]
     product, energy = x.T @ y, (x**2).sum(axis=0)[:, None] * (known.T @ y**2)
     n_shapes = max(1, int(known.any(axis=0).sum()))
 
@@ -216,18 +218,18 @@ def _turned(found: ModesCorrelation) -> list[str]:
         return float(mac[assigned(mac * nearness)].sum() / n_shapes)
 
     now = mean_mac(product)
-    turned = [mean_mac(product - 2 * np.outer(a, b)) for a, b in zip(x, y, strict=True)]
-    best = int(np.argmax(turned))
-    if turned[best] - now < _TURNED or turned[best] < found.options.least_mac:
+    mac_reversed = [mean_mac(product - 2 * np.outer(a, b)) for a, b in zip(x, y, strict=True)]
+    best = int(np.argmax(mac_reversed))
+    if mac_reversed[best] - now < _TURNED or mac_reversed[best] < correlation.options.least_mac:
         return []
     return [
-        f"{found.measured.channels[best]} reads with the opposite sense: turned round it raises the mean MAC of the modes from"
-        f" {now:.2f} to {turned[best]:.2f}; correct it in the record, or with `relabel`"
+        f"{correlation.measured.channels[best]} reads with the opposite sense: with its sign changed, the mean MAC rises from"
+        f" {now:.2f} to {mac_reversed[best]:.2f}; correct it in the record, or with `relabel`"
     ]
 
 
 def _listed(values: FloatArray) -> str:
-    return listed([f"{value:.5g}" for value in values.tolist()])
+    return join_words([f"{value:.5g}" for value in values.tolist()])
 
 
 def correlated_modes(
@@ -238,17 +240,17 @@ def correlated_modes(
     settings: ModalSettings = _SETTINGS,
     name: str = "",
 ) -> ModesCorrelation:
-    """The modes of `record` beside those of `structure` with the property values `values`.
+    """Comparison of the modes of `record` with those of `structure` at the property values `values`.
 
     Parameters
     ----------
     structure : Structure
-        Of which the record's channels are part.
+        Structure that has the record's channels.
     values : (n_values,) float array
     record : ModalRecord
     options : CorrelateOptions
     settings : ModalSettings
-        Its `closeness`, `frequency_guard` and `shape_error` count.
+        Only `closeness`, `frequency_guard` and `shape_error` are used.
     name : str
 
     Raises
@@ -277,10 +279,12 @@ def correlated_modes(
         frequency_guard=settings.frequency_guard,
     )
     pairs, notes, known = pairing.paired, [], ~np.isnan(shapes)
-    bases = [_basis(model, int(known[:, i].sum()), pairing, i, float(f)) for i, f in enumerate(record.frequency)]
+    bases = [
+        _expansion_basis(model, int(known[:, i].sum()), pairing, i, float(f)) for i, f in enumerate(record.frequency)
+    ]
     own = cross = expanded = None
     try:
-        reduced = _reduced(mass, stiffness, sensors, model, seen, pairs, pairing, options)
+        reduced = _sensor_mass(mass, stiffness, sensors, model, seen, pairs, pairing, options)
         whole, use = np.flatnonzero(known.all(axis=0)), np.flatnonzero(_moving(pairing))
         if not len(whole):
             raise InputError("no shape is known at every sensor")
@@ -307,10 +311,13 @@ def _moving(pairing: Pairing) -> NDArray[np.bool_]:
     return np.asarray((pairing.mac > 0).any(axis=0))
 
 
-def _basis(model: Modes, n_known: int, pairing: Pairing, mode: int, frequency: float) -> tuple[int, ...]:
-    """Modes that a measured shape is expanded in: its partners, then paired ones near it, half as many as known entries."""
-    own = pairing.partners(mode)
-    first = (int(pairing.number[mode]), *(k for k in own if k != pairing.number[mode])) if own else ()
+def _expansion_basis(model: Modes, n_known: int, pairing: Pairing, mode: int, frequency: float) -> tuple[int, ...]:
+    """Model modes in which a measured shape is expanded: its partners, then paired modes near it in frequency.
+
+    There are at most half as many as known entries.
+    """
+    partners = pairing.partners(mode)
+    first = (int(pairing.number[mode]), *(k for k in partners if k != pairing.number[mode])) if partners else ()
     centre = model.frequency[first[0]] if first else frequency
     moving = np.flatnonzero(_moving(pairing) & (model.frequency > 0))
     pool = sorted({*pairing.number[pairing.paired].tolist(), *(k for _, group in pairing.groups for k in group)})
@@ -320,7 +327,7 @@ def _basis(model: Modes, n_known: int, pairing: Pairing, mode: int, frequency: f
     return tuple(dict.fromkeys((*first, *near)))[:most]
 
 
-def _reduced(
+def _sensor_mass(
     mass: sparse.csc_array,
     stiffness: sparse.csc_array,
     sensors: sparse.csc_array,
@@ -330,7 +337,7 @@ def _reduced(
     pairing: Pairing,
     options: CorrelateOptions,
 ) -> FloatArray:
-    """The mass at the sensors."""
+    """Mass matrix reduced to the sensors, (n_sensors, n_sensors), by Guyan or SEREP reduction."""
     if options.reduction == "guyan" and sensors.shape[0] <= _STATIC_UP_TO:
         return reduced_mass(mass, constrained_shapes(stiffness, sensors))
     chosen = pairing.number[pairs][: len(seen)]
@@ -340,8 +347,8 @@ def _reduced(
 
 
 def _shape_std(record: ModalRecord, shapes: FloatArray, stated: float) -> FloatArray | None:
-    """Standard deviation of the entries of `shapes`: the record's, and what is stated in parts of the largest."""
+    """Standard deviations of the entries of `shapes`: the record's own, and `stated` times the largest entry; or None."""
     if record.shape_std is None and stated == 0:
         return None
-    own = np.zeros(shapes.shape) if record.shape_std is None else record.shape_std
-    return np.hypot(own, stated * largest_entries(shapes))
+    of_record = np.zeros(shapes.shape) if record.shape_std is None else record.shape_std
+    return np.hypot(of_record, stated * largest_entries(shapes))

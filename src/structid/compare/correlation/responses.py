@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from structid.core.arrays import ComplexArray, FloatArray, spread_over
+from structid.core.arrays import ComplexArray, FloatArray, evenly_spaced_indices
 from structid.core.errors import InputError
 from structid.identification.fits.resonances import Resonance, resonances
 from structid.records import FrfRecord
@@ -36,13 +36,13 @@ class ResponsesCorrelation:
 
     @cached_property
     def frac(self) -> FloatArray:
-        """Of every function, (n_outputs, n_inputs); NaN where one is zero throughout."""
+        """FRAC of each function, (n_outputs, n_inputs); NaN where one is zero throughout."""
         x, y = self.record.values, self.model
         moving = (np.abs(x).max(axis=0) > 0) & (np.abs(y).max(axis=0) > 0)
-        found = np.full(moving.shape, np.nan)
+        values = np.full(moving.shape, np.nan)
         if moving.any():
-            found[moving] = frac(x[:, moving], y[:, moving])
-        return found
+            values[moving] = frac(x[:, moving], y[:, moving])
+        return values
 
     @cached_property
     def resonances(self) -> tuple[Resonance, ...]:
@@ -52,7 +52,7 @@ class ResponsesCorrelation:
     @cached_property
     def map_lines(self) -> np.ndarray:
         """Places of the lines of `fdac`, evenly spread, (n_shown,)."""
-        return spread_over(len(self.record.frequency), _MOST_LINES)
+        return evenly_spaced_indices(len(self.record.frequency), _MOST_LINES)
 
     @cached_property
     def fdac(self) -> FloatArray | None:
@@ -63,15 +63,15 @@ class ResponsesCorrelation:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Resonances that the model has not."""
-        lost = [f"{one.measured:.5g}" for one in self.resonances if np.isnan(one.predicted)]
-        if not lost:
+        """A warning with the measured resonances that the model lacks, if there are any."""
+        missing = [f"{resonance.measured:.5g}" for resonance in self.resonances if np.isnan(resonance.predicted)]
+        if not missing:
             return ()
-        return (f"the model has no resonance within 15 % of those measured at {', '.join(lost[:6])} Hz",)
+        return (f"the model has no resonance within 15 % of those measured at {', '.join(missing[:6])} Hz",)
 
 
 def correlated_responses(record: FrfRecord, model: ComplexArray, name: str = "") -> ResponsesCorrelation:
-    """The functions of `record` beside those of a model.
+    """Comparison of the FRFs of `record` with those of a model at the same lines.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ import numpy as np
 
 from structid.compare.states.options import CompareOptions, least_part
 from structid.compare.states.state import State, carried, state_of, stored_state, unchanged_parameters
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Plain, plain_table
 from structid.forward import RecordProblem
@@ -95,7 +95,7 @@ def compare(
     options: CompareOptions | None = None,
     progress: StageProgress | None = None,
 ) -> ComparisonResult:
-    """What changed from the state of `baseline` to that of `later`.
+    """The changes of the parameters from the state `baseline` to the state `later`, with tests of their significance.
 
     Parameters
     ----------
@@ -131,41 +131,41 @@ def compare(
     study = load_study(later)
     names = unchanged_parameters(first.estimate, study.parameters, chosen.unchanged)
     if first.result is None:
-        second, free = (_run(_from_baseline(study, first, prior), progress) for prior in (names, ()))
-        found = compare_states(first.estimate, second.estimate, names, **settings)
+        second, free = (_run_study(_from_baseline(study, first, prior), progress) for prior in (names, ()))
+        comparison = compare_states(first.estimate, second.estimate, names, **settings)
         test = _unchanged_test(names, _least_cost(second), _least_cost(free), first, free)
-        return ComparisonResult(found, first, second, "carried", _warnings(found, first, second), test)
-    second = _run(_from_baseline(study, first, ()), progress)
-    joint = states_problem(_problem(first), _problem(second, first), names)
-    held = _held_in_both(_freed(first), _freed(second), names)
-    both = _joint_estimate(joint, held)
-    found = compare_jointly(both, names, **settings)
-    cost = squared(residual_at(joint, both.theta) if held is None else held.refit(both.names, both.theta).at.residual)
+        return ComparisonResult(comparison, first, second, "carried", _warnings(comparison, first, second), test)
+    second = _run_study(_from_baseline(study, first, ()), progress)
+    joint = states_problem(_restart_problem(first), _restart_problem(second, first), names)
+    fixed = _fixed_in_both(_freed(first), _freed(second), names)
+    both = _joint_estimate(joint, fixed)
+    comparison = compare_jointly(both, names, **settings)
+    cost = squared(residual_at(joint, both.theta) if fixed is None else fixed.refit(both.names, both.theta).at.residual)
     common = (
-        0 if held is None else sum(name.startswith(FIXED) and not name.endswith(LATER) for name in held.problem.names)
+        0 if fixed is None else sum(name.startswith(FIXED) and not name.endswith(LATER) for name in fixed.problem.names)
     )
     test = _unchanged_test(names, cost, _least_cost(first) + _least_cost(second), first, second, common)
-    return ComparisonResult(found, first, second, "joint", _warnings(found, first, second), test)
+    return ComparisonResult(comparison, first, second, "joint", _warnings(comparison, first, second), test)
 
 
 def _least_cost(state: State) -> float:
-    """Sum of squares at the answer of a state that was run, priors included, with held values free within their tolerances."""
+    """Sum of squares at the answer of a state that was run, with its priors, fixed values being free within their tolerances."""
     assert state.result is not None
-    found = state.result.identification
-    if found.target is None:
+    answer = state.result.identification
+    if answer.target is None:
         raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
-    fixed = fixed_values(found.freed) if found.freed else None
+    fixed = fixed_values(answer.freed) if answer.freed else None
     if fixed is None:
-        return squared(residual_at(found.target, found.estimate.theta))
-    return squared(fixed.refit(found.estimate.names, found.estimate.theta).at.residual)
+        return squared(residual_at(answer.target, answer.estimate.theta))
+    return squared(fixed.refit(answer.estimate.names, answer.estimate.theta).at.residual)
 
 
 def _unchanged_test(
-    names: tuple[str, ...], cost: float, separate_cost: float, baseline: State, later: State, n_held: int = 0
+    names: tuple[str, ...], cost: float, separate_cost: float, baseline: State, later: State, n_fixed: int = 0
 ) -> UnchangedTest:
-    """The test of the parameters `names` as the same in both states, from states in which they are free.
+    """Test that the parameters `names` are the same in both states, against states in which they are free.
 
-    `n_held` held values are the same in both states too.
+    `cost` is the sum of squares with them the same, `separate_cost` with them free; `n_fixed` fixed values are common to both.
     """
     shared = [name for name in names if name in later.estimate.names]
     tests = compare_states(baseline.estimate, later.estimate, ())
@@ -177,7 +177,7 @@ def _unchanged_test(
     )
     states = [state.estimate for state in (baseline, later) if isinstance(state.estimate, Estimate)]
     freedom = sum(estimate.degrees_of_freedom for estimate in states)
-    return UnchangedTest(names, cost, separate_cost, freedom, len(names) + n_held, differing)
+    return UnchangedTest(names, cost, separate_cost, freedom, len(names) + n_fixed, differing)
 
 
 def _freed(state: State) -> tuple[RecordProblem, ...]:
@@ -185,18 +185,18 @@ def _freed(state: State) -> tuple[RecordProblem, ...]:
     return () if state.result is None else state.result.identification.freed
 
 
-def _held_in_both(
+def _fixed_in_both(
     baseline: Sequence[RecordProblem], later: Sequence[RecordProblem], shared: Sequence[str]
 ) -> FixedValues | None:
-    """The held values of both states, those of one name the same in both; None where nothing that is held may be wrong."""
+    """Fixed values of both states and their tolerances, shared where they have one name; None if there are none."""
     if not baseline or not later:
         return None
     first, second = together(baseline), together(later)
     names = [*shared, *(name for name in second.names if name.startswith(FIXED) and name in first.names)]
-    known = {**tolerances_of(baseline), **tolerances_of(later)}
-    known |= {name + LATER: std for name, std in tolerances_of(later).items() if name not in names}
+    tolerances = {**tolerances_of(baseline), **tolerances_of(later)}
+    tolerances |= {name + LATER: std for name, std in tolerances_of(later).items() if name not in names}
     whole = states_problem(first, second, names)
-    return FixedValues(whole, {name: known[name] for name in whole.names if name.startswith(FIXED)})
+    return FixedValues(whole, {name: tolerances[name] for name in whole.names if name.startswith(FIXED)})
 
 
 def _joint_estimate(problem: Problem, held: FixedValues | None) -> Estimate:
@@ -209,10 +209,11 @@ def _joint_estimate(problem: Problem, held: FixedValues | None) -> Estimate:
 
 
 def _state(path: Path, progress: StageProgress | None) -> State:
-    return stored_state(path) if path.is_dir() else _run(load_study(path), progress)
+    return stored_state(path) if path.is_dir() else _run_study(load_study(path), progress)
 
 
-def _run(study: Study, progress: StageProgress | None) -> State:
+def _run_study(study: Study, progress: StageProgress | None) -> State:
+    """The state that `study` gives when it is run; raises `InputError` if the search is matrix-free."""
     ready = about_answer(started(study), progress)
     if is_matrix_free(ready):
         raise InputError(
@@ -231,18 +232,21 @@ def _from_baseline(study: Study, baseline: State, names: Sequence[str]) -> Study
     return replace(study, setups=tuple(made))
 
 
-def _problem(state: State, fallback: State | None = None) -> Problem:
-    """The problem of a state that was run, begun at its answer, or at that of `fallback` where it has none."""
+def _restart_problem(state: State, fallback: State | None = None) -> Problem:
+    """The joint problem of a state that was run, started at its answer, or at that of `fallback` if it did not converge."""
     assert state.result is not None
     source = state if fallback is None or state.estimate.status is Status.CONVERGED else fallback
-    known = dict(zip(source.estimate.names, source.estimate.values, strict=True))
-    found = state.result.identification
-    if found.target is None:
+    values = dict(zip(source.estimate.names, source.estimate.values, strict=True))
+    identification = state.result.identification
+    if identification.target is None:
         raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
-    return together([one.with_parameters(begun_at(one.parameters, known)) for one in found.problems])
+    return together(
+        [problem.with_parameters(begun_at(problem.parameters, values)) for problem in identification.problems]
+    )
 
 
-def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ...]:
+def _warnings(comparison: Comparison, baseline: State, later: State) -> tuple[str, ...]:
+    """Warnings about the comparison: failed or doubtful states, parameters that were not tested or cannot show a change."""
     warnings = []
     for word, state in (("baseline", baseline), ("later state", later)):
         if state.estimate.status is not Status.CONVERGED:
@@ -257,58 +261,61 @@ def _warnings(found: Comparison, baseline: State, later: State) -> tuple[str, ..
             f"{' and '.join(held)}: standard deviations of what it holds tell the assumption more than the data, and so"
             " do the tests of its changes"
         )
-    if found.status is not Status.CONVERGED and Status.CONVERGED is baseline.estimate.status is later.estimate.status:
-        warnings.append(f"both states at once: {found.status.words}")
-    for names, one, other in (
-        (found.only_before, "baseline", "later state"),
-        (found.only_after, "later state", "baseline"),
+    if (
+        comparison.status is not Status.CONVERGED
+        and Status.CONVERGED is baseline.estimate.status is later.estimate.status
+    ):
+        warnings.append(f"both states at once: {comparison.status.words}")
+    for names, word, other in (
+        (comparison.only_before, "baseline", "later state"),
+        (comparison.only_after, "later state", "baseline"),
     ):
         if names:
             warnings.append(
-                f"{listed(names, 3)}: identified in the {one} only; if the {other} takes them as known from it, their uncertainty"
-                " is missing in the changes: identify them in both and name them as unchanged"
+                f"{join_words(names, 3)}: identified in the {word} only; if the {other} takes them as known from it, their"
+                " uncertainty is missing in the changes: identify them in both and name them as unchanged"
             )
-    untested = [n for n, p in zip(found.names, found.p_values, strict=True) if not np.isfinite(p)]
+    untested = [n for n, p in zip(comparison.names, comparison.p_values, strict=True) if not np.isfinite(p)]
     if untested:
         warnings.append(f"not tested, because a state does not determine them: {', '.join(untested)}")
-    blind = int((found.relative_detection_limit >= 1).sum())
-    if blind:
+    n_undetectable = int((comparison.relative_detection_limit >= 1).sum())
+    if n_undetectable:
         warnings.append(
-            f"these data cannot show that {blind} of {len(found.names)} parameters fell to nothing: their detection"
+            f"these data cannot show that {n_undetectable} of {len(comparison.names)} parameters fell to nothing: their detection"
             " limit is above 100 %; measure more places, more averages, or name what did not change"
         )
-    same = set(baseline.inputs.items()) & set(later.inputs.items())
-    shared = sorted(name for name, _ in same if not name.endswith(".toml"))
+    common_inputs = set(baseline.inputs.items()) & set(later.inputs.items())
+    shared = sorted(name for name, _ in common_inputs if not name.endswith(".toml"))
     if shared:
         warnings.append(f"both states read the same {', '.join(shared)}: independent data are assumed")
     return tuple(warnings)
 
 
 def comparison_summary(result: ComparisonResult) -> dict[str, Plain]:
-    """The content of compare.json, in the types of JSON; what is not finite is None."""
-    found = result.comparison
+    """Content of compare.json in types of JSON; numbers that are not finite become None."""
+    comparison = result.comparison
     z = 1.959963984540054
     rows = [
         {
             "name": name,
-            "kind": found.kinds[i],
-            "unit": found.units[i],
-            "before": found.before[i],
-            "std_before": np.sqrt(found.covariance_before[i, i]),
-            "after": found.after[i],
-            "std_after": np.sqrt(found.covariance_after[i, i]),
-            "change": found.change[i],
-            "std": found.std[i],
-            "interval_95": [found.change[i] - z * found.std[i], found.change[i] + z * found.std[i]],
-            "relative_change": found.relative_change[i],
-            "relative_std": found.relative_std[i],
-            "p_value": found.p_values[i],
-            "p_value_adjusted": found.adjusted[i],
-            "changed": bool(found.changed[i]),
-            "detection_limit": found.detection_limit[i],
-            "relative_detection_limit": found.relative_detection_limit[i],
+            "kind": comparison.kinds[i],
+            "unit": comparison.units[i],
+            "before": comparison.before[i],
+            "std_before": np.sqrt(comparison.covariance_before[i, i]),
+            "after": comparison.after[i],
+            "std_after": np.sqrt(comparison.covariance_after[i, i]),
+            "change": comparison.change[i],
+            "std": comparison.std[i],
+            "interval_95": [comparison.change[i] - z * comparison.std[i], comparison.change[i] + z * comparison.std[i]],
+            "relative_change": comparison.relative_change[i],
+            "relative_std": comparison.relative_std[i],
+            "p_value": comparison.p_values[i],
+            "p_value_adjusted": comparison.adjusted[i],
+            "changed": bool(comparison.changed[i]),
+            "detection_limit": comparison.detection_limit[i],
+            "relative_detection_limit": comparison.relative_detection_limit[i],
         }
-        for i, name in enumerate(found.names)
+        for i, name in enumerate(comparison.names)
     ]
     sides = {
         word: {"title": state.title, "status": state.estimate.status.value, "inputs": state.inputs}
@@ -317,12 +324,12 @@ def comparison_summary(result: ComparisonResult) -> dict[str, Plain]:
     return plain_table(
         {
             "text": result.words,
-            "status": found.status.value,
-            "complete": found.is_complete,
+            "status": comparison.status.value,
+            "complete": comparison.is_complete,
             **sides,
             "basis": result.basis,
             "basis_text": result.basis_words,
-            "unchanged": found.carried,
+            "unchanged": comparison.carried,
             "unchanged_test": None
             if result.unchanged is None
             else {
@@ -333,16 +340,16 @@ def comparison_summary(result: ComparisonResult) -> dict[str, Plain]:
                 "degrees_of_freedom": result.unchanged.freedom,
                 "probability": result.unchanged.probability,
             },
-            "least_change": found.least,
-            "correction": found.correction,
-            "level": found.level,
-            "power": found.power,
-            "chi_square_of_all": found.statistic,
-            "chi_square_probability": found.probability,
-            "only_in_baseline": found.only_before,
-            "only_in_later": found.only_after,
+            "least_change": comparison.least,
+            "correction": comparison.correction,
+            "level": comparison.level,
+            "power": comparison.power,
+            "chi_square_of_all": comparison.statistic,
+            "chi_square_probability": comparison.probability,
+            "only_in_baseline": comparison.only_before,
+            "only_in_later": comparison.only_after,
             "changes": rows,
-            "covariance": found.covariance,
+            "covariance": comparison.covariance,
             "warnings": result.warnings,
         }
     )

@@ -34,6 +34,7 @@ class CompareOptions:
     least: float | str = 0.0
 
     def __post_init__(self) -> None:
+        """Convert `least` to a fraction, and `unchanged` from text between commas to a tuple of names."""
         object.__setattr__(self, "least", least_part(self.least))
         if isinstance(self.unchanged, str):
             names = tuple(name.strip() for name in self.unchanged.split(",") if name.strip())

@@ -109,17 +109,19 @@ class State:
 
 
 def state_of(result: StudyResult) -> State:
-    """The state that a run of a study found."""
-    found = result.identification
-    drawn = Drawn(found.structure, found.parameters, found.sensors, found.loads)
+    """The state that a run of a study identified."""
+    identification = result.identification
+    drawn = Drawn(identification.structure, identification.parameters, identification.sensors, identification.loads)
     study = result.study
-    held = tuple(item.name for item in found.held)
-    judgement = judged(found, untried=NOT_TRIED)
-    return State(study.title, study.path, found.estimate, result.provenance.inputs, result, held, drawn, judgement)
+    held = tuple(item.name for item in identification.held)
+    judgement = judged(identification, untried=NOT_TRIED)
+    return State(
+        study.title, study.path, identification.estimate, result.provenance.inputs, result, held, drawn, judgement
+    )
 
 
 def stored_state(folder: Path) -> State:
-    """The state that the results folder of `structid identify` holds.
+    """The state stored in a results folder of `structid identify`.
 
     Raises
     ------
@@ -149,43 +151,43 @@ def stored_state(folder: Path) -> State:
             f"{folder}: its estimate.json and estimate.h5 cannot be used ({error}); write them again with"
             " `structid identify`"
         ) from error
-    title, drawn = str(texts.get("title", folder.name)), _drawn(folder, channels)
+    title, drawn = str(texts.get("title", folder.name)), _read_drawn(folder, channels)
     judgement = Judgement(cast(Verdict, texts.get("verdict", "sound")), str(texts.get("verdict_text", "")))
     return State(title, folder, estimate, inputs, None, held, drawn, judgement)
 
 
 def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:
-    """The estimate in estimate.h5, and the names of its channels."""
+    """The estimate stored in estimate.h5, and the names of its output and input channels; `basis` names the covariance used."""
     names, matrix = ("names", "kinds", "units"), f"covariance_{basis}"
     record = "frf/" if "frf/outputs" in hdf5_datasets(path) else "modal_record_1/"
-    places = ("outputs", "inputs") if record == "frf/" else ("channels",)
-    wanted = [record + name for name in places] + [f"parameters/{name}" for name in (*names, "values", matrix)]
+    channel_fields = ("outputs", "inputs") if record == "frf/" else ("channels",)
+    wanted = [record + name for name in channel_fields] + [f"parameters/{name}" for name in (*names, "values", matrix)]
     held = [f"parameters/{name}" for name in ("fixed_names", "fixed_changes")]
     has_held = held[0] in hdf5_datasets(path)
-    found = hdf5_fields(path, wanted + (held if has_held else []))
-    texts = {name: texts_of(found[f"parameters/{name}"]) for name in names}
-    values = np.asarray(found["parameters/values"], dtype=float)
-    covariance = np.asarray(found[f"parameters/{matrix}"], dtype=float)
-    channels = {"outputs": texts_of(found[record + places[0]]), "inputs": ()}
+    fields = hdf5_fields(path, wanted + (held if has_held else []))
+    texts = {name: texts_of(fields[f"parameters/{name}"]) for name in names}
+    values = np.asarray(fields["parameters/values"], dtype=float)
+    covariance = np.asarray(fields[f"parameters/{matrix}"], dtype=float)
+    channels = {"outputs": texts_of(fields[record + channel_fields[0]]), "inputs": ()}
     if record == "frf/":
-        channels["inputs"] = texts_of(found["frf/inputs"])
+        channels["inputs"] = texts_of(fields["frf/inputs"])
     n = len(values)
     if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
         raise ValueError("parameters of different numbers")
     fixed, of_data = None, locked(covariance)
     if has_held:
-        changes = np.asarray(found[held[1]], dtype=float)
+        changes = np.asarray(fields[held[1]], dtype=float)
         if changes.shape[:1] != (n,):
             raise ValueError("changes by held values of other numbers")
-        fixed, covariance = StoredChanges(texts_of(found[held[0]]), locked(changes)), covariance + changes @ changes.T
+        fixed, covariance = StoredChanges(texts_of(fields[held[0]]), locked(changes)), covariance + changes @ changes.T
     estimate = StoredEstimate(
         texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status, of_data, fixed
     )
     return estimate, channels
 
 
-def _drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:
-    """Structure and parameters of the study in `folder`; None where files that it names are elsewhere."""
+def _read_drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:
+    """Structure, parameters and channels of the study in `folder`, for a drawing; None if files that it names are elsewhere."""
     try:
         source = read_study_text(folder / "study.toml")
         root = Section(source, (), source.table)
@@ -200,7 +202,7 @@ def _drawn(folder: Path, channels: dict[str, tuple[str, ...]]) -> Drawn | None:
 
 
 def unchanged_parameters(baseline: Identified, later: Parameters, patterns: Sequence[str]) -> tuple[str, ...]:
-    """Names of both states that `patterns` choose: a full name, a kind such as ``mass``, or a pattern with ``*``.
+    """Names in both states that match `patterns`: a full name, a kind such as ``mass``, or a pattern with ``*``.
 
     Raises
     ------
@@ -210,20 +212,20 @@ def unchanged_parameters(baseline: Identified, later: Parameters, patterns: Sequ
     common = [(n, k) for n, k in zip(baseline.names, baseline.kinds, strict=True) if n in later.names]
     chosen: list[str] = []
     for pattern in patterns:
-        like = re.compile(".*".join(map(re.escape, pattern.split("*"))))
-        found = [n for n, k in common if pattern == k or like.fullmatch(n)]
-        if not found:
+        expression = re.compile(".*".join(map(re.escape, pattern.split("*"))))
+        matches = [n for n, k in common if pattern == k or expression.fullmatch(n)]
+        if not matches:
             have = ", ".join(dict.fromkeys(k for _, k in common)) or "none"
             raise InputError(
                 f"`unchanged` must name parameters that both states identify, got {pattern!r}; kinds that both have:"
                 f" {have}"
             )
-        chosen += found
+        chosen += matches
     return tuple(dict.fromkeys(chosen))
 
 
 def carried(baseline: Identified, later: Parameters, unchanged: Sequence[str]) -> Parameters:
-    """The later state's parameters, started at the baseline, with its result as the prior of the unchanged ones.
+    """The later state's parameters, started at the baseline, with its result as prior of the unchanged ones.
 
     Parameters
     ----------

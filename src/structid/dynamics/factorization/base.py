@@ -62,7 +62,7 @@ class Factorizer(Protocol):
 
 
 def usable_threads(n: int) -> int:
-    """How many threads a factorization of n unknowns takes: one for small ones, at most the processors allowed.
+    """Number of threads for a factorization of `n` unknowns: one for small ones, at most the processors allowed.
 
     Raises
     ------

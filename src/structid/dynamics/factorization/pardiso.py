@@ -30,11 +30,11 @@ _ERRORS = {-1: "inconsistent input", -2: "not enough memory", -3: "reordering fa
 
 
 @cache
-def _library() -> ctypes.CDLL | str:
-    """The library, or what is wrong with it."""
-    places = [Path(sys.prefix) / "lib", Path(sys.prefix) / "Library" / "bin", Path(sys.base_prefix) / "lib"]
+def _load_library() -> ctypes.CDLL | str:
+    """The MKL runtime library, or the reason why it cannot be loaded."""
+    folders = [Path(sys.prefix) / "lib", Path(sys.prefix) / "Library" / "bin", Path(sys.base_prefix) / "lib"]
     names = ("libmkl_rt.so*", "libmkl_rt*.dylib", "mkl_rt*.dll")
-    candidates = [str(path) for place in places for name in names for path in sorted(place.glob(name))]
+    candidates = [str(path) for place in folders for name in names for path in sorted(place.glob(name))]
     found = ctypes.util.find_library("mkl_rt")
     for candidate in [*candidates, *([found] if found else [])]:
         try:
@@ -43,19 +43,20 @@ def _library() -> ctypes.CDLL | str:
         except (OSError, AttributeError):
             continue
         return library
-    return f"the library mkl_rt was not found in {places[0]} nor on the system's path"
+    return f"the library mkl_rt was not found in {folders[0]} nor on the system's path"
 
 
 def mkl_problem() -> str:
     """Why PARDISO cannot be used here; "" where it can."""
-    found = _library()
+    found = _load_library()
     return found if isinstance(found, str) else ""
 
 
 @cache
-def _version() -> str:
+def _mkl_version() -> str:
+    """Version of the MKL library, such as ``2023.2``."""
     buffer = ctypes.create_string_buffer(198)
-    library = _library()
+    library = _load_library()
     assert not isinstance(library, str)
     library.mkl_get_version_string(buffer, ctypes.c_int(198))
     words = buffer.value.decode("ascii", "replace").split()
@@ -63,9 +64,9 @@ def _version() -> str:
 
 
 @contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """MKL with so many threads, in this thread alone."""
-    library = _library()
+def _limit_threads(count: int) -> Iterator[None]:
+    """Context manager: MKL uses `count` threads in this thread."""
+    library = _load_library()
     assert not isinstance(library, str)
     before = library.MKL_Set_Num_Threads_Local(ctypes.c_int(count))
     try:
@@ -82,7 +83,7 @@ class Pardiso:
 
     @property
     def words(self) -> str:
-        return f"PARDISO (MKL {_version()})"
+        return f"PARDISO (MKL {_mkl_version()})"
 
     def analyse(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> PardisoAnalysis:
         """The analysis of a symmetric pattern in compressed columns.
@@ -115,8 +116,11 @@ class _Held:
         right: NumberArray | None = None,
         solution: NumberArray | None = None,
     ) -> int:
-        """The library's error number, 0 for none."""
-        library = _library()
+        """Run one phase of PARDISO and return its error number (0 for none); the solution is written to `solution`.
+
+        `entries` are those of the upper triangle, `right` and `solution` are (n, n_right) in Fortran order.
+        """
+        library = _load_library()
         assert not isinstance(library, str)
         one, zero, phase_number, kind, n, error = (ctypes.c_int(k) for k in (1, 0, phase, self.kind, self.n, 0))
         n_right = ctypes.c_int(1 if right is None else right.shape[1])
@@ -141,6 +145,7 @@ class _Handle:
     """The library's memory of one pattern in one arithmetic; freed with this object."""
 
     def __init__(self, kind: int, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None) -> None:
+        """Set PARDISO's options for one pattern; `kind` is its matrix type, `loaded` marks rows that right-hand sides use."""
         order = None if loaded is None else loaded.astype(np.int32)  # the library writes its order there
         self.kind, self.held = kind, _Held(kind, indices, indptr, order)
         self.options = self.held.options
@@ -153,9 +158,9 @@ class _Handle:
         weakref.finalize(self, self.held.release)
 
     def run(self, phase: int, entries: NumberArray, right: NumberArray | None = None) -> NumberArray | None:
-        """One phase; the solution where there are right-hand sides (n, n_right) in columns."""
+        """Run one phase of PARDISO; returns the solution (n, n_right) if `right` is given, raises `SingularMatrixError`."""
         solution = None if right is None else np.empty_like(right, order="F")
-        with _threads(self.threads):
+        with _limit_threads(self.threads):
             error = self.held.call(phase, entries, right, solution)
         if error:
             raise SingularMatrixError(f"PARDISO stopped: {_ERRORS.get(error, f'error {error}')}")
@@ -166,6 +171,7 @@ class PardisoAnalysis:
     """A pattern; the library's analysis of it is made when the first matrix comes, once for each arithmetic."""
 
     def __init__(self, indices: IntArray, indptr: IntArray, loaded: NDArray[np.bool_] | None = None) -> None:
+        """Keep the upper triangle of a symmetric pattern; `loaded` marks rows that right-hand sides use."""
         n = len(indptr) - 1
         columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr))
         self.loaded = loaded if loaded is not None and loaded.sum() <= _FEW * n else None
@@ -181,7 +187,7 @@ class PardisoAnalysis:
         return {**self.__dict__, "handles": {}}
 
     def factor(self, entries: NumberArray) -> PardisoFactor:
-        """The factorization of the matrix with these `entries`; the one before it ends."""
+        """Factorization of the matrix with these `entries` of the pattern; it invalidates the previous one."""
         if not np.isfinite(entries).all():
             raise SingularMatrixError("the matrix has entries that are not finite")
         is_complex = bool(np.iscomplexobj(entries))
@@ -209,14 +215,14 @@ class PardisoFactor:
     n_changed: int
 
     def solve(self, right: NumberArray) -> NumberArray:
-        """X with A X = `right`, (n, n_right)."""
+        """Solution X, (n, n_right), of A X = `right`, real or complex."""
         if self.count != self.analysis.count:
             raise RuntimeError("this factorization has ended: another one of the same analysis was made after it")
         is_complex = self.handle.kind == _COMPLEX
         if is_complex or not np.iscomplexobj(right):
-            given = np.asfortranarray(right, dtype=np.complex128 if is_complex else np.float64)
+            columns = np.asfortranarray(right, dtype=np.complex128 if is_complex else np.float64)
             self.handle.options[_SPARSE] = _ORDERED if self._is_sparse(right) else 0
-            return self._checked(given, self.handle.run(_SOLVE, self.values, given))
+            return self._check_solution(columns, self.handle.run(_SOLVE, self.values, columns))
         return self.solve(right.real) + 1j * self.solve(right.imag)
 
     def _is_sparse(self, right: NumberArray) -> bool:
@@ -224,21 +230,24 @@ class PardisoFactor:
         loaded = self.analysis.loaded
         return loaded is not None and not self.n_changed and not right[~loaded].any()
 
-    def _checked(self, right: NumberArray, solution: NumberArray | None) -> NumberArray:
-        """The solution, compared with the right-hand sides where pivots had to be changed."""
+    def _check_solution(self, right: NumberArray, solution: NumberArray | None) -> NumberArray:
+        """`solution` as it is; raises `SingularMatrixError` if pivots were changed and the residual is too large."""
         assert solution is not None
-        if self.n_changed and _residual(self.handle, self.values, right, solution) > _RESIDUAL:
+        if self.n_changed and _backward_error(self.handle, self.values, right, solution) > _RESIDUAL:
             raise SingularMatrixError(f"{self.n_changed} pivots are 0 to rounding")
         return solution
 
 
-def _residual(handle: _Handle, values: NumberArray, right: NumberArray, solution: NumberArray) -> float:
-    """Largest backward error of a column: |b - A x| / (|A| |x| + |b|) would hide singular matrices, so |b| alone."""
+def _backward_error(handle: _Handle, values: NumberArray, right: NumberArray, solution: NumberArray) -> float:
+    """Largest relative residual |b - A x| / |b| over the columns.
+
+    The common denominator |A| |x| + |b| would hide singular matrices.
+    """
     from scipy import sparse
 
     held = handle.held
     upper = sparse.csr_array((values, held.indices, held.indptr), (held.n, held.n))
     product = upper @ solution + sparse.triu(upper, 1).T @ solution
     size: FloatArray = np.linalg.norm(right, axis=0)
-    off: FloatArray = np.linalg.norm(product - right, axis=0)
-    return float((off / np.where(size > 0, size, 1.0)).max(initial=0.0))
+    residual: FloatArray = np.linalg.norm(product - right, axis=0)
+    return float((residual / np.where(size > 0, size, 1.0)).max(initial=0.0))

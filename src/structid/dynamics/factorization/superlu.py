@@ -41,8 +41,8 @@ class SuperLuAnalysis:
     indptr: IntArray
 
     @cached_property
-    def _ordered(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-        """The order of the unknowns, which entry of the given pattern stands where, and the ordered pattern."""
+    def _ordering(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        """Fill-reducing order of the unknowns, source of each reordered entry, and the reordered pattern (indices, indptr)."""
         n = len(self.indptr) - 1
         columns = np.repeat(np.arange(n), np.diff(self.indptr))
         dominant = np.where(self.indices == columns, 2.0 * np.diff(self.indptr)[columns], -1.0)
@@ -52,15 +52,15 @@ class SuperLuAnalysis:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        place = np.asarray(trial.perm_c)
-        keys = place[columns].astype(np.int64) * n + place[self.indices]
+        new_position = np.asarray(trial.perm_c)
+        keys = new_position[columns].astype(np.int64) * n + new_position[self.indices]
         entry = np.argsort(keys, kind="stable")
-        indptr = np.concatenate([[0], np.cumsum(np.bincount(place[columns], minlength=n))])
-        return np.argsort(place), entry, (keys[entry] % n).astype(np.int32), indptr.astype(np.int32)
+        indptr = np.concatenate([[0], np.cumsum(np.bincount(new_position[columns], minlength=n))])
+        return np.argsort(new_position), entry, (keys[entry] % n).astype(np.int32), indptr.astype(np.int32)
 
     def factor(self, entries: NumberArray) -> SuperLuFactor:
-        """The factorization of the matrix with these `entries`."""
-        order, entry, indices, indptr = self._ordered
+        """Factorization of the matrix with these `entries` of the pattern."""
+        order, entry, indices, indptr = self._ordering
         n = len(indptr) - 1
         if not np.isfinite(entries).all():
             raise SingularMatrixError("the matrix has entries that are not finite")
@@ -85,16 +85,16 @@ class SuperLuFactor:
     is_complex: bool
 
     def solve(self, right: NumberArray) -> NumberArray:
-        """X with A X = `right`, (n, n_right)."""
-        given = right[self.order]
+        """Solution X, (n, n_right), of A X = `right`, real or complex."""
+        reordered = right[self.order]
         if self.is_complex:
-            found = self.factor.solve(np.asarray(given, dtype=np.complex128))
-        elif np.iscomplexobj(given):
-            found = self.factor.solve(np.ascontiguousarray(given.real)) + 1j * self.factor.solve(
-                np.ascontiguousarray(given.imag)
+            unordered = self.factor.solve(np.asarray(reordered, dtype=np.complex128))
+        elif np.iscomplexobj(reordered):
+            unordered = self.factor.solve(np.ascontiguousarray(reordered.real)) + 1j * self.factor.solve(
+                np.ascontiguousarray(reordered.imag)
             )
         else:
-            found = self.factor.solve(np.asarray(given, dtype=np.float64))
-        solution = np.empty_like(found, order="C")
-        solution[self.order] = found
+            unordered = self.factor.solve(np.asarray(reordered, dtype=np.float64))
+        solution = np.empty_like(unordered, order="C")
+        solution[self.order] = unordered
         return solution

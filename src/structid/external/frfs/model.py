@@ -19,7 +19,16 @@ from structid.external.model import ModelParameter
 from structid.external.runs import Solver, needed_runs, run_words
 from structid.external.solved import Checked, Solved, Units, model_parameters
 from structid.external.steps import StepRules, taken
-from structid.fem.elements.element import ElementSet, Layer, Nodes, Positions, Term, declared, dof_code, element
+from structid.fem.elements.element import (
+    ElementMatrixTerm,
+    ElementSet,
+    Nodes,
+    Positions,
+    Term,
+    declared,
+    dof_code,
+    element,
+)
 from structid.inversion.search.work import Work
 
 #: FRFs bend where modes hardly do: a step of 0.002 moves a resonance by a thousandth of its frequency.
@@ -55,42 +64,42 @@ class FrfRuns:
     changes: FloatArray
     runs: ComplexArray
 
-    def mapped(self, frequency: FloatArray, given: Callable[[ComplexArray], ComplexArray]) -> FrfRuns:
-        """What a transform of receptances (n_lines, ...) makes of all runs, at other lines."""
-        centre = given(self.centre)
-        moved = np.zeros((*self.runs.shape[:2], *centre.shape), dtype=np.complex128)
-        for place in np.ndindex(*self.runs.shape[:2]):
-            moved[place] = given(self.runs[place])
-        return replace(self, frequency=frequency, centre=centre, runs=moved)
+    def mapped(self, frequency: FloatArray, convert: Callable[[ComplexArray], ComplexArray]) -> FrfRuns:
+        """A copy whose receptances (n_lines, ...) of all runs went through `convert`; `frequency` are the new lines, Hz."""
+        centre = convert(self.centre)
+        transformed = np.zeros((*self.runs.shape[:2], *centre.shape), dtype=np.complex128)
+        for index in np.ndindex(*self.runs.shape[:2]):
+            transformed[index] = convert(self.runs[index])
+        return replace(self, frequency=frequency, centre=centre, runs=transformed)
 
     def lines(self, frequency: FloatArray) -> IntArray:
-        """Where the lines `frequency` are among its own.
+        """Indices of the lines `frequency`, Hz, among those of the runs; raises `InputError` if one is missing.
 
         Raises
         ------
         InputError
             If one is not there.
         """
-        place = np.clip(np.searchsorted(self.frequency, frequency), 0, len(self.frequency) - 1)
-        missing = frequency[self.frequency[place] != frequency]
+        index = np.clip(np.searchsorted(self.frequency, frequency), 0, len(self.frequency) - 1)
+        missing = frequency[self.frequency[index] != frequency]
         if len(missing):
             raise InputError(
                 f"the solver was not asked for the line at {missing[0]:g} Hz; take lines of the records, inside `band`"
             )
-        return place
+        return index
 
     @cached_property
-    def _slopes(self) -> ComplexArray:
-        """Derivatives at the centre, (n_lines, n_outputs, n_inputs, n_params)."""
-        found = np.zeros((*self.centre.shape, len(self.changes)), dtype=np.complex128)
-        for k, ((a, b), (one, two)) in enumerate(zip(self.changes, self.runs, strict=True)):
-            up, down = (one - self.centre) / a, (two - self.centre) / b
-            found[..., k] = up - a * (down - up) / (b - a)
-        return found
+    def _derivatives(self) -> ComplexArray:
+        """Derivatives of the receptances by the parameters at the centre, (n_lines, n_outputs, n_inputs, n_params)."""
+        derivatives = np.zeros((*self.centre.shape, len(self.changes)), dtype=np.complex128)
+        for k, ((a, b), (run_a, run_b)) in enumerate(zip(self.changes, self.runs, strict=True)):
+            up, down = (run_a - self.centre) / a, (run_b - self.centre) / b
+            derivatives[..., k] = up - a * (down - up) / (b - a)
+        return derivatives
 
     def evaluated(self, values: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Receptances and their derivatives, (n_lines, n_outputs, n_inputs) and (..., n_params), for values of all parameters."""
-        return self.centre + self._slopes @ (values - np.array(list(self.at.values()))), self._slopes
+        return self.centre + self._derivatives @ (values - np.array(list(self.at.values()))), self._derivatives
 
 
 @element
@@ -113,26 +122,28 @@ class SolverFrfs(ElementSet):
         return tuple(dict.fromkeys(dof.unsigned for dof in (*self.found.outputs, *self.found.inputs)))
 
     def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
-        """Parameters, with matrices of nothing; see `ElementSet.terms`."""
+        """The parameters as properties with empty matrices; see `ElementSet.terms`."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         nothing = sparse.csc_array((codes.size, codes.size))
-        layer = Layer(codes, np.zeros((1, 0, 0)), whole=nothing, law="elastic", reduced=True)
-        return tuple(Term(p.name, "parameter", p.unit, locked([p.value], float), [layer]) for p in self.parameters)
+        matrix_term = ElementMatrixTerm(codes, np.zeros((1, 0, 0)), whole=nothing, law="elastic", reduced=True)
+        return tuple(
+            Term(p.name, "parameter", p.unit, locked([p.value], float), [matrix_term]) for p in self.parameters
+        )
 
-    def places(self, dofs: tuple[Dof, ...], role: str) -> tuple[IntArray, FloatArray]:
-        """Where sensors (``output``) or loads (``input``) are among its own, and their sense against these.
+    def channel_indices(self, dofs: tuple[Dof, ...], role: str) -> tuple[IntArray, FloatArray]:
+        """Indices of sensors (`role` ``output``) or loads (``input``) among the solver's channels, and their relative sign.
 
         Raises
         ------
         InputError
             If it has no such channel.
         """
-        own = self.found.outputs if role == "output" else self.found.inputs
-        known = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(own)}
+        channels = self.found.outputs if role == "output" else self.found.inputs
+        index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(channels)}
         for dof in dofs:
-            if dof.unsigned not in known:
-                raise InputError(f"the solver gives no FRF with {role} {dof}, only {', '.join(map(str, own))}")
-        pairs = [known[dof.unsigned] for dof in dofs]
+            if dof.unsigned not in index_and_sign:
+                raise InputError(f"the solver gives no FRF with {role} {dof}, only {', '.join(map(str, channels))}")
+        pairs = [index_and_sign[dof.unsigned] for dof in dofs]
         return np.array([k for k, _ in pairs]), np.array(
             [sign * dof.sign for (_, sign), dof in zip(pairs, dofs, strict=True)], dtype=float
         )
@@ -173,9 +184,10 @@ class SolvedFrfs(Solved):
         )
 
     def checked(self, values: Point, work: Work) -> Checked:
-        given = self.run_at(values, work).centre
-        own, _ = self.model.found.evaluated(np.array([values[name] for name in self.model.found.at]))
-        worst = float((np.abs(own - given).max(axis=0) / np.abs(given).max(axis=0)).max())
+        """The largest error of the model's FRFs against a run of the solver at `values`, relative to the peak of each."""
+        of_solver = self.run_at(values, work).centre
+        of_model, _ = self.model.found.evaluated(np.array([values[name] for name in self.model.found.at]))
+        worst = float((np.abs(of_model - of_solver).max(axis=0) / np.abs(of_solver).max(axis=0)).max())
         return Checked(
             worst,
             f"the solver with the updated deck gives the model's FRFs to {worst:.2g} of the largest value of each",
@@ -183,32 +195,32 @@ class SolvedFrfs(Solved):
 
 
 def solved_frfs(name: str, solver: Solver, out: FrfsOut, units: Units, work: Work) -> SolvedFrfs:
-    """The model of FRFs about the centre of each parameter, from differences.
+    """A model with the FRFs of a solver, linearized by finite differences about the centre of each parameter.
 
     Raises
     ------
     InputError
         If a run fails, or a parameter changes no FRF.
     """
-    own = taken(solver, out.read, _change, _RULES, work)
-    pairs = {one.name: one for one in own.pairs}
+    steps = taken(solver, out.read, _change, _RULES, work)
+    pairs = {pair.name: pair for pair in steps.pairs}
     names = solver.deck.names
-    found = FrfRuns(
+    runs = FrfRuns(
         out.frequency,
         out.outputs,
         out.inputs,
-        own.centre,
-        {name: own.at[name] for name in names},
+        steps.centre,
+        {name: steps.at[name] for name in names},
         np.array([pairs[name].changes for name in names]),
         np.array([pairs[name].runs for name in names]),
     )
-    references = {key: own.at[key] or 1.0 for key in names}
-    frfs = SolverFrfs(name, found, model_parameters(solver, references))
+    references = {key: steps.at[key] or 1.0 for key in names}
+    frfs = SolverFrfs(name, runs, model_parameters(solver, references))
     fact = (
-        f"solver: {run_words(own.counts)}; {len(out.frequency)} lines from {out.frequency[0]:.5g} to {out.frequency[-1]:.5g} Hz,"
-        f" {len(out.outputs)} x {len(out.inputs)} FRFs; {own.words}"
+        f"solver: {run_words(steps.counts)}; {len(out.frequency)} lines from {out.frequency[0]:.5g} to {out.frequency[-1]:.5g} Hz,"
+        f" {len(out.outputs)} x {len(out.inputs)} FRFs; {steps.words}"
     )
-    return SolvedFrfs(solver, frfs, (), (), own.counts, (fact,), own.at, units, out)
+    return SolvedFrfs(solver, frfs, (), (), steps.counts, (fact,), steps.at, units, out)
 
 
 def _change(centre: ComplexArray, run: ComplexArray, point: Point) -> float:

@@ -13,17 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError
 from structid.core.units import FrfKind
 from structid.external.deck import FREQUENCIES
-from structid.external.outputs import OneFile, there
+from structid.external.outputs import OneFile, existing_file
 from structid.external.shapes import require_last_line
 from structid.external.solved import Units
 from structid.fem.importers.exports import FORCES, LENGTHS
 from structid.modal.formats.nastran import PUNCH_SUFFIXES
-from structid.modal.formats.printed import numbers
+from structid.modal.formats.printed import parse_numbers
 from structid.records import FrfRecord, TimeRecord
 from structid.records.formats import read_record
 
@@ -67,8 +67,8 @@ class FrfsOut(OneFile):
     units: Units = field(default_factory=Units)
 
     def read(self, folder: Path) -> ComplexArray:
-        """Receptances of a run at the lines and channels that are needed, SI, (n_lines, n_outputs, n_inputs)."""
-        path = there(folder, self.path)
+        """Receptances in the folder of a run at the needed lines and channels, SI units, (n_lines, n_outputs, n_inputs)."""
+        path = existing_file(folder, self.path)
         require_last_line(path)
         if path.suffix.lower() in PUNCH_SUFFIXES:
             record: FrfRecord | TimeRecord = punched_frfs(path, self.loads, self.units.length, self.units.force)
@@ -85,40 +85,44 @@ class FrfsOut(OneFile):
                 f"{path}: the FRFs have no imaginary part: write real and imaginary parts in place of magnitudes, and give the"
                 " model damping"
             )
-        lines = self._lines(path, record.frequency)
-        outputs, senses = _places(path, "sensor", self.outputs, record.outputs)
-        inputs, ways = _places(path, "load", self.inputs, record.inputs)
+        lines = self._line_indices(path, record.frequency)
+        outputs, output_senses = _channel_indices(path, "sensor", self.outputs, record.outputs)
+        inputs, input_senses = _channel_indices(path, "load", self.inputs, record.inputs)
         values = record.lines(lines).as_kind("receptance").values[:, outputs][:, :, inputs]
-        return values * senses[:, None] * ways
+        return values * output_senses[:, None] * input_senses
 
-    def _lines(self, path: Path, given: FloatArray) -> IntArray:
-        """Where the lines that are needed are in the file."""
-        after = np.clip(np.searchsorted(given, self.frequency), 1, max(len(given) - 1, 1))
+    def _line_indices(self, path: Path, of_file: FloatArray) -> IntArray:
+        """Index in `of_file`, the frequencies of the file in Hz, of each needed line; raises `FileError` if one is missing."""
+        after = np.clip(np.searchsorted(of_file, self.frequency), 1, max(len(of_file) - 1, 1))
         before = after - 1
-        after = np.minimum(after, len(given) - 1)
-        near = np.where(np.abs(given[before] - self.frequency) <= np.abs(given[after] - self.frequency), before, after)
-        missing = self.frequency[np.abs(given[near] - self.frequency) > _SAME_LINE * self.frequency]
+        after = np.minimum(after, len(of_file) - 1)
+        nearest = np.where(
+            np.abs(of_file[before] - self.frequency) <= np.abs(of_file[after] - self.frequency), before, after
+        )
+        missing = self.frequency[np.abs(of_file[nearest] - self.frequency) > _SAME_LINE * self.frequency]
         if len(missing):
-            told = listed([f"{line:.7g}" for line in missing], _MOST_TOLD)
+            text = join_words([f"{line:.7g}" for line in missing], _MOST_TOLD)
             raise FileError(
-                f"{path}: {len(missing)} of the {len(self.frequency)} lines of the record are missing, {told} Hz; FRFs are"
+                f"{path}: {len(missing)} of the {len(self.frequency)} lines of the record are missing, {text} Hz; FRFs are"
                 f" not interpolated: let the solver compute the lines that {FREQUENCIES} beside the deck lists, or"
                 " where the deck has {{frequency}}"
             )
-        return near
+        return nearest
 
 
-def _places(path: Path, word: str, wanted: Sequence[Dof], own: Sequence[Dof]) -> tuple[IntArray, FloatArray]:
-    """Where channels are in a file, and their sense against it."""
-    known = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(own)}
-    missing = [str(dof.unsigned) for dof in wanted if dof.unsigned not in known]
+def _channel_indices(
+    path: Path, word: str, wanted: Sequence[Dof], of_file: Sequence[Dof]
+) -> tuple[IntArray, FloatArray]:
+    """Index in `of_file`, the channels of the file, of each channel of `wanted`, and the relative sign."""
+    index_and_sign = {dof.unsigned: (k, dof.sign) for k, dof in enumerate(of_file)}
+    missing = [str(dof.unsigned) for dof in wanted if dof.unsigned not in index_and_sign]
     if missing:
-        shown = ", ".join(str(dof) for dof in own[:_MOST_TOLD]) + (", ..." if len(own) > _MOST_TOLD else "")
+        text = ", ".join(str(dof) for dof in of_file[:_MOST_TOLD]) + (", ..." if len(of_file) > _MOST_TOLD else "")
         raise FileError(
-            f"{path}: has no FRF of {word} {', '.join(missing[:_MOST_TOLD])}, which the record has; its {word}s are {shown}: let"
+            f"{path}: has no FRF of {word} {', '.join(missing[:_MOST_TOLD])}, which the record has; its {word}s are {text}: let"
             " the solver write it under that node and direction, or choose by `channels_used` or `inputs` of [record]"
         )
-    pairs = [(*known[dof.unsigned], dof.sign) for dof in wanted]
+    pairs = [(*index_and_sign[dof.unsigned], dof.sign) for dof in wanted]
     return np.array([k for k, _, _ in pairs]), np.array([float(a * b) for _, a, b in pairs])
 
 
@@ -129,7 +133,7 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
     ----------
     path : Path
     loads : sequence of Dof
-        What acts in each subcase, in ascending order, with a size of 1.
+        The unit load of each subcase, in ascending order of subcases.
     length, force : str
         Units of the deck.
 
@@ -142,7 +146,7 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
     kind = next((kind for title, kind in _KINDS.items() if any(line.startswith(title) for line in lines)), None)
     if kind is None:
         raise FileError(f"{path}: holds no displacements, velocities or accelerations; {_RUN_AGAIN}")
-    table = {(case, frequency, node): values for case, frequency, node, values in _entries(path, lines, kind)}
+    table = {(case, frequency, node): values for case, frequency, node, values in _read_entries(path, lines, kind)}
     cases, frequency, nodes = (sorted({*found}) for found in zip(*table, strict=True)) if table else ([], [], [])
     if len(table) != len(cases) * len(frequency) * len(nodes) or not table:
         raise FileError(
@@ -160,42 +164,42 @@ def punched_frfs(path: Path, loads: Sequence[Dof], length: str, force: str) -> F
     return FrfRecord(frequency, scaled, outputs, [dof.unsigned for dof in loads], kind)
 
 
-def _entries(path: Path, lines: Sequence[str], wanted: FrfKind) -> Iterator[Entry]:
-    """Points at frequencies, whichever of both is in the header."""
+def _read_entries(path: Path, lines: Sequence[str], wanted: FrfKind) -> Iterator[Entry]:
+    """(Subcase, frequency in Hz, node, complex motion (6,)) of each point in the lines of a punch file."""
     kind: FrfKind | None = None
-    known: dict[str, str] = {}
-    polar, begun = False, 0
+    header: dict[str, str] = {}
+    is_polar, last_line = False, 0
     rows: list[list[str]] = []
-    for place, line in enumerate(lines, 1):
+    for line_number, line in enumerate(lines, 1):
         if line.startswith("$"):
             title = line[:_WIDTH].split()[0]
-            found = _HEADER.match(line)
+            match = _HEADER.match(line)
             if title == "$TITLE" or title in _KINDS:
-                kind, known = None if "(SOLUTION" in line else _KINDS.get(title), {}
+                kind, header = None if "(SOLUTION" in line else _KINDS.get(title), {}
             elif line.startswith("$REAL OUTPUT") and kind == wanted:
                 raise FileError(
-                    f"{path}, line {place}: holds real motions; write real and imaginary parts: {_RUN_AGAIN}"
+                    f"{path}, line {line_number}: holds real motions; write real and imaginary parts: {_RUN_AGAIN}"
                 )
             elif "OUTPUT" in line:
-                polar = line.startswith("$MAGNITUDE-PHASE")
-            elif found:
-                known[found[1]] = found[2]
+                is_polar = line.startswith("$MAGNITUDE-PHASE")
+            elif match:
+                header[match[1]] = match[2]
             continue
-        if kind != wanted or not ("FREQUENCY" in known or "POINT ID" in known):
+        if kind != wanted or not ("FREQUENCY" in header or "POINT ID" in header):
             continue
         words = line[:_WIDTH].split()
         if (words[:1] == [_CONTINUED]) != bool(rows) or len(words) != (4 if rows else 5):
             raise FileError(
-                f"{path}, line {place}: is not part of a motion of a point; the file is damaged, {_RUN_AGAIN}"
+                f"{path}, line {line_number}: is not part of a motion of a point; the file is damaged, {_RUN_AGAIN}"
             )
         rows.append(words)
-        begun = place
+        last_line = line_number
         if len(rows) == _LINES:
-            first, rest = rows[0][0], [*rows[0][2:], *(word for row in rows[1:] for word in row[1:])]
-            frequency, node = (known["FREQUENCY"], first) if "FREQUENCY" in known else (first, known["POINT ID"])
-            parts = numbers(path, rest).reshape(2, 6)
-            values = parts[0] * np.exp(1j * np.radians(parts[1])) if polar else parts[0] + 1j * parts[1]
-            yield int(known.get("SUBCASE ID", "1")), float(frequency.replace("D", "E")), int(node), values
+            first, words_of_values = rows[0][0], [*rows[0][2:], *(word for row in rows[1:] for word in row[1:])]
+            frequency, node = (header["FREQUENCY"], first) if "FREQUENCY" in header else (first, header["POINT ID"])
+            parts = parse_numbers(path, words_of_values).reshape(2, 6)
+            values = parts[0] * np.exp(1j * np.radians(parts[1])) if is_polar else parts[0] + 1j * parts[1]
+            yield int(header.get("SUBCASE ID", "1")), float(frequency.replace("D", "E")), int(node), values
             rows = []
     if rows:
-        raise FileError(f"{path}, line {begun}: ends within a point; the file is cut short, {_RUN_AGAIN}")
+        raise FileError(f"{path}, line {last_line}: ends within a point; the file is cut short, {_RUN_AGAIN}")

@@ -12,8 +12,8 @@ from structid.fem.elements.element import (
     PER_STRAIN_RATE,
     PER_VELOCITY,
     TRANSLATIONS,
+    ElementMatrixTerm,
     ElementSet,
-    Layer,
     Matrices,
     Nodes,
     OptionalSignedValues,
@@ -50,7 +50,7 @@ class Bar(ElementSet):
     )
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of the mass and the axial stiffness; see `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         dimensions = direction.shape[1]
         codes = node_codes(self.nodes, TRANSLATIONS[:dimensions])
@@ -58,7 +58,7 @@ class Bar(ElementSet):
         along[:, 0, :dimensions] = along[:, 1, dimensions:] = direction
         stiffness = rotated(rod_stiffness(length), along)
         mass = np.einsum("nij,kl->nikjl", rod_mass(length), np.eye(dimensions)).reshape(stiffness.shape)
-        found = {"mass": (Layer(codes, mass),), "axial_stiffness": (Layer(codes, stiffness),)}
+        terms = {"mass": (ElementMatrixTerm(codes, mass),), "axial_stiffness": (ElementMatrixTerm(codes, stiffness),)}
         if self.axial_force is not None:
             if dimensions == 1:
                 raise InputError(
@@ -66,5 +66,5 @@ class Bar(ElementSet):
                 )
             sideways = np.eye(dimensions) - direction[:, :, None] * direction[:, None, :]
             string = np.einsum("nij,nkl->nikjl", rod_stiffness(length), sideways).reshape(stiffness.shape)
-            found["axial_force"] = (Layer(codes, string),)
-        return found
+            terms["axial_force"] = (ElementMatrixTerm(codes, string),)
+        return terms

@@ -12,8 +12,8 @@ from structid.fem.elements.element import (
     LOSS_FACTOR,
     PER_STRAIN_RATE,
     PER_VELOCITY,
+    ElementMatrixTerm,
     ElementSet,
-    Layer,
     Matrices,
     Nodes,
     OptionalSignedValues,
@@ -75,7 +75,7 @@ def hermite_stiffness(length: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class BendingPlane:
-    """Beams that bend in one plane, and shear in it where `shear` has values: the layers of their matrices.
+    """Beams that bend in one plane, and shear in it where `shear` has values: their element matrix terms.
 
     A Timoshenko beam that only its ends load has a cubic deflection and a parabolic rotation of its section:
 
@@ -107,42 +107,42 @@ class BendingPlane:
     shear: tuple[str, FloatArray | None]
 
     @property
-    def stiffness(self) -> tuple[Layer, ...]:
-        """Of unit EI, less what shear gives way.
+    def stiffness(self) -> tuple[ElementMatrixTerm, ...]:
+        """Element matrices of bending for unit EI, reduced by the shear deformation where there is shear.
 
-        Hermite's matrix is a sum of two: a uniform curvature e = theta2 - theta1 with the stiffness EI / L, and one that
-        grows along the beam, a, with 12 EI / L^3. Of the two only the second goes with a shear force, whose
+        Hermite's matrix is a sum of two: a uniform curvature e = theta2 - theta1 with the stiffness EI / L, and one
+        that grows along the beam, a, with 12 EI / L^3. Of the two only the second goes with a shear force, whose
         compliance L / GA adds to L^3 / 12 EI.
         """
         if self.shear[1] is None:
-            return (self._layer(hermite_stiffness(self.length)),)
+            return (self._matrix_term(hermite_stiffness(self.length)),)
         even, odd = np.array([0.0, -1.0, 0.0, 1.0]), self._odd
         uniform = np.outer(even, even) / self.length[:, None, None]
         growing = odd[:, :, None] * odd[:, None, :] * (12 / self.length**3)[:, None, None]
-        return self._layer(uniform), self._layer(growing, 1)
+        return self._matrix_term(uniform), self._matrix_term(growing, 1)
 
     @property
-    def mass(self) -> tuple[Layer, ...]:
-        """Consistent mass of unit mass per length."""
+    def mass(self) -> tuple[ElementMatrixTerm, ...]:
+        """Consistent mass matrices for unit mass per length."""
         if self.shear[1] is None:
-            return (self._layer(hermite_mass(self.length)),)
+            return (self._matrix_term(hermite_mass(self.length)),)
         x, one = _POINTS[:, None], np.ones(len(self.length))
         plain = [1 + 0 * x * one, (x - x**2 / 2) * self.length, 0 * x * one, x**2 / 2 * self.length]
         bent = (x - 3 * x**2 + 2 * x**3)[..., None] * self._odd
         return self._consistent(np.stack(plain, axis=-1) - x[..., None] * self._odd, bent)
 
     @property
-    def rotary_inertia(self) -> tuple[Layer, ...]:
-        """Of unit inertia of the sections per length."""
+    def rotary_inertia(self) -> tuple[ElementMatrixTerm, ...]:
+        """Element matrices of the rotary inertia of the sections, for unit inertia per length."""
         x, one = _POINTS[:, None], np.ones(len(self.length))
         plain = np.stack([0 * x * one, (1 - x) * one, 0 * x * one, x * one], axis=-1)
         bent = (-6 * x * (1 - x) / self.length)[..., None] * self._odd
         if self.shear[1] is None:
-            return (self._layer(self._product(plain + bent, plain + bent)),)
+            return (self._matrix_term(self._product(plain + bent, plain + bent)),)
         return self._consistent(plain, bent)
 
     @property
-    def axial_force(self) -> tuple[Layer, ...]:
+    def axial_force(self) -> tuple[ElementMatrixTerm, ...]:
         """Geometric stiffness of unit tension, consistent with the deflection: the integral of w' w'.
 
         References
@@ -154,7 +154,7 @@ class BendingPlane:
         plain = turned - self._odd / self.length[:, None]
         bent = (1 - 6 * x + 6 * x**2)[..., None] * self._odd / self.length[:, None]
         if self.shear[1] is None:
-            return (self._layer(self._product(plain + bent, plain + bent)),)
+            return (self._matrix_term(self._product(plain + bent, plain + bent)),)
         return self._consistent(plain, bent)
 
     @property
@@ -163,13 +163,13 @@ class BendingPlane:
         one = np.ones_like(self.length)
         return np.stack([one, self.length / 2, -one, self.length / 2], axis=1)
 
-    def _consistent(self, plain: FloatArray, bent: FloatArray) -> tuple[Layer, ...]:
+    def _consistent(self, plain: FloatArray, bent: FloatArray) -> tuple[ElementMatrixTerm, ...]:
         """Of shapes `plain` + s `bent` at the points, (n_points, n, 4)."""
         mixed = self._product(plain, bent)
         return (
-            self._layer(self._product(plain, plain)),
-            self._layer(mixed + np.swapaxes(mixed, 1, 2), 1),
-            self._layer(self._product(bent, bent), 2),
+            self._matrix_term(self._product(plain, plain)),
+            self._matrix_term(mixed + np.swapaxes(mixed, 1, 2), 1),
+            self._matrix_term(self._product(bent, bent), 2),
         )
 
     def _product(self, first: FloatArray, second: FloatArray) -> FloatArray:
@@ -177,19 +177,19 @@ class BendingPlane:
         found: FloatArray = np.einsum("g,gni,gnj,n->nij", _WEIGHTS, first, second, self.length)
         return found
 
-    def _layer(self, local: FloatArray, power: int = 0) -> Layer:
-        """Matrices (n, 4, 4) that go with a power of the share."""
+    def _matrix_term(self, local: FloatArray, power: int = 0) -> ElementMatrixTerm:
+        """An element matrix term from local matrices (n_elements, 4, 4), which go with a `power` of the shear ratio."""
         name, values = self.shear
         if power == 0 or values is None:
-            return Layer(self.codes, rotated(local, self.across))
+            return ElementMatrixTerm(self.codes, rotated(local, self.across))
         share = ShearShare(self.bending[0], name, 12 / self.length**2, power)
-        left = shear_share(self.bending[1], values, share.ratio) ** power
-        return Layer(self.codes, rotated(local * left[:, None, None], self.across), shear=share)
+        nominal = shear_share(self.bending[1], values, share.ratio) ** power
+        return ElementMatrixTerm(self.codes, rotated(local * nominal[:, None, None], self.across), shear=share)
 
 
-def added(layers: tuple[Layer, ...], local: FloatArray) -> tuple[Layer, ...]:
-    """`layers` with other matrices on the same codes added to the first, which goes with no share."""
-    return replace(layers[0], local=layers[0].local + local), *layers[1:]
+def added(matrix_terms: tuple[ElementMatrixTerm, ...], local: FloatArray) -> tuple[ElementMatrixTerm, ...]:
+    """The same matrix terms with other matrices on the same codes added to the first, which does not depend on the shear."""
+    return replace(matrix_terms[0], local=matrix_terms[0].local + local), *matrix_terms[1:]
 
 
 def rod_mass(length: FloatArray) -> FloatArray:
@@ -221,7 +221,7 @@ class Beam(ElementSet):
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of each property; see `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         bending, shear = ("bending_stiffness", self.bending_stiffness), ("shear_stiffness", self.shear_stiffness)
         if direction.shape[1] == 1:
@@ -236,27 +236,30 @@ class Beam(ElementSet):
             codes = node_codes(self.nodes, ("X", "Y", "RZ"))
             along, across = _plane_maps(direction)
             plane = BendingPlane(codes, across, length, bending, shear)
-        found = {"mass": plane.mass, "bending_stiffness": plane.stiffness}
+        terms = {"mass": plane.mass, "bending_stiffness": plane.stiffness}
         if along is not None:
-            found["mass"] = added(found["mass"], rotated(rod_mass(length), along))
-            found["axial_stiffness"] = (Layer(codes, rotated(rod_stiffness(length), along)),)
+            terms["mass"] = added(terms["mass"], rotated(rod_mass(length), along))
+            terms["axial_stiffness"] = (ElementMatrixTerm(codes, rotated(rod_stiffness(length), along)),)
         if self.shear_stiffness is not None:
-            found["shear_stiffness"] = ()
+            terms["shear_stiffness"] = ()
         if self.rotary_inertia is not None:
-            found["rotary_inertia"] = plane.rotary_inertia
+            terms["rotary_inertia"] = plane.rotary_inertia
         if self.axial_force is not None:
-            found["axial_force"] = plane.axial_force
-        return found
+            terms["axial_force"] = plane.axial_force
+        return terms
 
 
 def _plane_maps(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Maps from (X Y RZ, X Y RZ) to axial (u1 u2) and bending (w1 theta1 w2 theta2) coordinates of each element."""
+    """Maps from (X Y RZ, X Y RZ) to axial (u1 u2) and bending (w1 theta1 w2 theta2) coordinates, (n_elements, 2 or 4, 6).
+
+    `direction` holds the unit vectors along the beams, (n_elements, 2).
+    """
     c, s = direction[:, 0], direction[:, 1]
     along = np.zeros((len(c), 2, 6))
     across = np.zeros((len(c), 4, 6))
     for end in (0, 1):
-        at = 3 * end
-        along[:, end, at], along[:, end, at + 1] = c, s
-        across[:, 2 * end, at], across[:, 2 * end, at + 1] = -s, c
-        across[:, 2 * end + 1, at + 2] = 1.0
+        column = 3 * end
+        along[:, end, column], along[:, end, column + 1] = c, s
+        across[:, 2 * end, column], across[:, 2 * end, column + 1] = -s, c
+        across[:, 2 * end + 1, column + 2] = 1.0
     return along, across

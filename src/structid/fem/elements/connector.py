@@ -13,9 +13,9 @@ from structid.core.errors import InputError
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     Declared,
+    ElementMatrixTerm,
     ElementSet,
     Given,
-    Layer,
     Matrices,
     Nodes,
     Positions,
@@ -46,22 +46,23 @@ class Connector(ElementSet):
     second: OtherEnds = declared("The other end; the ground where left out", default=None)
 
     def __post_init__(self) -> None:
+        """Store and check the ends, and derive the node table (-1 for the ground)."""
         for key in ("first", "second"):
-            given = getattr(self, key)
-            object.__setattr__(self, key, given if given is None else dofs_stored(self.name, given))
+            named = getattr(self, key)
+            object.__setattr__(self, key, named if named is None else dofs_stored(self.name, named))
         _require_ends(self.name, self.first, self.second)
         ends = [-1] * len(self.first) if self.second is None else [d.node for d in self.second]
         object.__setattr__(self, "nodes", locked(np.array([[d.node for d in self.first], ends]).T, np.int64))
         super().__post_init__()
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """Matrices d d' with d = +1 at the first end and -1 at the second, each times the sense of its `Dof`."""
+        """Element matrices d d' with d = +1 at the first end and -1 at the second, each times the sign of its `Dof`."""
         columns = [self.first] if self.second is None else [self.first, self.second]
         codes = np.array([[dof_code(d.node, d.direction) for d in ends] for ends in columns]).T
         jump: FloatArray = np.array([[d.sign for d in ends] for ends in columns], dtype=np.float64).T
         jump[:, 1:] *= -1
-        layers = (Layer(codes, jump[:, :, None] * jump[:, None, :]),)
-        return dict.fromkeys(declarations(self), layers)
+        matrix_terms = (ElementMatrixTerm(codes, jump[:, :, None] * jump[:, None, :]),)
+        return dict.fromkeys(declarations(self), matrix_terms)
 
     def unit(self, what: Declared) -> str:
         """The unit that fits all degrees of freedom; both where translations and rotations mix."""
@@ -70,6 +71,7 @@ class Connector(ElementSet):
 
 
 def _require_ends(name: str, first: tuple[Dof, ...], second: tuple[Dof, ...] | None) -> None:
+    """Raise `InputError` unless both ends are as many, of one kind of motion, and differ."""
     if not first:
         raise InputError(f"`first` of {name!r} must name at least one degree of freedom")
     if second is None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray, locked
-from structid.core.constraints import declared_types, problem_of, type_words
+from structid.core.constraints import constraint_violation, declared_types, describe_type
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 
@@ -112,7 +112,7 @@ class Declared:
 
 
 def checked_tolerance(name: str, tolerance: float | Mapping[str, float]) -> float | Mapping[str, float]:
-    """`tolerance` of a set, whose numbers are parts from 0 to 1."""
+    """The `tolerance` of a set, after a check that its numbers lie between 0 and 1."""
     parts = tolerance if isinstance(tolerance, Mapping) else {"": tolerance}
     for key, part in parts.items():
         if not 0 <= part <= 1:
@@ -153,20 +153,20 @@ def declarations(kind: type[ElementSet] | ElementSet) -> dict[str, Declared]:
 
 @dataclass_transform(field_specifiers=(declared,), eq_default=False)  # frozen, mypy forgets `Given` of inherited fields
 def element(cls: type[E]) -> type[E]:
-    """An element type as a frozen dataclass, with its fields in the docstring."""
-    made = dataclass(frozen=True, eq=False)(cls)
-    types, rows = declared_types(made), []
-    for item in fields(made):
-        what: Declared = item.metadata["declared"]
-        unit = " or ".join(word for word in (what.unit, what.about_axes) if word not in ("", "1"))
+    """Class decorator: makes an element type a frozen dataclass and writes its fields into the docstring."""
+    decorated = dataclass(frozen=True, eq=False)(cls)
+    types, rows = declared_types(decorated), []
+    for item in fields(decorated):
+        declaration: Declared = item.metadata["declared"]
+        unit = " or ".join(word for word in (declaration.unit, declaration.about_axes) if word not in ("", "1"))
         default = "" if item.default in (MISSING, None) else f", default {item.default!r}"
         if item.init:
-            rows += [f"{item.name} : {type_words(types[item.name])}{default}"]
-            rows += [f"    {what.words}{', ' * bool(unit)}{unit}."]
+            rows += [f"{item.name} : {describe_type(types[item.name])}{default}"]
+            rows += [f"    {declaration.words}{', ' * bool(unit)}{unit}."]
     text = inspect.cleandoc(cls.__doc__ or "")
     summary, *others = re.split(r"\n\n(?=(?:Notes|References)\n---)", text)
-    made.__doc__ = "\n\n".join([summary, "\n".join(["Parameters", "----------", *rows]), *others])
-    return made
+    decorated.__doc__ = "\n\n".join([summary, "\n".join(["Parameters", "----------", *rows]), *others])
+    return decorated
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +204,7 @@ class Power:
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class ElementMatrixTerm:
     """Matrices of all elements of a set, at unit value, unit thickness and the nominal power of the share of `shear`.
 
     Parameters
@@ -224,7 +224,7 @@ class Layer:
         How it enters the dynamic stiffness, see `Contribution`, where the kind of its property does not say it.
     reduced : bool
         Whether other degrees of freedom follow its own by shapes of vibration, so that rigid motion does not show its mass.
-    stretch : int
+    length_power : int
         Power of the element's length that they go with, where that may change.
     """
 
@@ -236,7 +236,7 @@ class Layer:
     powers: tuple[Power, ...] = ()
     law: str = ""
     reduced: bool = False
-    stretch: int = 0
+    length_power: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +253,7 @@ class Term:
         SI unit of the values.
     values : (n_elements,) float array
         Nominal values.
-    layers : sequence of Layer
+    matrix_terms : sequence of ElementMatrixTerm
         For unit value and the nominal thickness: of a shell, stretching and bending. None of a loss factor or thickness,
         which weigh other terms' matrices.
     limits : (float, float), optional
@@ -264,12 +264,12 @@ class Term:
     kind: Kind
     unit: str
     values: FloatArray
-    layers: Sequence[Layer] = ()
+    matrix_terms: Sequence[ElementMatrixTerm] = ()
     limits: tuple[float, float] | None = None
 
 
 #: The matrices that the properties of a set weigh, by the name of the property.
-Matrices: TypeAlias = Mapping[str, Sequence[Layer]]
+Matrices: TypeAlias = Mapping[str, Sequence[ElementMatrixTerm]]
 
 
 @element
@@ -301,24 +301,25 @@ class ElementSet:
     )
 
     def __post_init__(self) -> None:
+        """Convert and check each declared field: values of properties, limits, choices, tolerances."""
         types = declared_types(type(self))
-        for name, what in declarations(self).items():
+        for name, declaration in declarations(self).items():
             value = getattr(self, name)
-            if what.unlimited and isinstance(value, float) and value == np.inf:
+            if declaration.unlimited and isinstance(value, float) and value == np.inf:
                 value = None
-            if what.kind is not None and not (what.optional and value is None):
-                is_signed = what.kind == "axial_force"
-                value = property_values(self.name, name, value, len(self.nodes), what.positive, is_signed)
-            problem = problem_of(types[name], value)
+            if declaration.kind is not None and not (declaration.optional and value is None):
+                is_signed = declaration.kind == "axial_force"
+                value = property_values(self.name, name, value, len(self.nodes), declaration.positive, is_signed)
+            problem = constraint_violation(types[name], value)
             if problem:
                 raise InputError(f"`{name}` of {self.name!r} {problem}")
-            if what.stored is not None and value is not None:
-                value = what.stored(self.name, value)
+            if declaration.stored is not None and value is not None:
+                value = declaration.stored(self.name, value)
             object.__setattr__(self, name, value)
         self._require_properties_of_tolerance()
 
     def _require_properties_of_tolerance(self) -> None:
-        """Raise `InputError` where `tolerance` names what is no property of the type."""
+        """Raise `InputError` if `tolerance` names something that is no property of the type."""
         properties = [name for name, what in declarations(self).items() if what.kind is not None]
         named = self.tolerance if isinstance(self.tolerance, Mapping) else {}
         for name in named:
@@ -337,7 +338,7 @@ class ElementSet:
         raise NotImplementedError
 
     def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
-        """Properties with their matrices.
+        """The properties of the set, each with the element matrices that it multiplies.
 
         Parameters
         ----------
@@ -345,7 +346,10 @@ class ElementSet:
         present : (n,) int array
             Codes of the degrees of freedom that elements other than those that follow use.
         """
-        made = {name: self._thick(layers) for name, layers in self.matrices(positions, present).items()}
+        made = {
+            name: self._at_nominal_thickness(matrix_terms)
+            for name, matrix_terms in self.matrices(positions, present).items()
+        }
         found = []
         for name, what in declarations(self).items():
             if what.kind in ("loss_factor", "thickness"):
@@ -361,19 +365,22 @@ class ElementSet:
         return what.unit
 
     def codes(self, positions: Positions) -> IntArray:
-        """Codes of the degrees of freedom that it uses where no other elements are, in order."""
+        """Sorted codes of the degrees of freedom that the set uses if no other elements are present."""
         if self.moves:  # so that no matrices are made, which are dear on a mesh
             return joined_codes([node_codes(np.unique(self.nodes)[:, None], self.moves)])
         terms = self.terms(positions, joined_codes([]))
-        return joined_codes([layer.codes for term in terms for layer in term.layers])
+        return joined_codes([matrix_term.codes for term in terms for matrix_term in term.matrix_terms])
 
-    def _thick(self, layers: Sequence[Layer]) -> tuple[Layer, ...]:
-        """`layers` at the nominal thickness."""
-        if not any(layer.power for layer in layers):
-            return tuple(layers)
+    def _at_nominal_thickness(self, matrix_terms: Sequence[ElementMatrixTerm]) -> tuple[ElementMatrixTerm, ...]:
+        """Element matrix terms at the nominal thickness: each matrix times the power of the thickness that it goes with."""
+        if not any(matrix_term.power for matrix_term in matrix_terms):
+            return tuple(matrix_terms)
         [name] = [name for name, what in declarations(self).items() if what.kind == "thickness"]
         thickness = getattr(self, name)[:, None, None]
-        return tuple(Layer(layer.codes, layer.local * thickness**layer.power, layer.power) for layer in layers)
+        return tuple(
+            ElementMatrixTerm(matrix_term.codes, matrix_term.local * thickness**matrix_term.power, matrix_term.power)
+            for matrix_term in matrix_terms
+        )
 
 
 def dof_code(node: int, direction: str) -> int:
@@ -400,9 +407,10 @@ def node_codes(nodes: IntArray, directions: Sequence[str]) -> IntArray:
 
 
 def node_table(columns: int) -> Store:
-    """Node labels of elements with so many nodes each; a single element may be given as one row."""
+    """A function that stores node labels of elements with `columns` nodes each; a single element may be one row."""
 
     def stored(name: str, nodes: ArrayLike) -> IntArray:
+        """The table of `nodes` of the set `name`, checked, (n_elements, columns)."""
         table = np.atleast_2d(np.asarray(nodes))
         if columns == 1 and table.shape[0] == 1 and table.shape[1] != 1:
             table = table.T
@@ -418,7 +426,7 @@ def node_table(columns: int) -> Store:
 def property_values(
     element: str, name: str, values: ArrayLike, n_elements: int, positive: bool = False, signed: bool = False
 ) -> FloatArray:
-    """`values` as one number an element, negative only where they are `signed`; a single number stands for all of them."""
+    """`values` of the property `name` as one number for each element, (n_elements,), negative only where they are `signed`."""
     try:
         array = np.broadcast_to(np.asarray(values, dtype=np.float64), (n_elements,))
     except ValueError as error:
@@ -435,7 +443,7 @@ def property_values(
 
 
 def element_vectors(name: str, nodes: IntArray, positions: Positions) -> tuple[FloatArray, FloatArray]:
-    """Lengths (n_elements,) and unit vectors (n_elements, n_dimensions) of two-node elements."""
+    """Lengths in m (n_elements,) and unit vectors (n_elements, n_dimensions) from first to second node."""
     start = np.array([positions[int(n)] for n in nodes[:, 0]])
     end = np.array([positions[int(n)] for n in nodes[:, 1]])
     difference = end - start

@@ -34,7 +34,7 @@ class Friction(Connector):
     first: End = declared("Where the friction acts")
     second: OtherEnd = declared("The other end; the ground where left out", default=None)
     friction_force: Values = declared(
-        "First harmonic of the force per unit of drive: 4/pi times the sliding force over the drive amplitude",
+        "First harmonic of the force per unit of drive: 4/pi times the sliding force over the amplitude of the load",
         "friction",
         "N/N",
         kw_only=True,

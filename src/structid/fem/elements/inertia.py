@@ -11,9 +11,9 @@ from structid.core.arrays import IntArray
 from structid.core.errors import InputError
 from structid.fem.elements.element import (
     TRANSLATIONS,
+    ElementMatrixTerm,
     ElementSet,
     Given,
-    Layer,
     Matrices,
     Nodes,
     Positions,
@@ -29,8 +29,9 @@ Translations: TypeAlias = Annotated[
 ]
 
 
-def _translations(name: str, given: Iterable[str]) -> tuple[str, ...] | None:
-    directions = tuple(given)
+def _checked_translations(name: str, directions_given: Iterable[str]) -> tuple[str, ...] | None:
+    """`directions_given` directions as a tuple, after a check that they are translations."""
+    directions = tuple(directions_given)
     if not set(directions) <= set(TRANSLATIONS):
         raise InputError(f"`directions` of {name!r} must be among X Y Z, got {directions}")
     return directions
@@ -47,19 +48,19 @@ class PointMass(ElementSet):
     directions: Translations = declared(
         "Translations in which the mass moves; by default those that other elements give to the node, or all that the"
         " node's position has coordinates for where no other element gives any",
-        stored=_translations,
+        stored=_checked_translations,
         default=None,
     )
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Diagonal mass matrices in the translations that the node has; see `ElementSet.matrices`."""
         codes = node_codes(self.nodes, TRANSLATIONS)
         moves = np.isin(codes, present)
         if self.directions is not None:
             moves[:] = np.isin(TRANSLATIONS, self.directions)
-        alone = ~moves.any(axis=1)
-        moves[alone] = np.arange(3) < len(next(iter(positions.values())))
-        return {"mass": (Layer(np.where(moves, codes, -1), np.eye(3) * moves[:, None, :]),)}
+        without_motion = ~moves.any(axis=1)
+        moves[without_motion] = np.arange(3) < len(next(iter(positions.values())))
+        return {"mass": (ElementMatrixTerm(np.where(moves, codes, -1), np.eye(3) * moves[:, None, :]),)}
 
 
 @element
@@ -75,4 +76,4 @@ class RotaryInertia(ElementSet):
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         codes = node_codes(self.nodes, (self.direction,))
-        return {"rotary_inertia": (Layer(codes, np.ones((len(self.nodes), 1, 1))),)}
+        return {"rotary_inertia": (ElementMatrixTerm(codes, np.ones((len(self.nodes), 1, 1))),)}

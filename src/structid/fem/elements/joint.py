@@ -11,9 +11,9 @@ from structid.core.dof import Dof, parse_dof
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     Declared,
+    ElementMatrixTerm,
     ElementSet,
     Given,
-    Layer,
     Matrices,
     Nodes,
     Positions,
@@ -56,7 +56,7 @@ class Joint(ElementSet):
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """The spring between the node and the end, which the structure numbers; see `ElementSet.loosened`."""
         codes = np.array([[dof_code(self.at.node, self.at.direction), -1]])
-        return {"stiffness": (Layer(codes, np.array([[[1.0, -1.0], [-1.0, 1.0]]])),)}
+        return {"stiffness": (ElementMatrixTerm(codes, np.array([[[1.0, -1.0], [-1.0, 1.0]]])),)}
 
     def unit(self, what: Declared) -> str:
         """The unit that fits the direction."""

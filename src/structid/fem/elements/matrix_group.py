@@ -13,10 +13,10 @@ from structid.core.arrays import IntArray, locked
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.fem.elements.element import (
+    ElementMatrixTerm,
     ElementSet,
     Given,
     Kind,
-    Layer,
     Matrices,
     Nodes,
     Positions,
@@ -61,6 +61,7 @@ class MatrixGroup(ElementSet):
     loss_factor: Values = declared("Structural damping of `stiffness`", "loss_factor", "1", default=0.0)
 
     def __post_init__(self) -> None:
+        """Derive the nodes from the rows, and check that the matrices are symmetric and of their size."""
         dofs = parse_dofs(self.dofs)
         object.__setattr__(self, "dofs", dofs)
         object.__setattr__(self, "nodes", locked(np.unique([d.node for d in dofs])[None, :], np.int64))
@@ -77,21 +78,22 @@ class MatrixGroup(ElementSet):
         return {key: matrix for key, matrix in every.items() if matrix is not None}
 
     def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
-        """Factors with their matrices; see `ElementSet.terms`."""
-        made, one = self.matrices(positions, present), np.ones(1)
-        terms = [Term(key, _KINDS[key], "1", one, layers) for key, layers in made.items()]
-        loss = [Term("loss_factor", "loss_factor", "1", self.loss_factor)] if "stiffness" in made else []
+        """The group's factors as properties with their matrices; see `ElementSet.terms`."""
+        matrix_terms_of, unit = self.matrices(positions, present), np.ones(1)
+        terms = [Term(key, _KINDS[key], "1", unit, matrix_terms) for key, matrix_terms in matrix_terms_of.items()]
+        loss = [Term("loss_factor", "loss_factor", "1", self.loss_factor)] if "stiffness" in matrix_terms_of else []
         return (*terms, *loss)
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """The group's matrices as one element each; see `ElementSet.matrices`."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         sign = sparse.diags_array([float(d.sign) for d in self.dofs])
-        made = {key: sparse.csc_array(sign @ matrix @ sign) for key, matrix in self.given.items()}
-        return {key: (Layer(codes, np.zeros((1, 0, 0)), whole=matrix),) for key, matrix in made.items()}
+        signed = {key: sparse.csc_array(sign @ matrix @ sign) for key, matrix in self.given.items()}
+        return {key: (ElementMatrixTerm(codes, np.zeros((1, 0, 0)), whole=matrix),) for key, matrix in signed.items()}
 
 
 def _require_symmetric(group: str, name: str, matrix: sparse.csc_array, size: int) -> None:
+    """Raise `InputError` unless the matrix is of the right size, finite and symmetric."""
     if matrix.shape != (size, size):
         raise InputError(f"`{name}` of group {group!r} must be ({size}, {size}) like its dofs, got {matrix.shape}")
     if not np.isfinite(matrix.data).all():

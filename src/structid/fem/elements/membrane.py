@@ -10,7 +10,7 @@ from structid.fem.elements.cells.isoparametric import CELLS, gradients
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
-    Layer,
+    ElementMatrixTerm,
     Matrices,
     Nodes,
     Positions,
@@ -86,11 +86,14 @@ class Membrane(CellSet):
     )
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of the mass and of the tension; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
         gradients(self.name, self.nodes, corners, CELLS["triangle"], np.zeros((1, 2)))  # so that a flat one is told
         first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         area = 0.5 * np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
         codes = node_codes(self.nodes, self.moves)
         mass = triangle_mass(area, self.lumped)
-        return {"mass": (Layer(codes, mass),), "tension": (Layer(codes, triangle_stiffness(corners, area)),)}
+        return {
+            "mass": (ElementMatrixTerm(codes, mass),),
+            "tension": (ElementMatrixTerm(codes, triangle_stiffness(corners, area)),),
+        }

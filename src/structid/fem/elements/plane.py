@@ -61,11 +61,11 @@ class Plane(CellSet):
     formulation: Formulation = declared("Of four-node quadrilaterals; see `elastic_stiffness`", default="incompatible")
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of density and Young's modulus; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
         law = plane_law(self.poisson, self.state == "strain")
         stiffness = partial(elastic_stiffness, law=law, formulation=self.formulation)
         return {
-            "density": (self.layer(corners, unit_mass, power=1),),
-            "youngs_modulus": (self.layer(corners, stiffness, power=1),),
+            "density": (self.matrix_term(corners, unit_mass, power=1),),
+            "youngs_modulus": (self.matrix_term(corners, stiffness, power=1),),
         }

@@ -76,6 +76,6 @@ class Plate(ThinSet):
         corners = cell_positions(self.name, self.nodes, positions, 2)
         bending = partial(bending_stiffness, law=plane_law(self.poisson, strain=False))
         return {
-            "density": (self.layer(corners, plate_mass, power=1),),
-            "youngs_modulus": (self.layer(corners, bending, power=3),),
+            "density": (self.matrix_term(corners, plate_mass, power=1),),
+            "youngs_modulus": (self.matrix_term(corners, bending, power=3),),
         }

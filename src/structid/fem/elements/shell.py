@@ -46,18 +46,18 @@ class Shell(ThinSet):
     )
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of density and Young's modulus, for stretching and bending; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 3)
         law = plane_law(self.poisson, strain=False)
         stretching = partial(_stretching, law=law, poisson=self.poisson, linear_strains=self.linear_strains)
         return {
             "density": (
-                self.layer(corners, _mass, power=1),
-                self.layer(corners, _rotary_inertia, power=3, directions=DIRECTIONS[3:]),
+                self.matrix_term(corners, _mass, power=1),
+                self.matrix_term(corners, _rotary_inertia, power=3, directions=DIRECTIONS[3:]),
             ),
             "youngs_modulus": (
-                self.layer(corners, stretching, power=1),
-                self.layer(corners, partial(_bending, law=law), power=3),
+                self.matrix_term(corners, stretching, power=1),
+                self.matrix_term(corners, partial(_bending, law=law), power=3),
             ),
         }
 
@@ -66,18 +66,18 @@ def _stretching(
     name: str, nodes: IntArray, at: FloatArray, cell: str, law: FloatArray, poisson: float, linear_strains: float
 ) -> FloatArray:
     flat = facets(name, nodes, at)
-    return flat.in_space(_placed(drilling_stiffness(flat.corners, law, poisson, linear_strains), (0, 1, 5)))
+    return flat.in_space(_on_all_coordinates(drilling_stiffness(flat.corners, law, poisson, linear_strains), (0, 1, 5)))
 
 
 def _bending(name: str, nodes: IntArray, at: FloatArray, cell: str, law: FloatArray) -> FloatArray:
     flat = facets(name, nodes, at)
-    return flat.in_space(_placed(bending_stiffness(name, nodes, flat.corners, cell, law), (2, 3, 4)))
+    return flat.in_space(_on_all_coordinates(bending_stiffness(name, nodes, flat.corners, cell, law), (2, 3, 4)))
 
 
 def _mass(name: str, nodes: IntArray, at: FloatArray, cell: str) -> FloatArray:
     flat = facets(name, nodes, at)
-    across = _placed(plate_mass(name, nodes, flat.corners, cell), (2, 3, 4))
-    return flat.in_space(across + _placed(unit_mass(name, nodes, flat.corners, cell), (0, 1)))
+    across = _on_all_coordinates(plate_mass(name, nodes, flat.corners, cell), (2, 3, 4))
+    return flat.in_space(across + _on_all_coordinates(unit_mass(name, nodes, flat.corners, cell), (0, 1)))
 
 
 def _rotary_inertia(name: str, nodes: IntArray, at: FloatArray, cell: str) -> FloatArray:
@@ -85,10 +85,10 @@ def _rotary_inertia(name: str, nodes: IntArray, at: FloatArray, cell: str) -> Fl
     return np.einsum("eij,kl->eikjl", linear / 12, np.eye(3)).reshape(len(nodes), 3 * nodes.shape[1], -1)
 
 
-def _placed(small: FloatArray, axes: tuple[int, ...]) -> FloatArray:
-    """Matrices on some coordinates of each corner as matrices on all six."""
+def _on_all_coordinates(small: FloatArray, axes: tuple[int, ...]) -> FloatArray:
+    """Matrices on some coordinates (`axes`) of each corner as matrices on all six, (n_cells, 6 n, 6 n)."""
     n = small.shape[1] // len(axes)
     rows = np.ravel([[6 * k + axis for axis in axes] for k in range(n)])
-    found = np.zeros((len(small), 6 * n, 6 * n))
-    found[:, rows[:, None], rows[None]] = small
-    return found
+    full = np.zeros((len(small), 6 * n, 6 * n))
+    full[:, rows[:, None], rows[None]] = small
+    return full

@@ -60,4 +60,7 @@ class Solid(CellSet):
         """See `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 3)
         stiffness = partial(elastic_stiffness, law=solid_law(self.poisson), formulation=self.formulation)
-        return {"density": (self.layer(corners, unit_mass),), "youngs_modulus": (self.layer(corners, stiffness),)}
+        return {
+            "density": (self.matrix_term(corners, unit_mass),),
+            "youngs_modulus": (self.matrix_term(corners, stiffness),),
+        }

@@ -12,8 +12,8 @@ from structid.fem.elements.beam import AXIAL_FORCE, ROTARY_INERTIA, SHEAR, Bendi
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     PER_VELOCITY,
+    ElementMatrixTerm,
     ElementSet,
-    Layer,
     Matrices,
     Nodes,
     OptionalSignedValues,
@@ -30,8 +30,9 @@ from structid.fem.elements.element import (
 )
 
 
-def _direction(name: str, given: ArrayLike) -> FloatArray:
-    vector = locked(given, np.float64)
+def _checked_direction(name: str, orientation: ArrayLike) -> FloatArray:
+    """The `orientation` of a set as a locked vector (3,); `InputError` unless it is finite and not zero."""
+    vector = locked(orientation, np.float64)
     require_shape("orientation", vector, (3,))
     if not (np.isfinite(vector).all() and vector.any()):
         raise InputError(f"`orientation` of {name!r} must be a direction, got {vector.tolist()}")
@@ -58,7 +59,9 @@ class SpaceBeam(ElementSet):
     loss_factor: Values = declared(*LOSS_FACTOR, default=0.0)
     mass_damping: Values = declared(*PER_VELOCITY, "N s/m^2", "mass", default=0.0)
     orientation: Vector = declared(
-        "In the local x-y plane; by default global Y, or global X for beams along Y", stored=_direction, default=None
+        "In the local x-y plane; by default global Y, or global X for beams along Y",
+        stored=_checked_direction,
+        default=None,
     )
     shear_stiffness_y: OptionalValues = declared(
         f"{SHEAR} along local y, with EI about z", "stiffness", "N", positive=True, unlimited=True, default=None
@@ -77,14 +80,14 @@ class SpaceBeam(ElementSet):
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
-        """See `ElementSet.matrices`."""
+        """Element matrices of each property; see `ElementSet.matrices`."""
         length, direction = element_vectors(self.name, self.nodes, positions)
         if direction.shape[1] != 3:
             raise InputError(f"beams of {self.name!r} need 3-D nodes; use the element type `beam`")
         codes = node_codes(self.nodes, DIRECTIONS)
-        maps = _space_maps(_axes(self.name, direction, self.orientation))
+        maps = _space_maps(_local_axes(self.name, direction, self.orientation))
         rod = rod_stiffness(length)
-        made = {
+        by_property = {
             "polar_inertia": rotated(rod_mass(length), maps["twist"]),
             "axial_stiffness": rotated(rod, maps["along"]),
             "torsional_stiffness": rotated(rod, maps["twist"]),
@@ -92,23 +95,25 @@ class SpaceBeam(ElementSet):
         about_y = ("bending_stiffness_y", self.bending_stiffness_y), ("shear_stiffness_z", self.shear_stiffness_z)
         about_z = ("bending_stiffness_z", self.bending_stiffness_z), ("shear_stiffness_y", self.shear_stiffness_y)
         rotary = {"about_y": self.rotary_inertia_y, "about_z": self.rotary_inertia_z}
-        layers: dict[str, tuple[Layer, ...]] = {name: (Layer(codes, local),) for name, local in made.items()}
-        layers["mass"] = (Layer(codes, rotated(rod_mass(length), maps["along"])),)
+        matrix_terms: dict[str, tuple[ElementMatrixTerm, ...]] = {
+            name: (ElementMatrixTerm(codes, local),) for name, local in by_property.items()
+        }
+        matrix_terms["mass"] = (ElementMatrixTerm(codes, rotated(rod_mass(length), maps["along"])),)
         for name, (bending, shear) in (("about_y", about_y), ("about_z", about_z)):
             plane = BendingPlane(codes, maps[name], length, bending, shear)
-            layers[bending[0]] = plane.stiffness
-            layers["mass"] = (*added(layers["mass"], plane.mass[0].local), *plane.mass[1:])
+            matrix_terms[bending[0]] = plane.stiffness
+            matrix_terms["mass"] = (*added(matrix_terms["mass"], plane.mass[0].local), *plane.mass[1:])
             if shear[1] is not None:
-                layers[shear[0]] = ()
+                matrix_terms[shear[0]] = ()
             if rotary[name] is not None:
-                layers[f"rotary_inertia_{name[-1]}"] = plane.rotary_inertia
+                matrix_terms[f"rotary_inertia_{name[-1]}"] = plane.rotary_inertia
             if self.axial_force is not None:
-                layers["axial_force"] = (*layers.get("axial_force", ()), *plane.axial_force)
-        return layers
+                matrix_terms["axial_force"] = (*matrix_terms.get("axial_force", ()), *plane.axial_force)
+        return matrix_terms
 
 
-def _axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArray:
-    """Local axes as rows, (n_elements, 3, 3)."""
+def _local_axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArray:
+    """Local axes as rows, (n_elements, 3, 3), from unit vectors `x` along the beams and the orientation of local y."""
     if orientation is not None:
         guide = np.broadcast_to(orientation, x.shape)
     else:
@@ -122,18 +127,18 @@ def _axes(name: str, x: FloatArray, orientation: FloatArray | None) -> FloatArra
 
 
 def _space_maps(axes: FloatArray) -> dict[str, FloatArray]:
-    """Maps from the twelve global coordinates of each element to its axial, twist and bending coordinates."""
+    """Maps from the twelve global coordinates to axial, twist and bending coordinates, (n_elements, 2 or 4, 12) by name."""
     n = len(axes)
     maps: dict[str, FloatArray] = {
         key: np.zeros((n, size, 12)) for key, size in (("along", 2), ("twist", 2), ("about_y", 4), ("about_z", 4))
     }
     x, y, z = axes[:, 0], axes[:, 1], axes[:, 2]
     for end in (0, 1):
-        shift, turn = slice(6 * end, 6 * end + 3), slice(6 * end + 3, 6 * end + 6)
-        maps["along"][:, end, shift] = x
-        maps["twist"][:, end, turn] = x
-        maps["about_z"][:, 2 * end, shift] = y
-        maps["about_z"][:, 2 * end + 1, turn] = z
-        maps["about_y"][:, 2 * end, shift] = z
-        maps["about_y"][:, 2 * end + 1, turn] = -y
+        translations, rotations = slice(6 * end, 6 * end + 3), slice(6 * end + 3, 6 * end + 6)
+        maps["along"][:, end, translations] = x
+        maps["twist"][:, end, rotations] = x
+        maps["about_z"][:, 2 * end, translations] = y
+        maps["about_z"][:, 2 * end + 1, rotations] = z
+        maps["about_y"][:, 2 * end, translations] = z
+        maps["about_y"][:, 2 * end + 1, rotations] = -y
     return maps

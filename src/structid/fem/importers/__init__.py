@@ -57,7 +57,8 @@ __all__ = [
 ]
 
 
-def _format(path: Path) -> ModuleType:
+def _format_of(path: Path) -> ModuleType:
+    """The module that reads matrices of the file at `path`, by its suffix (for .mtx by its first bytes)."""
     suffix = path.suffix.lower()
     if suffix == ".mtx":
         with path.open("rb") as stream:
@@ -95,7 +96,7 @@ def read_matrices(path: str | Path) -> dict[str, ImportedMatrix]:
     path = require_readable(path)
     found: dict[str, ImportedMatrix] = {}
     with damage_told(path, "a whole file of its format"):
-        items = _format(path).read(path)
+        items = _format_of(path).read(path)
     for item in items:
         name = item.name
         if name in found:
@@ -105,27 +106,27 @@ def read_matrices(path: str | Path) -> dict[str, ImportedMatrix]:
 
 
 def read_matrix(path: str | Path, name: str | None = None) -> ImportedMatrix:
-    """One matrix of the file at `path`: the only one, or that called `name`, in upper or lower case.
+    """One matrix of the file at `path`: the only one, or the one called `name` in any case.
 
     Raises
     ------
     FileError
         If the file cannot be read, has no such matrix (the nearest is named) or has several and `name` is not given.
     """
-    found = read_matrices(path)
+    matrices = read_matrices(path)
     if name is None:
-        if len(found) > 1:
-            raise FileError(f"{path}: holds {len(found)} matrices ({', '.join(found)}); say which by its name")
-        return next(iter(found.values()))
-    for own, item in found.items():
-        if own.upper() == name.upper():
+        if len(matrices) > 1:
+            raise FileError(f"{path}: holds {len(matrices)} matrices ({', '.join(matrices)}); say which by its name")
+        return next(iter(matrices.values()))
+    for key, item in matrices.items():
+        if key.upper() == name.upper():
             return item
-    near = difflib.get_close_matches(name.upper(), found, 1, 0.0)
-    raise FileError(f"{path}: holds no matrix {name!r}, only {', '.join(found)}; the nearest is {near[0]!r}")
+    nearest = difflib.get_close_matches(name.upper(), matrices, 1, 0.0)
+    raise FileError(f"{path}: holds no matrix {name!r}, only {', '.join(matrices)}; the nearest is {nearest[0]!r}")
 
 
 def write_op4(path: str | Path, matrices: Iterable[ImportedMatrix], options: Op4Options | None = None) -> None:
-    """Write `matrices` as a Nastran OUTPUT4 file, whole or not at all; all digits unless `single`.
+    """Write `matrices` to `path` as a Nastran OUTPUT4 file, whole or not at all; all digits unless the options say `single`.
 
     Raises
     ------
@@ -158,7 +159,7 @@ def write_dmig(path: str | Path, matrices: Iterable[ImportedMatrix], field: Fiel
 
 
 def write_abaqus(path: str | Path, matrix: ImportedMatrix, form: Form = "labels") -> None:
-    """Write one matrix as Abaqus does, whole or not at all: with labels, as coordinates, or entry by entry of its elements.
+    """Write one matrix to `path` in a form of Abaqus (labels, coordinates, or its elements), whole or not at all.
 
     Raises
     ------

@@ -36,7 +36,7 @@ _REMEDY = "the file is cut short or of another form; write it again with FORMAT=
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """The matrix in the Abaqus file at `path`, or the matrices (stiffness, mass) of a file of user elements.
+    """The matrix in the Abaqus file at `path`, or the stiffness and mass matrices of a file of user elements.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def read(path: Path) -> list[ImportedMatrix]:
     upper = content.upper()
     if b"*USER ELEMENT" in upper or re.search(rb"^\*MATRIX *,", upper, re.MULTILINE):
         return read_user_elements(path, upper)
-    table, commas = _table(path, content)
+    table, commas = _read_table(path, content)
     name = path.stem.upper()
     width = table.shape[1]
     if width == _COORDINATE and commas:
@@ -59,16 +59,16 @@ def read(path: Path) -> list[ImportedMatrix]:
     _require_whole(path, table[:, :-1])
     try:
         if width == _COORDINATE:
-            return [_coordinates(path, name, table)]
+            return [_matrix_of_coordinates(path, name, table)]
         if width == _LABELS:
             return [_labels(name, table)]
-        return [_of_elements(name, table)]
+        return [_matrix_of_elements(name, table)]
     except (InputError, ValueError) as error:
         raise FileError(f"{path}: {error}; {_REMEDY}") from error
 
 
-def _table(path: Path, content: bytes) -> tuple[FloatArray, bool]:
-    """The numbers of all lines but comments and keywords, (n_lines, 3 to 6), and whether there are commas."""
+def _read_table(path: Path, content: bytes) -> tuple[FloatArray, bool]:
+    """Numbers of all lines except comments and keywords, (n_lines, 3 to 6), and True if they are separated by commas."""
     if b"*" in content:
         lines = content.split(b"\n")
         content = b"\n".join(b"" if line.lstrip().startswith(b"*") else line for line in lines)
@@ -81,16 +81,16 @@ def _table(path: Path, content: bytes) -> tuple[FloatArray, bool]:
     text = content.translate(bytes.maketrans(b",DdQq", b" EEEE"))
     counts = np.unique([len(line.split()) for line in text.split(b"\n")])
     if not set(counts.tolist()) <= {0, width}:
-        raise _bad_line(path, text, width)
+        raise _bad_line_error(path, text, width)
     try:
         numbers = np.array(text.split()).astype(np.float64)
     except ValueError:
-        raise _bad_line(path, text, width) from None
+        raise _bad_line_error(path, text, width) from None
     return numbers.reshape(-1, width), commas
 
 
-def _bad_line(path: Path, text: bytes, width: int) -> FileError:
-    """The error at the first line that has not `width` numbers."""
+def _bad_line_error(path: Path, text: bytes, width: int) -> FileError:
+    """The error for the first line of `text` that does not have `width` numbers."""
     lines = text.split(b"\n")
     number = next(i for i, line in enumerate(lines) if not _is_good(line, width))
     shown = lines[number].decode("latin-1").strip()[:60]
@@ -105,20 +105,22 @@ def _is_good(line: bytes, width: int) -> bool:
 
 
 def _require_whole(path: Path, labels: FloatArray) -> None:
+    """Raise `FileError` unless all labels, (n_entries, n_labels), are whole numbers."""
     bad = ~((labels == np.round(labels)) & (abs(labels) < 2**50)).all(axis=1)
     if bad.any():
-        at = int(np.argmax(bad))
+        entry = int(np.argmax(bad))
         raise FileError(
-            f"{path}: entry {at + 1} has labels {labels[at].tolist()}, which must be whole numbers below 2^50; {_REMEDY}"
+            f"{path}: entry {entry + 1} has labels {labels[entry].tolist()}, which must be whole numbers below 2^50; {_REMEDY}"
         )
 
 
-def _coordinates(path: Path, name: str, table: FloatArray) -> ImportedMatrix:
+def _matrix_of_coordinates(path: Path, name: str, table: FloatArray) -> ImportedMatrix:
+    """A matrix from rows of (row, column, value), counted from 1."""
     row, column = table[:, 0].astype(np.int64) - 1, table[:, 1].astype(np.int64) - 1
     if min(row.min(), column.min()) < 0:
-        at = int(np.argmax((row < 0) | (column < 0)))
+        entry = int(np.argmax((row < 0) | (column < 0)))
         raise FileError(
-            f"{path}: entry {at + 1} has row {row[at] + 1} and column {column[at] + 1}; rows count from 1 in the form "
+            f"{path}: entry {entry + 1} has row {row[entry] + 1} and column {column[entry] + 1}; rows count from 1 in the form "
             "COORDINATE (negative ones belong to internal nodes), write it with FORMAT=MATRIX INPUT"
         )
     size = int(max(row.max(), column.max())) + 1
@@ -128,38 +130,39 @@ def _coordinates(path: Path, name: str, table: FloatArray) -> ImportedMatrix:
 
 def _labels(name: str, table: FloatArray) -> ImportedMatrix:
     labels = table[:, :4].astype(np.int64)
-    return _without_held(labelled(name, labels[:, :2], labels[:, 2:], table[:, 4], None))
+    return _without_constrained(labelled(name, labels[:, :2], labels[:, 2:], table[:, 4], None))
 
 
-def _without_held(item: ImportedMatrix) -> ImportedMatrix:
+def _without_constrained(item: ImportedMatrix) -> ImportedMatrix:
+    """The matrix without rows whose huge diagonal marks a constrained degree of freedom; these are kept in `constrained`."""
     assert item.dofs is not None
-    held = item.matrix.diagonal() >= _HELD
-    if not held.any():
+    constrained = item.matrix.diagonal() >= _HELD
+    if not constrained.any():
         return item
-    matrix = item.matrix[~held][:, ~held]
-    return ImportedMatrix(item.name, matrix, item.dofs[~held], held=item.dofs[held])
+    matrix = item.matrix[~constrained][:, ~constrained]
+    return ImportedMatrix(item.name, matrix, item.dofs[~constrained], held=item.dofs[constrained])
 
 
-def _of_elements(name: str, table: FloatArray) -> ImportedMatrix:
-    """The sum, and the entries of each element with both triangles."""
+def _matrix_of_elements(name: str, table: FloatArray) -> ImportedMatrix:
+    """The assembled matrix, with the entries of each element (both triangles), from rows of (element, labels, value)."""
     labels = table[:, 1:5].astype(np.int64)
     element, value = table[:, 0].astype(np.int64), table[:, 5]
-    codes, place = np.unique(np.concatenate([codes_of(labels[:, :2]), codes_of(labels[:, 2:])]), return_inverse=True)
+    codes, index = np.unique(np.concatenate([codes_of(labels[:, :2]), codes_of(labels[:, 2:])]), return_inverse=True)
     n, size = len(element), np.int64(len(codes))
-    row, column = place[:n].astype(np.int64), place[n:].astype(np.int64)
+    row, column = index[:n].astype(np.int64), index[n:].astype(np.int64)
     _, number = np.unique(element, return_inverse=True)
     key, mirror = (number * size + row) * size + column, (number * size + column) * size + row
-    off = row != column
-    if not np.isin(key[off], mirror[off]).any():  # one triangle of every element
-        element = np.concatenate([element, element[off]])
-        value = np.concatenate([value, value[off]])
-        row, column = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
+    off_diagonal = row != column
+    if not np.isin(key[off_diagonal], mirror[off_diagonal]).any():  # one triangle of every element
+        element = np.concatenate([element, element[off_diagonal]])
+        value = np.concatenate([value, value[off_diagonal]])
+        row, column = np.concatenate([row, column[off_diagonal]]), np.concatenate([column, row[off_diagonal]])
     matrix = sparse.coo_array((value, (row, column)), (len(codes), len(codes)))
     return ImportedMatrix(name, matrix.tocsc(), tables_of(codes), elements=ElementEntries(element, row, column, value))
 
 
 def file_text(path: Path, item: ImportedMatrix, form: Form = "labels") -> str:
-    """One matrix as Abaqus writes it: the lower triangle where it is symmetric.
+    """Text of an Abaqus matrix file of `item` in the given form; only the lower triangle of a symmetric matrix.
 
     Raises
     ------
@@ -190,6 +193,7 @@ def _entry(row: list[int], column: list[int], value: float) -> str:
 
 
 def _element_text(path: Path, item: ImportedMatrix) -> str:
+    """Text of an Abaqus matrix file with the lower triangle of each element; `FileError` if the matrix is only assembled."""
     if item.elements is None or item.dofs is None:
         raise FileError(f"{path}: {item.name!r} is assembled; its elements cannot be written apart")
     parts: ElementEntries = item.elements

@@ -33,32 +33,32 @@ class _Element:
 
 
 def read_user_elements(path: Path, content: bytes) -> list[ImportedMatrix]:
-    """One matrix a kind (stiffness, mass) from the element matrices in `content`, upper case.
+    """One matrix for each kind (stiffness, mass) from the element matrices in `content`, in upper case.
 
     Raises
     ------
     FileError
         If an element has no nodes, or its matrix another number of values than its degrees of freedom ask for.
     """
-    found: dict[str, list[tuple[int, IntArray, FloatArray]]] = {}
-    for element in _elements(path, content):
-        dofs = _dofs(path, element)
-        found.setdefault(element.kind, []).append((element.label, dofs, _square(path, element, len(dofs))))
-    if not found:
+    parts_of_kind: dict[str, list[tuple[int, IntArray, FloatArray]]] = {}
+    for element in _read_elements(path, content):
+        dofs = _row_dofs(path, element)
+        parts_of_kind.setdefault(element.kind, []).append((element.label, dofs, _full_matrix(path, element, len(dofs))))
+    if not parts_of_kind:
         raise FileError(f"{path}: holds no *MATRIX, TYPE=STIFFNESS or MASS; {_REMEDY}")
-    return [from_elements(kind, parts) for kind, parts in found.items()]
+    return [from_elements(kind, parts) for kind, parts in parts_of_kind.items()]
 
 
-def _elements(path: Path, content: bytes) -> list[_Element]:
-    """Every matrix with what came before it; one element may have a stiffness and a mass matrix."""
-    done: list[_Element] = []
+def _read_elements(path: Path, content: bytes) -> list[_Element]:
+    """Every element matrix in `content` with its nodes and degrees of freedom; an element may have two matrices."""
+    elements: list[_Element] = []
     label, nodes_follow = 0, False
     current: _Element | None = None
     for number, raw in enumerate(content.split(b"\n"), 1):
         line = raw.strip()
         if line.startswith(b"**"):
-            said = _NUMBER.search(line)
-            label = int(said[1]) if said else label
+            match = _NUMBER.search(line)
+            label = int(match[1]) if match else label
             if b"ELEMENT NODES" in line or b"NODES" in line.split():
                 nodes_follow = True
             elif current is not None and nodes_follow and re.fullmatch(rb"\*\*[\s\d,]+", line):
@@ -69,21 +69,22 @@ def _elements(path: Path, content: bytes) -> list[_Element]:
             count = _NODES.search(line)
             if count is None:
                 raise FileError(f"{path}, line {number}: *USER ELEMENT must have NODES=; {_REMEDY}")
-            current = _Element(number, label or len(done) + 1, int(count[1]))
+            current = _Element(number, label or len(elements) + 1, int(count[1]))
         elif line.startswith(b"*MATRIX"):
             current = _with_kind(path, number, line, current)
-            done.append(current)
+            elements.append(current)
         elif line.startswith(b"*"):
             nodes_follow = False
         elif line and current is not None:
             if current.kind:
                 current.values.append(line)
             else:
-                current.dof_lines.append(_whole(path, number, line))
-    return done
+                current.dof_lines.append(_whole_numbers(path, number, line))
+    return elements
 
 
 def _with_kind(path: Path, number: int, line: bytes, current: _Element | None) -> _Element:
+    """A new element matrix of the kind that the *MATRIX `line` states, on the nodes of `current`."""
     kind = _TYPE.search(line)
     name = kind[1].replace(b" ", b"").decode() if kind else ""
     if current is None or name not in _KINDS:
@@ -94,7 +95,8 @@ def _with_kind(path: Path, number: int, line: bytes, current: _Element | None) -
     return _Element(number, current.label, current.n_nodes, current.nodes, current.dof_lines, name)
 
 
-def _whole(path: Path, number: int, line: bytes) -> list[int]:
+def _whole_numbers(path: Path, number: int, line: bytes) -> list[int]:
+    """The whole numbers in a line; `FileError` with its `number` if there is something else."""
     try:
         return [int(word) for word in line.replace(b",", b" ").split()]
     except ValueError:
@@ -102,15 +104,18 @@ def _whole(path: Path, number: int, line: bytes) -> list[int]:
         raise FileError(f"{path}, line {number}: must be degrees of freedom, got {shown!r}; {_REMEDY}") from None
 
 
-def _dofs(path: Path, element: _Element) -> IntArray:
-    """Node and component of every row: the first line's components hold until a later line changes them."""
-    place = f"{path}, line {element.line}: element {element.label}"
+def _row_dofs(path: Path, element: _Element) -> IntArray:
+    """Node and component of each row of the element matrix, (n_rows, 2).
+
+    The first line's components hold until a later line changes them.
+    """
+    where = f"{path}, line {element.line}: element {element.label}"
     if len(element.nodes) != element.n_nodes:
         raise FileError(
-            f"{place} has {element.n_nodes} nodes, but {len(element.nodes)} labels under '** ELEMENT NODES'; {_REMEDY}"
+            f"{where} has {element.n_nodes} nodes, but {len(element.nodes)} labels under '** ELEMENT NODES'; {_REMEDY}"
         )
     if not element.dof_lines:
-        raise FileError(f"{place} has no line of degrees of freedom; {_REMEDY}")
+        raise FileError(f"{where} has no line of degrees of freedom; {_REMEDY}")
     changes = {0: element.dof_lines[0]}
     changes.update({line[0] - 1: line[1:] for line in element.dof_lines[1:] if line})
     rows: list[tuple[int, int]] = []
@@ -121,7 +126,8 @@ def _dofs(path: Path, element: _Element) -> IntArray:
     return np.array(rows, dtype=np.int64)
 
 
-def _square(path: Path, element: _Element, n: int) -> FloatArray:
+def _full_matrix(path: Path, element: _Element, n: int) -> FloatArray:
+    """The element matrix (n, n) from its values, a lower triangle or all of them."""
     text = b" ".join(element.values).translate(bytes.maketrans(b",D", b" E"))
     try:
         values = np.array(text.split()).astype(np.float64)

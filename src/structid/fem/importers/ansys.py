@@ -16,7 +16,7 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import FileError
 from structid.fem.importers.imported import ImportedMatrix, codes_of, completed, from_elements, from_triangle
 from structid.files import damage_told
-from structid.files.contained import ReaderError, contained
+from structid.files.contained import ReaderError, read_in_child
 from structid.files.sparse import compressed
 
 SUFFIXES: tuple[str, ...] = (".full", ".emat")
@@ -25,7 +25,7 @@ _KINDS = {"stress": "STIFFNESS", "mass": "MASS", "damping": "DAMPING"}
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """Stiffness and mass of a ``.full`` file, or of a ``.emat`` file element by element.
+    """Stiffness and mass of an Ansys ``.full`` file, or of each element of a ``.emat`` file.
 
     Raises
     ------
@@ -33,7 +33,7 @@ def read(path: Path) -> list[ImportedMatrix]:
         If `ansys-mapdl-reader` is not installed, or cannot read the file.
     """
     try:
-        found = contained(path, "ansys")
+        content = read_in_child(path, "ansys")
     except ReaderError as error:
         if error.kind in ("ImportError", "ModuleNotFoundError"):
             raise FileError(
@@ -44,36 +44,36 @@ def read(path: Path) -> list[ImportedMatrix]:
             f"{path}: ansys-mapdl-reader cannot read it ({error}); write it again with EMATWRITE,YES or WRFULL"
         ) from error
     with damage_told(path, "a whole file of Ansys", "write it again with EMATWRITE,YES or WRFULL"):
-        made = _full(found) if "dofs" in found else _elements(found)
-    if not made:
+        matrices = _assembled_matrices(content) if "dofs" in content else _element_matrices(content)
+    if not matrices:
         raise FileError(f"{path}: holds neither stiffness nor mass; write it from a modal analysis")
-    return made
+    return matrices
 
 
-def _full(found: Mapping[str, Any]) -> list[ImportedMatrix]:
-    """Matrices of a ``.full`` file: one triangle, rows named by (node, component from 0); held rows are empty."""
-    table = found["dofs"] + np.array([0, 1])
-    held = found["held"].reshape(-1, 2) + np.array([0, 1])
-    free = ~np.isin(codes_of(table), codes_of(held))
-    made = []
+def _assembled_matrices(content: Mapping[str, Any]) -> list[ImportedMatrix]:
+    """Matrices of a ``.full`` file: one triangle, rows named by (node, component from 0); constrained rows are empty."""
+    table = content["dofs"] + np.array([0, 1])
+    constrained = content["held"].reshape(-1, 2) + np.array([0, 1])
+    free = ~np.isin(codes_of(table), codes_of(constrained))
+    matrices = []
     for name in ("STIFFNESS", "MASS"):
-        if name in found:
-            shape, starts, rows, values = found[name]
+        if name in content:
+            shape, starts, rows, values = content[name]
             part = completed(compressed(shape, starts, rows, values), name, True)[free][:, free]
-            made.append(ImportedMatrix(name, part, table[free], held=held))
-    return made
+            matrices.append(ImportedMatrix(name, part, table[free], held=constrained))
+    return matrices
 
 
-def _elements(found: Mapping[str, Any]) -> list[ImportedMatrix]:
-    """Matrices of a ``.emat`` file: lower triangles by rows, at (position of the node, component) counted from 0."""
+def _element_matrices(content: Mapping[str, Any]) -> list[ImportedMatrix]:
+    """Matrices of a ``.emat`` file: lower triangles by rows, at (index of the node, component), both from 0."""
     parts: dict[str, list[tuple[int, IntArray, FloatArray]]] = {}
-    nodes, labels, n_dof = found["nodes"], found["labels"].tolist(), found["n_dof"]
-    for label, (where, data) in zip(labels, found["elements"], strict=True):
-        dofs = np.stack([nodes[where // n_dof], where % n_dof + 1], axis=1)
+    nodes, labels, n_dof = content["nodes"], content["labels"].tolist(), content["n_dof"]
+    for label, (equations, data) in zip(labels, content["elements"], strict=True):
+        dofs = np.stack([nodes[equations // n_dof], equations % n_dof + 1], axis=1)
         for key in set(data) & set(_KINDS):
             values = data[key]
-            square = np.diag(values) if len(values) == len(where) else from_triangle(values, len(where))
+            square = np.diag(values) if len(values) == len(equations) else from_triangle(values, len(equations))
             if square is None:
-                raise ValueError(f"element {label} has {len(values)} values for {len(where)} rows")
+                raise ValueError(f"element {label} has {len(values)} values for {len(equations)} rows")
             parts.setdefault(_KINDS[key], []).append((label, dofs, square))
     return [from_elements(name, parts[name]) for name in _KINDS.values() if name in parts]

@@ -30,7 +30,7 @@ _MATLAB_NAME = re.compile(r"[A-Za-z]\w{0,62}", re.ASCII)
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """The matrix in the file at `path`; of a MAT file every numeric matrix under its variable's name.
+    """The matrix in the file at `path`; from a MAT file every numeric matrix, named as its variable.
 
     Raises
     ------
@@ -38,13 +38,14 @@ def read(path: Path) -> list[ImportedMatrix]:
         If the file is damaged, or holds no real or complex matrix of two dimensions.
     """
     with damage_told(path, _KIND, _REMEDY):
-        found = _READERS[path.suffix.lower()](path)
-        if not found:
+        matrices = _READERS[path.suffix.lower()](path)
+        if not matrices:
             raise FileError(f"{path}: holds no numeric matrix; {_REMEDY}")
-        return [_imported(path, name, matrix) for name, matrix in found.items()]
+        return [_as_imported(path, name, matrix) for name, matrix in matrices.items()]
 
 
-def _imported(path: Path, name: str, matrix: AnyArray | sparse.csc_array) -> ImportedMatrix:
+def _as_imported(path: Path, name: str, matrix: AnyArray | sparse.csc_array) -> ImportedMatrix:
+    """`matrix` as an `ImportedMatrix`; `FileError` unless it is numeric and has two dimensions."""
     kind = matrix.dtype.kind
     if kind not in "fiuc" or len(matrix.shape) != 2:
         raise FileError(
@@ -53,8 +54,8 @@ def _imported(path: Path, name: str, matrix: AnyArray | sparse.csc_array) -> Imp
     return ImportedMatrix(name, sparse.csc_array(matrix, dtype=np.complex128 if kind == "c" else np.float64))
 
 
-def _npz(path: Path) -> dict[str, Any]:
-    """The matrix of `scipy.sparse.save_npz`, in any of the forms that have explicit indices."""
+def _read_npz(path: Path) -> dict[str, Any]:
+    """The matrix that `scipy.sparse.save_npz` wrote, in any form with explicit indices."""
     parts = npz_arrays(path, "a whole matrix in NPZ", "write it with scipy.sparse.save_npz")
     form = _text(parts["format"])
     n_rows, n_columns = (int(n) for n in parts["shape"])
@@ -66,7 +67,7 @@ def _npz(path: Path) -> dict[str, Any]:
         row, column = parts["coords"] if "coords" in parts else (parts["row"], parts["col"])
         matrix = coordinates((n_rows, n_columns), row, column, parts["data"])
     elif form == "dia":
-        matrix = _diagonals((n_rows, n_columns), parts["offsets"], parts["data"])
+        matrix = _matrix_of_diagonals((n_rows, n_columns), parts["offsets"], parts["data"])
     else:
         raise ValueError(f"it is of the form {form!r}; write it as csc, csr, coo or dia")
     return {path.stem.upper(): matrix}
@@ -78,8 +79,8 @@ def _text(array: AnyArray) -> str:
     return value.decode("ascii") if isinstance(value, bytes) else str(value)
 
 
-def _diagonals(shape: tuple[int, int], offsets: AnyArray, values: AnyArray) -> sparse.csc_array:
-    """Row k of `values` holds diagonal ``offsets[k]``, each value in the column where it stands."""
+def _matrix_of_diagonals(shape: tuple[int, int], offsets: AnyArray, values: AnyArray) -> sparse.csc_array:
+    """Sparse matrix whose diagonal ``offsets[k]`` is row k of `values`, each value in the column where it stands."""
     if values.ndim != 2 or offsets.shape != values.shape[:1]:
         raise ValueError(f"{offsets.shape} offsets belong to diagonals of shape {values.shape}")
     columns = np.broadcast_to(np.arange(values.shape[1]), values.shape)
@@ -99,7 +100,7 @@ def _mat(path: Path) -> Mapping[str, Any]:
 
 
 _READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
-    ".npz": _npz,
+    ".npz": _read_npz,
     ".npy": lambda path: {path.stem.upper(): npy_array(path)},
     ".mtx": lambda path: {path.stem.upper(): matrix_market(path)},
     ".mat": _mat,
@@ -107,7 +108,8 @@ _READERS: dict[str, Callable[[Path], Mapping[str, Any]]] = {
 
 
 def write(path: Path, matrices: Sequence[ImportedMatrix], called: Path | None = None) -> None:
-    """One matrix as NPZ, MatrixMarket (17 digits) or NPY, or all as MAT, by the suffix; `called` is the file in messages.
+    """Write matrices as NPZ, MatrixMarket (17 digits) or NPY (one matrix), or MAT, by the suffix; `called` is the path in
+    errors.
 
     Raises
     ------

@@ -84,7 +84,7 @@ class BulkLines:
         return fields_at(self.buffer, start, end, int(np.max(width, initial=8)))
 
     def integers(self, lines: IntArray, column: IntArray | int, width: IntArray | int, what: str) -> IntArray:
-        """The whole numbers in one field of each of `lines`; 0 where blank."""
+        """Whole numbers in one field (first column, width) of each of `lines`, 0 where blank; `what` names the field in errors."""
         values = np.zeros(len(lines), dtype=np.int64)
         for part in chunks(len(lines)):
             try:
@@ -94,7 +94,7 @@ class BulkLines:
         return values
 
     def reals(self, lines: IntArray, column: IntArray | int, width: IntArray | int, what: str) -> np.ndarray:
-        """The real numbers in one field of each of `lines`; 0 where blank."""
+        """Real numbers in one field (first column, width) of each of `lines`, 0 where blank; `what` names the field in errors."""
         values = np.zeros(len(lines))
         for part in chunks(len(lines)):
             try:
@@ -116,7 +116,7 @@ class BulkLines:
         )
 
     def location(self, line: int) -> str:
-        """File and number of a line (as an index)."""
+        """File and line number, as text, of the line with index `line`."""
         number = int(self.number[line])
         if self.origins is None:
             return f"{self.path}, line {number}"
@@ -143,23 +143,23 @@ def bulk_lines(
     content : bytes, optional
         Text to take instead of that of the file.
     whole_lines : bool
-        Whether a line in free field always becomes two of four fields each, so that fields keep their place in a card.
+        True if a free-field line always becomes two lines of four fields, so that fields keep their column in a card.
     origins : Origins, optional
-        Where each line of `content` comes from.
+        File and line number that each line of `content` comes from.
     """
     content = (path.read_bytes() if content is None else content).upper()
     if b"\t" in content:
         content = b"\n".join(line.expandtabs(8) for line in content.split(b"\n"))
-    buffer, start, end, number = _split(content)
+    buffer, start, end, number = _split_lines(content)
     free = _with_comma(buffer, start, end)
     if free.any():
-        content, number = _rewritten(content, free, number, whole_lines)
-        buffer, start, end, _ = _split(content)
-    return _selected(path, buffer, start, end, number, names, origins)
+        content, number = _widen_free_lines(content, free, number, whole_lines)
+        buffer, start, end, _ = _split_lines(content)
+    return _select_cards(path, buffer, start, end, number, names, origins)
 
 
-def _split(content: bytes) -> tuple[Bytes, IntArray, IntArray, IntArray]:
-    """Where every line begins and ends, comments behind ``$`` cut off."""
+def _split_lines(content: bytes) -> tuple[Bytes, IntArray, IntArray, IntArray]:
+    """Bytes, first and last byte (exclusive) of each line without its comment, and line numbers from 1."""
     buffer = np.frombuffer(content, dtype=np.uint8)
     ends = np.flatnonzero(buffer == ord("\n"))
     if not len(ends) or ends[-1] != len(buffer) - 1:
@@ -178,34 +178,37 @@ def _with_comma(buffer: Bytes, start: IntArray, end: IntArray) -> NDArray[np.boo
     return np.asarray(np.searchsorted(commas, end) > np.searchsorted(commas, start))
 
 
-def _rewritten(content: bytes, free: NDArray[np.bool_], number: IntArray, whole_lines: bool) -> tuple[bytes, IntArray]:
-    """The text with free-field lines in wide fields, one or two lines each, and the number of each line."""
+def _widen_free_lines(
+    content: bytes, free: NDArray[np.bool_], number: IntArray, whole_lines: bool
+) -> tuple[bytes, IntArray]:
+    """Text in which each free-field line (`free`) is rewritten in wide fixed fields, and the source line number of each line."""
     lines, numbers = [], []
-    for line, is_free, at in zip(content.split(b"\n"), free.tolist(), number.tolist(), strict=False):
-        for text in _widened(line, whole_lines) if is_free else (line,):
+    for line, is_free, source in zip(content.split(b"\n"), free.tolist(), number.tolist(), strict=False):
+        for text in _widen_line(line, whole_lines) if is_free else (line,):
             lines.append(text)
-            numbers.append(at)
+            numbers.append(source)
     return b"\n".join(lines), np.array(numbers)
 
 
-def _widened(line: bytes, whole: bool) -> list[bytes]:
+def _widen_line(line: bytes, whole: bool) -> list[bytes]:
+    """A free-field line as lines in wide fixed fields; `whole` keeps blank continuation fields."""
     fields = [field.strip() for field in line.split(b"$")[0].split(b",")]
     is_large = b"*" in fields[0]
     name, most = fields[0].rstrip(b"*"), 4 if is_large else 8
     values = fields[1:] if any(fields[most + 2 :]) else fields[1 : most + 1]  # a longer line goes on without marks
     is_start = name[:1].isalpha()
     whole = whole and not is_large
-    made = []
+    wide_lines = []
     for i in range(0, -(-len(values) // 8) * 8 or 8 if whole else max(len(values), 1), 4):
         head = name if is_start and i == 0 else b"*"
         group = values[i : i + 4]
         if i == 0 or whole or any(group):
-            made.append(head[:7].ljust(7) + b"#" + b"".join(_fitted(value).ljust(_WIDE) for value in group))
-    return made
+            wide_lines.append(head[:7].ljust(7) + b"#" + b"".join(_fit_field(value).ljust(_WIDE) for value in group))
+    return wide_lines
 
 
-def _fitted(value: bytes) -> bytes:
-    """A field in at most 24 characters; of a number that is longer, the digits that a float has."""
+def _fit_field(value: bytes) -> bytes:
+    """A field in at most 24 characters; a longer number is rounded to the digits of a float."""
     if len(value) <= _WIDE:
         return value
     try:
@@ -214,7 +217,7 @@ def _fitted(value: bytes) -> bytes:
         return value[:_WIDE]
 
 
-def _selected(
+def _select_cards(
     path: Path,
     buffer: Bytes,
     start: IntArray,
@@ -223,6 +226,7 @@ def _selected(
     names: tuple[str, ...],
     origins: Origins | None,
 ) -> BulkLines:
+    """The lines of the cards called `names`, with the index of the card that each belongs to."""
     head = np.concatenate([fields_at(buffer, start[part], end[part], 8) for part in chunks(len(start))])
     blank_line = (head <= ord(" ")).all(axis=1) & (end - start <= 8)
     blank_line |= end <= start
@@ -235,23 +239,23 @@ def _selected(
     name = np.char.strip(words.view("S8").ravel())
     wanted = np.isin(name, [word.encode() for word in names]) & is_start
     keep = np.flatnonzero((card >= 0) & wanted[np.maximum(card, 0)] & ~blank_line)
-    place = np.searchsorted(keep, card[keep])
-    lines = BulkLines(path, buffer, start[keep], end[keep], number[keep], width[keep], place, origins)
+    card_index = np.searchsorted(keep, card[keep])
+    lines = BulkLines(path, buffer, start[keep], end[keep], number[keep], width[keep], card_index, origins)
     _require_order(lines)
     return lines
 
 
 def _require_order(lines: BulkLines) -> None:
-    """Refuse a line in fixed fields whose mark is another than that behind the line before it: cards out of order."""
-    every = np.arange(len(lines.start))
-    follows = every[(lines.card != every) & (lines.width != _WIDE)]
+    """Raise `FileError` if a continuation line has another mark than the line before it ends in."""
+    all_lines = np.arange(len(lines.start))
+    follows = all_lines[(lines.card != all_lines) & (lines.width != _WIDE)]
     follows = follows[lines.width[follows - 1] != _WIDE]
     for part in chunks(len(follows)):
         rows = follows[part]
         marks, before = lines.words(rows, 1, 7), lines.words(rows - 1, 73, 7)  # the first character is free
         wrong = (marks != b"") & (before != b"") & (marks != before)
         if wrong.any():
-            row, mark, other = (own[np.argmax(wrong)] for own in (rows, marks, before))
+            row, mark, other = (of_lines[np.argmax(wrong)] for of_lines in (rows, marks, before))
             raise FileError(
                 f"{lines.location(int(row))}: goes on with mark {mark.decode('latin-1')!r} where the line before ends in"
                 f" {other.decode('latin-1')!r}; put each line behind the one that it continues"

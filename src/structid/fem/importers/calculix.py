@@ -26,16 +26,16 @@ _REMEDY = "run CalculiX again with *FREQUENCY, SOLVER=MATRIXSTORAGE"
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """The matrix in the file at `path`, symmetric and complete.
+    """The symmetric, complete matrix in the CalculiX file at `path`.
 
     Raises
     ------
     FileError
         If the ``.dof`` file is missing, a line is cut, or rows lie outside the numbering.
     """
-    dofs = _numbering(require_readable(path.with_suffix(".dof")))
+    dofs = _read_dof_file(require_readable(path.with_suffix(".dof")))
     name, n = _NAMES[path.suffix.lower()], len(dofs)
-    table = _table(path)
+    table = _read_entries(path)
     rows, columns = table[:, 0].astype(np.int64), table[:, 1].astype(np.int64)
     if len(table) and not ((table[:, :2] >= 1) & (table[:, :2] <= n)).all():
         raise FileError(f"{path}: must have rows and columns from 1 to {n} like its .dof file; {_REMEDY}")
@@ -45,8 +45,8 @@ def read(path: Path) -> list[ImportedMatrix]:
     return [ImportedMatrix(name, completed(matrix, name, symmetric=True), dofs)]
 
 
-def _table(path: Path) -> FloatArray:
-    """Row, column and value, (n_entries, 3)."""
+def _read_entries(path: Path) -> FloatArray:
+    """Row, column and value of each entry in the file, (n_entries, 3)."""
     content = path.read_bytes()
     if not content.endswith(b"\n"):
         raise FileError(f"{path}: ends within a line; the file is cut short, {_REMEDY}")
@@ -62,12 +62,12 @@ def _table(path: Path) -> FloatArray:
     return table
 
 
-def _numbering(path: Path) -> IntArray:
-    """Node and component of each row, (n_rows, 2), from lines ``12.3``."""
-    found = []
+def _read_dof_file(path: Path) -> IntArray:
+    """Node and component of each row, (n_rows, 2), from lines such as ``12.3``."""
+    rows = []
     for number, line in enumerate(path.read_text(encoding="ascii").splitlines(), 1):
         node, _, component = line.strip().partition(".")
         if not (node.isdigit() and component.isdigit()) or len(node) > 12:
             raise FileError(f"{path}, line {number}: must be node.direction, got {line.strip()[:40]!r}; {_REMEDY}")
-        found.append((int(node), int(component)))
-    return np.array(found, dtype=np.int64).reshape(-1, 2)
+        rows.append((int(node), int(component)))
+    return np.array(rows, dtype=np.int64).reshape(-1, 2)

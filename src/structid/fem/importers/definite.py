@@ -17,7 +17,7 @@ _ZERO = 1e-5
 
 
 def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof]) -> None:
-    """Raise an `InputError` where a symmetric matrix has negative eigenvalues; it says where, as far as can be seen.
+    """Raise `InputError` if a symmetric matrix has negative eigenvalues, and say where as far as that can be found.
 
     The matrix is scaled to a unit diagonal, so that translations and rotations count alike. Every pair of rows is
     looked at; up to 20,000 rows the whole matrix is factorized and the signs of the pivots are counted (Sylvester's law of
@@ -26,7 +26,7 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
     Parameters
     ----------
     name : str
-        For the message.
+        Name of the matrix, for the message.
     matrix : (n, n) sparse array
     dofs : n degrees of freedom
     """
@@ -52,7 +52,7 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
     used = np.flatnonzero(root > 0)
     if 0 < len(used) <= _FACTORED_UP_TO:
         scaled = sparse.diags_array(1 / root[used]) @ matrix[used][:, used] @ sparse.diags_array(1 / root[used])
-        count = _negative_pivots(sparse.csc_array(scaled + _ZERO * sparse.eye_array(len(used))))
+        count = _count_negative_pivots(sparse.csc_array(scaled + _ZERO * sparse.eye_array(len(used))))
         if count:
             raise InputError(
                 f"`{name}` must be positive semidefinite, but has {count} negative eigenvalues; entries are missing or wrong, "
@@ -60,8 +60,8 @@ def require_semidefinite(name: str, matrix: sparse.csc_array, dofs: Sequence[Dof
             )
 
 
-def _negative_pivots(matrix: sparse.csc_array) -> int:
-    """Negative eigenvalues, by L D L'; at least one where a pivot on the diagonal vanishes."""
+def _count_negative_pivots(matrix: sparse.csc_array) -> int:
+    """Number of negative eigenvalues of a symmetric matrix, by L D L'; at least one if a diagonal pivot vanishes."""
     try:
         factors = splu(matrix, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError:  # exactly singular

@@ -44,7 +44,7 @@ class _Header(NamedTuple):
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """Every DMIG matrix in the file at `path`, in the order of their headers; other cards are passed over.
+    """Every DMIG matrix in the Nastran file at `path`, in the order of their headers; other cards are passed over.
 
     Small, large and free field; comments, blank lines, continuations, exponents written ``D`` or left out.
 
@@ -60,24 +60,24 @@ def read(path: Path) -> list[ImportedMatrix]:
     width = lines.width[starts]
     names = np.array([word.decode("latin-1") for word in lines.words(starts, 8, width).tolist()])
     grid = lines.integers(starts, 8 + width, width, "the column's grid point (field 3 of DMIG)")
-    headers = _headers(lines, starts[grid == 0], names[grid == 0])
+    headers = _read_headers(lines, starts[grid == 0], names[grid == 0])
     component = np.zeros(len(lines.start), dtype=np.int64)
     node = np.zeros(len(lines.start), dtype=np.int64)
     node[starts] = grid
     component[starts] = lines.integers(starts, 8 + 2 * width, width, "the column's component (field 4 of DMIG)")
-    entries = _entries(lines, np.isin(lines.card, starts[grid != 0]))
+    entries = _read_entries(lines, np.isin(lines.card, starts[grid != 0]))
     named = dict(zip(starts.tolist(), names.tolist(), strict=True))
-    unknown = [at for at in starts[grid != 0].tolist() if named[at] not in headers]
-    if unknown:
+    without_header = [at for at in starts[grid != 0].tolist() if named[at] not in headers]
+    if without_header:
         raise FileError(
-            f"{path}, line {lines.number[unknown[0]]}: DMIG {named[unknown[0]]!r} has no header (a card with 0 in "
+            f"{path}, line {lines.number[without_header[0]]}: DMIG {named[without_header[0]]!r} has no header (a card with 0 in "
             "field 3); the file is cut short, add the header"
         )
     owner = np.zeros(len(lines.start), dtype=np.int64)
     order = {name: i for i, name in enumerate(headers)}
     owner[starts] = [order.get(name, -1) for name in names.tolist()]
     return [
-        _matrix(lines, header, _of(entries, owner[entries.card] == i), node, component)
+        _make_matrix(lines, header, _of(entries, owner[entries.card] == i), node, component)
         for i, header in enumerate(headers.values())
     ]
 
@@ -86,34 +86,35 @@ def _of(entries: _Entries, keep: np.ndarray) -> _Entries:
     return _Entries(*(column[keep] for column in entries))
 
 
-def _headers(lines: BulkLines, at: IntArray, names: np.ndarray) -> dict[str, _Header]:
-    found: dict[str, _Header] = {}
+def _read_headers(lines: BulkLines, at: IntArray, names: np.ndarray) -> dict[str, _Header]:
+    """The header of each DMIG matrix by its name; `at` are the header lines, `names` their matrices."""
+    headers: dict[str, _Header] = {}
     for line, name in zip(at.tolist(), names.tolist(), strict=True):
-        place = f"{lines.path}, line {lines.number[line]}"
-        if name in found:
+        where = f"{lines.path}, line {lines.number[line]}"
+        if name in headers:
             raise FileError(
-                f"{place}: DMIG {name!r} has a second header, the first is on line {lines.number[found[name].line]}; "
+                f"{where}: DMIG {name!r} has a second header, the first is on line {lines.number[headers[name].line]}; "
                 "write each matrix under a name of its own"
             )
-        form, kind, polar, columns = _header_fields(lines, line)
+        form, kind, polar, columns = _read_header_fields(lines, line)
         if form not in (1, 2, 6, 9) or kind not in (1, 2, 3, 4):
             raise FileError(
-                f"{place}: the header of DMIG {name!r} has form {form} and type {kind}; the form must be 1, 2, 6 or 9 "
+                f"{where}: the header of DMIG {name!r} has form {form} and type {kind}; the form must be 1, 2, 6 or 9 "
                 "and the type 1 to 4"
             )
-        found[name] = _Header(line, name, form, kind, polar != 0, columns)
-    return found
+        headers[name] = _Header(line, name, form, kind, polar != 0, columns)
+    return headers
 
 
-def _header_fields(lines: BulkLines, line: int) -> tuple[int, int, int, int]:
-    """Form, type, polar and number of columns: fields 4, 5, 7 and 9."""
-    one = np.array([line])
+def _read_header_fields(lines: BulkLines, line: int) -> tuple[int, int, int, int]:
+    """Form, type, polar flag and number of columns of the header on a line: fields 4, 5, 7 and 9."""
+    first = np.array([line])
     width = int(lines.width[line])
     if width == 8:
-        values = [int(lines.integers(one, 8 * i, 8, "a field of the header")[0]) for i in (3, 4, 6, 8)]
+        values = [int(lines.integers(first, 8 * i, 8, "a field of the header")[0]) for i in (3, 4, 6, 8)]
         return values[0], values[1], values[2], values[3]
-    form = int(lines.integers(one, 8 + 2 * width, width, "the form")[0])
-    kind = int(lines.integers(one, 8 + 3 * width, width, "the type")[0])
+    form = int(lines.integers(first, 8 + 2 * width, width, "the form")[0])
+    kind = int(lines.integers(first, 8 + 3 * width, width, "the type")[0])
     second = np.flatnonzero(lines.card == line)[1:2]
     if not second.size:
         return form, kind, 0, 0
@@ -122,17 +123,17 @@ def _header_fields(lines: BulkLines, line: int) -> tuple[int, int, int, int]:
     return form, kind, polar, columns
 
 
-def _entries(lines: BulkLines, wanted: np.ndarray) -> _Entries:
-    """The groups of four fields (row's grid point, component, real and imaginary part) on all lines."""
+def _read_entries(lines: BulkLines, wanted: np.ndarray) -> _Entries:
+    """Entries on the `wanted` lines: groups of four fields (grid point and component of the row, real and imaginary part)."""
     is_start = lines.card == np.arange(len(lines.card))
     parts = []
-    for first, width, at in (
+    for first, width, chosen in (
         (8, 16, wanted & (lines.width == 16) & ~is_start),  # one group a continuation
         (8, 24, wanted & (lines.width == 24) & ~is_start),
         (40, 8, wanted & (lines.width == 8)),  # the second half of a small-field line
         (8, 8, wanted & (lines.width == 8) & ~is_start),  # its first half, of a continuation
     ):
-        line = np.flatnonzero(at)
+        line = np.flatnonzero(chosen)
         if line.size:
             used = np.zeros(len(line), dtype=bool)
             for i in range(4):
@@ -151,48 +152,51 @@ def _entries(lines: BulkLines, wanted: np.ndarray) -> _Entries:
     return _Entries(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _matrix(
+def _make_matrix(
     lines: BulkLines, header: _Header, entries: _Entries, node: IntArray, component: IntArray
 ) -> ImportedMatrix:
+    """The matrix of one header from its entries; `node` and `component` are those of the column of each card."""
     if not len(entries.line):
         raise FileError(
             f"{lines.path}, line {lines.number[header.line]}: DMIG {header.name!r} has a header but no column; the file "
             "is cut short, or the matrix is empty and can be left out"
         )
-    values = entries.real if header.kind < 3 else _complex(entries, header.polar)
+    values = entries.real if header.kind < 3 else _complex_values(entries, header.polar)
     rows = np.stack([entries.node, entries.component], axis=1)
     columns = np.stack([node[entries.card], component[entries.card]], axis=1)
     bad = (rows[:, 0] < 1) | (rows[:, 1] < 0) | (rows[:, 1] > 6)
     if bad.any():
-        at = int(np.argmax(bad))
-        shown = f"{rows[at, 0]}, {rows[at, 1]}"
-        raise lines.error(int(entries.line[at]), "grid point and component", shown, "positive, and 0 to 6")
+        entry = int(np.argmax(bad))
+        shown = f"{rows[entry, 0]}, {rows[entry, 1]}"
+        raise lines.error(int(entries.line[entry]), "grid point and component", shown, "positive, and 0 to 6")
     _require_single(lines, header, entries, rows, columns)
     try:
         if header.form in (2, 9):
-            made = _rectangular(header.name, rows, columns, values)
-            if 0 < header.columns < made.matrix.shape[1]:
+            matrix = _rectangular_matrix(header.name, rows, columns, values)
+            if 0 < header.columns < matrix.matrix.shape[1]:
                 raise InputError(
-                    f"{header.name!r} has {made.matrix.shape[1]} columns, but its header says {header.columns}"
+                    f"{header.name!r} has {matrix.matrix.shape[1]} columns, but its header says {header.columns}"
                 )
-            return made
+            return matrix
         return labelled(header.name, rows, columns, values, header.form == 6)
     except InputError as error:
         raise FileError(f"{lines.path}, line {lines.number[header.line]}: {error}") from error
 
 
-def _complex(entries: _Entries, polar: bool) -> np.ndarray:
+def _complex_values(entries: _Entries, polar: bool) -> np.ndarray:
+    """Complex values of entries from real and imaginary parts, or from magnitude and phase in degrees if `polar`."""
     if polar:
-        turned: np.ndarray = entries.real * np.exp(1j * np.deg2rad(entries.imaginary))
-        return turned
+        values: np.ndarray = entries.real * np.exp(1j * np.deg2rad(entries.imaginary))
+        return values
     return entries.real + 1j * entries.imaginary
 
 
 def _require_single(lines: BulkLines, header: _Header, entries: _Entries, rows: IntArray, columns: IntArray) -> None:
+    """Raise `FileError` if an entry is given twice."""
     order = np.lexsort((codes_of(rows), codes_of(columns)))
-    same = (np.diff(codes_of(rows)[order]) == 0) & (np.diff(codes_of(columns)[order]) == 0)
-    if same.any():
-        first, second = order[np.argmax(same)], order[np.argmax(same) + 1]
+    is_repeated = (np.diff(codes_of(rows)[order]) == 0) & (np.diff(codes_of(columns)[order]) == 0)
+    if is_repeated.any():
+        first, second = order[np.argmax(is_repeated)], order[np.argmax(is_repeated) + 1]
         a, b = sorted((int(lines.number[entries.line[first]]), int(lines.number[entries.line[second]])))
         raise FileError(
             f"{lines.path}, line {b}: DMIG {header.name!r} gives the entry of {rows[first].tolist()} and "
@@ -200,7 +204,8 @@ def _require_single(lines: BulkLines, header: _Header, entries: _Entries, rows: 
         )
 
 
-def _rectangular(name: str, rows: IntArray, columns: IntArray, values: np.ndarray) -> ImportedMatrix:
+def _rectangular_matrix(name: str, rows: IntArray, columns: IntArray, values: np.ndarray) -> ImportedMatrix:
+    """A rectangular matrix from entries; `rows` and `columns` are (n_entries, 2) tables of node and component."""
     row_codes, row = np.unique(codes_of(rows), return_inverse=True)
     column_codes, column = np.unique(codes_of(columns), return_inverse=True)
     matrix = sparse.coo_array((values, (row, column)), (len(row_codes), len(column_codes)))
@@ -208,7 +213,7 @@ def _rectangular(name: str, rows: IntArray, columns: IntArray, values: np.ndarra
 
 
 def file_text(path: Path, matrices: Sequence[ImportedMatrix], field: Field = "large") -> str:
-    """DMIG cards of `matrices`; a symmetric one has its lower triangle only.
+    """DMIG cards of `matrices`; only the lower triangle of a symmetric one.
 
     Large fields hold twelve digits of a positive number, small ones five; free fields are written with all digits,
     which structid reads and a solver may round.
@@ -233,6 +238,7 @@ def file_text(path: Path, matrices: Sequence[ImportedMatrix], field: Field = "la
 
 
 def _card_lines(item: ImportedMatrix, dofs: IntArray, field: Field) -> list[str]:
+    """Lines of the DMIG cards of one matrix, header first; `dofs` (n_rows, 2) are node and component of its rows."""
     is_complex = np.iscomplexobj(item.matrix.data)
     rectangular = not item.is_square
     symmetric = not rectangular and abs(item.matrix - item.matrix.T).nnz == 0
@@ -250,14 +256,17 @@ def _card_lines(item: ImportedMatrix, dofs: IntArray, field: Field) -> list[str]
     stored.eliminate_zeros()
     rows = dofs.tolist()
     for j in np.flatnonzero(np.diff(stored.indptr)).tolist():
-        own = slice(stored.indptr[j], stored.indptr[j + 1])
-        pairs = [rows[i] for i in stored.indices[own].tolist()]
-        values = stored.data[own].tolist()
-        lines.extend(_column(name, columns[j].tolist(), pairs, values, field))
+        column_range = slice(stored.indptr[j], stored.indptr[j + 1])
+        pairs = [rows[i] for i in stored.indices[column_range].tolist()]
+        values = stored.data[column_range].tolist()
+        lines.extend(_column_lines(name, columns[j].tolist(), pairs, values, field))
     return lines
 
 
-def _column(name: str, column: list[int], rows: list[list[int]], values: list[complex], field: Field) -> list[str]:
+def _column_lines(
+    name: str, column: list[int], rows: list[list[int]], values: list[complex], field: Field
+) -> list[str]:
+    """Lines of one column's DMIG card: node and component of the column, then those of each row with its value."""
     if field == "free":
         groups = [f"{n},{c},{v.real!r},{v.imag!r}" for (n, c), v in zip(rows, map(complex, values), strict=True)]
         lines = [f"DMIG,{name},{column[0]},{column[1]},,{groups[0]}"]
@@ -265,19 +274,19 @@ def _column(name: str, column: list[int], rows: list[list[int]], values: list[co
     if field == "large":
         lines = [f"DMIG*   {name:<16s}{column[0]:>16d}{column[1]:>16d}"]
         for (n, c), value in zip(rows, values, strict=True):
-            second = _short(value.imag, 16) if isinstance(value, complex) else ""
-            lines.append(f"*       {n:>16d}{c:>16d}{_short(value.real, 16)}{second}")
+            second = _fixed_width(value.imag, 16) if isinstance(value, complex) else ""
+            lines.append(f"*       {n:>16d}{c:>16d}{_fixed_width(value.real, 16)}{second}")
         return lines
     texts = [
-        f"{n:>8d}{c:>8d}{_short(value.real, 8)}{_short(value.imag, 8) if isinstance(value, complex) else ' ' * 8}"
+        f"{n:>8d}{c:>8d}{_fixed_width(value.real, 8)}{_fixed_width(value.imag, 8) if isinstance(value, complex) else ' ' * 8}"
         for (n, c), value in zip(rows, values, strict=True)
     ]
     lines = [f"DMIG    {name:<8s}{column[0]:>8d}{column[1]:>8d}{'':8s}{texts[0]}".rstrip()]
     return lines + [("+       " + "".join(texts[i : i + 2])).rstrip() for i in range(1, len(texts), 2)]
 
 
-def _short(value: float, width: int) -> str:
-    """`value` in `width` columns with as many digits as fit: the exponent has no ``E``."""
+def _fixed_width(value: float, width: int) -> str:
+    """`value` as text of `width` characters with as many digits as fit, the exponent without ``E``."""
     for digits in range(width - 3, 0, -1):
         mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
         if "." not in mantissa:

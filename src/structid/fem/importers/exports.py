@@ -43,7 +43,7 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
     ----------
     mass : (n, n) sparse or dense array
     dofs : n degrees of freedom
-        What the rows stand for.
+        Degree of freedom of each row.
     direction : {"X", "Y", "Z"}
 
     Returns
@@ -66,14 +66,14 @@ def total_mass(mass: Any, dofs: Sequence[str | Dof], direction: str = "X") -> fl
 
 
 def require_total_mass(found: float, declared: float, left_aside: str = "") -> None:
-    """Raise an `InputError` where the mass `found` in the matrices is not the `declared` one; it names the factor.
+    """Raise `InputError` if the mass `found` in the matrices differs from the `declared` one; the message names the factor.
 
     Parameters
     ----------
     found, declared : float
         kg; a tenth apart they pass, as a model is rarely right to the percent, and units are wrong by a factor.
     left_aside : str
-        What of the model no element stands for, to be said as the cause.
+        Parts of the model without an element, which the message names as the cause.
     """
     if not declared > 0:
         raise InputError(f"`total_mass` must be greater than 0, got {declared}")
@@ -175,7 +175,7 @@ def group_from_exports(
     """
     factor = float(factor)
     _require_factor("factor", factor)
-    group = _difference("changed", base, changed, digits) / (factor - 1)
+    group = _matrix_difference("changed", base, changed, digits) / (factor - 1)
     if (third is None) != (third_factor is None):
         raise InputError("`third` and `third_factor` must be given together")
     if third is None or third_factor is None:
@@ -184,12 +184,12 @@ def group_from_exports(
     _require_factor("third_factor", third_factor)
     if third_factor == factor:
         raise InputError(f"`third_factor` must differ from `factor`, got {third_factor} for both")
-    other = _difference("third", base, third, digits) / (third_factor - 1)
+    other = _matrix_difference("third", base, third, digits) / (third_factor - 1)
     error = float(norm(other - group) / norm(group))
     if error > 10.0 ** (3 - digits):
         raise InputError(
             f"`third` must agree with a linear dependence, but its group differs by {error:.2g} of its norm;"
-            f" {_power(group * (factor - 1), other * (third_factor - 1), factor, third_factor)}"
+            f" {_power_hint(group * (factor - 1), other * (third_factor - 1), factor, third_factor)}"
         )
     return sparse.csc_array(group)
 
@@ -199,7 +199,8 @@ def _require_factor(name: str, factor: float) -> None:
         raise InputError(f"`{name}` must be positive and not 1, got {factor}; export with twice the parameter")
 
 
-def _difference(name: str, base: Any, changed: Any, digits: int) -> sparse.csc_array:
+def _matrix_difference(name: str, base: Any, changed: Any, digits: int) -> sparse.csc_array:
+    """changed - base without entries below their rounding (`digits`); `name` is for errors."""
     first, second = sparse.csc_array(base, dtype=np.float64), sparse.csc_array(changed, dtype=np.float64)
     if first.shape != second.shape:
         raise InputError(
@@ -216,16 +217,16 @@ def _difference(name: str, base: Any, changed: Any, digits: int) -> sparse.csc_a
     return result
 
 
-def _power(first: sparse.csc_array, second: sparse.csc_array, factor: float, third_factor: float) -> str:
-    """Which power of p gives both differences, in words."""
+def _power_hint(first: sparse.csc_array, second: sparse.csc_array, factor: float, third_factor: float) -> str:
+    """A sentence that names the power of p which explains two differences of exports, or says that none does."""
     ratio = float((first.multiply(second)).sum() / first.multiply(first).sum())
     same_shape = norm(second - ratio * first) < 1e-6 * norm(second)
     powers: FloatArray = np.concatenate([np.arange(-4.0, 0.0), np.arange(0.5, 5.0, 0.5)])
     expected = (third_factor**powers - 1) / (factor**powers - 1)
-    at = int(np.argmin(abs(expected - ratio)))
-    if same_shape and abs(expected[at] / ratio - 1) < 1e-4:
+    best = int(np.argmin(abs(expected - ratio)))
+    if same_shape and abs(expected[best] / ratio - 1) < 1e-4:
         return (
-            f"the matrix follows p to the power {powers[at]:g}: take p^{powers[at]:g} as the parameter, that is the factors "
-            f"{factor ** powers[at]:g} and {third_factor ** powers[at]:g}"
+            f"the matrix follows p to the power {powers[best]:g}: take p^{powers[best]:g} as the parameter, that is the factors "
+            f"{factor ** powers[best]:g} and {third_factor ** powers[best]:g}"
         )
     return "no single power of p gives both; split the group, or choose a parameter that enters linearly"

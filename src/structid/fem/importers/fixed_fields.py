@@ -44,7 +44,7 @@ def is_blank(fields: Bytes) -> NDArray[np.bool_]:
 
 
 def real_numbers(fields: Bytes) -> FloatArray:
-    """The real number in each field, (n, width) to (n,): 1.5, 1.5E+03, 1.5D+03 or Nastran's 1.5+3; 0 where blank.
+    """Real numbers from text fields (n, width) of bytes, (n,): 1.5, 1.5E+03, 1.5D+03 or Nastran's 1.5+3; 0 where blank.
 
     Raises
     ------
@@ -65,10 +65,12 @@ def real_numbers(fields: Bytes) -> FloatArray:
     if rows.size:
         widened = np.full((len(upper), width + 1), _BLANK, dtype=np.uint8)
         widened[:, :width] = upper
-        at = 1 + np.argmax(short[rows], axis=1)[:, None]
+        sign_column = 1 + np.argmax(short[rows], axis=1)[:, None]
         column = np.arange(width + 1)
         shifted = widened[rows][:, np.maximum(column - 1, 0)]
-        widened[rows] = np.where(column < at, widened[rows], np.where(column == at, np.uint8(_E), shifted))
+        widened[rows] = np.where(
+            column < sign_column, widened[rows], np.where(column == sign_column, np.uint8(_E), shifted)
+        )
         upper, width = widened, width + 1
     upper[is_blank(upper), 0] = ord("0")
     text = np.ascontiguousarray(upper).view(f"S{width}").ravel()
@@ -90,6 +92,7 @@ def _first_bad(text: NDArray[np.bytes_], fields: Bytes) -> FieldError:
 
 
 def _is_real(word: bytes) -> bool:
+    """True if Python reads `word` as a number."""
     try:
         float(word)
     except ValueError:
@@ -98,7 +101,7 @@ def _is_real(word: bytes) -> bool:
 
 
 def whole_numbers(fields: Bytes) -> IntArray:
-    """The whole number in each field, (n, width) to (n,); 0 where blank.
+    """Whole numbers from text fields (n, width) of bytes, (n,); 0 where blank.
 
     Raises
     ------

@@ -29,7 +29,7 @@ _REMEDY = "the file is cut short or of another form; write it again (HBMAT with 
 
 
 def read(path: Path) -> list[ImportedMatrix]:
-    """The matrix in the file at `path`.
+    """The matrix in the Harwell-Boeing or Rutherford-Boeing file at `path`.
 
     Raises
     ------
@@ -38,14 +38,15 @@ def read(path: Path) -> list[ImportedMatrix]:
     """
     lines = path.read_bytes().replace(b"\r\n", b"\n").split(b"\n")
     try:
-        return [_matrix(path, lines)]
+        return [_parse_matrix(path, lines)]
     except FileError:
         raise
     except (ValueError, IndexError) as error:
         raise FileError(f"{path}: holds no Harwell-Boeing matrix that can be read ({error}); {_REMEDY}") from error
 
 
-def _matrix(path: Path, lines: list[bytes]) -> ImportedMatrix:
+def _parse_matrix(path: Path, lines: list[bytes]) -> ImportedMatrix:
+    """The matrix in the `lines` of the file; `ValueError` if the numbers do not fit together."""
     counts = [int(word) for word in lines[1].split()]
     n_right = counts[4] if len(counts) > 4 else 0
     kind, *sizes = lines[2].split()
@@ -57,11 +58,11 @@ def _matrix(path: Path, lines: list[bytes]) -> ImportedMatrix:
         )
     forms = lines[3][:_LONGEST]
     pointer_form, index_form, value_form = (match.groups() for match in list(_FORM.finditer(forms))[:3])
-    at = 5 if n_right else 4
+    line_index = 5 if n_right else 4
     parts = 2 if kind[:1] == b"C" else 1
-    first, at = _numbers(path, lines, at, pointer_form, n_columns + 1, whole_numbers)
-    rows, at = _numbers(path, lines, at, index_form, n_entries, whole_numbers)
-    values, at = _numbers(path, lines, at, value_form, parts * n_entries, real_numbers)
+    first, line_index = _read_block(path, lines, line_index, pointer_form, n_columns + 1, whole_numbers)
+    rows, line_index = _read_block(path, lines, line_index, index_form, n_entries, whole_numbers)
+    values, line_index = _read_block(path, lines, line_index, value_form, parts * n_entries, real_numbers)
     if first[0] != 1 or first[-1] != n_entries + 1 or (np.diff(first) < 0).any():
         raise ValueError("the columns do not add up to the number of entries")
     if n_entries and (rows.min() < 1 or rows.max() > n_rows):
@@ -77,7 +78,7 @@ def _matrix(path: Path, lines: list[bytes]) -> ImportedMatrix:
     return ImportedMatrix(name, completed(matrix.tocoo(), name))
 
 
-def _numbers(
+def _read_block(
     path: Path,
     lines: list[bytes],
     at: int,
@@ -85,9 +86,9 @@ def _numbers(
     count: int,
     convert: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, int]:
-    """`count` numbers from line `at` on in a Fortran format, and the line behind them."""
-    each, width = int(form[0] or b"1"), int(form[2])
-    stop = at + -(-count // each)
+    """`count` numbers from line index `at` on in the Fortran format `form`, and the index of the line behind them."""
+    per_line, width = int(form[0] or b"1"), int(form[2])
+    stop = at + -(-count // per_line)
     if stop > len(lines):
         raise ValueError("there are fewer lines than it says")
     words = b" ".join(lines[at:stop]).split()
@@ -95,17 +96,17 @@ def _numbers(
         width = max(map(len, words), default=1)
         text = b"".join(word.ljust(width) for word in words)
     else:
-        text = b"".join(line[: each * width].ljust(each * width) for line in lines[at:stop])
+        text = b"".join(line[: per_line * width].ljust(per_line * width) for line in lines[at:stop])
     buffer = np.frombuffer(text, dtype=np.uint8)
     start = np.arange(count, dtype=np.int64) * width
-    found = []
+    parts = []
     for piece in chunks(count):
         fields = fields_at(buffer, start[piece], start[piece] + width, width)
         if (fields <= ord(" ")).all(axis=1).any():
             raise ValueError("there are fewer numbers than it says")
         try:
-            found.append(convert(fields))
+            parts.append(convert(fields))
         except FieldError as error:
-            line = at + (piece.start + error.index) // each + 1
+            line = at + (piece.start + error.index) // per_line + 1
             raise FileError(f"{path}, line {line}: must hold numbers, got {error.text!r}; {_REMEDY}") from None
-    return np.concatenate(found) if found else np.zeros(0, np.int64), stop
+    return np.concatenate(parts) if parts else np.zeros(0, np.int64), stop

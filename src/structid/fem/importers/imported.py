@@ -67,6 +67,7 @@ class ImportedMatrix:
     held: IntArray | None = None
 
     def __post_init__(self) -> None:
+        """Convert the matrix to compressed columns and the tables to (n, 2), and check their sizes."""
         dtype = np.complex128 if np.iscomplexobj(self.matrix.data) else np.float64
         matrix = sparse.csc_array(self.matrix, dtype=dtype)
         matrix.sum_duplicates()
@@ -85,7 +86,7 @@ class ImportedMatrix:
 
 
 def of_elements(imported: ImportedMatrix, elements: Iterable[int]) -> ImportedMatrix:
-    """The sum of the matrices of `elements` only, on the degrees of freedom of all.
+    """The sum of the matrices of some `elements` (labels) only, on the degrees of freedom of all.
 
     Raises
     ------
@@ -100,10 +101,10 @@ def of_elements(imported: ImportedMatrix, elements: Iterable[int]) -> ImportedMa
     wanted = np.unique(np.fromiter(elements, dtype=np.int64))
     missing = np.setdiff1d(wanted, parts.element)
     if missing.size:
-        there = np.unique(parts.element)
+        labels = np.unique(parts.element)
         raise InputError(
             f"{imported.name!r} has no element {missing[0]} ({missing.size} of {wanted.size} are missing); it has "
-            f"{there.size}, from {there[0]} to {there[-1]}"
+            f"{labels.size}, from {labels[0]} to {labels[-1]}"
         )
     keep = np.isin(parts.element, wanted)
     chosen = ElementEntries(parts.element[keep], parts.row[keep], parts.column[keep], parts.value[keep])
@@ -121,7 +122,7 @@ def dofs_of(table: IntArray) -> tuple[Dof, ...]:
     InputError
         If a node is negative (an internal node of the solver), a component is none of these, or one repeats.
     """
-    found = []
+    dofs = []
     for node, component in np.asarray(table).tolist():
         if node < 0:
             raise InputError(
@@ -133,12 +134,12 @@ def dofs_of(table: IntArray) -> tuple[Dof, ...]:
                 f"component {component} of node {node} is no translation (1 to 3) or rotation (4 to 6); export the "
                 "displacement degrees of freedom only"
             )
-        found.append(Dof(node, _COMPONENTS[component]))
-    if len(set(found)) < len(found):
-        ordered = sorted(found)
+        dofs.append(Dof(node, _COMPONENTS[component]))
+    if len(set(dofs)) < len(dofs):
+        ordered = sorted(dofs)
         again = next(dof for dof, following in pairwise(ordered) if dof == following)
         raise InputError(f"{again.unsigned} is named by two rows; each degree of freedom may appear once")
-    return tuple(found)
+    return tuple(dofs)
 
 
 def dof_table(dofs: Iterable[str | Dof]) -> IntArray:
@@ -160,7 +161,7 @@ def tables_of(codes: IntArray) -> IntArray:
 
 
 def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
-    """The matrix with its rows in the order of `table`, zero where it has none, (n, n).
+    """The matrix with rows in the order of `table` (node, component), (n, n), zero where it has none.
 
     Raises
     ------
@@ -170,10 +171,10 @@ def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
     if imported.dofs is None:
         raise InputError(f"{imported.name!r} has no numbering of its own; give the degrees of freedom of its rows")
     order = np.argsort(codes_of(table), kind="stable")
-    known = codes_of(table)[order]
-    own = codes_of(imported.dofs)
-    at = np.minimum(np.searchsorted(known, own), len(known) - 1)
-    absent = known[at] != own
+    sorted_codes = codes_of(table)[order]
+    codes = codes_of(imported.dofs)
+    index = np.minimum(np.searchsorted(sorted_codes, codes), len(sorted_codes) - 1)
+    absent = sorted_codes[index] != codes
     coordinates = imported.matrix.tocoo()
     outside = absent[coordinates.row] | absent[coordinates.col]
     if (outside & (coordinates.data != 0)).any():
@@ -182,22 +183,22 @@ def on_dofs(imported: ImportedMatrix, table: IntArray) -> sparse.csc_array:
         node, component = imported.dofs[row]
         raise InputError(
             f"{imported.name!r} has entries at component {component} of node {node}, which is not among the "
-            f"{len(table)} degrees of freedom given ({int(absent.sum())} of its {len(own)} rows are not); add them, or "
+            f"{len(table)} degrees of freedom given ({int(absent.sum())} of its {len(codes)} rows are not); add them, or "
             "use the numbering of the file"
         )
-    place = order[at]
+    position = order[index]
     row, column, data = coordinates.row[~outside], coordinates.col[~outside], coordinates.data[~outside]
-    return sparse.coo_array((data, (place[row], place[column])), (len(table), len(table))).tocsc()
+    return sparse.coo_array((data, (position[row], position[column])), (len(table), len(table))).tocsc()
 
 
 def completed(matrix: sparse.sparray, name: str, symmetric: bool | None = None) -> sparse.csc_array:
-    """`matrix` with its other triangle, where each pair of entries off the diagonal is stored once.
+    """`matrix` with its other triangle added, if only one entry of each off-diagonal pair is stored.
 
     Parameters
     ----------
     matrix : (n, n) sparse array
     name : str
-        For the error.
+        Name of the matrix, for the error.
     symmetric : bool, optional
         True where the file declares symmetry, so that pairs must then agree; False: left as it is.
 
@@ -211,7 +212,7 @@ def completed(matrix: sparse.sparray, name: str, symmetric: bool | None = None) 
     if symmetric is False or full.shape[0] != full.shape[1] or full.nnz == 0:
         return full
     full.eliminate_zeros()
-    if _stored_once(full):
+    if _is_one_triangle(full):
         return sparse.csc_array(full + full.T - sparse.diags_array(full.diagonal(), dtype=full.dtype))
     if not symmetric:
         return full
@@ -227,8 +228,8 @@ def completed(matrix: sparse.sparray, name: str, symmetric: bool | None = None) 
     return full
 
 
-def _stored_once(matrix: sparse.csc_array) -> bool:
-    """Whether no entry off the diagonal has its mirror beside it."""
+def _is_one_triangle(matrix: sparse.csc_array) -> bool:
+    """True if no off-diagonal entry has its mirror image stored as well."""
     column = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
     below, above = matrix.indices > column, matrix.indices < column
     if not (below.any() and above.any()):
@@ -248,28 +249,28 @@ def labelled(
     name: str, rows: IntArray, columns: IntArray, values: np.ndarray[Any, Any], symmetric: bool | None
 ) -> ImportedMatrix:
     """A square matrix from entries whose rows and columns are tables of node and component, (n_entries, 2) each."""
-    codes, place = np.unique(np.concatenate([codes_of(rows), codes_of(columns)]), return_inverse=True)
+    codes, index = np.unique(np.concatenate([codes_of(rows), codes_of(columns)]), return_inverse=True)
     n = len(rows)
-    matrix = sparse.coo_array((values, (place[:n], place[n:])), (len(codes), len(codes)))
+    matrix = sparse.coo_array((values, (index[:n], index[n:])), (len(codes), len(codes)))
     return ImportedMatrix(name, completed(matrix, name, symmetric), tables_of(codes))
 
 
 def from_elements(name: str, parts: Sequence[tuple[int, IntArray, FloatArray]]) -> ImportedMatrix:
-    """The sum of element matrices: label, node and component of the rows (n, 2), and matrix (n, n) of each."""
+    """The assembled matrix of element matrices `parts`: (label, node and component of rows (n, 2), matrix (n, n)) of each."""
     codes = [codes_of(dofs) for _, dofs, _ in parts]
-    known = np.unique(np.concatenate(codes))
-    place = [np.searchsorted(known, own) for own in codes]
-    element = np.repeat([label for label, _, _ in parts], [len(at) ** 2 for at in place])
-    row = np.concatenate([np.repeat(at, len(at)) for at in place])
-    column = np.concatenate([np.tile(at, len(at)) for at in place])
+    all_codes = np.unique(np.concatenate(codes))
+    indices = [np.searchsorted(all_codes, element_codes) for element_codes in codes]
+    element = np.repeat([label for label, _, _ in parts], [len(rows_of) ** 2 for rows_of in indices])
+    row = np.concatenate([np.repeat(rows_of, len(rows_of)) for rows_of in indices])
+    column = np.concatenate([np.tile(rows_of, len(rows_of)) for rows_of in indices])
     value = np.concatenate([square.ravel() for _, _, square in parts])
-    matrix = sparse.coo_array((value, (row, column)), (len(known), len(known)))
+    matrix = sparse.coo_array((value, (row, column)), (len(all_codes), len(all_codes)))
     entries = ElementEntries(element, row, column, value)
-    return ImportedMatrix(name, matrix.tocsc(), tables_of(known), elements=entries)
+    return ImportedMatrix(name, matrix.tocsc(), tables_of(all_codes), elements=entries)
 
 
 def from_triangle(values: FloatArray, n: int) -> FloatArray | None:
-    """(n, n) from the lower triangle by rows, or from all columns one after another; None for another number."""
+    """Symmetric matrix (n, n) from its lower triangle by rows, or matrix from all columns; None for any other number of values."""
     if len(values) == n * (n + 1) // 2:
         square = np.zeros((n, n))
         square[np.tril_indices(n)] = values

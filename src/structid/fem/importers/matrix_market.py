@@ -25,7 +25,7 @@ _WORDS = {"real": 1, "integer": 1, "complex": 2}
 _MIRRORS = {"general": 0, "symmetric": 1, "skew-symmetric": -1, "hermitian": 1}
 
 
-class _Words(NamedTuple):
+class _WordTable(NamedTuple):
     """Where the words of the lines with content begin and end, (n_lines, n_words) each, and the numbers of the lines."""
 
     path: Path
@@ -43,31 +43,32 @@ class _Words(NamedTuple):
         return self._numbers(word, "a finite number", real_numbers)
 
     def _numbers(self, word, wanted, convert):  # type: ignore[no-untyped-def]
+        """Numbers in the column `word` of the table, by `convert`; `FileError` with the line for the first that is not `wanted`."""
         start, end = self.start[:, word], self.end[:, word]
         width = int((end - start).max(initial=1))
-        found = []
+        parts = []
         for part in chunks(len(start)):
             try:
                 if width > _WIDEST:
-                    at = int(np.argmax(end - start))
-                    raise FieldError(at - part.start, bytes(self.buffer[start[at] : end[at]]).decode("latin-1")[:40])
+                    bad = int(np.argmax(end - start))
+                    raise FieldError(bad - part.start, bytes(self.buffer[start[bad] : end[bad]]).decode("latin-1")[:40])
                 numbers = convert(fields_at(self.buffer, start[part], end[part], width))
                 if not np.isfinite(numbers).all():
-                    at = int(np.argmax(~np.isfinite(numbers)))
-                    raise FieldError(at, bytes(self.buffer[start[part][at] : end[part][at]]).decode("latin-1"))
+                    bad = int(np.argmax(~np.isfinite(numbers)))
+                    raise FieldError(bad, bytes(self.buffer[start[part][bad] : end[part][bad]]).decode("latin-1"))
             except FieldError as error:
                 line = self.line[part.start + error.index]
                 raise FileError(
                     f"{self.path}, line {line}: word {word + 1} must be {wanted}, got {error.text!r}; {_REMEDY}"
                 ) from None
-            found.append(numbers)
-        return np.concatenate(found) if found else np.zeros(0)
+            parts.append(numbers)
+        return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def matrix_market(path: Path) -> sparse.csc_array:
-    """The matrix in the file at `path`, both triangles where the banner says that one is stored.
+    """The sparse matrix in the MatrixMarket file at `path`, both triangles where the banner says that one is stored.
 
-    Exponents may be written ``D``, or left out as in ``1.5+3``. Entries at one place add up.
+    Exponents may be written ``D``, or left out as in ``1.5+3``. Entries with the same row and column add up.
 
     Raises
     ------
@@ -76,16 +77,16 @@ def matrix_market(path: Path) -> sparse.csc_array:
     """
     content = path.read_bytes()
     first, _, rest = content.partition(b"\n")
-    layout, field, symmetry = _banner(path, first)
+    layout, field, symmetry = _read_banner(path, first)
     per_line = _WORDS[field] + (2 if layout == "coordinate" else 0)
-    sizes, words = _lines(path, rest, 3 if layout == "coordinate" else 2, per_line)
+    sizes, words = _read_lines(path, rest, 3 if layout == "coordinate" else 2, per_line)
     n_rows, n_columns = sizes[:2]
     if layout == "coordinate":
         if len(words.line) != sizes[2]:
             raise FileError(f"{path}: says {sizes[2]} entries and has {len(words.line)} lines of them; {_REMEDY}")
         row, column = words.whole(0) - 1, words.whole(1) - 1
     else:
-        row, column = _columns_in_turn(path, n_rows, n_columns, symmetry, len(words.line))
+        row, column = _array_positions(path, n_rows, n_columns, symmetry, len(words.line))
     values = words.real(per_line - 1)
     if field == "complex":
         values = words.real(per_line - 2) + 1j * values
@@ -98,7 +99,8 @@ def matrix_market(path: Path) -> sparse.csc_array:
     return coordinates((n_rows, n_columns), row, column, values)
 
 
-def _banner(path: Path, line: bytes) -> tuple[str, str, str]:
+def _read_banner(path: Path, line: bytes) -> tuple[str, str, str]:
+    """Layout (coordinate or array), field and symmetry from the first line of the file."""
     words = line.decode("latin-1").lower().split()
     good = len(words) == 5 and words[:2] == ["%%matrixmarket", "matrix"] and words[2] in ("coordinate", "array")
     if not good or words[3] not in _WORDS or words[4] not in _MIRRORS:
@@ -109,8 +111,8 @@ def _banner(path: Path, line: bytes) -> tuple[str, str, str]:
     return words[2], words[3], words[4]
 
 
-def _lines(path: Path, rest: bytes, n_sizes: int, per_line: int) -> tuple[list[int], _Words]:
-    """The sizes, and the words of the lines behind them; comments and blank lines are passed over."""
+def _read_lines(path: Path, rest: bytes, n_sizes: int, per_line: int) -> tuple[list[int], _WordTable]:
+    """The sizes, and a table of the words in the lines behind them; comments and blank lines are passed over."""
     buffer = np.frombuffer(rest.replace(b"\r", b" ") + b"\n", dtype=np.uint8)
     word = buffer > ord(" ")
     start = np.flatnonzero(word & ~np.concatenate([[False], word[:-1]]))
@@ -128,21 +130,23 @@ def _lines(path: Path, rest: bytes, n_sizes: int, per_line: int) -> tuple[list[i
     wanted[0] = n_sizes
     wrong = count != wanted
     if wrong.any():
-        at = int(np.argmax(wrong))
-        shown = rest.split(b"\n")[numbers[at]].decode("latin-1").strip()[:60]
-        raise FileError(f"{path}, line {numbers[at] + 2}: must have {wanted[at]} numbers, got {shown!r}; {_REMEDY}")
-    head = _Words(path, buffer, start[None, :n_sizes], end[None, :n_sizes], numbers[:1] + 2)
+        bad = int(np.argmax(wrong))
+        shown = rest.split(b"\n")[numbers[bad]].decode("latin-1").strip()[:60]
+        raise FileError(f"{path}, line {numbers[bad] + 2}: must have {wanted[bad]} numbers, got {shown!r}; {_REMEDY}")
+    head = _WordTable(path, buffer, start[None, :n_sizes], end[None, :n_sizes], numbers[:1] + 2)
     sizes = [int(head.whole(k)[0]) for k in range(n_sizes)]
     if min(sizes) < 0:
         raise FileError(f"{path}, line {numbers[0] + 2}: sizes must not be negative, got {sizes}; {_REMEDY}")
     table = (len(numbers) - 1, per_line)
-    return sizes, _Words(path, buffer, start[n_sizes:].reshape(table), end[n_sizes:].reshape(table), numbers[1:] + 2)
+    return sizes, _WordTable(
+        path, buffer, start[n_sizes:].reshape(table), end[n_sizes:].reshape(table), numbers[1:] + 2
+    )
 
 
-def _columns_in_turn(
+def _array_positions(
     path: Path, n_rows: int, n_columns: int, symmetry: str, n_entries: int
 ) -> tuple[IntArray, IntArray]:
-    """Row and column of each entry of an array: whole columns, or what is on and below the diagonal."""
+    """Row and column of each of `n_entries` of an array layout: whole columns, or the part on and below the diagonal."""
     if symmetry == "general":
         wanted = n_rows * n_columns
     else:
@@ -150,15 +154,16 @@ def _columns_in_turn(
     if n_entries != wanted:
         raise FileError(f"{path}: {n_rows} x {n_columns} entries need {wanted} lines, got {n_entries}; {_REMEDY}")
     if symmetry == "general":
-        place = np.arange(n_entries)
-        return place % max(n_rows, 1), place // max(n_rows, 1)
+        index = np.arange(n_entries)
+        return index % max(n_rows, 1), index // max(n_rows, 1)
     column, row = np.triu_indices(n_rows, 1 if symmetry == "skew-symmetric" else 0)
     return row, column
 
 
 def _require_triangle(
-    path: Path, words: _Words, row: IntArray, column: IntArray, n_rows: int, n_columns: int, symmetry: str
+    path: Path, words: _WordTable, row: IntArray, column: IntArray, n_rows: int, n_columns: int, symmetry: str
 ) -> None:
+    """Raise `FileError` unless the matrix is square and its entries are on one side of the diagonal."""
     if n_rows != n_columns:
         raise FileError(f"{path}: is called {symmetry} and has {n_rows} rows and {n_columns} columns; {_REMEDY}")
     above = row < column

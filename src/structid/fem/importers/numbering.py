@@ -40,47 +40,50 @@ def read_numbering(path: Path) -> tuple[Dof, ...]:
     with damage_told(path, "a numbering in text", "write one degree of freedom a line"):
         text = path.read_text(encoding="utf-8")
         if _CARD.search(text):
-            return _from_nastran(path)
+            return _read_nastran_sets(path)
         lines = [(number, line.split("#")[0]) for number, line in enumerate(text.splitlines(), 1)]
         filled = [(number, line) for number, line in lines if line.strip()]
         if any(_MAPPING.match(line) for _, line in filled):
-            return _from_mapping(path, filled)
+            return _read_mapping(path, filled)
         if filled and all(_PAIR.match(line) for _, line in filled):
             return dofs_of(np.array([[int(word) for word in re.findall(r"\d+", line)] for _, line in filled]))
-        return _from_names(path, filled)
+        return _read_names(path, filled)
 
 
-def _from_names(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
-    found = []
+def _read_names(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
+    """Degrees of freedom named by the words of the lines (number, text)."""
+    dofs = []
     for number, line in lines:
         for word in line.replace(",", " ").split():
             try:
-                found.append(parse_dof(word))
+                dofs.append(parse_dof(word))
             except InputError as error:
                 raise FileError(f"{path}, line {number}: {error}") from error
-    return tuple(found)
+    return tuple(dofs)
 
 
-def _from_mapping(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
-    found = []
+def _read_mapping(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:
+    """Degrees of freedom in the lines (number, text) of an Ansys mapping file."""
+    dofs = []
     for number, line in lines:
         match = _MAPPING.match(line)
         if match:
-            found.append(Dof(int(match[1]), _ANSYS[match[2].upper()]))
-        elif found:
+            dofs.append(Dof(int(match[1]), _ANSYS[match[2].upper()]))
+        elif dofs:
             raise FileError(
                 f"{path}, line {number}: must be equation, node and UX to ROTZ, got {line.strip()[:40]!r}; other degrees "
                 "of freedom cannot be used"
             )
-    return tuple(found)
+    return tuple(dofs)
 
 
-def _from_nastran(path: Path) -> tuple[Dof, ...]:
-    ordered = _pairs(bulk_lines(path, ("EXTRN",)))
+def _read_nastran_sets(path: Path) -> tuple[Dof, ...]:
+    """Degrees of freedom on EXTRN cards in their order, else those of ASET and the like, sorted."""
+    ordered = _read_pairs(bulk_lines(path, ("EXTRN",)))
     if ordered:
         return dofs_of(np.array(_single(ordered)))
-    pairs = _pairs(bulk_lines(path, tuple(name for name in _SETS if not name.endswith("1"))))
-    pairs += _listed(bulk_lines(path, tuple(name for name in _SETS if name.endswith("1"))))
+    pairs = _read_pairs(bulk_lines(path, tuple(name for name in _SETS if not name.endswith("1"))))
+    pairs += _read_lists(bulk_lines(path, tuple(name for name in _SETS if name.endswith("1"))))
     return dofs_of(np.array(sorted(set(_single(pairs)))))
 
 
@@ -89,33 +92,33 @@ def _single(pairs: list[tuple[int, str]]) -> list[tuple[int, int]]:
     return [(node, int(digit)) for node, digits in pairs for digit in digits or "0"]
 
 
-def _cards(lines: BulkLines) -> list[list[str]]:
-    """The fields of every card, one after another."""
-    found: list[list[str]] = []
+def _card_fields(lines: BulkLines) -> list[list[str]]:
+    """The fields of each card as texts, continuations included."""
+    cards: list[list[str]] = []
     for i, card in enumerate(lines.card.tolist()):
         width = int(lines.width[i])
         count, last = (8, 72) if width == 8 else (4, 8 + 4 * width)
         text = bytes(lines.buffer[lines.start[i] : min(lines.end[i], lines.start[i] + last)]).decode("latin-1")
         if card == i:
-            found.append([])
-        found[-1].extend(text[8 + width * k : 8 + width * (k + 1)].strip() for k in range(count))
-    return found
+            cards.append([])
+        cards[-1].extend(text[8 + width * k : 8 + width * (k + 1)].strip() for k in range(count))
+    return cards
 
 
-def _pairs(lines: BulkLines) -> list[tuple[int, str]]:
-    """Grid point and components in turn."""
-    found = []
-    for fields in _cards(lines):
+def _read_pairs(lines: BulkLines) -> list[tuple[int, str]]:
+    """Grid point and components from cards on which they alternate."""
+    pairs = []
+    for fields in _card_fields(lines):
         for node, components in zip(fields[::2], fields[1::2], strict=False):
             if node:
-                found.append((_whole(lines, node), _components(lines, components)))
-    return found
+                pairs.append((_whole(lines, node), _components(lines, components)))
+    return pairs
 
 
-def _listed(lines: BulkLines) -> list[tuple[int, str]]:
-    """Components, then grid points, with THRU."""
-    found: list[tuple[int, str]] = []
-    for fields in _cards(lines):
+def _read_lists(lines: BulkLines) -> list[tuple[int, str]]:
+    """Grid point and components from cards with components first, then grid points, possibly with THRU."""
+    pairs: list[tuple[int, str]] = []
+    for fields in _card_fields(lines):
         components, nodes = _components(lines, fields[0]), [field for field in fields[1:] if field]
         if len(nodes) == 3 and nodes[1] == "THRU":
             first, last = _whole(lines, nodes[0]), _whole(lines, nodes[2])
@@ -124,8 +127,8 @@ def _listed(lines: BulkLines) -> list[tuple[int, str]]:
             labels = list(range(first, last + 1))
         else:
             labels = [_whole(lines, node) for node in nodes]
-        found.extend((label, components) for label in labels)
-    return found
+        pairs.extend((label, components) for label in labels)
+    return pairs
 
 
 def _whole(lines: BulkLines, text: str) -> int:

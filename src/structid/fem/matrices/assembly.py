@@ -41,7 +41,7 @@ class Assembly:
     maps: tuple[sparse.csc_array, ...]
 
     def data(self, values: FloatArray) -> FloatArray:
-        """Entries of mass, viscous damping, stiffness and so on, (n_laws, n_entries), in the order of `laws`."""
+        """Entries of each matrix in the shared pattern at the property `values`, (n_laws, n_entries), in the order of `laws`."""
         rows = np.zeros((len(self.laws), len(self.indices)))
         for part, entries in zip(self.structure.contributions, self.maps, strict=True):
             weights = part.weights(values)
@@ -57,7 +57,7 @@ def structure_laws(structure: Structure) -> tuple[str, ...]:
 
 
 def assembly(structure: Structure) -> Assembly:
-    """The `Assembly` of `structure`; made once, used for every set of values.
+    """The shared sparsity pattern of the matrices of `structure`, with maps from element weights to entries; made once.
 
     Notes
     -----
@@ -65,22 +65,22 @@ def assembly(structure: Structure) -> Assembly:
     entries of all elements is sorted. The maps hold the element matrices as they are, where no entry of them is zero,
     and the place of each entry.
     """
-    families = {id(part.blocks): part.blocks for part in structure.contributions}
-    pattern = _pattern(structure.n_dofs, families.values())
-    place = np.arange(1, len(pattern.indices) + 1, dtype=pattern.indices.dtype)
-    places = sparse.csr_array((place, pattern.indices, pattern.indptr), pattern.shape)
-    found = {key: _map(blocks, places) for key, blocks in families.items()}
-    maps = tuple(found[id(part.blocks)] for part in structure.contributions)
+    blocks_of = {id(part.blocks): part.blocks for part in structure.contributions}
+    pattern = _union_pattern(structure.n_dofs, blocks_of.values())
+    entry_number = np.arange(1, len(pattern.indices) + 1, dtype=pattern.indices.dtype)
+    numbered = sparse.csr_array((entry_number, pattern.indices, pattern.indptr), pattern.shape)
+    map_of = {key: _weight_map(blocks, numbered) for key, blocks in blocks_of.items()}
+    maps = tuple(map_of[id(part.blocks)] for part in structure.contributions)
     return Assembly(structure, structure_laws(structure), pattern.indices, pattern.indptr, maps)
 
 
-def _pattern(n: int, families: Collection[ElementMatrices]) -> sparse.csr_array:
-    """Where any of the matrices has entries, the diagonal included: its compressed columns, as rows."""
+def _union_pattern(n: int, families: Collection[ElementMatrices]) -> sparse.csr_array:
+    """Union of the sparsity patterns of all element matrices and the diagonal, (n, n); its columns are stored as rows."""
     total = sparse.csr_array(sparse.eye_array(n, dtype=np.bool_, format="csr"))
     small = [blocks for blocks in families if isinstance(blocks, Blocks)]
     full = {b.dofs.tobytes(): b.dofs for b in small if np.count_nonzero(b.local) > _FULL * b.local.size}
     for width in sorted({dofs.shape[1] for dofs in full.values()}):
-        total = total + _cliques(np.concatenate([dofs for dofs in full.values() if dofs.shape[1] == width]), n)
+        total = total + _element_pattern(np.concatenate([dofs for dofs in full.values() if dofs.shape[1] == width]), n)
     for blocks in families:
         if not isinstance(blocks, Blocks):
             row, column, _, _ = blocks.entries()
@@ -98,8 +98,8 @@ def _marked(row: IntArray, column: IntArray, n: int) -> sparse.csr_array:
     return sparse.coo_array((np.ones(len(row), dtype=np.bool_), place), (n, n)).tocsr()
 
 
-def _cliques(dofs: IntArray, n: int) -> sparse.csr_array:
-    """All pairs of degrees of freedom of one element, for elements (n_elements, n_local), -1 where held."""
+def _element_pattern(dofs: IntArray, n: int) -> sparse.csr_array:
+    """Pattern of all pairs of degrees of freedom of one element, for elements (n_elements, n_local), -1 where constrained."""
     free = dofs >= 0
     indptr = np.concatenate([[0], np.cumsum(free.sum(axis=1))])
     kind = index_kind(max(n, int(indptr[-1])))
@@ -108,24 +108,29 @@ def _cliques(dofs: IntArray, n: int) -> sparse.csr_array:
     return sparse.csr_array(incidence.T.tocsr() @ incidence)
 
 
-def _map(blocks: ElementMatrices, places: sparse.csr_array) -> sparse.csc_array:
-    """From the weights of a family to entries of the pattern; `local` itself where none of its entries is left out."""
+def _weight_map(blocks: ElementMatrices, places: sparse.csr_array) -> sparse.csc_array:
+    """Sparse map from element weights to the entries of the pattern, (n_entries, n_elements).
+
+    It shares the array `local` of the blocks where none of its entries is left out.
+    """
     n_entries, n_elements = len(places.indices), blocks.n_elements
     if not isinstance(blocks, Blocks):
         row, column, element, value = blocks.entries()
-        return sparse.coo_array((value, (_place(places, row, column), element)), (n_entries, n_elements)).tocsc()
-    found, counts, values = [], [], []
+        return sparse.coo_array(
+            (value, (_entry_indices(places, row, column), element)), (n_entries, n_elements)
+        ).tocsc()
+    entry_indices, counts, values = [], [], []
     step = max(1, _CHUNK_ENTRIES // max(1, blocks.dofs.shape[1] ** 2))
     for first in range(0, n_elements, step):
         chosen = slice(first, first + step)
-        row, column, kept = blocks.stored(chosen)
-        found.append(_place(places, row, column))
-        counts.append(kept.sum(axis=(1, 2)))
-        values.append(None if kept.all() else blocks.local[chosen][kept])
+        row, column, is_stored = blocks.stored(chosen)
+        entry_indices.append(_entry_indices(places, row, column))
+        counts.append(is_stored.sum(axis=(1, 2)))
+        values.append(None if is_stored.all() else blocks.local[chosen][is_stored])
     indptr = np.concatenate([[0], np.cumsum(np.concatenate([[], *counts]))])
     kind = index_kind(max(n_entries, int(indptr[-1])))
-    indices = np.concatenate([np.zeros(0, kind), *found]).astype(kind, copy=False)
-    if all(own is None for own in values):
+    indices = np.concatenate([np.zeros(0, kind), *entry_indices]).astype(kind, copy=False)
+    if all(part is None for part in values):
         data = blocks.local.reshape(-1)
     else:
         steps = range(0, n_elements, step)
@@ -134,10 +139,10 @@ def _map(blocks: ElementMatrices, places: sparse.csr_array) -> sparse.csc_array:
     return sparse.csc_array((data, indices, indptr.astype(kind)), (n_entries, n_elements))
 
 
-def _place(places: sparse.csr_array, row: IntArray, column: IntArray) -> IntArray:
-    """Where entries stand in the pattern, whose columns are the rows of `places`, which counts from 1."""
+def _entry_indices(places: sparse.csr_array, row: IntArray, column: IntArray) -> IntArray:
+    """Indices of entries (row, column) in the pattern, whose columns are the rows of `places`, which counts from 1."""
     kind = places.indices.dtype
     if not len(row):
         return np.zeros(0, dtype=kind)
-    found: IntArray = np.asarray(places[column.astype(kind, copy=False), row.astype(kind, copy=False)]).ravel() - 1
-    return found
+    indices: IntArray = np.asarray(places[column.astype(kind, copy=False), row.astype(kind, copy=False)]).ravel() - 1
+    return indices

@@ -70,6 +70,7 @@ class Blocks:
     n_dofs: int
 
     def __post_init__(self) -> None:
+        """Lock the arrays and check that shapes and degrees of freedom fit."""
         object.__setattr__(self, "dofs", locked(self.dofs, np.int64))
         object.__setattr__(self, "local", locked(self.local, np.float64))
         require_shape("dofs", self.dofs, (None, None))
@@ -83,7 +84,7 @@ class Blocks:
         return self.dofs.shape[0]
 
     def entries(self) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-        """Row, column, element and value of every entry at free degrees of freedom that is not zero."""
+        """Row, column, element and value of each non-zero entry at free degrees of freedom, (n_entries,) each."""
         shape = self.local.shape
         row = np.broadcast_to(self.dofs[:, :, None], shape)
         column = np.broadcast_to(self.dofs[:, None, :], shape)
@@ -92,16 +93,18 @@ class Blocks:
         return row[keep], column[keep], element[keep], self.local[keep]
 
     def stored(self, chosen: slice | IntArray) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
-        """Of some elements: row and column of the entries of `entries`, and a mask of them like `local`.
+        """Row and column of the non-zero entries of the elements `chosen`, and the mask of these entries, like `local`.
 
         Indices are as narrow as they can be, for models whose entries are many.
         """
         dofs: IntArray = self.dofs[chosen].astype(index_kind(self.n_dofs))
-        kept, free = self.local[chosen] != 0, dofs >= 0
+        is_stored, free = self.local[chosen] != 0, dofs >= 0
         if not free.all():
-            kept &= free[:, :, None] & free[:, None, :]
-        row, column = (np.broadcast_to(table, kept.shape)[kept] for table in (dofs[:, :, None], dofs[:, None, :]))
-        return row, column, kept
+            is_stored &= free[:, :, None] & free[:, None, :]
+        row, column = (
+            np.broadcast_to(table, is_stored.shape)[is_stored] for table in (dofs[:, :, None], dofs[:, None, :])
+        )
+        return row, column, is_stored
 
     def assemble(self, weights: np.ndarray) -> sparse.csc_array:
         """The sum of weights[e] B_e as a sparse (n_dofs, n_dofs) array."""
@@ -136,18 +139,18 @@ class Pattern:
     value: FloatArray
 
     def summed(self, weights: np.ndarray) -> sparse.csc_array:
-        """The sum of weights[e] B_e over all families, elements in their order, (n_dofs, n_dofs)."""
+        """The sum of weights[e] B_e over all elements, in order, as a sparse (n_dofs, n_dofs) array."""
         size = len(self.starts) - 1
-        found = sparse.csc_array((self._data(weights), self.indices.copy(), self.starts.copy()), (size, size))
-        found.eliminate_zeros()
-        return found
+        total = sparse.csc_array((self._data(weights), self.indices.copy(), self.starts.copy()), (size, size))
+        total.eliminate_zeros()
+        return total
 
     def dense(self, weights: np.ndarray) -> FloatArray:
-        """The same as a dense array."""
+        """The sum of weights[e] B_e over all elements, in order, as a dense (n_dofs, n_dofs) array."""
         size = len(self.starts) - 1
-        found = np.zeros(size * size)
-        found[self._flat] = self._data(weights)
-        return found.reshape(size, size)
+        total = np.zeros(size * size)
+        total[self._flat] = self._data(weights)
+        return total.reshape(size, size)
 
     def _data(self, weights: np.ndarray) -> FloatArray:
         return np.asarray(np.bincount(self.place, self.value * weights[self.element], len(self.indices)), np.float64)
@@ -160,15 +163,15 @@ class Pattern:
 
 
 def pattern(families: Sequence[ElementMatrices]) -> Pattern:
-    """The `Pattern` of the sum of `families`, one or more."""
+    """The sparsity pattern of the weighted sum of several sets of element matrices, one or more."""
     parts, n = [family.entries() for family in families], families[0].n_dofs
     row, column, value = (np.concatenate([part[k] for part in parts]) for k in (0, 1, 3))
     firsts = np.cumsum([0, *(family.n_elements for family in families)])
     element = np.concatenate([first + part[2] for first, part in zip(firsts, parts, strict=False)])
-    places, place = np.unique(column * n + row, return_inverse=True)
-    starts = np.searchsorted(places // n, np.arange(n + 1))
-    kind = index_kind(len(places))
-    return Pattern((places % n).astype(kind), starts.astype(kind), place.ravel(), element, value)
+    all_positions, entry = np.unique(column * n + row, return_inverse=True)
+    starts = np.searchsorted(all_positions // n, np.arange(n + 1))
+    kind = index_kind(len(all_positions))
+    return Pattern((all_positions % n).astype(kind), starts.astype(kind), entry.ravel(), element, value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +187,7 @@ class MatrixBlocks:
     matrices: tuple[sparse.csc_array, ...]
 
     def __init__(self, matrices: Sequence[sparse.sparray | sparse.spmatrix | np.ndarray]) -> None:
+        """Convert the matrices to compressed columns, and check that they are square and of one size."""
         converted = tuple(sparse.csc_array(matrix, dtype=np.float64) for matrix in matrices)
         object.__setattr__(self, "matrices", converted)
         for index, matrix in enumerate(converted):
@@ -216,7 +220,7 @@ class MatrixBlocks:
         return total
 
     def bilinear(self, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """y' B_e x (no conjugate): y (..., n_dofs, n_y), x (..., n_dofs, n_x) to (..., n_elements, n_y, n_x)."""
+        """Bilinear forms y' B_e x (no conjugate): y (..., n_dofs, n_y), x (..., n_dofs, n_x) to (..., n_elements, n_y, n_x)."""
         batch = x.shape[:-2]
         flat = np.moveaxis(x, -2, 0).reshape(self.n_dofs, -1)
         adjoint = np.swapaxes(y, -1, -2)

@@ -12,9 +12,9 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.dof import DIRECTIONS
-from structid.fem.elements.element import Layer, Term, shear_share
+from structid.fem.elements.element import ElementMatrixTerm, Term, shear_share
 from structid.fem.matrices.blocks import ElementMatrices
-from structid.fem.sliding import Lengthening
+from structid.fem.node_positions import LengthDependence
 
 _LAWS = {
     "mass": "inertia",
@@ -103,10 +103,12 @@ class ShearFactor(Factor):
         return shares
 
     def slope(self, values: FloatArray, place: int) -> FloatArray:
-        """See `Factor.slope`."""
+        """Derivative of the factor by the bending (`place` 0) or the shear stiffness (`place` 1) of each element; see
+        `Factor.slope`.
+        """
         bending, shear = values[self.bending], values[self.shear]
-        whole = shear + self.ratio * bending
-        common = self.ratio / whole**2 / self.nominal * self.power * (shear / whole / self.nominal) ** (self.power - 1)
+        total = shear + self.ratio * bending
+        common = self.ratio / total**2 / self.nominal * self.power * (shear / total / self.nominal) ** (self.power - 1)
         return common * (-shear, bending)[place]
 
 
@@ -139,10 +141,10 @@ class Monomial(Factor):
         return math.prod(others, start=first)
 
     def slope(self, values: FloatArray, place: int) -> FloatArray:
-        """See `Factor.slope`."""
+        """Derivative of the product by the value with index `place`, (n_elements,); see `Factor.slope`."""
         powers = self._powers(values)
-        at, reference, exponent = self._parts[place]
-        slope = exponent * (values[at] / reference) ** (exponent - 1) / reference
+        rows, reference, exponent = self._parts[place]
+        slope = exponent * (values[rows] / reference) ** (exponent - 1) / reference
         return math.prod((*powers[:place], *powers[place + 1 :]), start=slope)
 
     @property
@@ -159,28 +161,28 @@ class LengthFactor(Factor):
 
     Attributes
     ----------
-    lengthening : Lengthening
+    length_dependence : LengthDependence
     power : int
         Such as -3 of bending stiffness, 1 of mass.
     """
 
-    lengthening: Lengthening
+    length_dependence: LengthDependence
     power: int
 
     @property
     def places(self) -> tuple[Place, ...]:
         """See `Factor.places`."""
-        return self.lengthening.at
+        return self.length_dependence.at
 
     def of(self, values: FloatArray) -> FloatArray:
         """See `Factor.of`."""
-        powers: FloatArray = self.lengthening.ratio(values) ** self.power
+        powers: FloatArray = self.length_dependence.ratio(values) ** self.power
         return powers
 
     def slope(self, values: FloatArray, place: int) -> FloatArray:
         """See `Factor.slope`, 1/m."""
-        steep = self.power * self.lengthening.ratio(values) ** (self.power - 1) / self.lengthening.lengths
-        return steep * self.lengthening.slopes[place]
+        steep = self.power * self.length_dependence.ratio(values) ** (self.power - 1) / self.length_dependence.lengths
+        return steep * self.length_dependence.slopes[place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,11 +220,11 @@ class Contribution:
         return (self.value, *factor, *(() if self.scale is None else self.scale.places))
 
     def weights(self, values: FloatArray) -> FloatArray:
-        """Weight of each element, (n_elements,)."""
-        own = values[self.value]
+        """Weight of each element matrix at the property `values`, (n_elements,)."""
+        weights = values[self.value]
         if self.factor is not None:
-            own = own * values[self.factor]
-        return own if self.scale is None else own * self.scale.of(values)
+            weights = weights * values[self.factor]
+        return weights if self.scale is None else weights * self.scale.of(values)
 
     def touched(self, changing: np.ndarray) -> np.ndarray:
         """Whether each element's weight changes with the values marked in `changing` (n_values,), (n_elements,)."""
@@ -231,25 +233,25 @@ class Contribution:
         return mask if self.scale is None else mask | self.scale.touched(changing)
 
     def change(self, values: FloatArray, design: sparse.csr_array) -> sparse.csr_array:
-        """Derivative of the weights with respect to parameters that change values by `design`, (n_elements, n_params)."""
+        """Derivative of the weights by parameters that change the values by `design`, sparse (n_elements, n_params)."""
         if not self.is_product:
             return design[self.value]
-        own, factor = values[self.value], 1.0 if self.factor is None else values[self.factor]
+        value, factor = values[self.value], 1.0 if self.factor is None else values[self.factor]
         parts = [design[self.value].multiply(self.slope(values, 0)[:, None])]
         if self.factor is not None:
             parts.append(design[self.factor].multiply(self.slope(values, 1)[:, None]))
         if self.scale is not None:
-            parts.append(self.scale.change(values, design).multiply((own * factor)[:, None]))
+            parts.append(self.scale.change(values, design).multiply((value * factor)[:, None]))
         return sum_of(parts)
 
     def slope(self, values: FloatArray, place: int) -> FloatArray:
-        """Derivative of the weights with respect to the values at one of `places`, (n_elements,)."""
+        """Derivative of the weights by the values at one of `places` (its index), (n_elements,)."""
         factor = 1.0 if self.factor is None else values[self.factor]
-        own, before = values[self.value], 1 if self.factor is None else 2
+        value, before = values[self.value], 1 if self.factor is None else 2
         if self.scale is not None and place >= before:
-            return own * factor * self.scale.slope(values, place - before)
+            return value * factor * self.scale.slope(values, place - before)
         scale = 1.0 if self.scale is None else self.scale.of(values)
-        return np.full(own.shape, factor * scale) if place == 0 else own * scale
+        return np.full(value.shape, factor * scale) if place == 0 else value * scale
 
 
 def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
@@ -260,18 +262,18 @@ def sum_of(matrices: Iterable[sparse.sparray]) -> sparse.csr_array:
 
 def weighed(
     properties: Sequence[Property],
-    blocks_of: Callable[[Layer], ElementMatrices],
-    lengthenings: Mapping[str, Lengthening],
+    blocks_of: Callable[[ElementMatrixTerm], ElementMatrices],
+    length_dependences: Mapping[str, LengthDependence],
 ) -> tuple[Contribution, ...]:
-    """What every property contributes.
+    """The contributions of all properties: element matrices with the values that weigh them, one for each matrix term.
 
     Parameters
     ----------
     properties : sequence of Property
     blocks_of : callable
-        The matrices of a layer on free degrees of freedom.
-    lengthenings : mapping of str to Lengthening
-        Of element sets with ends that slide.
+        The matrices of a matrix term on free degrees of freedom.
+    length_dependences : mapping of str to LengthDependence
+        Change of lengths of the element sets with an end at a node of variable position, by name.
     """
     found: list[Contribution] = []
     elastic: dict[str, list[Contribution]] = {}
@@ -279,12 +281,14 @@ def weighed(
     for item in properties:
         if item.term.kind == "loss_factor":
             found += [replace(part, law="structural", factor=item.values) for part in elastic.get(item.element, [])]
-        for layer in item.term.layers:
-            law = layer.law or (f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind])
-            if id(layer) not in blocks:
-                blocks[id(layer)] = blocks_of(layer)
-            scale = _scale(properties, item.element, layer, lengthenings)
-            found.append(Contribution(law, blocks[id(layer)], item.values, scale=scale))
+        for matrix_term in item.term.matrix_terms:
+            law = matrix_term.law or (
+                f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind]
+            )
+            if id(matrix_term) not in blocks:
+                blocks[id(matrix_term)] = blocks_of(matrix_term)
+            scale = _factor_of(properties, item.element, matrix_term, length_dependences)
+            found.append(Contribution(law, blocks[id(matrix_term)], item.values, scale=scale))
             if law == "elastic" and item.term.kind != "axial_force":  # a force has no loss
                 elastic.setdefault(item.element, []).append(found[-1])
     return tuple(found)
@@ -294,56 +298,62 @@ def rigid_mass(
     properties: Sequence[Property],
     values: FloatArray,
     directions: Sequence[str],
-    lengthenings: Mapping[str, Lengthening],
+    length_dependences: Mapping[str, LengthDependence],
 ) -> tuple[float, FloatArray]:
-    """Mass that takes part in rigid motion along the first of `directions` that has any, and its derivative with respect to every
-    value; see `Structure.mass_of`.
+    """Mass in kg in rigid motion along the first of `directions` that has any, and its derivative by every value, (n_values,).
+
+    See `Structure.mass_of`.
     """
     total, gradient = 0.0, np.zeros(len(values))
-    pairs = [(item, layer) for item in properties for layer in item.term.layers]
+    pairs = [(item, matrix_term) for item in properties for matrix_term in item.term.matrix_terms]
     masses = [
-        (i, layer) for i, layer in pairs if (i.term.kind == "mass" or layer.law == "inertia") and not layer.reduced
+        (i, matrix_term)
+        for i, matrix_term in pairs
+        if (i.term.kind == "mass" or matrix_term.law == "inertia") and not matrix_term.reduced
     ]
     for direction in directions:
-        for item, layer in masses:
-            unit = _rigid(layer, DIRECTIONS.index(direction))
-            scale = _scale(properties, item.element, layer, lengthenings)
+        for item, matrix_term in masses:
+            unit = _rigid_motion_mass(matrix_term, DIRECTIONS.index(direction))
+            scale = _factor_of(properties, item.element, matrix_term, length_dependences)
             factor = 1.0 if scale is None else scale.of(values)
             gradient[item.values] += unit * factor
             total += float(unit * factor @ values[item.values])
             if scale is not None:
-                for number, place in enumerate(scale.places):
-                    rows = np.arange(len(values))[place]
+                for number, rows_of in enumerate(scale.places):
+                    rows = np.arange(len(values))[rows_of]
                     np.add.at(gradient, rows, unit * values[item.values] * scale.slope(values, number))
         if gradient.any():
             break
     return total, gradient
 
 
-def _scale(
-    properties: Sequence[Property], element: str, layer: Layer, lengthenings: Mapping[str, Lengthening]
+def _factor_of(
+    properties: Sequence[Property],
+    element: str,
+    matrix_term: ElementMatrixTerm,
+    length_dependences: Mapping[str, LengthDependence],
 ) -> Factor | None:
-    """What multiplies the weights of a layer of `element` that goes with a thickness, a length or powers, or that shears."""
-    if layer.stretch:
-        return LengthFactor(lengthenings[element], layer.stretch)
-    if layer.shear is not None:
-        own = {p.term.property: p for p in properties if p.element == element}
-        bending, shear = own[layer.shear.bending], own[layer.shear.shear]
-        share = shear_share(bending.term.values, shear.term.values, layer.shear.ratio)
-        return ShearFactor(bending.values, shear.values, layer.shear.ratio, share, layer.shear.power)
-    if layer.powers:
-        own = {p.term.property: p for p in properties if p.element == element}
-        parts = [(own[power.property].values, power.reference, power.exponent) for power in layer.powers]
+    """The factor on the weights of a matrix term that depends on thickness, length, powers of values or shear; None for 1."""
+    if matrix_term.length_power:
+        return LengthFactor(length_dependences[element], matrix_term.length_power)
+    if matrix_term.shear is not None:
+        of_element = {p.term.property: p for p in properties if p.element == element}
+        bending, shear = of_element[matrix_term.shear.bending], of_element[matrix_term.shear.shear]
+        ratio = shear_share(bending.term.values, shear.term.values, matrix_term.shear.ratio)
+        return ShearFactor(bending.values, shear.values, matrix_term.shear.ratio, ratio, matrix_term.shear.power)
+    if matrix_term.powers:
+        of_element = {p.term.property: p for p in properties if p.element == element}
+        parts = [(of_element[power.property].values, power.reference, power.exponent) for power in matrix_term.powers]
         return Monomial(*zip(*parts, strict=True))
-    if layer.power == 0:
+    if matrix_term.power == 0:
         return None
-    found = next(p for p in properties if p.element == element and p.term.kind == "thickness")
-    return Monomial((found.values,), (found.term.values,), (layer.power,))
+    thickness = next(p for p in properties if p.element == element and p.term.kind == "thickness")
+    return Monomial((thickness.values,), (thickness.term.values,), (matrix_term.power,))
 
 
-def _rigid(layer: Layer, axis: int) -> FloatArray:
-    """r' B_e r for rigid motion along `axis`, (n_elements,)."""
-    motion = ((layer.codes >= 0) & (layer.codes % 6 == axis)).astype(np.float64)
-    if layer.whole is not None:
-        return np.array([motion[0] @ (layer.whole @ motion[0])])
-    return np.einsum("ei,eij,ej->e", motion, layer.local, motion)
+def _rigid_motion_mass(matrix_term: ElementMatrixTerm, axis: int) -> FloatArray:
+    """r' B_e r for rigid translation r along `axis`, (n_elements,)."""
+    motion = ((matrix_term.codes >= 0) & (matrix_term.codes % 6 == axis)).astype(np.float64)
+    if matrix_term.whole is not None:
+        return np.array([motion[0] @ (matrix_term.whole @ motion[0])])
+    return np.einsum("ei,eij,ej->e", motion, matrix_term.local, motion)

@@ -46,7 +46,7 @@ __all__ = [
 
 
 def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -> Mesh:
-    """The mesh of a file, with its own node numbers and named groups, and what the file has beside its cells.
+    """The mesh of the file at `path` in m, with its node numbers, named groups, and the parts beside its cells.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def read_mesh(path: str | Path, length_unit: str = "m", force_unit: str = "N") -
     length_unit : {"m", "cm", "mm", "um", "in", "ft"}
         Unit of the coordinates in the file; those of the mesh are in m.
     force_unit : {"N", "mN", "kN", "lbf", "kip"}
-        With the length and s it gives the units of masses and springs of the file: in mm and N masses are in tonnes.
+        It gives, with the length and s, the units of masses and springs in the file: with mm and N, masses are in tonnes.
 
     Returns
     -------

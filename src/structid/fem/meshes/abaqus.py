@@ -57,13 +57,14 @@ def read(path: Path, units: DeckUnits) -> Mesh:
         If it has several parts with the same numbers and no instances, or keywords that make nodes by rule.
     """
     assembly = _Reader(path).read()
-    return _mesh(path, assembly, units)
+    return _make_mesh(path, assembly, units)
 
 
 class _Reader:
     """Parts, instances and the assembly of a file, one keyword after another."""
 
     def __init__(self, path: Path) -> None:
+        """A reader of the input file at `path` that has read nothing yet."""
         self._path = path
         self._root, self._parts = Scope(), dict[str, Scope]()
         self._assembly = Assembly([])
@@ -72,20 +73,22 @@ class _Reader:
         self._owners: dict[str, str] = {}
 
     def read(self) -> Assembly:
+        """Read all keywords of the file and return the assembly of its instances."""
         for block in keyword_blocks(self._path):
             if block.keyword in _REFUSED:
                 raise FileError(
                     f"{self._path}, line {block.line}: *{block.keyword} is not read; write the mesh with all nodes and elements"
                 )
             try:
-                self._take(block)
+                self._take_keyword(block)
             except (ValueError, KeyError) as error:
                 raise FileError(
                     f"{self._path}, line {block.line}: cannot read the lines of *{block.keyword} ({error}); export it again"
                 ) from error
-        return self._whole()
+        return self._finish()
 
-    def _take(self, block: KeywordBlock) -> None:
+    def _take_keyword(self, block: KeywordBlock) -> None:
+        """Take up one keyword: enter or leave a part, an instance or the assembly, or add its data to the current one."""
         own, name = self._assembly.own, block.options.get("NAME", "")
         if block.keyword == "PART":
             self._scope = self._parts.setdefault(name.upper(), Scope(name))
@@ -104,6 +107,7 @@ class _Reader:
             self._scope.take(block, _node_counts(block))
 
     def _begin_instance(self, block: KeywordBlock, name: str) -> None:
+        """Enter an instance called `name`, with a copy of the mesh of its part."""
         if "LIBRARY" in block.options or "INSTANCE" in block.options:
             raise ValueError("it is imported from another analysis; write its mesh into the file")
         part = block.options.get("PART", "")
@@ -114,8 +118,8 @@ class _Reader:
         self._scope, self._placing = instance, block.rows
         self._owners[name.upper()] = part or name
 
-    def _whole(self) -> Assembly:
-        """The assembly; a flat file, or parts without instances, as one instance without a name."""
+    def _finish(self) -> Assembly:
+        """The assembly when all keywords were read; a flat file, or parts without instances, become one unnamed instance."""
         if not self._assembly.scopes:
             for part in self._parts.values():
                 for field in ("nodes", "elements"):
@@ -146,17 +150,18 @@ def _node_counts(block: KeywordBlock) -> Mapping[str, int]:
 
 
 def _kind(name: str) -> tuple[str, int]:
-    """Cell type and number of nodes of an Abaqus element type; the type itself and 0 where it is none of ours."""
+    """Cell type and number of nodes of an Abaqus element type; the type itself and 0 if structid does not know it."""
     for pattern, kind, count in _KINDS:
         if re.fullmatch(rf"{pattern}[A-Z]*5?", name.upper()):
             return kind, count
     return name, 0
 
 
-def _mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
-    every = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
+def _make_mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
+    """The mesh of an assembly: nodes, cells, groups, other parts and displacement axes, in SI units."""
+    scopes = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
     tables: dict[tuple[str, int, bool], dict[int, list[int]]] = {}
-    for scope in every:
+    for scope in scopes:
         for name, table in scope.elements.items():
             if scope is assembly.own and is_part(name):
                 continue  # masses and springs of the assembly do not make a node one of the mesh
@@ -171,13 +176,13 @@ def _mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
                 key = (kind, len(nodes), is_part(name))
                 tables.setdefault(key, {})[label + assembly.shift(scope)] = nodes
     blocks, rows_of = [], []
-    for (kind, width, beside), nodes_by_label in tables.items():
+    for (kind, width, is_beside), nodes_by_label in tables.items():
         rows = np.array(list(nodes_by_label.values()), dtype=np.int64).reshape(len(nodes_by_label), width)
-        blocks.append(CellBlock(kind, rows[:, list(_ORDERS.get(kind, range(width)))], beside))
+        blocks.append(CellBlock(kind, rows[:, list(_ORDERS.get(kind, range(width)))], is_beside))
         rows_of.append({label: row for row, label in enumerate(nodes_by_label)})
-    labels, positions = _nodes(assembly, blocks, units.length)
+    labels, positions = _mesh_nodes(assembly, blocks, units.length)
     nodes_of = dict(zip(labels.tolist(), positions, strict=True))
-    points = _points(assembly, units.length)
+    points = _reference_points(assembly, units.length)
     axes = displacement_axes(path, assembly, nodes_of | points)
     parts = read_parts(path, assembly, nodes_of | points, axes, units, Surfaces(assembly, _kind))
     parts += SectionOffsets(assembly, blocks, rows_of, nodes_of | points, units.length).parts()
@@ -196,8 +201,8 @@ def _mesh(path: Path, assembly: Assembly, units: DeckUnits) -> Mesh:
     )
 
 
-def _nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) -> tuple[IntArray, FloatArray]:
-    """Labels and positions of the nodes of instances, and of those of the assembly itself that cells use."""
+def _mesh_nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) -> tuple[IntArray, FloatArray]:
+    """Labels (n,) and positions in m (n, 3) of the nodes of instances, and of those nodes of the assembly that cells use."""
     labels: list[int] = []
     positions: list[list[float]] = []
     for scope in assembly.scopes:
@@ -212,8 +217,8 @@ def _nodes(assembly: Assembly, blocks: Iterable[CellBlock], factor: float) -> tu
     return np.array(labels, dtype=np.int64), factor * np.array(positions, dtype=np.float64)
 
 
-def _points(assembly: Assembly, factor: float) -> dict[int, FloatArray]:
-    """Positions of the nodes of the assembly itself: reference points."""
+def _reference_points(assembly: Assembly, factor: float) -> dict[int, FloatArray]:
+    """Positions in m of the nodes of the assembly itself (reference points), by label."""
     own = assembly.own
     if own is None:
         return {}
@@ -222,18 +227,23 @@ def _points(assembly: Assembly, factor: float) -> dict[int, FloatArray]:
 
 def _cell_groups(assembly: Assembly, rows_of: list[dict[int, int]]) -> dict[str, tuple[IntArray, ...]]:
     """Rows of each element set in each block."""
-    return {name: tuple(_rows(members, rows) for rows in rows_of) for name, members in _sets(assembly, False).items()}
+    return {
+        name: tuple(_rows_of_members(members, rows) for rows in rows_of)
+        for name, members in _members_of_sets(assembly, False).items()
+    }
 
 
 def _node_groups(assembly: Assembly) -> dict[str, IntArray]:
-    return {name: np.array(sorted(members), dtype=np.int64) for name, members in _sets(assembly, True).items()}
+    return {
+        name: np.array(sorted(members), dtype=np.int64) for name, members in _members_of_sets(assembly, True).items()
+    }
 
 
-def _sets(assembly: Assembly, is_nodes: bool) -> dict[str, set[int]]:
-    """Members of each set by its name.
+def _members_of_sets(assembly: Assembly, is_nodes: bool) -> dict[str, set[int]]:
+    """Members (labels) of each node or element set, by its name.
 
-    A set of an instance is INSTANCE.SET where there are several or the assembly has one of its name (of a single instance
-    PART.SET too); the bare name is then the set of the assembly, or that of all instances together.
+    A set of an instance is INSTANCE.SET where there are several instances or the assembly has one of its name (of a
+    single instance PART.SET too); the bare name is then the set of the assembly, or that of all instances together.
     """
     shared = assembly.node_sets if is_nodes else assembly.cell_sets
     sets: dict[str, set[int]] = {}
@@ -259,16 +269,17 @@ def _sets(assembly: Assembly, is_nodes: bool) -> dict[str, set[int]]:
     return {name: members for name, members in sets.items() if name}
 
 
-def _rows(members: set[int], rows: dict[int, int]) -> IntArray:
+def _rows_of_members(members: set[int], rows: dict[int, int]) -> IntArray:
     return np.array(sorted(rows[label] for label in members if label in rows), dtype=np.int64)
 
 
 def _notes(assembly: Assembly, axes: Mapping[int, FloatArray]) -> tuple[str, ...]:
+    """Sentences on what was changed or not read: supports, overlong lines, shifted numbers, turned directions."""
     notes = []
-    every = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
-    if any(block.keyword == "BOUNDARY" for scope in every for block in scope.blocks):
+    scopes = [*assembly.scopes, *([assembly.own] if assembly.own is not None else [])]
+    if any(block.keyword == "BOUNDARY" for scope in scopes for block in scope.blocks):
         notes.append("its *BOUNDARY is not read: supports are those of the study")
-    overlong = sorted({kind for scope in every for kind in scope.overlong})
+    overlong = sorted({kind for scope in scopes for kind in scope.overlong})
     if overlong:
         notes.append(
             f"lines of {', '.join(overlong)} name more nodes than it has: the first are taken, as CalculiX does"

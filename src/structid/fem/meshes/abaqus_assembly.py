@@ -54,7 +54,7 @@ class Scope:
     overlong: set[str] = field(default_factory=set)
 
     def take(self, block: KeywordBlock, counts: Mapping[str, int]) -> None:
-        """Take up a keyword; `counts` are the numbers of nodes of the element types with several lines a cell."""
+        """Take up a keyword; `counts` maps element types whose data fill several lines to their numbers of nodes."""
         options, rows = block.options, block.rows
         if block.keyword == "NODE":
             self._take_nodes(options, rows)
@@ -76,22 +76,23 @@ class Scope:
             if block.keyword == "NSET" and options.get("ELSET"):
                 members.update(self.nodes_of_cells(self.cell_sets[options["ELSET"].upper()]))
         elif block.keyword == "SYSTEM":
-            self.system = _system(rows)
+            self.system = _read_system(rows)
         else:
             self.blocks.append(block)
 
     def _take_nodes(self, options: dict[str, str], rows: list[list[str]]) -> None:
+        """Take up the data lines of a *NODE, in the current coordinate system."""
         labels = [int(row[0]) for row in rows]
         for label in labels:
             if label in self.nodes:
                 raise ValueError(f"node {label} stands twice, as it does where a file has several parts")
-        given = np.array([[float(x or 0) for x in (*row[1:4], "0", "0", "0")[:3]] for row in rows]).reshape(-1, 3)
+        coordinates = np.array([[float(x or 0) for x in (*row[1:4], "0", "0", "0")[:3]] for row in rows]).reshape(-1, 3)
         form = options.get("SYSTEM", "R").upper()[:1]
         if form not in ("R", "C"):
             raise ValueError(
                 f"coordinates of SYSTEM={options['SYSTEM']} are not read; write the nodes in rectangular ones"
             )
-        positions = rectangular(form, given)
+        positions = rectangular(form, coordinates)
         if self.system is not None:
             positions = self.system.to_basic(positions)
         repeated = len(labels) - len(set(labels))
@@ -107,7 +108,7 @@ class Scope:
         return sets.setdefault(name.upper(), set())
 
     def members(self, row: list[str], generate: bool, sets: Sets) -> set[int]:
-        """Labels of one data line of a set."""
+        """Labels on one data line of a set: numbers, names of other `sets`, or a range if `generate`."""
         if generate:
             first, last, step = ([int(word) for word in row if word] + [1])[:3]
             if (last - first) // step > _MOST_MEMBERS:
@@ -143,7 +144,7 @@ class Scope:
         )
 
     def move(self, rows: list[list[str]]) -> None:
-        """Move the nodes to where the instance is: a shift, then a turn about a line."""
+        """Move the nodes to the place of the instance: by a shift, then by a rotation about a line."""
         numbers = [[float(word) for word in row if word] for row in rows if any(row)]
         if not numbers or not self.nodes:
             return
@@ -152,13 +153,13 @@ class Scope:
             if len(numbers[1]) != 7:
                 raise ValueError("an instance is turned by two points and an angle")
             start, end, degrees = np.array(numbers[1][:3]), np.array(numbers[1][3:6]), numbers[1][6]
-            self.turn = _rotation(end - start, degrees)
+            self.turn = _rotation_matrix(end - start, degrees)
             positions = start + (positions - start) @ self.turn.T
         self.nodes = dict(zip(self.nodes, positions.tolist(), strict=True))
 
 
-def _system(rows: list[list[str]]) -> CoordinateSystem | None:
-    """The system of a *SYSTEM; None where it ends one."""
+def _read_system(rows: list[list[str]]) -> CoordinateSystem | None:
+    """The coordinate system of a *SYSTEM keyword; None if it ends one."""
     lines = [[float(word or 0) for word in row] for row in rows if any(row)]
     if not lines:
         return None
@@ -176,8 +177,8 @@ def _system(rows: list[list[str]]) -> CoordinateSystem | None:
     return CoordinateSystem("R", origin, axes)
 
 
-def _rotation(axis: FloatArray, degrees: float) -> FloatArray:
-    """The rotation about `axis` (Rodrigues)."""
+def _rotation_matrix(axis: FloatArray, degrees: float) -> FloatArray:
+    """Rotation matrix (3, 3) about `axis` (3,) by an angle in degrees (Rodrigues)."""
     if not np.linalg.norm(axis):
         raise ValueError("the two points of the axis of rotation are one")
     x, y, z = axis / np.linalg.norm(axis)
@@ -188,7 +189,7 @@ def _rotation(axis: FloatArray, degrees: float) -> FloatArray:
 
 
 def element_rows(rows: list[list[str]], count: int) -> tuple[dict[int, list[str]], bool]:
-    """Nodes by element label, in words, and whether lines have more nodes than the element, as CalculiX lets pass.
+    """Nodes (as words) of each element by label, and True if lines have more nodes than the element (CalculiX accepts that).
 
     With `count` nodes an element, or lines that end in a comma, its data run over several lines.
     """
@@ -238,21 +239,21 @@ class Assembly:
     owners: dict[str, str] = field(default_factory=dict)
 
     def number(self) -> None:
-        """Give each instance a shift of its labels: 0 where they do not repeat, else its number times a power of ten."""
-        every = [*self.scopes, *([self.own] if self.own is not None else [])]
-        labels = [_labels(scope) for scope in every]
+        """Give each instance a shift of its labels: 0 if they do not repeat, else its index times a power of ten."""
+        scopes = [*self.scopes, *([self.own] if self.own is not None else [])]
+        labels = [_labels(scope) for scope in scopes]
         highest = max((max(pair[k], default=0) for pair in labels for k in (0, 1)), default=0)
         step = 10 ** len(str(highest))
-        taken: tuple[set[int], set[int]] = (set(), set())
-        for index, (scope, pair) in enumerate(zip(every, labels, strict=True)):
-            repeats = bool(taken[0] & pair[0] or taken[1] & pair[1])
+        used: tuple[set[int], set[int]] = (set(), set())
+        for index, (scope, pair) in enumerate(zip(scopes, labels, strict=True)):
+            repeats = bool(used[0] & pair[0] or used[1] & pair[1])
             self.shifts[scope.name.upper()] = index * step if repeats else 0
             shift = self.shifts[scope.name.upper()]
-            for known, new in zip(taken, pair, strict=True):
-                known.update(label + shift for label in new)
+            for labels_used, new in zip(used, pair, strict=True):
+                labels_used.update(label + shift for label in new)
 
     def scope(self, name: str) -> Scope:
-        """The instance of a name in any case."""
+        """The instance called `name`, in any case."""
         for scope in self.scopes:
             if scope.name.upper() == name.upper():
                 return scope
@@ -267,7 +268,7 @@ class Assembly:
         return int(label) + self.shift(self.scope(owner) if dot else scope)
 
     def nodes(self, scope: Scope, word: str) -> list[int]:
-        """Labels in the mesh of a node or a node set that a scope names, in order."""
+        """Labels in the mesh of the node or node set called `word` in a scope, in order."""
         if _NUMBER.fullmatch(word.strip('"').rpartition(".")[2]):
             return [self.node(scope, word)]
         key = word.strip('"').upper()
@@ -299,10 +300,11 @@ class Assembly:
                     members.setdefault(target.name.upper(), set()).update(labels)
                     continue
             for word in filter(None, row):
-                for owner, labels in self._named(word, is_nodes).items():
+                for owner, labels in self._members_of_name(word, is_nodes).items():
                     members.setdefault(owner, set()).update(labels)
 
-    def _named(self, word: str, is_nodes: bool) -> dict[str, set[int]]:
+    def _members_of_name(self, word: str, is_nodes: bool) -> dict[str, set[int]]:
+        """Labels that `word` stands for, by instance: a set of the assembly, INSTANCE.SET or INSTANCE.LABEL."""
         assert self.own is not None
         every = self.node_sets if is_nodes else self.cell_sets
         key = word.strip('"').upper()

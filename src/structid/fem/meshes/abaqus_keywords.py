@@ -37,7 +37,7 @@ class KeywordBlock:
 
 
 def keyword_blocks(path: Path) -> Iterator[KeywordBlock]:
-    """Every keyword with its data lines; included files stand in the place of *INCLUDE, data files in that of INPUT=.
+    """Every keyword of the input file with its data lines, included files (*INCLUDE) and data files (INPUT=) read too.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def keyword_blocks(path: Path) -> Iterator[KeywordBlock]:
         If an included file cannot be read.
     """
     block: KeywordBlock | None = None
-    for number, text in _lines(path, path.parent, 0):
+    for number, text in _read_lines(path, path.parent, 0):
         words = [word.strip() for word in text.split(",")]
         if text.startswith("*"):
             if block is not None:
@@ -53,7 +53,7 @@ def keyword_blocks(path: Path) -> Iterator[KeywordBlock]:
             keyword = " ".join(words[0][1:].upper().split())
             block = KeywordBlock(number, keyword, keyword_options(words[1:]), [])
             if keyword in _WITH_INPUT and block.options.get("INPUT"):
-                included = _included(path, path.parent, number, block.options, 0)
+                included = _included_lines(path, path.parent, number, block.options, 0)
                 block.rows.extend([word.strip() for word in line.split(",")] for _, line in included)
         elif block is not None:
             block.rows.append(words)
@@ -67,8 +67,8 @@ def keyword_options(words: list[str]) -> dict[str, str]:
     return {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
 
 
-def _lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]:
-    """Lines without comments and blank ones; keyword lines that go on behind a comma are joined."""
+def _read_lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]:
+    """Line number and text of each line that is no comment or blank; continued keyword lines are joined."""
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
     number, pending = 0, ""
@@ -83,19 +83,21 @@ def _lines(path: Path, root: Path, depth: int) -> Iterator[tuple[int, str]]:
             if text.startswith("*") and text.endswith(","):
                 pending = text
             elif name.replace(" ", "").upper() == "*INCLUDE":
-                yield from _included(path, root, number, keyword_options(options), depth)
+                yield from _included_lines(path, root, number, keyword_options(options), depth)
             else:
                 yield number, text
     if pending:
         yield number, pending
 
 
-def _included(path: Path, root: Path, number: int, options: dict[str, str], depth: int) -> Iterator[tuple[int, str]]:
-    """The lines of an included file, found from the folder of the job as the solver has it, else from that of the file."""
+def _included_lines(
+    path: Path, root: Path, number: int, options: dict[str, str], depth: int
+) -> Iterator[tuple[int, str]]:
+    """The lines of an included file, looked for in the folder of the job, then in that of the including file."""
     name = options.get("INPUT", "").replace("\\", "/")
     try:
         folder = next((folder for folder in (root, path.parent) if (folder / name).is_file()), root)
         included = require_readable(folder / name)
     except FileError as error:
         raise FileError(f"{path}, line {number}: the included file cannot be read ({error})") from error
-    yield from _lines(included, root, depth + 1)
+    yield from _read_lines(included, root, depth + 1)

@@ -113,14 +113,16 @@ class _Deck:
         return [*self.assembly.scopes, *([own] if own is not None else [])]
 
     def blocks(self, *keywords: str) -> Iterator[tuple[Scope, KeywordBlock]]:
-        """Keywords of some names with what they stand in."""
+        """Every block with one of the `keywords`, with the scope that it stands in."""
         for scope in self.scopes:
             for block in scope.blocks:
                 if block.keyword in keywords:
                     yield scope, block
 
     def read(self, keyword: str, reader: Callable[[_Deck, Scope, KeywordBlock], Items]) -> list[DeckPart]:
-        """The parts that a reader makes of the blocks of a keyword; what it cannot read is one with that obstacle."""
+        """The parts that `reader` makes of the blocks of a keyword; blocks that it cannot read become one part with that
+        obstacle.
+        """
         items: Items = []
         for scope, block in self.blocks(keyword):
             try:
@@ -130,9 +132,9 @@ class _Deck:
         return split_by_obstacle(keyword, items)
 
     def elements_of(self, scope: Scope, name: str, kinds: Sequence[str]) -> list[tuple[str, list[int]]]:
-        """Type and nodes of the elements of a set that are of some types."""
-        own = scope is self.assembly.own
-        by_owner = self.assembly.cell_sets.get(name.upper(), {}) if own else {}
+        """Type and nodes of the elements in the set `name` that are of one of the types `kinds`."""
+        is_assembly = scope is self.assembly.own
+        by_owner = self.assembly.cell_sets.get(name.upper(), {}) if is_assembly else {}
         members = dict(by_owner)
         if name.upper() in scope.cell_sets:
             members[scope.name.upper()] = members.get(scope.name.upper(), set()) | scope.cell_sets[name.upper()]
@@ -149,7 +151,7 @@ class _Deck:
 
 
 def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
-    """Directions of motion as rows, (3, 3), of the nodes that *TRANSFORM turns.
+    """Directions of motion (rows, (3, 3)) of each node that a *TRANSFORM turns, by label.
 
     Raises
     ------
@@ -175,20 +177,23 @@ def displacement_axes(path: Path, assembly: Assembly, positions: Mapping[int, Fl
 
 
 def _axes_at(form: str, a: FloatArray, b: FloatArray, position: FloatArray) -> FloatArray:
-    """Directions at a node as rows: R by points on x and in x-y, C by two on the axis, S by the centre and the pole."""
+    """Directions (rows, (3, 3)) of a *TRANSFORM at a node.
+
+    `form` R: points `a` on x and `b` in x-y; C: `a` and `b` on the axis; S: centre `a` and pole `b`.
+    """
     if form == "R":
-        made = axes_of_points(np.zeros(3), np.cross(a, b), a)
+        directions = axes_of_points(np.zeros(3), np.cross(a, b), a)
     elif form == "C":
         reference = np.eye(3)[int(np.argmin(abs(b - a)))]
         axes = axes_of_points(a, b, a + reference)
-        made = None if axes is None else CoordinateSystem("C", a, axes).directions_at(position)[0]
+        directions = None if axes is None else CoordinateSystem("C", a, axes).directions_at(position)[0]
     else:
         radial, pole = position - a, b - a
         up = pole - radial * (float(pole @ radial) / max(float(radial @ radial), 1e-300))
-        made = axes_of_points(np.zeros(3), up, radial)
-    if made is None:
+        directions = axes_of_points(np.zeros(3), up, radial)
+    if directions is None:
         raise ValueError("the points of the system lie on a line")
-    return made
+    return directions
 
 
 def read_parts(
@@ -199,7 +204,7 @@ def read_parts(
     units: DeckUnits,
     surfaces: Surfaces,
 ) -> list[DeckPart]:
-    """The parts of an input file beside its cells: those that structid has elements for, and the others with the reason.
+    """The parts of an input file beside its cells: those that structid has elements for, and others with the obstacle.
 
     Raises
     ------
@@ -208,16 +213,16 @@ def read_parts(
     """
     deck = _Deck(path, assembly, positions, axes, units, surfaces)
     parts = [
-        *deck.read("MASS", _point_masses),
-        *deck.read("ROTARY INERTIA", _rotary_inertias),
-        *deck.read("SPRING", _springs),
-        *deck.read("DASHPOT", _springs),
-        *deck.read("EQUATION", _equations),
-        *deck.read("MPC", _multi_point),
-        *deck.read("RIGID BODY", _rigid_body),
-        *deck.read("KINEMATIC COUPLING", _kinematic_coupling),
-        *deck.read("COUPLING", _coupling),
-        *deck.read("TIE", _tie),
+        *deck.read("MASS", _read_point_masses),
+        *deck.read("ROTARY INERTIA", _read_rotary_inertias),
+        *deck.read("SPRING", _read_springs),
+        *deck.read("DASHPOT", _read_springs),
+        *deck.read("EQUATION", _read_equations),
+        *deck.read("MPC", _read_multi_point),
+        *deck.read("RIGID BODY", _read_rigid_body),
+        *deck.read("KINEMATIC COUPLING", _read_kinematic_coupling),
+        *deck.read("COUPLING", _read_coupling),
+        *deck.read("TIE", _read_surface_tie),
     ]
     for keyword, why in _UNREAD.items():
         count = sum(1 for _ in deck.blocks(keyword))
@@ -231,7 +236,8 @@ def read_parts(
     return [*parts, *(DeckPart(kind, count, obstacle="no element for it") for kind, count in counts.items())]
 
 
-def _point_masses(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_point_masses(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Parts of a *MASS block: one point mass for each element of its set."""
     name = block.options.get("ELSET", "")
     values = [float(word) for word in block.rows[0] if word]
     mass = deck.units.mass * values[0]
@@ -241,7 +247,8 @@ def _point_masses(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
     return [(obstacle, DeckPart("MASS", 1, mass, (NodalMass(node, matrix, name),))) for node in nodes]
 
 
-def _rotary_inertias(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+def _read_rotary_inertias(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Parts of a *ROTARY INERTIA block: one inertia for each element of its set, turned with the instance."""
     name = block.options.get("ELSET", "")
     values = [deck.units.inertia * float(word) for word in block.rows[0] if word]
     xx, yy, zz, xy, xz, yz = [*values, *[0.0] * 6][:6]
@@ -253,8 +260,8 @@ def _rotary_inertias(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
     return [(obstacle, DeckPart("ROTARY INERTIA", 1, masses=(NodalMass(node, turned, name),))) for node in nodes]
 
 
-def _springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Springs or dashpots: of one node to the ground (1), between two degrees of freedom (2), along their line (A)."""
+def _read_springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Parts of a *SPRING or *DASHPOT block: of one node to the ground (1), between two degrees of freedom (2), along a line (A)."""
     name = block.options.get("ELSET", "")
     rows = [row for row in block.rows if any(row)]
     obstacle = "it is nonlinear" if "NONLINEAR" in block.options else ""
@@ -273,7 +280,7 @@ def _springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 def _spring_weights(
     deck: _Deck, scope: Scope, kind: str, nodes: Sequence[int], row: Sequence[str]
 ) -> tuple[dict[tuple[int, str], float], str, bool]:
-    """What a spring works on, what hinders, and whether it turns."""
+    """Weights of displacements by (node, direction) on which a spring acts, an obstacle or "", and True if it is rotational."""
     if kind.endswith("A"):
         along = deck.positions[nodes[1]] - deck.positions[nodes[0]]
         length = float(np.linalg.norm(along))
@@ -297,8 +304,8 @@ def _spring_weights(
 Ties = list[RigidLink | Constraint]
 
 
-def _equations(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Linear equations; the first term is the dependent one."""
+def _read_equations(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Parts of an *EQUATION block; the first term of each linear equation is the dependent one."""
     items: Items = []
     rows = [[word for word in row if word] for row in block.rows if any(row)]
     while rows:
@@ -307,12 +314,12 @@ def _equations(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
             words += rows.pop(0)
         if len(words) < 3 * count:
             raise ValueError(f"an equation of {count} terms has {len(words) // 3}")
-        items += _equation(deck, scope, [words[3 * k : 3 * k + 3] for k in range(count)])
+        items += _make_equation(deck, scope, [words[3 * k : 3 * k + 3] for k in range(count)])
     return items
 
 
-def _equation(deck: _Deck, scope: Scope, terms: Sequence[Sequence[str]]) -> Items:
-    """One equation, or one for each node of the sets that it names."""
+def _make_equation(deck: _Deck, scope: Scope, terms: Sequence[Sequence[str]]) -> Items:
+    """Parts of one equation, or of one for each node of the sets that its terms (node, component, factor) name."""
     if np.abs(scope.turn - np.eye(3)).max() > 1e-12:
         return [(_TURNED, DeckPart("EQUATION", 1))]
     nodes = [deck.assembly.nodes(scope, term[0]) for term in terms]
@@ -338,8 +345,8 @@ def _equation(deck: _Deck, scope: Scope, terms: Sequence[Sequence[str]]) -> Item
     return items
 
 
-def _multi_point(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """*MPC of type BEAM, TIE and PIN; the first node is the dependent one."""
+def _read_multi_point(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Parts of an *MPC block of type BEAM, TIE or PIN; the first node is the dependent one."""
     items: Items = []
     for row in block.rows:
         words = [word for word in row if word]
@@ -352,11 +359,12 @@ def _multi_point(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
         dependents, mains = deck.assembly.nodes(scope, words[1]), deck.assembly.nodes(scope, words[2])
         mains = mains * len(dependents) if len(mains) == 1 else mains
         for dependent, main in zip(dependents, mains, strict=True):
-            items.append(("", DeckPart("MPC", 1, ties=tuple(_joined(kind, main, dependent)))))
+            items.append(("", DeckPart("MPC", 1, ties=tuple(_make_ties(kind, main, dependent)))))
     return items
 
 
-def _joined(kind: str, main: int, dependent: int) -> Ties:
+def _make_ties(kind: str, main: int, dependent: int) -> Ties:
+    """Ties of a dependent node to a main node: rigid (BEAM), all directions (TIE) or translations (PIN)."""
     name = f"mpc {kind.lower()} {dependent}"
     if kind == "BEAM":
         return [RigidLink(name, main, [dependent])]
@@ -364,8 +372,8 @@ def _joined(kind: str, main: int, dependent: int) -> Ties:
     return [Constraint(name, Dof(dependent, d), [(Dof(main, d), 1.0)]) for d in directions]
 
 
-def _rigid_body(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Nodes of sets that move with a reference node."""
+def _read_rigid_body(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Parts of a *RIGID BODY block: nodes of its sets move with the reference node."""
     options = block.options
     if options.get("ROT NODE") or "ANALYTICAL SURFACE" in options:
         return [("it turns with a node of its own (ROT NODE) or is a surface", DeckPart("RIGID BODY", 1))]
@@ -387,46 +395,49 @@ def _named_nodes(deck: _Deck, scope: Scope, name: str) -> list[int]:
 
 
 def _nodes_of_elements(deck: _Deck, scope: Scope, name: str) -> list[int]:
+    """Labels of the nodes of all elements in the set `name`, sorted; empty without a name."""
     if not name:
         return []
     kinds = sorted({kind for holder in deck.scopes for kind in holder.elements})
     return sorted({node for _, nodes in deck.elements_of(scope, name, kinds) for node in nodes})
 
 
-def _kinematic_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """Nodes that follow a reference node in a range of components."""
+def _read_kinematic_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Parts of a *KINEMATIC COUPLING block: nodes that follow a reference node in some components."""
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
     items: Items = []
     for row in block.rows:
         words = [word for word in row if word]
         nodes = deck.assembly.nodes(scope, words[0])
-        items.append(_follow(deck, block, scope, main, nodes, _range(words[1:])))
+        items.append(_follow_rigidly(deck, block, scope, main, nodes, _component_range(words[1:])))
     return items
 
 
-def _coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """*COUPLING with the *KINEMATIC or *DISTRIBUTING behind it, of a surface."""
-    behind = scope.blocks[scope.blocks.index(block) + 1 :][:1]
-    law = behind[0].keyword if behind else ""
+def _read_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Parts of a *COUPLING block of a surface, with the *KINEMATIC or *DISTRIBUTING keyword behind it."""
+    next_blocks = scope.blocks[scope.blocks.index(block) + 1 :][:1]
+    law = next_blocks[0].keyword if next_blocks else ""
     if law not in ("KINEMATIC", "DISTRIBUTING"):
         return [("it is neither kinematic nor distributing", DeckPart("COUPLING", 1))]
     if block.options.keys() & {"INFLUENCE RADIUS", "ORIENTATION"}:
         return [("it has a radius of influence or an orientation", DeckPart("COUPLING", 1))]
     surface = deck.surfaces.read(scope, block.options.get("SURFACE", ""))
     [main] = deck.assembly.nodes(scope, block.options["REF NODE"])
-    rows = [[word for word in row if word] for row in behind[0].rows]
-    components = sorted({component for row in rows if row for component in _range(row)}) or list(range(6))
+    rows = [[word for word in row if word] for row in next_blocks[0].rows]
+    components = sorted({component for row in rows if row for component in _component_range(row)}) or list(range(6))
     if law == "KINEMATIC":
-        return [_follow(deck, block, scope, main, surface.nodes, components)]
-    method = behind[0].options.get("WEIGHTING METHOD", "UNIFORM").upper()
-    if method != "UNIFORM" or behind[0].options.get("COUPLING", "CONTINUUM").upper() != "CONTINUUM":
+        return [_follow_rigidly(deck, block, scope, main, surface.nodes, components)]
+    method = next_blocks[0].options.get("WEIGHTING METHOD", "UNIFORM").upper()
+    if method != "UNIFORM" or next_blocks[0].options.get("COUPLING", "CONTINUUM").upper() != "CONTINUUM":
         return [("its weights are not uniform, or it couples rotations", DeckPart("COUPLING", 1))]
     areas = nodal_areas(surface, deck.positions.__getitem__) if surface.faces else dict.fromkeys(surface.nodes, 1.0)
-    return [_distributed(deck, main, areas, sorted({0, 1, 2, *components}))]
+    return [_mean_constraints(deck, main, areas, sorted({0, 1, 2, *components}))]
 
 
-def _distributed(deck: _Deck, main: int, weights: Mapping[int, float], chosen: Sequence[int]) -> tuple[str, DeckPart]:
-    """A reference node that moves as the weighted mean of the translations of others."""
+def _mean_constraints(
+    deck: _Deck, main: int, weights: Mapping[int, float], chosen: Sequence[int]
+) -> tuple[str, DeckPart]:
+    """Obstacle (or "") and part of a reference node that moves as the weighted mean of the translations of other nodes."""
     if main in weights:
         return "its reference node is one of its surface", DeckPart("COUPLING", 1)
     components = [Component(node, axis, False, weight) for node, weight in weights.items() for axis in np.eye(3)]
@@ -443,8 +454,8 @@ def _distributed(deck: _Deck, main: int, weights: Mapping[int, float], chosen: S
     return "", DeckPart("COUPLING", 1, ties=tuple(ties))
 
 
-def _tie(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
-    """*TIE: nodes of one surface that move with the faces of another, where these are near."""
+def _read_surface_tie(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
+    """Parts of a *TIE block: nodes of one surface that move with the faces of another, where these are near."""
     if block.options.keys() & {"CYCLIC SYMMETRY", "MULTIPHYSICS", "FLUID-STRUCTURE", "TIED NSET"}:
         return [("it ties something other than two surfaces", DeckPart("TIE", 1))]
     items: Items = []
@@ -456,7 +467,7 @@ def _tie(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
         if not carriers.faces:
             items.append(("its second surface is of nodes", DeckPart("TIE", 1)))
             continue
-        ties, free, near = _tied(deck, block, followers.nodes, carriers)
+        ties, free, near = _tie_near_nodes(deck, block, followers.nodes, carriers)
         if ties or not free:
             items.append(("", DeckPart("TIE", 1, ties=tuple(ties))))
         if free:
@@ -465,10 +476,10 @@ def _tie(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
     return items
 
 
-def _tied(
+def _tie_near_nodes(
     deck: _Deck, block: KeywordBlock, followers: Sequence[int], carriers: Surface
 ) -> tuple[list[RigidLink | Constraint], int, float]:
-    """Constraints of the nodes that lie near a surface, how many do not, and what is near, m."""
+    """Constraints of the nodes that lie near a surface, the number of nodes that do not, and the distance that is near, m."""
     from scipy.spatial import cKDTree
 
     faces = [np.array([deck.positions[node] for node in face]) for face, _ in carriers.faces]
@@ -479,9 +490,9 @@ def _tied(
     turning = () if "NO ROTATION" in block.options else deck.turning
     ties: list[RigidLink | Constraint] = []
     free = 0
-    own = set(carriers.nodes)
+    carrying = set(carriers.nodes)
     for node in followers:
-        if node in own:
+        if node in carrying:
             continue
         candidates = centres.query_ball_point(deck.positions[node], near + reach)
         points = [(footpoint(deck.positions[node], faces[k]), k) for k in sorted(candidates)]
@@ -491,12 +502,12 @@ def _tied(
             continue
         if node in deck.axes or any(label in deck.axes for label in carriers.faces[index][0]):
             raise ValueError(_LOCAL)
-        ties += _carried(node, carriers.faces[index], point, node in turning)
+        ties += _tie_to_face(node, carriers.faces[index], point, node in turning)
     return ties, free, near
 
 
-def _carried(node: int, face: tuple[tuple[int, ...], bool], point: Footpoint, is_turning: bool) -> list[Constraint]:
-    """Constraints of a node that a face carries; rotations too where both are of shells or beams."""
+def _tie_to_face(node: int, face: tuple[tuple[int, ...], bool], point: Footpoint, is_turning: bool) -> list[Constraint]:
+    """Constraints of a `node` that moves with a face (labels, whether of a shell) at a point; rotations too if both have them."""
     labels, is_shell = face
     ties = []
     for i, direction in enumerate(DIRECTIONS[:3]):
@@ -515,18 +526,18 @@ def _carried(node: int, face: tuple[tuple[int, ...], bool], point: Footpoint, is
     return ties
 
 
-def _range(words: Sequence[str]) -> list[int]:
-    """Components from a first to a last as 0 to 5; all where there are none."""
+def _component_range(words: Sequence[str]) -> list[int]:
+    """Components (0 to 5) from the first to the last of `words`; all if there are none."""
     if not words:
         return list(range(6))
     first, last = int(words[0]), int(words[1] if len(words) > 1 else words[0])
     return list(range(first - 1, last))
 
 
-def _follow(
+def _follow_rigidly(
     deck: _Deck, block: KeywordBlock, scope: Scope, main: int, nodes: Sequence[int], components: Sequence[int]
 ) -> tuple[str, DeckPart]:
-    """Nodes that follow a main node rigidly in some components."""
+    """Obstacle (or "") and part of nodes that follow the node `main` rigidly in some components (0 to 5)."""
     kind = block.keyword
     if block.options.get("ORIENTATION"):
         return "its directions have an orientation", DeckPart(kind, 1)

@@ -90,6 +90,9 @@ class Surfaces:
         return Surface(faces, list(dict.fromkeys(node for face, _ in faces for node in face)))
 
     def _block(self, scope: Scope, name: str) -> tuple[Scope, KeywordBlock]:
+        """The *SURFACE block called `name` and the scope that holds it, looked for in `scope` first; `ValueError` if
+        there is none.
+        """
         own = self._assembly.own
         owner, dot, bare = name.strip('"').upper().rpartition(".")
         every = [*([own] if own is not None else []), *self._assembly.scopes]
@@ -179,7 +182,7 @@ class Footpoint:
 
 
 def footpoint(point: FloatArray, corners: FloatArray) -> Footpoint:
-    """The `Footpoint` of a point (3,) on a face whose nodes are at `corners` (n_nodes, 3)."""
+    """The point of a face nearest to a `point` (3,); the face has its nodes at `corners` (n_nodes, 3)."""
     shape = CELLS[_FACETS[len(corners)]]
     local = _nearest(shape, point, corners)
     weights = shape.values(local[None])[0]

@@ -75,7 +75,7 @@ class _Lines:
 
 
 def bulk_text(path: Path) -> BulkText:
-    """The bulk data of a deck; without BEGIN BULK and CEND all of a file are bulk data.
+    """The bulk data of the deck at `path`, included files read too; without BEGIN BULK and CEND the whole file is bulk data.
 
     Raises
     ------
@@ -100,13 +100,13 @@ def bulk_text(path: Path) -> BulkText:
     rows = slice(begin + 1, stop)
     text, source = expand_replication(lines.text[rows], lambda index: lines.location(begin + 1 + index))
     chosen = np.array(source, dtype=np.int64)
-    number, file = (np.array(own[rows], dtype=np.int64)[chosen] for own in (lines.number, lines.file))
+    number, file = (np.array(values[rows], dtype=np.int64)[chosen] for values in (lines.number, lines.file))
     origins = Origins(tuple(lines.paths), file, number)
     return BulkText(path, b"\n".join(text), b"\n".join(lines.text[: begin + 1]), origins, has_end)
 
 
 def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun: bool) -> None:
-    """Refuse the bulk data of superelements and the like, which are models of their own."""
+    """Raise `FileError` if a line begins the bulk data of a superelement or the like, which is a model of its own."""
     word, name = match[1].decode("latin-1"), match[2].decode("latin-1")
     if not word or (word == "SUPER" and not begun and not name.strip("0")):
         return
@@ -118,7 +118,7 @@ def _require_one_section(lines: _Lines, row: int, match: re.Match[bytes], begun:
 
 
 def _take_lines(lines: _Lines, path: Path, root: Path, depth: int) -> None:
-    """Take up the lines of a file, with those of included files in the place of INCLUDE."""
+    """Append the lines of the file at `path` to `lines`, with those of included files in place of INCLUDE."""
     if depth > _MOST_INCLUDES:
         raise FileError(f"{path}: includes itself, or more than {_MOST_INCLUDES} files in one another; write one file")
     lines.paths.append(path)
@@ -147,7 +147,7 @@ def _take_lines(lines: _Lines, path: Path, root: Path, depth: int) -> None:
 
 
 def _included_file(name: str, root: Path, parent: Path) -> Path:
-    """The file that INCLUDE names: from the folder of the deck as the solver has it, else of the file that includes it."""
+    """The file that an INCLUDE names, looked for in the folder of the deck, then in that of the including file."""
     symbol = _SYMBOL.fullmatch(name)
     if symbol is not None:
         folder = next((os.environ[key] for key in (symbol[1], symbol[1].upper()) if key in os.environ), None)
@@ -194,11 +194,11 @@ class Cards:
 
     def integers(self, place: int) -> IntArray:
         """The whole numbers in one field; 0 where blank."""
-        return self._converted(place, whole_numbers, "a whole number").astype(np.int64)
+        return self._convert_field(place, whole_numbers, "a whole number").astype(np.int64)
 
     def reals(self, place: int) -> FloatArray:
         """The real numbers in one field; 0 where blank."""
-        return self._converted(place, real_numbers, "a real number")
+        return self._convert_field(place, real_numbers, "a real number")
 
     def is_blank(self, place: int) -> np.ndarray:
         return np.ones(len(self), dtype=bool) if place >= self.fields.shape[1] else is_blank(self.fields[:, place])
@@ -213,7 +213,8 @@ class Cards:
         """The text of all fields of one card."""
         return [bytes(field).decode("latin-1").strip() for field in self.fields[row]]
 
-    def _converted(self, place: int, convert: Callable[[np.ndarray], np.ndarray], wanted: str) -> np.ndarray:
+    def _convert_field(self, place: int, convert: Callable[[np.ndarray], np.ndarray], wanted: str) -> np.ndarray:
+        """Numbers in the field with index `place` of all cards, by `convert`; zeros if no card has it. `wanted` is for errors."""
         if place >= self.fields.shape[1]:
             return np.zeros(len(self))
         try:
@@ -223,29 +224,29 @@ class Cards:
 
 
 def cards_of(text: BulkText, names: tuple[str, ...]) -> dict[str, Cards]:
-    """The cards of each of `names` that the text has."""
+    """The cards of each of `names` that the text has, by name."""
     lines = bulk_lines(text.path, names, text.content, whole_lines=True, origins=text.origins)
     if not len(lines.start):
         return {}
-    own = np.arange(len(lines.start))
-    heads = own[lines.card == own]
+    all_lines = np.arange(len(lines.start))
+    heads = all_lines[lines.card == all_lines]
     name_of = np.array([w.decode("latin-1").rstrip("*# ") for w in lines.words(heads, 0, 8).tolist()])
     count = np.where(lines.width == 8, 8, 4)
     before = np.cumsum(count) - count
     offset = before - before[lines.card]
-    found = {}
+    cards = {}
     for name in dict.fromkeys(name_of.tolist()):
         first = heads[name_of == name]
-        rows = own[np.isin(lines.card, first)]
+        rows = all_lines[np.isin(lines.card, first)]
         card = np.searchsorted(first, lines.card[rows])
         size = int((offset[rows] + count[rows]).max())
         fields = np.full((len(first), size, 24), ord(" "), dtype=np.uint8)
         for width, each in ((8, 8), (16, 4), (24, 4)):
-            same = np.flatnonzero(lines.width[rows] == width)
-            for part in chunks(len(same)):
-                at = same[part]
-                taken = lines.take(rows[at], 8, each * width).reshape(len(at), each, width)
-                place = offset[rows[at]][:, None] + np.arange(each)
-                fields[card[at][:, None], place, :width] = taken
-        found[name] = Cards(lines, first, fields)
-    return found
+            of_width = np.flatnonzero(lines.width[rows] == width)
+            for part in chunks(len(of_width)):
+                lines_of_part = of_width[part]
+                taken = lines.take(rows[lines_of_part], 8, each * width).reshape(len(lines_of_part), each, width)
+                column = offset[rows[lines_of_part]][:, None] + np.arange(each)
+                fields[card[lines_of_part][:, None], column, :width] = taken
+        cards[name] = Cards(lines, first, fields)
+    return cards

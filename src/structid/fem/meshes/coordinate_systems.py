@@ -31,7 +31,7 @@ class CoordinateSystem:
         return self.origin + rectangular(self.form, coordinates) @ self.axes
 
     def directions_at(self, positions: FloatArray) -> FloatArray:
-        """Unit vectors of the first, second and third direction at points of basic coordinates, (n, 3) to (n, 3, 3).
+        """Unit vectors of the three directions at points in basic coordinates, (n, 3) to (n, 3, 3).
 
         On the z axis, where radial directions have no meaning, those of angle 0 are taken, as Nastran does.
         """
@@ -52,7 +52,7 @@ class CoordinateSystem:
 
 
 def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> FloatArray | None:
-    """Axes as rows, from the origin, a point on the z axis and one in the half plane of x and z; None where they lie on a line."""
+    """Axes (rows, (3, 3)) from the origin, a point on z and one in the half plane of x and z; None if they lie on a line."""
     z = on_z - origin
     y = np.cross(z, in_xz - origin)
     axes = np.stack([np.cross(y, z), y, z])
@@ -61,7 +61,7 @@ def axes_of_points(origin: FloatArray, on_z: FloatArray, in_xz: FloatArray) -> F
 
 
 def rectangular(form: str, coordinates: FloatArray) -> FloatArray:
-    """Rectangular coordinates in the same axes, (n, 3)."""
+    """Rectangular coordinates (n, 3) of coordinates in the form R, C (r, theta in deg, z) or S (r, theta, phi in deg)."""
     if form == "R":
         return coordinates
     first, second = coordinates[:, 0], np.radians(coordinates[:, 1])

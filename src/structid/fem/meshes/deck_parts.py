@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.display import figures
+from structid.core.display import format_number
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import InputError
 from structid.fem.elements import Dashpot, ElementSet, MatrixGroup, PointMass, RotaryInertia, Spring
@@ -150,12 +150,12 @@ class DeckPart:
     @property
     def words(self) -> str:
         """How many, of what, how heavy."""
-        heavy = f" ({figures(self.mass)} kg)" if self.mass else ""
+        heavy = f" ({format_number(self.mass)} kg)" if self.mass else ""
         return f"{self.count} {self.kind}{heavy}"
 
     @property
     def nodes(self) -> frozenset[int]:
-        """Labels of the nodes that it works on."""
+        """Labels of the nodes on which the part acts."""
         nodes = {mass.node for mass in self.masses}
         nodes |= {node for spring in self.springs for node, _ in spring.weights}
         for tie in self.ties:
@@ -169,7 +169,7 @@ class DeckPart:
 
     @property
     def joined_pairs(self) -> frozenset[tuple[int, int]]:
-        """Pairs of labels, the lower first, that a spring or a tie of it joins."""
+        """Pairs of node labels, the lower first, that a spring or a tie of the part joins."""
         groups = [{node for node, _ in spring.weights} for spring in self.springs]
         for tie in self.ties:
             if isinstance(tie, RigidLink):
@@ -179,7 +179,7 @@ class DeckPart:
         return frozenset((min(group), max(group)) for group in groups if len(group) == 2)
 
     def elements(self) -> list[ElementSet]:
-        """Element sets of its masses, springs and dashpots, named by kind and property in small letters."""
+        """Element sets of the part's masses, springs and dashpots, named by kind and property in lower case."""
         sets: list[ElementSet] = []
         for name in dict.fromkeys(mass.set_name for mass in self.masses):
             sets += _mass_sets(self._named(name), [mass for mass in self.masses if mass.set_name == name])
@@ -188,7 +188,7 @@ class DeckPart:
         return sets
 
     def renumbered(self, stands_for: Mapping[int, int]) -> DeckPart:
-        """The part with other node labels, where nodes at one place became one; ties of a node with itself are left out."""
+        """The part with node labels replaced by `stands_for`, after nodes were merged; ties of a node with itself are dropped."""
         masses = tuple(replace(mass, node=stands_for.get(mass.node, mass.node)) for mass in self.masses)
         springs = []
         for spring in self.springs:
@@ -206,7 +206,7 @@ class DeckPart:
 
 
 def choose_parts(parts: Sequence[DeckPart], take: str | Sequence[str], source: str) -> tuple[DeckPart, ...]:
-    """The parts that `take` names, and those that the mesh needs.
+    """The parts whose kinds `take` names, and the parts that the mesh needs.
 
     Parameters
     ----------
@@ -238,28 +238,28 @@ def choose_parts(parts: Sequence[DeckPart], take: str | Sequence[str], source: s
 
 
 def describe_left_aside(parts: Iterable[DeckPart], taken: Sequence[DeckPart], source: str) -> str:
-    """What of a deck no element stands for, in a sentence with the remedy; "" where nothing is."""
-    left = [part for part in parts if not any(part is other for other in taken)]
-    if not left:
+    """A sentence on the parts of a deck that were not taken, with the remedy; "" if there are none."""
+    not_taken = [part for part in parts if not any(part is other for other in taken)]
+    if not not_taken:
         return ""
-    words = ", ".join(part.words + (f" [{part.obstacle}]" if part.obstacle else "") for part in left)
-    heavy = [part.mass for part in left if part.mass]
-    total = f" ({figures(sum(heavy))} kg together)" if len(heavy) > 1 else ""
-    kinds = ", ".join(f'"{kind}"' for kind in dict.fromkeys(part.kind for part in left if not part.obstacle))
-    by_hand = any(part.obstacle for part in left)
+    words = ", ".join(part.words + (f" [{part.obstacle}]" if part.obstacle else "") for part in not_taken)
+    masses = [part.mass for part in not_taken if part.mass]
+    total = f" ({format_number(sum(masses))} kg together)" if len(masses) > 1 else ""
+    kinds = ", ".join(f'"{kind}"' for kind in dict.fromkeys(part.kind for part in not_taken if not part.obstacle))
+    by_hand = any(part.obstacle for part in not_taken)
     remedies = [f"take them by `take = [{kinds}]` in [structure.mesh]"] if kinds else []
     remedies += ["model by hand what matters" + (" of the others" if kinds else "")] if by_hand else []
     return f"the model leaves aside what {source} has beside its cells: {words}{total}; {', '.join(remedies)}"
 
 
 def split_by_obstacle(kind: str, items: Sequence[tuple[str, DeckPart]]) -> list[DeckPart]:
-    """One part of all `items` without an obstacle, and one for each obstacle."""
+    """One part of all `items` (obstacle, part) without an obstacle, and one part for each obstacle."""
     by_obstacle: dict[str, list[DeckPart]] = {}
     for obstacle, part in items:
         by_obstacle.setdefault(obstacle, []).append(part)
     parts = []
-    for obstacle, same in by_obstacle.items():
-        count, mass = sum(part.count for part in same), float(sum(part.mass for part in same))
+    for obstacle, parts_here in by_obstacle.items():
+        count, mass = sum(part.count for part in parts_here), float(sum(part.mass for part in parts_here))
         if obstacle:
             parts.append(DeckPart(kind, count, mass, obstacle=obstacle))
             continue
@@ -268,18 +268,18 @@ def split_by_obstacle(kind: str, items: Sequence[tuple[str, DeckPart]]) -> list[
                 kind,
                 count,
                 mass,
-                tuple(mass for part in same for mass in part.masses),
-                tuple(spring for part in same for spring in part.springs),
-                tuple(tie for part in same for tie in part.ties),
-                is_needed=any(part.is_needed for part in same),
-                offsets=tuple(offset for part in same for offset in part.offsets),
+                tuple(mass for part in parts_here for mass in part.masses),
+                tuple(spring for part in parts_here for spring in part.springs),
+                tuple(tie for part in parts_here for tie in part.ties),
+                is_needed=any(part.is_needed for part in parts_here),
+                offsets=tuple(offset for part in parts_here for offset in part.offsets),
             )
         )
     return parts
 
 
 def mass_matrix(mass: float, arm: FloatArray, inertia: FloatArray) -> FloatArray:
-    """Mass matrix of a rigid body at a node, (6, 6): its centre `arm` (3,) from the node, `inertia` (3, 3) about the centre."""
+    """Mass matrix (6, 6) of a rigid body about a node; `arm` (3,) leads to its centre, `inertia` (3, 3) is about the centre."""
     x, y, z = arm
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     matrix = np.zeros((6, 6))
@@ -310,18 +310,18 @@ def weights_along(
 
 
 def _mass_sets(name: str, masses: Sequence[NodalMass]) -> list[ElementSet]:
-    """Point masses and rotary inertias; one matrix of all that have eccentricity, products of inertia or a direction."""
+    """Point masses and rotary inertias of `masses`, and one matrix group of those with eccentricity or products of inertia."""
     simple = [mass for mass in masses if _is_simple(mass.matrix)]
     sets: list[ElementSet] = []
-    heavy = [mass for mass in simple if mass.matrix[0, 0]]
-    if heavy:
-        nodes, values = [mass.node for mass in heavy], [mass.matrix[0, 0] for mass in heavy]
+    with_mass = [mass for mass in simple if mass.matrix[0, 0]]
+    if with_mass:
+        nodes, values = [mass.node for mass in with_mass], [mass.matrix[0, 0] for mass in with_mass]
         sets.append(PointMass(name, np.array(nodes)[:, None], np.array(values)))
     rotations: tuple[Literal["RX", "RY", "RZ"], ...] = ("RX", "RY", "RZ")
-    for place, direction in enumerate(rotations, 3):
-        turning = [mass for mass in simple if mass.matrix[place, place]]
+    for axis, direction in enumerate(rotations, 3):
+        turning = [mass for mass in simple if mass.matrix[axis, axis]]
         if turning:
-            nodes, values = [mass.node for mass in turning], [mass.matrix[place, place] for mass in turning]
+            nodes, values = [mass.node for mass in turning], [mass.matrix[axis, axis] for mass in turning]
             sets.append(RotaryInertia(f"{name} {direction}", np.array(nodes)[:, None], np.array(values), direction))
     others = [mass for mass in masses if not _is_simple(mass.matrix)]
     if others:
@@ -345,9 +345,9 @@ def _is_simple(matrix: FloatArray) -> bool:
 
 
 def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
-    """Springs and dashpots between degrees of freedom or to the ground; one matrix of all in other directions."""
+    """Springs and dashpots between degrees of freedom or to the ground, and one matrix group of those in other directions."""
     sets: list[ElementSet] = []
-    ends = [_ends(spring.weights) for spring in springs]
+    ends = [_spring_dofs(spring.weights) for spring in springs]
     for grounded in (False, True):
         rows = [
             (spring, pair)
@@ -382,13 +382,13 @@ def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
             )
     skew = [spring for spring, pair in zip(springs, ends, strict=True) if pair is None]
     for loss_factor in sorted({spring.loss_factor for spring in skew}):
-        same = [spring for spring in skew if spring.loss_factor == loss_factor]
+        of_loss_factor = [spring for spring in skew if spring.loss_factor == loss_factor]
         matrices = {}
-        codes = sorted({key for spring in same for key in spring.weights})
+        codes = sorted({key for spring in of_loss_factor for key in spring.weights})
         for key in ("stiffness", "damping"):
             triples = [
                 (*row, *column, getattr(spring, key) * weight * other)
-                for spring in same
+                for spring in of_loss_factor
                 for row, weight in spring.weights.items()
                 for column, other in spring.weights.items()
             ]
@@ -400,34 +400,37 @@ def _spring_sets(name: str, springs: Sequence[DeckSpring]) -> list[ElementSet]:
     return sets
 
 
-def _ends(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | None] | None:
-    """The two degrees of freedom of a spring along global axes, or one to the ground; None where it is oblique."""
+def _spring_dofs(weights: Mapping[tuple[int, str], float]) -> tuple[Dof, Dof | None] | None:
+    """The two degrees of freedom of a spring along global axes, or one and None for the ground; None if it is oblique."""
     pairs = [(Dof(node, direction), weight) for (node, direction), weight in weights.items() if weight]
     if any(abs(abs(weight) - 1) > _ROUNDING for _, weight in pairs) or len(pairs) not in (1, 2):
         return None
     if len(pairs) == 1:
         return pairs[0][0], None
-    (first, one), (second, other) = pairs
+    (first, first_weight), (second, second_weight) = pairs
     if first.is_rotation != second.is_rotation:
         return None
-    return first, second if one * other < 0 else Dof(second.node, second.direction, -1)
+    return first, second if first_weight * second_weight < 0 else Dof(second.node, second.direction, -1)
 
 
 def _matrix_of(
     triples: Sequence[tuple[int, str, int, str, float]], codes: Sequence[tuple[int, str]] | None = None
 ) -> tuple[list[Dof], sparse.csc_array]:
-    """Degrees of freedom and the symmetric matrix of entries (node, direction, node, direction, value), summed."""
+    """Degrees of freedom (sorted, or those of `codes`) and the matrix of summed entries (node, direction, node,
+    direction, value).
+    """
     if codes is None:
         codes = sorted({(node, direction) for node, direction, *_ in triples})
-    place = {code: row for row, code in enumerate(codes)}
-    rows = [place[node, direction] for node, direction, *_ in triples]
-    columns = [place[node, direction] for _, _, node, direction, _ in triples]
+    index = {code: row for row, code in enumerate(codes)}
+    rows = [index[node, direction] for node, direction, *_ in triples]
+    columns = [index[node, direction] for _, _, node, direction, _ in triples]
     values = [value for *_, value in triples]
     size = (len(codes), len(codes))
     return [Dof(*code) for code in codes], sparse.csc_array(sparse.coo_array((values, (rows, columns)), size))
 
 
 def _renumbered_tie(tie: DeckTie, stands_for: Mapping[int, int]) -> DeckTie | None:
+    """The tie with node labels replaced by `stands_for`; None if it joins a node with itself."""
     if isinstance(tie, MiddleNode):
         label = stands_for.get(tie.label, tie.label)
         start, end = (stands_for.get(node, node) for node in tie.ends)
@@ -438,10 +441,18 @@ def _renumbered_tie(tie: DeckTie, stands_for: Mapping[int, int]) -> DeckTie | No
         kept = [node for node in dict.fromkeys(dependents) if node != main]
         return RigidLink(tie.name, main, kept, tie.directions) if kept else None
     dependent = _renumbered_dof(tie.dependent, stands_for)
-    pairs = [(_renumbered_dof(dof, stands_for), factor) for dof, factor in tie.depends_on]
-    if pairs == [(dependent, 1.0)]:
+    factors: dict[Dof, float] = {}
+    for dof, factor in tie.depends_on:
+        other = _renumbered_dof(dof, stands_for)
+        factors[other] = factors.get(other, 0.0) + factor
+    left = 1.0 - factors.pop(dependent, 0.0)  # of the dependent, where it follows itself
+    factors = {dof: factor for dof, factor in factors.items() if factor}
+    if abs(left) > _ROUNDING:
+        return Constraint(tie.name, dependent, [(dof, factor / left) for dof, factor in factors.items()])
+    if not factors:
         return None
-    return Constraint(tie.name, dependent, pairs)
+    dependent, first = factors.popitem()
+    return Constraint(tie.name, dependent, [(dof, -factor / first) for dof, factor in factors.items()])
 
 
 def _renumbered_dof(dof: Dof, stands_for: Mapping[int, int]) -> Dof:

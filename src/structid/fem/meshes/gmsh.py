@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.arrays import IntArray
-from structid.core.display import counted, listed
+from structid.core.display import join_words, plural
 from structid.core.errors import FileError
 from structid.fem.meshes.deck_parts import DeckUnits
 from structid.fem.meshes.gmsh_numbers import Ascii, Binary, Numbers
@@ -64,7 +64,7 @@ class _Content:
 
 
 def read(path: Path, units: DeckUnits) -> Mesh:
-    """The mesh of a Gmsh file in m.
+    """The mesh of the Gmsh file at `path`, in m.
 
     Raises
     ------
@@ -78,27 +78,27 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     version = head[1].decode()
     if version not in ("2", "2.1", "2.2", "4.1"):
         raise FileError(f"{path}: is of version {version}; {_REMEDY}")
-    old, binary = version.startswith("2"), head[2] == b"1"
+    is_version_2, is_binary = version.startswith("2"), head[2] == b"1"
     content = _Content()
     sections = {
         b"PhysicalNames": _names,
-        b"Entities": _entities,
-        b"Nodes": _old_nodes if old else _nodes,
-        b"Elements": _old_elements if old else _elements,
+        b"Entities": _read_entities,
+        b"Nodes": _old_nodes if is_version_2 else _read_nodes,
+        b"Elements": _read_elements_2 if is_version_2 else _read_elements,
     }
     try:
-        swapped = binary and _is_swapped(data, head.end())
+        swapped = is_binary and _is_swapped(data, head.end())
         for name, take in sections.items():
-            at = re.search(rb"^\$" + name + rb"[ \t]*\r?\n", data, re.MULTILINE)
-            if at is None and name in (b"PhysicalNames", b"Entities"):
+            section = re.search(rb"^\$" + name + rb"[ \t]*\r?\n", data, re.MULTILINE)
+            if section is None and name in (b"PhysicalNames", b"Entities"):
                 continue
-            if at is None:
+            if section is None:
                 raise FileError(f"{path}: is cut short: there is no ${name.decode()}; {_AGAIN}")
-            stop = data.find(b"$End" + name, at.end())
+            stop = data.find(b"$End" + name, section.end())
             if stop < 0:
                 raise FileError(f"{path}: is cut short: ${name.decode()} is not closed; {_AGAIN}")
-            in_text = not binary or name == b"PhysicalNames"
-            numbers: Numbers = Ascii(data, at.end(), stop) if in_text else Binary(data, at.end(), swapped)
+            in_text = not is_binary or name == b"PhysicalNames"
+            numbers: Numbers = Ascii(data, section.end(), stop) if in_text else Binary(data, section.end(), swapped)
             take(content, numbers)
             if not data[numbers.place :].lstrip().startswith(b"$End" + name):
                 raise FileError(f"{path}: ${name.decode()} has more or fewer numbers than it says; {_AGAIN}")
@@ -106,15 +106,15 @@ def read(path: Path, units: DeckUnits) -> Mesh:
         raise
     except (ValueError, IndexError, KeyError) as error:
         raise FileError(f"{path}: cannot be read as gmsh ({error}); {_REMEDY}") from error
-    return _mesh(path, content, units.length)
+    return _make_mesh(path, content, units.length)
 
 
 def _is_swapped(data: bytes, at: int) -> bool:
-    """Whether the number one that ends the header of a binary file is in the other byte order."""
-    one = data[at : at + 4]
-    if one not in (b"\x01\0\0\0", b"\0\0\0\x01"):
+    """True if the number one behind the header of a binary file is in the other byte order."""
+    marker = data[at : at + 4]
+    if marker not in (b"\x01\0\0\0", b"\0\0\0\x01"):
         raise ValueError("the number one is missing behind $MeshFormat")
-    return (np.frombuffer(one, "<i4")[0] == 1) != (sys.byteorder == "little")
+    return (np.frombuffer(marker, "<i4")[0] == 1) != (sys.byteorder == "little")
 
 
 def _names(content: _Content, numbers: Numbers) -> None:
@@ -123,19 +123,21 @@ def _names(content: _Content, numbers: Numbers) -> None:
         content.names[dimension, tag] = numbers.quoted()
 
 
-def _entities(content: _Content, numbers: Numbers) -> None:
+def _read_entities(content: _Content, numbers: Numbers) -> None:
+    """Read the $Entities section: physical groups of each geometric entity."""
     counts = numbers.sizes(4).tolist()
     for dimension, count in enumerate(counts):
         for _ in range(count):
             tag = numbers.integer()
             numbers.reals(3 if dimension == 0 else 6)
-            own = numbers.integers(int(numbers.sizes(1)[0]))
-            content.physical[dimension, tag] = own.tolist()
+            groups = numbers.integers(int(numbers.sizes(1)[0]))
+            content.physical[dimension, tag] = groups.tolist()
             if dimension:
                 numbers.integers(int(numbers.sizes(1)[0]))
 
 
-def _nodes(content: _Content, numbers: Numbers) -> None:
+def _read_nodes(content: _Content, numbers: Numbers) -> None:
+    """Read the $Nodes section of version 4.1: labels and positions."""
     for _ in range(int(numbers.sizes(4)[0])):
         dimension, _tag, parametric = numbers.integers(3).tolist()
         count = int(numbers.sizes(1)[0])
@@ -144,7 +146,8 @@ def _nodes(content: _Content, numbers: Numbers) -> None:
         content.positions.append(numbers.reals(width * count).reshape(count, width)[:, :3])
 
 
-def _elements(content: _Content, numbers: Numbers) -> None:
+def _read_elements(content: _Content, numbers: Numbers) -> None:
+    """Read the $Elements section of version 4.1: cells by type, and the physical groups of their entities."""
     for _ in range(int(numbers.sizes(4)[0])):
         dimension, tag, kind = numbers.integers(3).tolist()
         count = int(numbers.sizes(1)[0])
@@ -160,8 +163,8 @@ def _old_nodes(content: _Content, numbers: Numbers) -> None:
     content.positions.append(positions)
 
 
-def _old_elements(content: _Content, numbers: Numbers) -> None:
-    """Cells of version 2, which repeats a cell for each physical group that it is in; each counts once here."""
+def _read_elements_2(content: _Content, numbers: Numbers) -> None:
+    """Read the $Elements section of version 2, where a cell is repeated for each of its physical groups; it counts once."""
     total = int(numbers.counts(1)[0])
     by_kind: dict[int, list[tuple[IntArray, IntArray]]] = {}
     for kind, tags, rows in numbers.old_elements(total, lambda kind: _known(kind)[1]):
@@ -173,10 +176,10 @@ def _old_elements(content: _Content, numbers: Numbers) -> None:
         order = np.sort(first)
         content.cells[kind] = [rows[order]]
         groups: list[list[int]] = [[] for _ in order]
-        for place, tag in zip(np.searchsorted(order, first[cell.ravel()]).tolist(), tags[:, 0].tolist(), strict=True):
-            if tag and tag not in groups[place]:
-                groups[place].append(tag)
-        content.tags[kind] = [(1, own) for own in groups]
+        for index, tag in zip(np.searchsorted(order, first[cell.ravel()]).tolist(), tags[:, 0].tolist(), strict=True):
+            if tag and tag not in groups[index]:
+                groups[index].append(tag)
+        content.tags[kind] = [(1, groups_of_cell) for groups_of_cell in groups]
 
 
 def _known(kind: int) -> tuple[str, int, int, tuple[int, ...]]:
@@ -185,7 +188,8 @@ def _known(kind: int) -> tuple[str, int, int, tuple[int, ...]]:
     return _TYPES[kind]
 
 
-def _mesh(path: Path, content: _Content, factor: float) -> Mesh:
+def _make_mesh(path: Path, content: _Content, factor: float) -> Mesh:
+    """The mesh of the content that was read; `factor` turns its lengths into m."""
     labels = np.concatenate(content.labels) if content.labels else np.zeros(0, np.int64)
     if not len(labels):
         raise FileError(f"{path}: holds no whole table of nodes; {_AGAIN}")
@@ -196,32 +200,32 @@ def _mesh(path: Path, content: _Content, factor: float) -> Mesh:
         rows = np.concatenate(parts)
         _require_nodes(path, name, rows, labels)
         blocks.append(CellBlock(name, rows[:, list(order)] if order else rows))
-        members.append(_members(content, dimension, content.tags[kind]))
-    names = dict.fromkeys(name for own in members for name in own)
+        members.append(_group_rows(content, dimension, content.tags[kind]))
+    names = dict.fromkeys(name for of_block in members for name in of_block)
     empty = np.zeros(0, np.int64)
-    groups = {name: tuple(own.get(name, empty) for own in members) for name in names}
+    groups = {name: tuple(of_block.get(name, empty) for of_block in members) for name in names}
     return Mesh(labels, positions, tuple(blocks), groups, {}, path.name)
 
 
 def _require_nodes(path: Path, name: str, rows: IntArray, labels: IntArray) -> None:
-    """Refuse cells whose nodes the file does not have."""
-    there = np.isin(rows, labels)
-    if there.all():
+    """Raise `FileError` if cells name nodes that the file does not have."""
+    is_known = np.isin(rows, labels)
+    if is_known.all():
         return
-    missing, wrong = np.unique(rows[~there]), np.flatnonzero(~there.all(axis=1))
+    missing, bad_rows = np.unique(rows[~is_known]), np.flatnonzero(~is_known.all(axis=1))
     raise FileError(
-        f"{path}: lacks node {listed(missing.tolist())} of {counted(len(wrong), 'cell')} of type {name} (the first has nodes"
-        f" {listed(rows[wrong[0]].tolist(), 27)}); save the mesh again with all its nodes"
+        f"{path}: lacks node {join_words(missing.tolist())} of {plural(len(bad_rows), 'cell')} of type {name} (the first has nodes"
+        f" {join_words(rows[bad_rows[0]].tolist(), 27)}); save the mesh again with all its nodes"
     )
 
 
-def _members(content: _Content, dimension: int, tags: Iterable[tuple[int, list[int]]]) -> dict[str, IntArray]:
-    """Rows of each physical group in one block."""
-    found: dict[str, list[IntArray]] = {}
+def _group_rows(content: _Content, dimension: int, tags: Iterable[tuple[int, list[int]]]) -> dict[str, IntArray]:
+    """Rows of each physical group (by name) in one block; `tags` has pairs (number of cells, their groups)."""
+    rows_of: dict[str, list[IntArray]] = {}
     first = 0
-    for count, own in tags:
-        for tag in own:
+    for count, groups in tags:
+        for tag in groups:
             name = content.names.get((dimension, abs(tag)), str(abs(tag)))
-            found.setdefault(name, []).append(np.arange(first, first + count))
+            rows_of.setdefault(name, []).append(np.arange(first, first + count))
         first += count
-    return {name: np.concatenate(parts) for name, parts in found.items()}
+    return {name: np.concatenate(parts) for name, parts in rows_of.items()}

@@ -49,12 +49,14 @@ class Ascii:
     """Numbers in the text from `place` to `stop`."""
 
     def __init__(self, data: bytes, place: int, stop: int) -> None:
+        """Numbers in the text `data` from byte `place` to byte `stop`."""
         self.place, self.stop = place, stop
         self._text = data[place:stop]
         self._words: np.ndarray | None = None
         self._at = 0
 
     def _next(self, count: int) -> np.ndarray:
+        """The next `count` words; `ValueError` if the section has fewer."""
         if self._words is None:
             self._words = np.array(self._text.split())
         part = self._words[self._at : self._at + count]
@@ -74,6 +76,7 @@ class Ascii:
         return self._next(count).astype(np.float64)
 
     def integer(self) -> int:
+        """The next whole number."""
         if self._words is not None:
             return int(self._next(1)[0])
         word = self._text.lstrip().split(maxsplit=1)[0]  # names with blanks may follow, so that words cannot be cut yet
@@ -81,6 +84,7 @@ class Ascii:
         return int(word)
 
     def quoted(self) -> str:
+        """The next name in quotation marks."""
         match = _QUOTED.match(self._text)
         if match is None:
             raise ValueError("a physical group has no name in quotation marks")
@@ -96,25 +100,28 @@ class Ascii:
         return table[:, 0].astype(np.int64), table[:, 1:].astype(np.float64)
 
     def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
+        """Blocks of equal elements in a section of version 2: type, tags (n, 2) and nodes (n, width); `width` depends on
+        the type.
+        """
         assert self._words is not None
         numbers = self._words[self._at :].astype(np.int64)
-        at, found = 0, []
+        begin, elements = 0, []
         for _ in range(count):
-            kind, n_tags = int(numbers[at + 1]), int(numbers[at + 2])
-            stop = at + 3 + n_tags + width(kind)
+            kind, n_tags = int(numbers[begin + 1]), int(numbers[begin + 2])
+            stop = begin + 3 + n_tags + width(kind)
             if stop > len(numbers):
                 raise ValueError("a section ends too soon")
-            tags = [*numbers[at + 3 : at + 3 + min(n_tags, 2)].tolist(), 0, 0][:2]
-            found.append((kind, tags, at + 3 + n_tags, stop))
-            at = stop
-        if at == len(numbers):
+            tags = [*numbers[begin + 3 : begin + 3 + min(n_tags, 2)].tolist(), 0, 0][:2]
+            elements.append((kind, tags, begin + 3 + n_tags, stop))
+            begin = stop
+        if begin == len(numbers):
             self.place = self.stop
         first = 0
-        for last in range(1, len(found) + 1):
-            if last == len(found) or found[last][0] != found[first][0]:
-                same = found[first:last]
-                rows = np.stack([numbers[a:b] for _, _, a, b in same])
-                yield same[0][0], np.array([tags for _, tags, _, _ in same]), rows
+        for last in range(1, len(elements) + 1):
+            if last == len(elements) or elements[last][0] != elements[first][0]:
+                run = elements[first:last]
+                rows = np.stack([numbers[a:b] for _, _, a, b in run])
+                yield run[0][0], np.array([tags for _, tags, _, _ in run]), rows
                 first = last
 
 
@@ -127,6 +134,7 @@ class Binary:
         self._order = ">" if swapped == (sys.byteorder == "little") else "<"
 
     def _next(self, form: np.dtype, count: int) -> np.ndarray:
+        """The next `count` numbers of the type `form`; `ValueError` if the file has fewer."""
         if count < 0 or self.place + count * form.itemsize > len(self._data):
             raise ValueError("a section ends too soon")
         part = np.frombuffer(self._data, form, count, self.place)
@@ -140,6 +148,7 @@ class Binary:
         return self._next(np.dtype(self._order + "u8"), count).astype(np.int64)
 
     def counts(self, count: int) -> IntArray:
+        """The next `count` whole numbers, which stand on a line of text."""
         stop = self._data.index(b"\n", self.place)
         words = np.array(self._data[self.place : stop].split()[:count]).astype(np.int64)
         self.place = stop + 1
@@ -159,12 +168,13 @@ class Binary:
         return table["label"].astype(np.int64), table["at"].astype(np.float64)
 
     def old_elements(self, count: int, width: Callable[[int], int]) -> Iterator[Cells]:
+        """Blocks of elements in a section of version 2: type, tags (n, 2) and nodes (n, width); `width` depends on the type."""
         done = 0
         while done < count:
-            kind, own, n_tags = self.integers(3).tolist()
-            if own < 1:
+            kind, n_elements, n_tags = self.integers(3).tolist()
+            if n_elements < 1:
                 raise ValueError("a block of elements is empty")
-            rows = self.integers(own * (1 + n_tags + width(kind))).reshape(own, -1)
+            rows = self.integers(n_elements * (1 + n_tags + width(kind))).reshape(n_elements, -1)
             tags = np.pad(rows[:, 1 : 1 + min(n_tags, 2)], ((0, 0), (0, 2 - min(n_tags, 2))))
             yield kind, tags, rows[:, 1 + n_tags :]
-            done += own
+            done += n_elements

@@ -98,16 +98,16 @@ class Mesh:
         return max((CELL_DIMENSIONS.get(block.kind, 0) for block in self.blocks if not block.is_beside), default=0)
 
     def chosen(self, group: str | None = None) -> list[tuple[CellBlock, IntArray]]:
-        """Blocks with the rows of `group`; all cells of the largest dimension without one."""
+        """Blocks with the row indices of the cells in `group`; without one, all cells of the largest dimension."""
         if group is None:
-            every = [(block, np.arange(len(block.nodes))) for block in self.blocks]
-            return [pair for pair in every if _dimension_of(pair[0]) == self.dimension]
+            all_cells = [(block, np.arange(len(block.nodes))) for block in self.blocks]
+            return [pair for pair in all_cells if _dimension_of(pair[0]) == self.dimension]
         if group not in self.groups:
             self._raise_missing(group, self.groups, "group of cells")
         return [(b, rows) for b, rows in zip(self.blocks, self.groups[group], strict=True) if len(rows)]
 
     def cells(self, group: str | None = None) -> IntArray:
-        """Node table of the cells of `group`, rows padded with -1 where it mixes cell types.
+        """Node labels of the cells of `group`, (n_cells, width), padded with -1 where it mixes cell types.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class Mesh:
         return locked(np.concatenate(padded), np.int64)
 
     def group_nodes(self, group: str) -> IntArray:
-        """Labels of the nodes of a node set, or of the cells of a group; those that carry the cells where these are offset."""
+        """Sorted labels of the nodes of a node set, or of the cells of a group; if cells are offset, of those that carry them."""
         if group in self.node_groups:
             return self.node_groups[group]
         if group not in self.groups:
@@ -147,19 +147,19 @@ class Mesh:
         return unique
 
     def nodes_at(self, ranges: Mapping[str, tuple[float, float]]) -> IntArray:
-        """Labels of the nodes whose coordinates lie in `ranges`, such as {"x": (0.0, 0.0)}, m.
+        """Labels of the nodes whose coordinates in m lie in `ranges`, such as {"x": (0.0, 0.0)}.
 
         Ends count within a millionth of the mesh's size.
         """
-        inside = ~np.isin(self.labels, list(self.carriers))
+        is_inside = ~np.isin(self.labels, list(self.carriers))
         slack = 1e-6 * float(np.ptp(self.positions, axis=0).max())
         for axis, (low, high) in ranges.items():
             values = self.positions[:, "xyz".index(axis)]
-            inside &= (values >= low - slack) & (values <= high + slack)
-        return self.labels[inside]
+            is_inside &= (values >= low - slack) & (values <= high + slack)
+        return self.labels[is_inside]
 
     def nearest(self, position: ArrayLike, among: Iterable[int] | None = None) -> tuple[int, float, float]:
-        """The node nearest to `position` (3,), m: its label, the distance, and the size of the cells there.
+        """Label of the node nearest to `position` (3,), its distance, and the size of the cells there, all in m.
 
         Parameters
         ----------
@@ -177,21 +177,24 @@ class Mesh:
         return label, float(distance[best]), self.size_at(label)
 
     def size_at(self, label: int) -> float:
-        """The longest side of the cells of the mesh's dimension at a node, m; 0 where there is none."""
+        """The longest side of the cells around the node `label`, m, of the mesh's dimension; 0 if there is none."""
         longest = 0.0
         here = [label, *(made for made, carrier in self.carriers.items() if carrier == label)]
         for block, _ in self.chosen():
-            own = block.nodes[np.isin(block.nodes, here).any(axis=1)][:, : _CORNERS.get(block.kind)]
-            for row in own:
+            rows = block.nodes[np.isin(block.nodes, here).any(axis=1)][:, : _CORNERS.get(block.kind)]
+            for row in rows:
                 corners = np.array([self.nodes[int(n)] for n in row])
                 longest = max(longest, float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).max()))
         return longest
 
     def _raise_missing(self, group: str, known: Iterable[str], word: str) -> None:
+        """Raise `InputError` for a group that is not among `known`, and name the nearest; `word` is the kind of group."""
         names = list(known)
-        near = difflib.get_close_matches(group, names, 1, 0.0)
+        close = difflib.get_close_matches(group, names, 1, 0.0)
         have = (
-            f"the nearest is {near[0]!r}; it has {', '.join(names)}" if near else "it has none; name them in the mesher"
+            f"the nearest is {close[0]!r}; it has {', '.join(names)}"
+            if close
+            else "it has none; name them in the mesher"
         )
         raise InputError(f"there is no {word} {group!r} in {self.source}; {have}")
 
@@ -202,7 +205,7 @@ def _dimension_of(block: CellBlock) -> int:
 
 
 def duplicate_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
-    """Pairs of labels of nodes of cells that lie at one place, (n_pairs, 2), but those that one of `parts` joins."""
+    """Pairs of labels of nodes of cells with the same position, (n_pairs, 2), except pairs that one of `parts` joins."""
     from scipy.spatial import cKDTree
 
     used = np.isin(mesh.labels, _used(mesh, parts))
@@ -211,11 +214,11 @@ def duplicate_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
         return np.zeros((0, 2), dtype=np.int64)
     size = float(np.ptp(positions, axis=0).max())
     pairs = cKDTree(positions).query_pairs(_SAME * size, output_type="ndarray")
-    found: IntArray = np.sort(labels[pairs], axis=1)
+    label_pairs: IntArray = np.sort(labels[pairs], axis=1)
     joined = {pair for part in parts for pair in part.joined_pairs}
-    apart = np.array([pair not in joined for pair in map(tuple, found.tolist())], dtype=bool)
-    found = found[apart]
-    return found[np.lexsort(found.T[::-1])]
+    apart = np.array([pair not in joined for pair in map(tuple, label_pairs.tolist())], dtype=bool)
+    label_pairs = label_pairs[apart]
+    return label_pairs[np.lexsort(label_pairs.T[::-1])]
 
 
 def orphan_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
@@ -226,15 +229,15 @@ def orphan_nodes(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
 def require_sound(
     mesh: Mesh, drop_orphans: bool = False, duplicates: str = "refuse", take: str | Sequence[str] = ()
 ) -> Mesh:
-    """`mesh`, after the checks; with what was asked to be repaired.
+    """The mesh after checks, with orphan nodes dropped and duplicate nodes merged if that is asked for.
 
     Parameters
     ----------
     mesh : Mesh
     drop_orphans : bool
-        Whether nodes without a cell are left out instead of refused.
+        True if nodes without a cell are left out instead of refused.
     duplicates : {"refuse", "merge", "keep"}
-        Of nodes at one place: ``keep`` is for cracks and joints, where the parts are meant to move apart.
+        Treatment of nodes with one position: ``keep`` is for cracks and joints, where the parts are meant to move apart.
     take : "all" or kinds
         Parts beside the cells that are taken, see `choose_parts`: their nodes belong to them, and nodes at one place that
         one of them joins stay apart.
@@ -245,7 +248,7 @@ def require_sound(
         If nodes repeat, lie at one place or belong to no cell, or cells name a node that is not there.
     """
     parts = choose_parts(mesh.parts, take, mesh.source)
-    mesh = _with_points(mesh, parts)
+    mesh = _add_reference_points(mesh, parts)
     values, counts = np.unique(mesh.labels, return_counts=True)
     if (counts > 1).any():
         raise InputError(f"node {values[counts > 1][0]} stands twice in {mesh.source}; number the nodes anew")
@@ -263,7 +266,7 @@ def require_sound(
                 ' joined there; merge them in the mesher, or set `duplicate_nodes` to "merge", or to "keep" if the'
                 " parts are meant to be apart"
             )
-        mesh = _merged(mesh, pairs)
+        mesh = _merge_nodes(mesh, pairs)
         parts = choose_parts(mesh.parts, take, mesh.source)
     orphans = orphan_nodes(mesh, parts)
     if len(orphans):
@@ -332,8 +335,8 @@ def _used(mesh: Mesh, parts: Sequence[DeckPart] = ()) -> IntArray:
     return np.unique(np.concatenate([beside, *(block.nodes.ravel() for block in mesh.blocks)]))
 
 
-def _with_points(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
-    """The mesh with those reference points that `parts` use as nodes."""
+def _add_reference_points(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
+    """The mesh with those of its reference points that `parts` use added as nodes."""
     labels = set(mesh.labels.tolist())
     new = sorted(node for node in set().union(*(part.nodes for part in parts)) - labels if node in mesh.points)
     if not new:
@@ -342,21 +345,21 @@ def _with_points(mesh: Mesh, parts: Sequence[DeckPart]) -> Mesh:
     return replace(mesh, labels=np.concatenate([mesh.labels, np.array(new)]), positions=positions)
 
 
-def _merged(mesh: Mesh, pairs: IntArray) -> Mesh:
-    """Nodes at one place as the one with the lowest label."""
-    stands = {label: label for label in mesh.labels.tolist()}
+def _merge_nodes(mesh: Mesh, pairs: IntArray) -> Mesh:
+    """The mesh in which the nodes of each pair (n_pairs, 2) became the one with the lower label."""
+    label_of = {label: label for label in mesh.labels.tolist()}
     for low, high in pairs.tolist():
-        stands[high] = min(stands[high], stands[low])
-    for label in sorted(stands):
-        stands[label] = stands[stands[label]]
+        label_of[high] = min(label_of[high], label_of[low])
+    for label in sorted(label_of):
+        label_of[label] = label_of[label_of[label]]
     if not len(pairs):
         return mesh
     blocks = tuple(
-        replace(b, nodes=np.array([[stands[n] for n in row] for row in b.nodes.tolist()])) for b in mesh.blocks
+        replace(b, nodes=np.array([[label_of[n] for n in row] for row in b.nodes.tolist()])) for b in mesh.blocks
     )
-    groups = {name: np.unique([stands[n] for n in nodes.tolist()]) for name, nodes in mesh.node_groups.items()}
-    gone = np.array([label for label, other in stands.items() if label != other])
-    parts = tuple(part.renumbered({label: stands[label] for label in gone.tolist()}) for part in mesh.parts)
+    groups = {name: np.unique([label_of[n] for n in nodes.tolist()]) for name, nodes in mesh.node_groups.items()}
+    gone = np.array([label for label, other in label_of.items() if label != other])
+    parts = tuple(part.renumbered({label: label_of[label] for label in gone.tolist()}) for part in mesh.parts)
     return _without(replace(mesh, blocks=blocks, node_groups=groups, parts=parts), gone)
 
 
@@ -367,7 +370,7 @@ def _without(mesh: Mesh, labels: IntArray) -> Mesh:
 
 
 def unassigned(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str | None:
-    """What cells are in none of the node tables of element sets: in words, or None.
+    """A phrase on the cells that are in none of the node tables of element sets; None if there are none.
 
     Parameters
     ----------
@@ -375,7 +378,7 @@ def unassigned(mesh: Mesh, tables: list[IntArray], lower: bool = False) -> str |
     tables : list of int arrays
         Node tables of element sets.
     lower : bool
-        Whether cells of lower dimension than the mesh are looked at, instead of those of its own.
+        True if cells of lower dimension than the mesh are checked, instead of those of its own dimension.
     """
     used = {tuple(sorted(n for n in row if n >= 0)) for table in tables for row in table.tolist()}
     rows_of = {}

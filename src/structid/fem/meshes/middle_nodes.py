@@ -30,7 +30,7 @@ class MiddleNodes:
         self._cells = 0
 
     def completed(self, table: IntArray, corners: int, edges: Sequence[tuple[int, int]]) -> IntArray:
-        """The node table of elements with new nodes where it has none."""
+        """The node table (n_elements, n_nodes) with new mid-side nodes where it has none; `edges` are pairs of corner columns."""
         completed = table.copy()
         lacking = np.flatnonzero((table <= 0).any(axis=1))
         self._cells += len(lacking)
@@ -41,6 +41,7 @@ class MiddleNodes:
         return completed
 
     def _node(self, start: int, end: int) -> int:
+        """Label of the mid-side node between two corners, made when first asked for."""
         key = (min(start, end), max(start, end))
         if key not in self._nodes:
             self._nodes[key] = self._next
@@ -48,16 +49,16 @@ class MiddleNodes:
         return self._nodes[key]
 
     def with_positions(self, labels: IntArray, positions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Labels and positions with those of the new nodes behind them."""
+        """Labels (n,) and positions (n, 3) with those of the new nodes appended, each at the middle of its side."""
         if not self._nodes:
             return labels, positions
         row_of = {label: row for row, label in enumerate(labels.tolist())}
-        made = {label: ends for ends, label in self._nodes.items() if set(ends) <= set(row_of)}
-        middles = [positions[[row_of[end] for end in ends]].mean(axis=0) for ends in made.values()]
-        return np.concatenate([labels, np.array(list(made), dtype=np.int64)]), np.concatenate([positions, middles])
+        ends_of = {label: ends for ends, label in self._nodes.items() if set(ends) <= set(row_of)}
+        middles = [positions[[row_of[end] for end in ends]].mean(axis=0) for ends in ends_of.values()]
+        return np.concatenate([labels, np.array(list(ends_of), dtype=np.int64)]), np.concatenate([positions, middles])
 
     def parts(self) -> list[DeckPart]:
-        """What keeps the sides straight: needed by the mesh, so that it is always taken."""
+        """Ties that keep sides with new nodes straight, as a part that the mesh always needs; empty without new nodes."""
         if not self._nodes:
             return []
         ties = tuple(MiddleNode(f"middle {label}", label, ends) for ends, label in self._nodes.items())

@@ -57,7 +57,7 @@ _PROPERTY = re.compile(rb"^P[A-Z0-9]+\*?[\s,]+(\d+)", re.IGNORECASE)
 
 
 def read(path: Path, units: DeckUnits) -> Mesh:
-    """The mesh of a bulk data file in SI units, with what it has beside its cells.
+    """The mesh of the Nastran bulk data file at `path` in SI units, with the parts it has beside its cells.
 
     Groups are property numbers, and the property names that HyperMesh, Femap and Patran leave in comments.
 
@@ -73,11 +73,13 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     if axisymmetric:
         raise FileError(f"{path}: elements {axisymmetric} are not read; model the part in plates or solids")
     if "GRID" not in cards:
-        raise FileError(f"{path}: holds no GRID; export bulk data with the mesh")
+        made = [name for name in ("EGRID", "GRIDG", "GRIDB") if text.count_cards()[name]]
+        reason = f", only {', '.join(made)}, which a preprocessor makes grid points of" if made else ""
+        raise FileError(f"{path}: holds no GRID{reason}; export bulk data with the mesh")
     systems = BulkSystems(path, cards)
-    labels, basic = _grids(path, systems)
+    labels, basic = _read_grids(path, systems)
     middles = MiddleNodes(labels)
-    names, blocks, numbers = _blocks(path, cards, middles)
+    names, blocks, numbers = _read_cells(path, cards, middles)
     axes = systems.displacement_axes(labels, basic)
     labels, positions = middles.with_positions(labels, units.length * basic)
     position_of = dict(zip(labels.tolist(), positions, strict=True))
@@ -85,7 +87,8 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     offsets = OffsetReader(cards, units.length, position_of, axes).parts(names, blocks, numbers)
     counts = text.count_cards()
     if not blocks and all(part.obstacle for part in parts):
-        others = ", ".join(part.words for part in (*parts, *_unknown_elements(counts)))
+        beside = (*parts, *_unknown_elements(counts))
+        others = ", ".join(part.words + (f" [{part.obstacle}]" if part.obstacle else "") for part in beside)
         raise FileError(
             f"{path}: holds no elements ({', '.join(_CELLS)}){f', only {others}' if others else ''}; export bulk data with"
             " the mesh"
@@ -94,7 +97,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
         labels,
         positions,
         tuple(blocks),
-        _groups(text, numbers),
+        _property_groups(text, numbers),
         {},
         path.name,
         (*middles.parts(), *parts, *offsets, *properties_aside(cards), *_unknown_elements(counts)),
@@ -104,47 +107,47 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     )
 
 
-def _groups(text: BulkText, numbers: list[IntArray]) -> dict[str, tuple[IntArray, ...]]:
-    """Rows of each property by its number, and by its name in comments."""
+def _property_groups(text: BulkText, numbers: list[IntArray]) -> dict[str, tuple[IntArray, ...]]:
+    """Cell rows in each block for each property, by its number and by its name in comments."""
     groups: dict[str, tuple[IntArray, ...]] = {
-        str(number): tuple(np.flatnonzero(own == number) for own in numbers)
+        str(number): tuple(np.flatnonzero(of_block == number) for of_block in numbers)
         for number in np.unique(np.concatenate([np.zeros(0, np.int64), *numbers])).tolist()
     }
-    for number, name in _names(text.content).items():
+    for number, name in _property_names(text.content).items():
         if number in groups and name not in groups:
             groups[name] = groups[number]
     return groups
 
 
-def _grids(path: Path, systems: BulkSystems) -> tuple[IntArray, FloatArray]:
-    """Labels and basic positions; a grid point that is repeated at its own place counts once, as in Nastran."""
+def _read_grids(path: Path, systems: BulkSystems) -> tuple[IntArray, FloatArray]:
+    """Labels (n,) and basic positions (n, 3) of grid points; one repeated at the same position counts once, as in Nastran."""
     labels, positions = systems.labels, systems.basic_positions()
     order = np.argsort(labels, kind="stable")
-    same = labels[order][1:] == labels[order][:-1]
+    is_repeated = labels[order][1:] == labels[order][:-1]
     size = float(np.ptp(positions, axis=0).max())
     apart = np.linalg.norm(np.diff(positions[order], axis=0), axis=1) > 1e-6 * size
-    if (same & apart).any():
-        label = labels[order][1:][same & apart][0]
+    if (is_repeated & apart).any():
+        label = labels[order][1:][is_repeated & apart][0]
         raise FileError(f"{path}: GRID {label} stands twice, at two places; number the grid points anew")
-    keep = np.sort(order[np.concatenate([[True], ~same])])
+    keep = np.sort(order[np.concatenate([[True], ~is_repeated])])
     return labels[keep], positions[keep]
 
 
-def _blocks(
+def _read_cells(
     path: Path, cards: dict[str, Cards], middles: MiddleNodes
 ) -> tuple[list[str], list[CellBlock], list[IntArray]]:
-    """Card, cells and property numbers of each block; `middles` stands in for mid-side nodes that are left out."""
+    """Card, cells and property numbers of each block; `middles` supplies mid-side nodes that are left out."""
     names, blocks, numbers = [], [], []
     for name in sorted(set(_CELLS) & set(cards), key=lambda name: int(cards[name].first[0])):
-        own, (corners, most, linear, quadratic) = _each_once(path, name, cards[name]), _CELLS[name]
-        cards[name] = own
+        card, (corners, most, linear, quadratic) = _without_repeats(path, name, cards[name]), _CELLS[name]
+        cards[name] = card
         first = 1 if name == "CONROD" else 2
-        table = np.stack([own.integers(first + k) for k in range(most)], axis=1)
-        labels = own.integers(0)
+        table = np.stack([card.integers(first + k) for k in range(most)], axis=1)
+        labels = card.integers(0)
         properties = (
             labels
             if name == "CONROD"
-            else np.where(own.is_blank(1), _usual_property(name, cards, labels), own.integers(1))
+            else np.where(card.is_blank(1), _default_property(name, cards, labels), card.integers(1))
         )
         extra = (table[:, corners:] > 0).sum(axis=1)
         partly = (table[:, :corners] <= 0).any(axis=1)
@@ -159,8 +162,8 @@ def _blocks(
     return names, blocks, numbers
 
 
-def _each_once(path: Path, name: str, cards: Cards) -> Cards:
-    """Element cards without those that repeat another one whole, as solvers take them."""
+def _without_repeats(path: Path, name: str, cards: Cards) -> Cards:
+    """Element cards without those that repeat another one whole, which solvers accept too."""
     labels = cards.integers(0)
     order = np.argsort(labels, kind="stable")
     repeats = order[1:][labels[order][1:] == labels[order][:-1]]
@@ -173,8 +176,8 @@ def _each_once(path: Path, name: str, cards: Cards) -> Cards:
     return cards.without(repeats)
 
 
-def _usual_property(name: str, cards: dict[str, Cards], labels: IntArray) -> IntArray:
-    """Property of elements whose field is blank: that of BAROR or BEAMOR, else their own number."""
+def _default_property(name: str, cards: dict[str, Cards], labels: IntArray) -> IntArray:
+    """Property number of each element if the field is blank: that of BAROR or BEAMOR, else the element's own number."""
     default = {"CBAR": "BAROR", "CBEAM": "BEAMOR"}.get(name, "")
     if default not in cards or cards[default].is_blank(1).all():
         return labels
@@ -188,6 +191,7 @@ def _unknown_elements(counts: Counter[str]) -> list[DeckPart]:
 
 
 def _notes(counts: Counter[str], axes: dict[int, FloatArray], systems: BulkSystems) -> tuple[str, ...]:
+    """Sentences on what was not read: supports, scalar points, displacement systems."""
     notes = []
     supports = [name for name in _SUPPORTS if counts[name]] + ["PS of grid points"] * systems.has_supports
     if supports:
@@ -201,21 +205,21 @@ def _notes(counts: Counter[str], axes: dict[int, FloatArray], systems: BulkSyste
     return tuple(notes)
 
 
-def _names(content: bytes) -> dict[str, str]:
-    """Property names in comments, by number; those of Patran stand before the property's card."""
-    found: dict[str, str] = {}
+def _property_names(content: bytes) -> dict[str, str]:
+    """Property names from comments by property number; a name in Patran's form precedes the property's card."""
+    names: dict[str, str] = {}
     pending = ""
     for line in content.split(b"\n"):
         if line.startswith(b"$"):
             for pattern in _NAMED:
                 match = pattern.match(line.rstrip())
                 if match:
-                    found[str(int(match[1]))] = match[2].decode("latin-1").strip()
+                    names[str(int(match[1]))] = match[2].decode("latin-1").strip()
             region = _REGION.match(line)
             pending = region[1].decode("latin-1") if region else pending
         elif pending and line.strip():
             card = _PROPERTY.match(line)
             if card:
-                found[str(int(card[1]))] = pending
+                names[str(int(card[1]))] = pending
             pending = ""
-    return found
+    return names

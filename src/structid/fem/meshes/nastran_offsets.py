@@ -90,6 +90,7 @@ class OffsetReader:
         return split_by_obstacle(f"{name} offset", items)
 
     def _bars(self, name: str, index: int, block: CellBlock) -> list[DeckPart]:
+        """Parts with the end offsets of the bars in `block` (card `name`), with obstacles, and a part for released ends."""
         cards = self._cards[name]
         vectors = np.stack([cards.reals(10 + k) for k in range(6)], axis=1).reshape(-1, 2, 3) * self._length
         rows = self._with_grids(block, np.flatnonzero(vectors.any(axis=(1, 2))))
@@ -154,7 +155,9 @@ def _rows_of_block(cards: Cards, block: CellBlock) -> IntArray:
 
 
 def _laminate_middles(cards: Mapping[str, Cards]) -> dict[int, tuple[float, str]]:
-    """Where the middle of each laminate with Z0 is above its reference plane, in the unit of the deck, or why it is not known."""
+    """Height of the middle of each laminate with Z0 over its reference plane, in the deck's unit, or the reason why it is
+    unknown.
+    """
     middles: dict[int, tuple[float, str]] = {}
     for name, (head, width, thickness) in _LAMINATES.items():
         for row in range(len(cards[name]) if name in cards else 0):

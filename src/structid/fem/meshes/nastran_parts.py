@@ -116,7 +116,7 @@ class _Deck:
     ----------
     positions : mapping of label to position in m
     axes : mapping of label to (3, 3) float array
-        Of grid points with a displacement system of their own.
+        Directions of motion of grid points with a displacement system of their own.
     """
 
     cards: Mapping[str, Cards]
@@ -140,7 +140,7 @@ class _Deck:
 
     def rows(self, name: str) -> list[list[str]]:
         """The fields of each card of a name, in words."""
-        return _rows(self.cards, name)
+        return _words_of_cards(self.cards, name)
 
 
 def read_parts(
@@ -151,7 +151,7 @@ def read_parts(
     axes: Mapping[int, FloatArray],
     units: DeckUnits,
 ) -> list[DeckPart]:
-    """The parts of a deck beside its cells: those that structid has elements for, and the others with the reason.
+    """The parts of a deck beside its cells: those that structid has elements for, and others with the obstacle.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def read_parts(
     systems : BulkSystems
     positions : mapping of label to position in m
     axes : mapping of label to (3, 3) float array
-        Of grid points with a displacement system of their own.
+        Directions of motion of grid points with a displacement system of their own.
     units : DeckUnits
         Without PARAM,WTMASS.
     """
@@ -170,9 +170,9 @@ def read_parts(
         part
         for name, make in _readers(deck).items()
         if name in cards
-        for part in _parts_of(name, deck.rows(name), make)
+        for part in _read_cards(name, deck.rows(name), make)
     ]
-    parts += _constraints(deck, text.case_control)
+    parts += _read_mpc_set(deck, text.case_control)
     counts = Counter({name: len(cards[name]) for name in _UNREAD if name in cards})
     parts += [DeckPart(name, count, obstacle=_UNREAD[name]) for name, count in counts.items()]
     return parts
@@ -180,7 +180,7 @@ def read_parts(
 
 def _mass_factor(text: BulkText, cards: Mapping[str, Cards]) -> float:
     """PARAM,WTMASS of the bulk data or of case control; 1 without it."""
-    stated = [words[1] for words in _rows(cards, "PARAM") if words[0] == "WTMASS"]
+    stated = [words[1] for words in _words_of_cards(cards, "PARAM") if words[0] == "WTMASS"]
     stated += [word.decode("latin-1").upper() for word in _WTMASS.findall(text.case_control)]
     factors = {_real(word) for word in stated}
     if len(factors) > 1:
@@ -200,26 +200,28 @@ Reader = Callable[[Sequence[str]], Item]
 
 def _readers(deck: _Deck) -> dict[str, Reader]:
     """What reads one card of each name."""
-    tables = {name: _numbered(deck, name, width) for name, width in (("PELAS", 4), ("PDAMP", 2), ("PMASS", 2))}
-    bushes = {"CBUSH": _bush_properties(deck), "CBUSH1D": _axial_properties(deck), "CVISC": _viscous_properties(deck)}
+    tables = {name: _property_fields(deck, name, width) for name, width in (("PELAS", 4), ("PDAMP", 2), ("PMASS", 2))}
+    bushes = {"CBUSH": _read_pbush(deck), "CBUSH1D": _read_pbush1d(deck), "CVISC": _read_pvisc(deck)}
     return {
-        "CONM1": partial(_body, deck, "CONM1"),
-        "CONM2": partial(_body, deck, "CONM2"),
-        "CMASS1": partial(_scalar_mass, deck, tables["PMASS"]),
-        "CMASS2": partial(_scalar_mass, deck, None),
-        "CELAS1": partial(_scalar_spring, deck, "CELAS1", tables["PELAS"]),
-        "CELAS2": partial(_scalar_spring, deck, "CELAS2", None),
-        "CDAMP1": partial(_scalar_spring, deck, "CDAMP1", tables["PDAMP"]),
-        "CDAMP2": partial(_scalar_spring, deck, "CDAMP2", None),
-        **{name: partial(_bush, deck, name, values) for name, values in bushes.items()},
-        "RBE2": partial(_rigid, deck, "RBE2", _rbe2),
-        "RBAR": partial(_rigid, deck, "RBAR", _rbar),
-        "RBE3": partial(_rigid, deck, "RBE3", _rbe3),
+        "CONM1": partial(_read_body, deck, "CONM1"),
+        "CONM2": partial(_read_body, deck, "CONM2"),
+        "CMASS1": partial(_read_scalar_mass, deck, tables["PMASS"]),
+        "CMASS2": partial(_read_scalar_mass, deck, None),
+        "CELAS1": partial(_read_scalar_spring, deck, "CELAS1", tables["PELAS"]),
+        "CELAS2": partial(_read_scalar_spring, deck, "CELAS2", None),
+        "CDAMP1": partial(_read_scalar_spring, deck, "CDAMP1", tables["PDAMP"]),
+        "CDAMP2": partial(_read_scalar_spring, deck, "CDAMP2", None),
+        **{name: partial(_read_bush, deck, name, values) for name, values in bushes.items()},
+        "RBE2": partial(_rigid, deck, "RBE2", _read_rbe2),
+        "RBAR": partial(_rigid, deck, "RBAR", _read_rbar),
+        "RBE3": partial(_rigid, deck, "RBE3", _read_rbe3),
     }
 
 
-def _parts_of(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> list[DeckPart]:
-    """The parts of all cards of a name; a card that cannot be read is one with that obstacle."""
+def _read_cards(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> list[DeckPart]:
+    """The parts that `reader` makes of all cards of a name (`rows` of fields); unreadable cards become a part with that
+    obstacle.
+    """
     items: list[Item] = []
     for words in rows:
         try:
@@ -229,7 +231,7 @@ def _parts_of(name: str, rows: Sequence[Sequence[str]], reader: Reader) -> list[
     return split_by_obstacle(name, items)
 
 
-def _rows(cards: Mapping[str, Cards], name: str) -> list[list[str]]:
+def _words_of_cards(cards: Mapping[str, Cards], name: str) -> list[list[str]]:
     return [cards[name].row_words(row) for row in range(len(cards[name]))] if name in cards else []
 
 
@@ -245,26 +247,26 @@ def _padded(words: Sequence[str], count: int) -> list[str]:
     return [*words, *[""] * (count - len(words))]
 
 
-def _components(word: str) -> list[int]:
-    """Components such as 123 as 0, 1, 2."""
+def _component_indices(word: str) -> list[int]:
+    """Components such as 123 as indices 0, 1, 2."""
     components = [int(digit) - 1 for digit in word]
     if not set(components) <= set(range(6)):
         raise ValueError(f"components must be among 1 to 6, got {word!r}")
     return components
 
 
-def _body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
-    """A CONM1 or CONM2: a mass matrix of a grid point."""
+def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
+    """Obstacle (or "") and part of a CONM1 or CONM2 card: the mass matrix of a grid point."""
     words = _padded(row, 24)
     node = _whole(words[1])
     if node not in deck.positions:
         return _SCALAR, DeckPart(name, 1, deck.units.mass * _real(words[3]))
-    matrix = _eccentric_mass(deck, node, words) if name == "CONM2" else _full_mass(deck, node, words)
+    matrix = _conm2_matrix(deck, node, words) if name == "CONM2" else _conm1_matrix(deck, node, words)
     return "", DeckPart(name, 1, float(np.trace(matrix[:3, :3])) / 3, (NodalMass(node, matrix),))
 
 
-def _scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
-    """A CMASS1 (with the values of properties) or CMASS2: a mass of one component of a grid point."""
+def _read_scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
+    """Obstacle and part of a CMASS1 (`table` has values of properties) or CMASS2 card: mass of one component of a point."""
     words = _padded(row, 8)
     kind = "CMASS2" if table is None else "CMASS1"
     node, component = _whole(words[2]), words[3]
@@ -275,15 +277,15 @@ def _scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: Sequen
         return _SCALAR, DeckPart(kind, 1, deck.units.mass * value)
     if _whole(words[4]):
         return "it joins two nodes", DeckPart(kind, 1, deck.units.mass * value)
-    axis = _components(component)[0]
+    axis = _component_indices(component)[0]
     matrix = np.zeros((6, 6))
     matrix[axis, axis] = value * (deck.units.inertia if axis > 2 else deck.units.mass)
     mass = NodalMass(node, turned_matrix(matrix, deck.axes_at(node)))
     return "", DeckPart(kind, 1, 0.0 if axis > 2 else deck.units.mass * value, (mass,))
 
 
-def _eccentric_mass(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
-    """The mass matrix of a CONM2 in global directions."""
+def _conm2_matrix(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
+    """Mass matrix (6, 6) of a CONM2 card in global directions and SI units."""
     system, mass = _whole(words[2]), deck.units.mass * _real(words[3])
     arm = deck.units.length * np.array([_real(word) for word in words[4:7]])
     xx, yx, yy, zx, zy, zz = (deck.units.inertia * _real(word) for word in words[8:14])
@@ -293,8 +295,8 @@ def _eccentric_mass(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
     return turned_matrix(mass_matrix(mass, arm, inertia), deck.axes_of(system, node))
 
 
-def _full_mass(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
-    """The mass matrix of a CONM1 in global directions."""
+def _conm1_matrix(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
+    """Mass matrix (6, 6) of a CONM1 card in global directions and SI units."""
     matrix = np.zeros((6, 6))
     matrix[np.tril_indices(6)] = [_real(word) for word in words[3:24]]
     matrix += np.tril(matrix, -1).T
@@ -302,8 +304,8 @@ def _full_mass(deck: _Deck, node: int, words: Sequence[str]) -> FloatArray:
     return turned_matrix(deck.units.mass * scale[:, None] * matrix * scale, deck.axes_of(_whole(words[2]), node))
 
 
-def _numbered(deck: _Deck, name: str, width: int) -> dict[int, list[str]]:
-    """Fields of property cards that have several properties a card, each of `width` fields with its number first."""
+def _property_fields(deck: _Deck, name: str, width: int) -> dict[int, list[str]]:
+    """Fields of each property, by its number, from cards that hold several properties of `width` fields each."""
     table: dict[int, list[str]] = {}
     for row in deck.rows(name):
         words = _padded(row, 8)
@@ -311,12 +313,12 @@ def _numbered(deck: _Deck, name: str, width: int) -> dict[int, list[str]]:
     return table
 
 
-def _scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
-    """A CELAS1 or CDAMP1 (with the values of properties), CELAS2 or CDAMP2: from one component to another or the ground."""
+def _read_scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
+    """Obstacle and part of a CELAS1 or CDAMP1 (`table` has property values), CELAS2 or CDAMP2 card."""
     words = _padded(row, 8)
     if table is not None and _whole(words[1]) not in table:
         return _NO_PROPERTY, DeckPart(name, 1)
-    own = [words[1], words[6]] if table is None else table[int(words[1])]
+    values = [words[1], words[6]] if table is None else table[int(words[1])]
     if table is not None and name == "CELAS1" and int(words[1]) in deck.tabled("PELAST"):
         return _TABLED, DeckPart(name, 1)
     weights: dict[tuple[int, str], float] = {}
@@ -326,22 +328,22 @@ def _scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None
             continue
         if node not in deck.positions or component in ("", "0"):
             return _SCALAR, DeckPart(name, 1)
-        axis = _components(component)[0]
+        axis = _component_indices(component)[0]
         is_rotation = axis > 2
         for key, weight in weights_along(node, deck.axes_at(node)[axis % 3], is_rotation, sign).items():
             weights[key] = weights.get(key, 0.0) + weight
     if not any(weights.values()):
         return "it joins a component with itself", DeckPart(name, 1)
-    value = _real(own[0]) * deck.units.stiffness(is_rotation)
+    value = _real(values[0]) * deck.units.stiffness(is_rotation)
     is_spring = name.startswith("CELAS")
-    loss = _real(own[1]) if is_spring else 0.0
+    loss = _real(values[1]) if is_spring else 0.0
     named = "" if table is None else words[1]
     spring = DeckSpring(weights, value * is_spring, value * (not is_spring), loss, named)
     return "", DeckPart(name, 1, springs=(spring,))
 
 
-def _bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> Item:
-    """A CBUSH, CBUSH1D or CVISC: springs and dashpots along axes of an element."""
+def _read_bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> Item:
+    """Obstacle and part of a CBUSH, CBUSH1D or CVISC card: springs and dashpots along the axes of the element."""
     words = _padded(row, 16)
     first, second = _whole(words[2]), _whole(words[3])
     number = _whole(words[1]) or _whole(words[0])
@@ -356,10 +358,10 @@ def _bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> Item:
     works = (stiffness != 0) | (damping != 0)
     if problem or axes is None or (works & ~np.tile(axes.any(axis=1), 2)).any():
         return problem or obstacle or "it has no orientation", DeckPart(name, 1)
-    share = _real(words[8]) if words[8] and name == "CBUSH" else 0.5
+    position = _real(words[8]) if words[8] and name == "CBUSH" else 0.5
     springs = []
     for component in np.flatnonzero(works).tolist():
-        weights = _bush_weights(deck, first, second, axes[component % 3], component > 2, share)
+        weights = _bush_weights(deck, first, second, axes[component % 3], component > 2, position)
         factor = deck.units.stiffness(component > 2)
         springs.append(DeckSpring(weights, factor * stiffness[component], factor * damping[component], loss, words[1]))
     return "", DeckPart(name, 1, springs=tuple(springs))
@@ -368,7 +370,10 @@ def _bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> Item:
 def _bush_weights(
     deck: _Deck, first: int, second: int, axis: FloatArray, is_rotation: bool, share: float
 ) -> dict[tuple[int, str], float]:
-    """Displacement of the second end less that of the first where the spring is, `share` of the way from the first."""
+    """Weights, by (node, direction), of the displacement of the second end less the first along `axis` at the spring.
+
+    The spring is at the fraction `share` of the way from the first to the second node.
+    """
     weights = weights_along(first, axis, is_rotation, -1.0)
     ends = [(first, -1.0, share), (second, 1.0, share - 1.0)] if second else [(first, -1.0, 0.0)]
     if second:
@@ -386,7 +391,7 @@ def _bush_weights(
 
 
 def _bush_axes(deck: _Deck, name: str, first: int, second: int, words: Sequence[str]) -> tuple[FloatArray | None, str]:
-    """Axes of the element as rows, and what hinders; None where it has no orientation and no length."""
+    """Axes of the element as rows (3, 3) and an obstacle or ""; None if it has no orientation and no length."""
     system = words[7] if name == "CBUSH" else words[4] if name == "CBUSH1D" else ""
     if system:
         return deck.axes_of(int(system), first), ""
@@ -411,29 +416,29 @@ def _bush_axes(deck: _Deck, name: str, first: int, second: int, words: Sequence[
     return np.stack([x, np.cross(z, x), z]), ""
 
 
-def _bush_properties(deck: _Deck) -> Values:
-    """Stiffness, damping (6,) and loss factor of each PBUSH."""
+def _read_pbush(deck: _Deck) -> Values:
+    """Stiffness (6,), damping (6,), loss factor and obstacle of each PBUSH card, by number."""
     values: Values = {}
     for words in deck.rows("PBUSH"):
         numbers = {"K": np.zeros(6), "B": np.zeros(6), "GE": np.zeros(6)}
-        problem, flag, place = "", "", 0
+        problem, flag, index = "", "", 0
         for word in words[1:]:
             if word in ("K", "B", "GE", "M", "RCV", "KMAG", "T", "ALPHA", "TREF"):
-                flag, place = word, 0
+                flag, index = word, 0
                 problem = "its stiffness is rigid or has a mass" if word in ("KMAG", "M") else problem
-            elif flag in numbers and place < 6:
+            elif flag in numbers and index < 6:
                 if word == "RIGID":
                     problem = "its stiffness is rigid"
                 else:
-                    numbers[flag][place] = _real(word)
-                place += 1
+                    numbers[flag][index] = _real(word)
+                index += 1
         problem = _TABLED if int(words[0]) in deck.tabled("PBUSHT") else problem
         values[int(words[0])] = (numbers["K"], numbers["B"], float(numbers["GE"][0]), problem)
     return values
 
 
-def _axial_properties(deck: _Deck) -> Values:
-    """Axial stiffness and damping of each PBUSH1D."""
+def _read_pbush1d(deck: _Deck) -> Values:
+    """Axial stiffness and damping (6,), loss factor and obstacle of each PBUSH1D card, by number."""
     values: Values = {}
     for row in deck.rows("PBUSH1D"):
         words = _padded(row, 16)
@@ -442,8 +447,8 @@ def _axial_properties(deck: _Deck) -> Values:
     return values
 
 
-def _viscous_properties(deck: _Deck) -> Values:
-    """Axial and torsional damping of each PVISC."""
+def _read_pvisc(deck: _Deck) -> Values:
+    """Axial and torsional damping (6,) of each PVISC card, by number."""
     values: Values = {}
     for row in deck.rows("PVISC"):
         words = _padded(row, 8)
@@ -471,29 +476,31 @@ def _rigid(deck: _Deck, name: str, make: Callable[[_Deck, Sequence[str]], Ties],
     return obstacle, DeckPart(name, 1, ties=tuple(ties))
 
 
-def _rbe2(deck: _Deck, words: Sequence[str]) -> Ties:
+def _read_rbe2(deck: _Deck, words: Sequence[str]) -> Ties:
+    """Obstacle (or "") and ties of an RBE2 card: nodes that follow a main node."""
     main = int(words[1])
     dependents = _node_list([word for word in words[3:] if _is_listed(word) or not _is_number(word)])
     if main not in deck.positions or not set(dependents) <= set(deck.positions):
         return _SCALAR, []
-    return _followers(deck, f"rbe2 {words[0]}", main, dependents, words[2])
+    return _follow_rigidly(deck, f"rbe2 {words[0]}", main, dependents, words[2])
 
 
-def _followers(deck: _Deck, name: str, main: int, dependents: Sequence[int], components: str) -> Ties:
-    """Nodes that follow a main node in some of their components."""
-    if set(_components(components)) == set(range(6)):
+def _follow_rigidly(deck: _Deck, name: str, main: int, dependents: Sequence[int], components: str) -> Ties:
+    """Obstacle (or "") and ties of nodes that follow a main node rigidly in some of their components."""
+    if set(_component_indices(components)) == set(range(6)):
         return "", [RigidLink(name, main, dependents)]
     ties: list[RigidLink | Constraint] = []
     for node in dependents:
         arm = deck.positions[node] - deck.positions[main]
-        rows = rigid_constraints(name, main, node, arm, deck.axes_at(node), _components(components))
+        rows = rigid_constraints(name, main, node, arm, deck.axes_at(node), _component_indices(components))
         if rows is None:
             return _OBLIQUE, []
         ties += rows
     return "", ties
 
 
-def _rbar(deck: _Deck, words: Sequence[str]) -> Ties:
+def _read_rbar(deck: _Deck, words: Sequence[str]) -> Ties:
+    """Obstacle (or "") and ties of an RBAR card, where all independent components are at one node."""
     padded = _padded(words, 8)
     first, second = int(padded[1]), int(padded[2])
     independent_first, independent_second, dependent_first, dependent_second = padded[3:7]
@@ -501,24 +508,27 @@ def _rbar(deck: _Deck, words: Sequence[str]) -> Ties:
         return _SCALAR, []
     name = f"rbar {padded[0]}"
     if sorted(independent_first) == list("123456") and not independent_second:
-        return _followers(deck, name, first, [second], dependent_second or "123456")
+        return _follow_rigidly(deck, name, first, [second], dependent_second or "123456")
     if sorted(independent_second) == list("123456") and not independent_first:
-        return _followers(deck, name, second, [first], dependent_first or "123456")
+        return _follow_rigidly(deck, name, second, [first], dependent_first or "123456")
     return "its independent components are at both nodes", []
 
 
-def _rbe3(deck: _Deck, words: Sequence[str]) -> Ties:
-    """A reference node as the weighted mean of others: least squares of their rigid motion, solved for what UM names."""
-    reference, chosen = int(words[2]), _components(words[3])
+def _read_rbe3(deck: _Deck, words: Sequence[str]) -> Ties:
+    """Obstacle (or "") and ties of an RBE3 card: a reference node moves as the weighted mean of others.
+
+    The mean is the least-squares fit of a rigid motion; the constraints are solved for the components that UM names.
+    """
+    reference, chosen = int(words[2]), _component_indices(words[3])
     averaged, solved_for = _averaged_groups(words[4:])
-    every = [reference, *(node for _, _, nodes in averaged for node in nodes), *(node for node, _ in solved_for)]
-    if not set(every) <= set(deck.positions):
+    all_nodes = [reference, *(node for _, _, nodes in averaged for node in nodes), *(node for node, _ in solved_for)]
+    if not set(all_nodes) <= set(deck.positions):
         return _SCALAR, []
     components = [
         Component(node, deck.axes_at(node)[component % 3], component > 2, weight)
         for weight, which, nodes in averaged
         for node in nodes
-        for component in _components(which)
+        for component in _component_indices(which)
     ]
     mean = mean_motion(deck.positions[reference], components, deck.positions)
     if mean is None:
@@ -526,7 +536,7 @@ def _rbe3(deck: _Deck, words: Sequence[str]) -> Ties:
     rows = mean_rows(reference, deck.axes_at(reference), chosen, components, mean)
     dependents: list[tuple[int, str]] = []
     for node, which in solved_for or [(reference, words[3])]:
-        directions = global_directions(deck.axes_at(node), _components(which))
+        directions = global_directions(deck.axes_at(node), _component_indices(which))
         if directions is None:
             return _OBLIQUE, []
         dependents += [(node, direction) for direction in directions]
@@ -556,7 +566,7 @@ def _is_listed(word: str) -> bool:
 
 
 def _is_number(word: str) -> bool:
-    """Whether a field is a real number or blank."""
+    """True if a field is a real number or blank."""
     try:
         _real(word)
     except ValueError:
@@ -580,41 +590,41 @@ def _node_list(words: Sequence[str]) -> list[int]:
     return labels
 
 
-def _constraints(deck: _Deck, case_control: bytes) -> list[DeckPart]:
-    """MPC cards of the set that case control asks for, or of the only one."""
+def _read_mpc_set(deck: _Deck, case_control: bytes) -> list[DeckPart]:
+    """Parts of the MPC cards of the set that case control asks for, or of the only set."""
     if "MPC" not in deck.cards:
         return []
     sets: dict[int, list[list[str]]] = {}
     for words in deck.rows("MPC"):
         sets.setdefault(int(words[0]), []).append(words)
-    asked = re.findall(rb"^\s*MPC\s*=\s*(\d+)", case_control, re.MULTILINE | re.IGNORECASE)
-    chosen = {int(number) for number in asked} or (set(sets) if len(sets) == 1 else set())
+    set_numbers = re.findall(rb"^\s*MPC\s*=\s*(\d+)", case_control, re.MULTILINE | re.IGNORECASE)
+    chosen = {int(number) for number in set_numbers} or (set(sets) if len(sets) == 1 else set())
     count = sum(len(rows) for rows in sets.values())
     sums = {int(words[0]): {int(word) for word in words[1:] if word} for words in deck.rows("MPCADD")}
     members = sums.get(next(iter(chosen)), chosen) if len(chosen) == 1 else set()
     if not members or not members <= set(sets):
         return [DeckPart("MPC", count, obstacle="it is not clear which set of MPC is meant")]
     rows = [words for number in sorted(members) for words in sets[number]]
-    return _parts_of("MPC", rows, partial(_rigid, deck, "MPC", _constraint))
+    return _read_cards("MPC", rows, partial(_rigid, deck, "MPC", _read_mpc))
 
 
-def _constraint(deck: _Deck, words: Sequence[str]) -> Ties:
-    """One MPC: the sum of factors times components is 0; the first is the dependent one."""
+def _read_mpc(deck: _Deck, words: Sequence[str]) -> Ties:
+    """Obstacle (or "") and tie of one MPC card: factors times components add up to 0, the first is dependent."""
     terms: list[tuple[int, str, float]] = []
     for start in range(0, len(words), 8):
-        for place in (start + 1, start + 4):
-            triple = _padded(words, start + 8)[place : place + 3]
+        for column in (start + 1, start + 4):
+            triple = _padded(words, start + 8)[column : column + 3]
             if triple[0]:
                 terms.append((int(triple[0]), triple[1], _real(triple[2])))
     if any(node not in deck.positions or component in ("", "0") for node, component, _ in terms):
         return _SCALAR, []
     sums: list[tuple[Dof, float]] = []
     for node, component, factor in terms:
-        axis = _components(component)[0]
+        axis = _component_indices(component)[0]
         for (label, direction), part in weights_along(node, deck.axes_at(node)[axis % 3], axis > 2).items():
             sums.append((Dof(label, direction), factor * part * (deck.units.length if axis > 2 else 1.0)))
     first, *others = sums
-    first_axis = deck.axes_at(terms[0][0])[_components(terms[0][1])[0] % 3]
+    first_axis = deck.axes_at(terms[0][0])[_component_indices(terms[0][1])[0] % 3]
     if np.abs(first_axis).max() < 1 - 1e-12:
         return _OBLIQUE, []
     factors = {dof: -value / first[1] for dof, value in others}

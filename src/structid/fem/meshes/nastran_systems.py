@@ -45,19 +45,20 @@ class BulkSystems:
     """
 
     def __init__(self, path: Path, cards: dict[str, Cards]) -> None:
+        """Read the grid points and coordinate system cards of the deck at `path`; systems are resolved when asked for."""
         grids = cards["GRID"]
         self._path = path
         self.labels: IntArray = grids.integers(0)
         self._coordinates = np.stack([grids.reals(place) for place in (2, 3, 4)], axis=1)
-        self._definition = _with_default(cards, _CP)
-        self.displacement: IntArray = _with_default(cards, _CD)
+        self._definition = _grid_systems(cards, _CP)
+        self.displacement: IntArray = _grid_systems(cards, _CD)
         #: Whether grid points are held by fields of their own (PS).
-        self.has_supports: bool = bool((_with_default(cards, _PS) != 0).any())
-        self._cards = _system_cards(cards)
+        self.has_supports: bool = bool((_grid_systems(cards, _PS) != 0).any())
+        self._cards = _read_system_cards(cards)
         self._resolved = {0: CoordinateSystem("R", np.zeros(3), np.eye(3))}
 
     def basic_positions(self) -> FloatArray:
-        """Positions of all grid points in the basic system, (n_grids, 3), in the unit of the file.
+        """Positions of all grid points in the basic coordinate system, (n_grids, 3), in the unit of the file.
 
         Raises
         ------
@@ -71,7 +72,7 @@ class BulkSystems:
         return positions
 
     def system(self, number: int, within: tuple[int, ...] = ()) -> CoordinateSystem:
-        """A coordinate system in the basic one; `within` are those that are being resolved."""
+        """The coordinate system with this `number` in basic coordinates; `within` are those being resolved."""
         if number in self._resolved:
             return self._resolved[number]
         if number not in self._cards or number in within:
@@ -93,6 +94,7 @@ class BulkSystems:
         return self._resolved[number]
 
     def _grid_point(self, number: int, label: int, within: tuple[int, ...]) -> FloatArray:
+        """Basic position (3,) of the grid point `label` that a coordinate system refers to."""
         rows = np.flatnonzero(self.labels == label)
         if not len(rows):
             raise FileError(f"{self._path}: coordinate system {number} names GRID {label}, which is not there; add it")
@@ -100,7 +102,7 @@ class BulkSystems:
         return system.to_basic(self._coordinates[rows[:1]])[0]
 
     def displacement_axes(self, labels: IntArray, positions: FloatArray) -> dict[int, FloatArray]:
-        """Directions of motion as rows, (3, 3), of the grid points whose own differ from the basic ones.
+        """Directions of motion (rows, (3, 3)) of each grid point whose displacement system is not the basic one.
 
         Parameters
         ----------
@@ -119,15 +121,16 @@ class BulkSystems:
         return axes
 
 
-def _with_default(cards: dict[str, Cards], place: int) -> IntArray:
-    """A system of each grid point, that of GRDSET where its own field is blank."""
+def _grid_systems(cards: dict[str, Cards], place: int) -> IntArray:
+    """Number of the coordinate system in the field `place` of each grid point, (n_grids,), or that of GRDSET where blank."""
     numbers = cards["GRID"].integers(place)
     if "GRDSET" in cards:
         numbers = np.where(cards["GRID"].is_blank(place), cards["GRDSET"].integers(place)[0], numbers)
     return numbers
 
 
-def _system_cards(cards: dict[str, Cards]) -> dict[int, _SystemCard]:
+def _read_system_cards(cards: dict[str, Cards]) -> dict[int, _SystemCard]:
+    """Coordinate systems as on their CORD1 and CORD2 cards, by number."""
     systems: dict[int, _SystemCard] = {}
     for name in SYSTEM_CARDS:
         card = cards.get(name)

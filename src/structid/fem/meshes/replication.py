@@ -42,7 +42,7 @@ def expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tupl
         repeat = _REPEAT.match(text.strip().rstrip(b", \t"))
         if not text.strip() or (head[:1].isalpha() and not _may_replicate(line)):
             if text.strip():
-                previous, steps, continued = _fields(text), [], False
+                previous, steps, continued = _card_fields(text), [], False
             expanded.append(line)
             numbers.append(number)
             continue
@@ -61,7 +61,7 @@ def expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tupl
         n_repeated += count
         if n_repeated > _MOST_CARDS:
             raise FileError(f"{locate(number)}: {n_repeated} cards are repeated up to here; at most {_MOST_CARDS} are")
-        steps = steps if repeat is not None else _fields(text)
+        steps = steps if repeat is not None else _card_fields(text)
         for _ in range(count):
             previous = _next_card(previous, steps, locate(number))
             expanded.append(b",".join(previous))
@@ -70,7 +70,7 @@ def expand_replication(lines: list[bytes], locate: Callable[[int], str]) -> tupl
 
 
 def _may_replicate(line: bytes) -> bool:
-    """Whether a line of bulk data may stand for others: it begins with `=`, or has a field `=` or `*n`."""
+    """True if a line of bulk data may stand for other cards: it begins with `=`, or has a field `=` or `*n`."""
     text = line.split(b"$")[0].strip()
     if text.startswith(b"="):
         return True
@@ -78,11 +78,11 @@ def _may_replicate(line: bytes) -> bool:
         return False
     if not text[:1].isalpha() or b"," not in text:
         return False
-    return any(field == b"=" or field == b"==" or _STEP.match(field) for field in _fields(text)[1:])
+    return any(field == b"=" or field == b"==" or _STEP.match(field) for field in _card_fields(text)[1:])
 
 
-def _fields(text: bytes) -> list[bytes]:
-    """The fields of a card in free, small or large format."""
+def _card_fields(text: bytes) -> list[bytes]:
+    """The fields of a card line in free, small or large format, stripped."""
     if b"," in text:
         return [field.strip() for field in text.split(b",")]
     text = text.expandtabs(8)
@@ -92,21 +92,22 @@ def _fields(text: bytes) -> list[bytes]:
 
 
 def _next_card(previous: list[bytes], steps: list[bytes], where: str) -> list[bytes]:
-    """The fields of the card behind `previous`."""
+    """The fields of the card that replication `steps` make of the `previous` one."""
     card: list[bytes] = []
-    for place, word in enumerate(steps):
-        before = previous[place] if place < len(previous) else b""
+    for index, word in enumerate(steps):
+        before = previous[index] if index < len(previous) else b""
         if word == b"==":
-            return card + previous[place:]
+            return card + previous[index:]
         step = _STEP.match(word)
-        if step is not None and place > 0:
-            card.append(_stepped(before, step[1], where))
+        if step is not None and index > 0:
+            card.append(_add_step(before, step[1], where))
         else:
             card.append(before if word == b"=" else word)
     return card
 
 
-def _stepped(before: bytes, step: bytes, where: str) -> bytes:
+def _add_step(before: bytes, step: bytes, where: str) -> bytes:
+    """The number `before` plus `step`, as text; `where` is for errors."""
     if _WHOLE.match(before or b"0") and _WHOLE.match(step):
         return b"%d" % (int(before or b"0") + int(step))
     try:

@@ -25,7 +25,7 @@ _NODE, _ELEMENT = 7, 8
 
 
 def read(path: Path, units: DeckUnits) -> Mesh:
-    """The mesh of a universal file in m, by the units of its dataset 164 where it has one.
+    """The mesh of the universal file at `path` in m, by the units of its dataset 164 if it has one.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def read(path: Path, units: DeckUnits) -> Mesh:
         if block.number in _GROUPS:
             for name, chosen, members in _read_groups(f"{path}: dataset {block.place} ({block.number})", block.lines):
                 if chosen:
-                    groups[name] = tuple(np.flatnonzero(np.isin(own, chosen)) for own in labels)
+                    groups[name] = tuple(np.flatnonzero(np.isin(labels_of_block, chosen)) for labels_of_block in labels)
                 if members:
                     node_groups[name] = np.unique(np.array(members, dtype=np.int64))
     positions = np.array([nodes.points[label] for label in nodes.points]).reshape(-1, 3) * scale
@@ -65,19 +65,21 @@ def read(path: Path, units: DeckUnits) -> Mesh:
 
 
 def _read_groups(where: str, lines: list[str]) -> list[tuple[str, list[int], list[int]]]:
-    """Name, elements and nodes of each group: four numbers an entity, two entities a line."""
-    groups, at = [], 0
-    while at < len(lines):
-        count = row_of_integers(where, lines, at, 8)[7]
-        if at + 1 >= len(lines) or at + 2 + -(-count // 2) > len(lines):
+    """Name, element labels and node labels of each group in the `lines` of one dataset."""
+    groups, line_index = [], 0
+    while line_index < len(lines):
+        count = row_of_integers(where, lines, line_index, 8)[7]
+        if line_index + 1 >= len(lines) or line_index + 2 + -(-count // 2) > len(lines):
             raise FileError(f"{where} ends within a group; export the mesh again")
-        name = lines[at + 1].strip()
+        name = lines[line_index + 1].strip()
         numbers = [
-            n for place in range(at + 2, at + 2 + -(-count // 2)) for n in row_of_integers(where, lines, place, 8)
+            n
+            for row in range(line_index + 2, line_index + 2 + -(-count // 2))
+            for n in row_of_integers(where, lines, row, 8)
         ]
         entities = list(zip(numbers[0::4], numbers[1::4], strict=False))[:count]
         groups.append(
             (name, [n for kind, n in entities if kind == _ELEMENT], [n for kind, n in entities if kind == _NODE])
         )
-        at += 2 + -(-count // 2)
+        line_index += 2 + -(-count // 2)
     return groups

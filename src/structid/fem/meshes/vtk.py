@@ -43,7 +43,7 @@ class _Grid(Protocol):
 
 
 def read(path: Path, units: DeckUnits) -> Mesh:
-    """The mesh of a VTK file in m.
+    """The mesh of the VTK file at `path` in m.
 
     Groups are whole-number cell arrays: ``array=value``.
 
@@ -52,26 +52,26 @@ def read(path: Path, units: DeckUnits) -> Mesh:
     FileError
         If the file is damaged, or meshio is not installed.
     """
-    given = _read(path, path.suffix.lower()[1:])
-    points = np.asarray(given.points, dtype=np.float64)
+    grid = _read_grid(path, path.suffix.lower()[1:])
+    points = np.asarray(grid.points, dtype=np.float64)
     if points.ndim != 2 or not len(points):
         raise FileError(f"{path}: holds no whole table of nodes; {_REMEDY}")
     points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
-    labels = _labels(given)
+    labels = _node_labels(grid)
     blocks = []
-    for block in given.cells:
+    for block in grid.cells:
         rows: IntArray = np.asarray(block.data, dtype=np.int64)
         if rows.size and (rows.min() < 0 or rows.max() >= len(labels)):
             raise FileError(f"{path}: cells of type {block.type} name nodes that are not there; {_REMEDY}")
-        rows = _upright(block.type, rows, points)
+        rows = _orient_wedges(block.type, rows, points)
         blocks.append(CellBlock(block.type, locked(labels[rows])))
-    groups = _groups(given)
-    nodes = {str(name): locked(labels[np.asarray(rows, np.int64)]) for name, rows in given.point_sets.items()}
+    groups = _cell_groups(grid)
+    nodes = {str(name): locked(labels[np.asarray(rows, np.int64)]) for name, rows in grid.point_sets.items()}
     return Mesh(locked(labels), locked(units.length * points), tuple(blocks), groups, nodes, path.name)
 
 
-def _upright(kind: str, rows: IntArray, points: AnyArray) -> IntArray:
-    """Wedges whose first triangle has its normal towards the second, as VTK documents it for 15 nodes, not for 6.
+def _orient_wedges(kind: str, rows: IntArray, points: AnyArray) -> IntArray:
+    """Rows of wedges with the normal of the first triangle towards the second, which writers of VTK files do differently.
 
     Writers differ in both, so that the positions tell.
     """
@@ -85,8 +85,8 @@ def _upright(kind: str, rows: IntArray, points: AnyArray) -> IntArray:
     return np.where(is_down[:, None], rows[:, list(order)], rows)
 
 
-def _read(path: Path, kind: str) -> _Grid:
-    """What meshio's own reader of the format gives."""
+def _read_grid(path: Path, kind: str) -> _Grid:
+    """The grid that meshio's own reader of the format `kind` returns; `FileError` if it fails."""
     _require_meshio(path, kind)
     try:
         importlib.import_module("meshio._mesh").topological_dimension.setdefault("wedge15", 3)  # it lacks that one
@@ -108,22 +108,23 @@ def _require_meshio(path: Path, kind: str) -> None:
         ) from error
 
 
-def _labels(given: _Grid) -> IntArray:
+def _node_labels(grid: _Grid) -> IntArray:
+    """Labels of the nodes, (n,): a point array of whole numbers with a known name, else 1, 2, ..."""
     for name in _LABEL_ARRAYS:
-        if name in given.point_data and np.issubdtype(given.point_data[name].dtype, np.integer):
-            return np.asarray(given.point_data[name], dtype=np.int64)
-    return np.arange(1, len(given.points) + 1)
+        if name in grid.point_data and np.issubdtype(grid.point_data[name].dtype, np.integer):
+            return np.asarray(grid.point_data[name], dtype=np.int64)
+    return np.arange(1, len(grid.points) + 1)
 
 
-def _groups(given: _Grid) -> dict[str, tuple[IntArray, ...]]:
-    """Rows of each block by the name of the group."""
-    found: dict[str, tuple[IntArray, ...]] = {}
-    for name, rows in given.cell_sets.items():
-        found[str(name)] = tuple(np.asarray([] if r is None else r, dtype=np.int64) for r in rows)
-    for array, parts in given.cell_data.items():
+def _cell_groups(grid: _Grid) -> dict[str, tuple[IntArray, ...]]:
+    """Row indices in each block for each group, by name."""
+    groups: dict[str, tuple[IntArray, ...]] = {}
+    for name, rows in grid.cell_sets.items():
+        groups[str(name)] = tuple(np.asarray([] if r is None else r, dtype=np.int64) for r in rows)
+    for array, parts in grid.cell_data.items():
         if all(np.issubdtype(p.dtype, np.integer) and p.ndim == 1 for p in parts):
-            _add_numbers(found, given, array)
-    return found
+            _add_numbers(groups, grid, array)
+    return groups
 
 
 def _add_numbers(found: dict[str, tuple[IntArray, ...]], given: _Grid, array: str) -> None:

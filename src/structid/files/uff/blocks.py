@@ -43,7 +43,7 @@ class Block:
 
     @property
     def lines(self) -> list[str]:
-        """The lines of a text; of a binary dataset those before its values."""
+        """Lines of a text dataset, decoded; of a binary dataset 58 only those before its values."""
         content = self.content[: self.values_at] if self.values_at else self.content
         try:
             content.decode("utf-8")
@@ -83,7 +83,7 @@ def read_blocks(path: Path) -> list[Block]:
 
 
 def dataset_lines(path: Path, wanted: int) -> list[tuple[int, list[str]]]:
-    """Place in the file (from 1) and lines of every ASCII dataset of the number `wanted`, without tags and number.
+    """Number in the file (from 1) and lines, without tags, of each ASCII dataset of the kind `wanted`.
 
     Raises
     ------
@@ -103,35 +103,38 @@ def _truncated(path: Path, place: int) -> FileError:
     return FileError(f"{path}: ends within dataset {place}; the file is truncated, copy or export it again")
 
 
-def _read_block(path: Path, data: bytes, at: int, place: int) -> tuple[Block, int]:
-    """The dataset whose number stands at `at`, and the position behind its closing tag."""
-    if not data[at : at + 6].strip().isdigit():
-        raise FileError(f"{path}: dataset {place} has no number (byte {at}); the file is damaged")
-    number, end_of_head = int(data[at : at + 6]), data.find(b"\n", at)
+def _read_block(path: Path, data: bytes, begin_of_head: int, count: int) -> tuple[Block, int]:
+    """The dataset whose number (its kind) stands at byte `begin_of_head`, and the byte after its closing tag."""
+    if not data[begin_of_head : begin_of_head + 6].strip().isdigit():
+        raise FileError(f"{path}: dataset {count} has no number (byte {begin_of_head}); the file is damaged")
+    number, end_of_head = int(data[begin_of_head : begin_of_head + 6]), data.find(b"\n", begin_of_head)
     if end_of_head < 0:
         end_of_head = len(data) - 1
-    head, begin = data[at:end_of_head].decode("ascii", errors="replace").rstrip(), end_of_head + 1
+    head, begin = data[begin_of_head:end_of_head].decode("ascii", errors="replace").rstrip(), end_of_head + 1
     if number == 58 and head[6:7].lower() == "b":
-        values_at, size = _binary_size(path, data, at, head, place)
+        values_at, size = _binary_values_range(path, data, begin_of_head, head, count)
         end = values_at + size
         while end < len(data) and data[end] in b"\r\n":
             end += 1
         tag = _TAG.match(data, end)
         assert tag is not None
-        return Block(place, number, head, data[begin : values_at + size], values_at - begin), tag.end()
-    at = begin - 1  # the tag may follow the number
+        return Block(count, number, head, data[begin : values_at + size], values_at - begin), tag.end()
+    begin_of_head = begin - 1  # the tag may follow the number
     while True:
-        end = data.find(b"    -1", at)
+        end = data.find(b"    -1", begin_of_head)
         if end < 0:
-            raise _truncated(path, place)
+            raise _truncated(path, count)
         tag = _TAG.match(data, end)
         if tag is not None and data[end - 1 : end] in (b"\n", b"\r"):
-            return Block(place, number, head, data[begin:end]), tag.end()
-        at = end + 1
+            return Block(count, number, head, data[begin:end]), tag.end()
+        begin_of_head = end + 1
 
 
-def _binary_size(path: Path, data: bytes, at: int, head: str, place: int) -> tuple[int, int]:
-    """Where the values of the binary dataset 58 whose first line starts at `at` begin, and their bytes.
+def _binary_values_range(path: Path, data: bytes, at: int, head: str, place: int) -> tuple[int, int]:
+    """First byte in `data` and number of bytes of the values of the binary dataset 58 whose first line begins at byte `at`.
+
+    Abscissas of uneven spacing have four or eight bytes in double precision; the position of the closing tag decides,
+    else the size in the header.
 
     An uneven abscissa is of four or eight bytes in double precision: the closing tag, else the size that the head says, tells.
     """

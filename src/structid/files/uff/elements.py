@@ -79,7 +79,7 @@ class UniversalElements:
     beside: Counter[str] = field(default_factory=Counter)
 
     def edges(self) -> list[tuple[int, int]]:
-        """Pairs of corners that the elements join, each once."""
+        """Pairs of corner nodes (lower label first) that an element edge joins, each once."""
         pairs = (
             (row[i], row[j])
             for kind, rows in self.nodes.items()
@@ -107,15 +107,15 @@ def read_elements(path: Path, blocks: Sequence[Block]) -> UniversalElements:
 def _add_elements(
     where: str, lines: list[str], elements: UniversalElements, rows: dict[int, tuple[str, list[int]]]
 ) -> None:
-    """Add what one dataset 2412 holds; `rows` are the elements so far by label, of which one that is repeated counts once."""
-    at = 0
-    while at < len(lines):
-        label, descriptor, *_, count = row_of_integers(where, lines, at, 6)
-        begin = at + (2 if descriptor in _BEAMS else 1)
-        at = begin + -(-count // 8)
-        if not 1 <= count <= 60 or at > len(lines):
+    """Add the elements of one dataset 2412 to `elements`; `rows` has the elements so far by label: one repeated counts once."""
+    row_index = 0
+    while row_index < len(lines):
+        label, descriptor, *_, count = row_of_integers(where, lines, row_index, 6)
+        begin = row_index + (2 if descriptor in _BEAMS else 1)
+        row_index = begin + -(-count // 8)
+        if not 1 <= count <= 60 or row_index > len(lines):
             raise FileError(f"{where} has {count} nodes in element {label}, or ends within it; export the mesh again")
-        nodes = [node for place in range(begin, at) for node in row_of_integers(where, lines, place, 8)][:count]
+        nodes = [node for place in range(begin, row_index) for node in row_of_integers(where, lines, place, 8)][:count]
         if descriptor in _AXISYMMETRIC:
             raise FileError(
                 f"{where}: element {label} is axisymmetric (type {descriptor}); model the part in plates or solids"
@@ -142,7 +142,7 @@ def _add_elements(
 
 
 def row_of_integers(where: str, lines: list[str], at: int, count: int) -> list[int]:
-    """Whole numbers of a line in columns of ten, `count` at most."""
+    """The first `count` whole numbers of `lines[at]`, in columns of ten characters; `FileError` that begins with `where`."""
     if at >= len(lines):
         raise FileError(f"{where} ends within an element or group; export the mesh again")
     try:

@@ -18,7 +18,7 @@ _SHORT_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")
 
 
 def real_number(text: str) -> float:
-    """The number in one field: ``1.5E+01``, ``1.5D+01``, or ``1.5-100`` where Fortran had no room for the letter.
+    """The number in one field of a Fortran file: ``1.5E+01``, ``1.5D+01`` or ``1.5-100``.
 
     Raises
     ------
@@ -32,7 +32,9 @@ def real_number(text: str) -> float:
 
 
 def split_fields(line: str, widths: Sequence[int]) -> list[str]:
-    """The fields of a line: its words where they are as many as `widths`, else what stands in columns of these widths.
+    """The fields of a line as texts: its words if there are as many as `widths`, else its columns of these widths.
+
+    Words come first because some writers make a column wider than the format has it, so that the others do not line up.
 
     Words come first because some writers make a column wider than the format has it, so that the others do not line up.
     """
@@ -69,7 +71,7 @@ def reals(line: str, widths: Sequence[int]) -> list[float]:
 
 
 def read_reals(text: bytes) -> FloatArray:
-    """All numbers of a text, (n,), apart by blanks, by their signs where no blank is left, or by neither ``E`` nor ``D``.
+    """All numbers in `text`, (n,), also where Fortran left no blank between them or no letter before the exponent.
 
     Raises
     ------

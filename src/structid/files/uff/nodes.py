@@ -56,7 +56,7 @@ class CoordinateSystem:
     axes: FloatArray
 
     def point(self, coordinates: Sequence[float], scale: float) -> FloatArray:
-        """Global position, m, of `coordinates` in this system, whose lengths times `scale` are in m."""
+        """Global position in m, (3,), of three `coordinates` in this system; `scale` times a length is in m, angles are in deg."""
         first, second, third = coordinates
         if self.kind == _CARTESIAN:
             local = np.array([first, second, third]) * scale
@@ -73,7 +73,7 @@ class CoordinateSystem:
         return np.asarray(self.origin + local @ self.axes)
 
     def axes_at(self, point: FloatArray) -> FloatArray | None:
-        """Axes as rows, (3, 3), along which a motion at the global position `point` is given; None on the third axis."""
+        """Directions (rows, global axes, (3, 3)) in which a motion at the global `point` is given; None on the polar axis."""
         if self.kind == _CARTESIAN:
             return self.axes
         x, y, z = self.axes @ (point - self.origin)
@@ -139,7 +139,7 @@ def read_nodes(path: Path, blocks: Sequence[Block] | None = None) -> UniversalNo
     ----------
     path : Path
     blocks : sequence of Block, optional
-        Of the file, where they were read already.
+        Datasets of the file, if they were read already.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def read_nodes(path: Path, blocks: Sequence[Block] | None = None) -> UniversalNo
     factors = read_unit_factors(path, blocks)
     scale = 1.0 if factors is None else 1 / factors.length
     systems = _read_systems(path, blocks, scale)
-    rows = {number: _rows(path, [b for b in blocks if b.number == number]) for number in (15, 781, 2411)}
+    rows = {number: _read_node_rows(path, [b for b in blocks if b.number == number]) for number in (15, 781, 2411)}
     nodes: dict[int, _Node] = {}
     for number in rows:
         for label, node in rows[number].items():
@@ -196,22 +196,25 @@ class _Node:
     coordinates: tuple[float, ...]
 
 
-def _rows(path: Path, tables: Sequence[Block]) -> dict[int, _Node]:
-    """The nodes of datasets of one number."""
+def _read_node_rows(path: Path, tables: Sequence[Block]) -> dict[int, _Node]:
+    """Nodes by label in `tables`, datasets of one number (15, 781 or 2411)."""
     nodes: dict[int, _Node] = {}
     for block in tables:
         where, lines = f"{path}: dataset {block.place} ({block.number})", block.lines
         step = 1 if block.number == 15 else 2
         if len(lines) % step:
             raise FileError(f"{where} ends within a node; export the geometry again")
-        for at in range(0, len(lines), step):
+        for line_index in range(0, len(lines), step):
             try:
                 label, definition, displacement, *coordinates = (
-                    _short_node(lines[at]) if step == 1 else _long_node(lines[at], lines[at + 1])
+                    _short_node(lines[line_index])
+                    if step == 1
+                    else _long_node(lines[line_index], lines[line_index + 1])
                 )
             except ValueError as error:
                 raise FileError(
-                    f"{where} must hold a node in its line {at + 1}, got {lines[at][:80]!r}; export the geometry again"
+                    f"{where} must hold a node in its line {line_index + 1}, got {lines[line_index][:80]!r};"
+                    " export the geometry again"
                 ) from error
             if not np.isfinite(coordinates).all():
                 raise FileError(f"{where}: the position of node {int(label)} is not finite; export the geometry again")
@@ -235,7 +238,7 @@ def _require_one_motion(
 
 
 def _short_node(line: str) -> list[float]:
-    """Label, two systems and three coordinates of a line of dataset 15."""
+    """Label, two coordinate systems (definition, displacement) and three coordinates of one line of dataset 15."""
     words = line.split()
     if len(words) == 7:
         return [*map(int, words[:3]), *map(real_number, words[4:])]
@@ -243,7 +246,7 @@ def _short_node(line: str) -> list[float]:
 
 
 def _long_node(first: str, second: str) -> list[float]:
-    """Label, two systems and three coordinates of two lines of dataset 2411."""
+    """Label, two coordinate systems (definition, displacement) and three coordinates of two lines of dataset 2411."""
     coordinates = read_reals(second.encode("ascii", errors="replace"))
     if coordinates.size != 3:
         raise ValueError(f"{coordinates.size} coordinates")
@@ -251,12 +254,12 @@ def _long_node(first: str, second: str) -> list[float]:
 
 
 def _read_systems(path: Path, blocks: Sequence[Block], scale: float) -> dict[int, CoordinateSystem]:
-    """The coordinate systems of datasets 18 and 2420, by their labels."""
+    """Coordinate systems of datasets 18 and 2420 by their labels; `scale` turns the file's lengths into m."""
     systems: dict[int, CoordinateSystem] = {}
     for block in blocks:
         if block.number == 2420:
             for system in _matrix_systems(path, block, scale):
-                _add(path, systems, system)
+                _add_system(path, systems, system)
     by_points: dict[int, tuple[str, int, int, FloatArray]] = {}
     for block in blocks:
         if block.number == 18:
@@ -265,11 +268,12 @@ def _read_systems(path: Path, blocks: Sequence[Block], scale: float) -> dict[int
                 if first[1:3] != stated[1:3] or not np.array_equal(first[3], stated[3]):
                     raise _defined_twice(path, label)
     for label in by_points:
-        _add(path, systems, _resolved(path, label, by_points, systems, scale, ()))
+        _add_system(path, systems, _resolve_point_system(path, label, by_points, systems, scale, ()))
     return systems
 
 
-def _add(path: Path, systems: dict[int, CoordinateSystem], system: CoordinateSystem) -> None:
+def _add_system(path: Path, systems: dict[int, CoordinateSystem], system: CoordinateSystem) -> None:
+    """Add `system` to `systems` by its label; `FileError` if another definition has that label."""
     other = systems.setdefault(system.label, system)
     same = other.kind == system.kind and np.allclose(other.axes, system.axes, atol=_SQUARE)
     size = max(float(np.abs(other.origin).max()), float(np.abs(system.origin).max()))
@@ -290,7 +294,7 @@ def _kind(where: str, label: int, kind: int) -> int:
 
 
 def _matrix_systems(path: Path, block: Block, scale: float) -> list[CoordinateSystem]:
-    """The systems of dataset 2420, whose matrix has the axes in three rows and the origin in the fourth."""
+    """Coordinate systems of one dataset 2420, whose matrices have the axes in three rows and the origin in the fourth."""
     where, lines = f"{path}: dataset {block.place} (2420)", block.lines
     systems = []
     for at in range(2, len(lines), 6):
@@ -314,7 +318,7 @@ def _matrix_systems(path: Path, block: Block, scale: float) -> list[CoordinateSy
 
 
 def _point_systems(path: Path, block: Block) -> list[tuple[int, tuple[str, int, int, FloatArray]]]:
-    """The systems of dataset 18 as they stand there: label, and where, type, reference system and nine coordinates."""
+    """Definitions in one dataset 18, in order: label, and (place in the file for errors, type, reference system, points (3, 3))."""
     where, lines = f"{path}: dataset {block.place} (18)", block.lines
     systems = []
     for at in range(0, len(lines), 4):
@@ -332,7 +336,7 @@ def _point_systems(path: Path, block: Block) -> list[tuple[int, tuple[str, int, 
     return systems
 
 
-def _resolved(
+def _resolve_point_system(
     path: Path,
     label: int,
     by_points: dict[int, tuple[str, int, int, FloatArray]],
@@ -340,12 +344,16 @@ def _resolved(
     scale: float,
     above: tuple[int, ...],
 ) -> CoordinateSystem:
-    """The system `label` of dataset 18 in global axes, through the systems that its points are given in."""
+    """The coordinate system `label` of dataset 18 in global axes, resolved through its chain of reference systems.
+
+    `by_points` has the definitions of dataset 18, `systems` the systems that are known, `above` the labels on the way
+    here.
+    """
     where, kind, reference, numbers = by_points[label]
     if label in above:
         raise FileError(f"{where}: coordinate system {label} refers to itself; correct the reference system")
     if reference in by_points:
-        base = _resolved(path, reference, by_points, systems, scale, (*above, label))
+        base = _resolve_point_system(path, reference, by_points, systems, scale, (*above, label))
         points = np.array([base.point(row, scale) for row in numbers.tolist()])
     elif reference in systems:
         points = np.array([systems[reference].point(row, scale) for row in numbers.tolist()])

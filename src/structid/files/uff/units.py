@@ -34,14 +34,14 @@ class UnitFactors(NamedTuple):
 
 
 def read_unit_factors(path: Path, blocks: Sequence[Block]) -> UnitFactors | None:
-    """The unit factors that dataset 164 states, None where the file has none.
+    """The unit factors that dataset 164 states, or None if the file has none.
 
     Raises
     ------
     FileError
         If a factor is not positive, contradicts the units code beside it, or two datasets 164 differ.
     """
-    stated = {_read_one(path, block) for block in blocks if block.number == 164}
+    stated = {_read_dataset_164(path, block) for block in blocks if block.number == 164}
     if len(stated) > 1:
         raise FileError(
             f"{path}: has several datasets 164 with different units; export the parts to files of their own"
@@ -49,7 +49,8 @@ def read_unit_factors(path: Path, blocks: Sequence[Block]) -> UnitFactors | None
     return stated.pop() if stated else None
 
 
-def _read_one(path: Path, block: Block) -> UnitFactors:
+def _read_dataset_164(path: Path, block: Block) -> UnitFactors:
+    """The unit factors of one dataset 164; `FileError` if they are damaged or contradict their units code."""
     where = f"{path}: dataset {block.place} (164)"
     lines = block.content.splitlines()
     try:

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, NumberArray
 from structid.core.errors import InputError
-from structid.dynamics.dense_fields import MOST_SMALLER, solved_few
+from structid.dynamics.dense_fields import MOST_SMALLER, solve_small_systems
 from structid.fem import Friction, Structure
 from structid.forward.frf.channels import Channels
 from structid.forward.frf.lines.protocol import Lines
@@ -163,7 +163,7 @@ def _newton_step(
     n_contacts = len(force)
     pull = 1j * force / size
     system = np.eye(n_contacts) + flexibility * pull[:, None, :]
-    solved = solved_few(system, np.concatenate([free[..., None], flexibility], axis=2))
+    solved = solve_small_systems(system, np.concatenate([free[..., None], flexibility], axis=2))
     motion, reach = solved[..., 0], solved[..., 1:]
     unit = np.conj(motion) / np.maximum(np.abs(motion), np.finfo(float).tiny)
     slope = (unit[..., None] * reach * (pull * motion / size)[:, None, :]).real
@@ -171,7 +171,7 @@ def _newton_step(
     stuck = (size <= floor) & (error <= 0)
     error[stuck] = 0.0
     slope[stuck] = 0.0
-    step = solved_few(np.eye(n_contacts) - slope, error[..., None])[..., 0]
+    step = solve_small_systems(np.eye(n_contacts) - slope, error[..., None])[..., 0]
     return np.maximum(np.clip(size + step, 0.2 * size, 5.0 * size), floor)
 
 
@@ -189,7 +189,7 @@ def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray
     """
     n_contacts = factors.shape[1]
     system = np.eye(n_contacts) + factors[:, :, None] * reach[:, -n_contacts:]
-    readings = free - reach @ solved_few(system, factors[:, :, None] * free[:, -n_contacts:])
+    readings = free - reach @ solve_small_systems(system, factors[:, :, None] * free[:, -n_contacts:])
     before, after = (np.linalg.norm(values, axis=(1, 2)) for values in (free, readings))
     return None if (before > MOST_SMALLER * after).any() else readings
 
@@ -219,7 +219,7 @@ def add_amplitude_change(
     slides = np.abs(np.abs(motion) / size - 1) < 1e-6
     unit = (slides * np.conj(motion) / size)[..., None]
     coupling = np.eye(n_contacts) - (unit * by_size[:, -n_contacts:]).real
-    change = solved_few(coupling, (unit * derivative[:, -n_contacts:]).real)
+    change = solve_small_systems(coupling, (unit * derivative[:, -n_contacts:]).real)
     derivative += by_size @ change
 
 

@@ -107,9 +107,10 @@ class FrfProblem(ResponseProblem):
 
     def __post_init__(self) -> None:
         if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
+            averages = "the number of `averages` behind its coherence" if self.record.coherence is not None else ""
             raise InputError(
-                "the record has no noise level; declare `noise` (relative or absolute), give coherence and averages,"
-                " or give `model_error`"
+                "the record has no noise level; declare `noise` (relative or absolute), give"
+                f" {averages or 'coherence and averages'}, or give `model_error`"
             )
         _require_weights(self.form, self.record, self._whitened.deviation)
         if self.channels is not None:
@@ -417,7 +418,7 @@ def _pole_free_plan(problem: FrfProblem, std: float, errors: tuple[float, ...]) 
     """Stages with falling errors of the values, every parameter drawn to its start by so much of its size."""
     held = problem.with_parts([part.kept_near_start(std) for part in problem.parts])
     near = replace(held, form="pole_free", measured_sliding=True)
-    first = tuple((f"pole-free, errors of {e:g}", replace(near, model_error=e)) for e in errors)
+    first = tuple((f"bounded residual, errors of {e:g}", replace(near, model_error=e)) for e in errors)
     if not any(isinstance(e, Friction) and e.measured_by for e in problem.structure.elements):
         return first
     return *first, ("measured sliding", replace(problem, measured_sliding=True))
@@ -449,7 +450,9 @@ def continuation_plan(problem: FrfProblem, start_error: float = START_ERROR) -> 
     if not smooth:
         return ()
     held = _held_near_start(problem, start_error)
-    stages = [(f"decay {level:g} omega", _smooth_stage(held, record)) for level, record in smooth]
+    stages = [
+        (f"smoothed FRFs, {level:g} times the frequency", _smooth_stage(held, record)) for level, record in smooth
+    ]
     near = replace(held, form="output") if is_noisy(problem.record) else replace(held, form="pole_free")
     return *stages, ("held on the axis", near.thinned() or near)
 
@@ -514,5 +517,5 @@ def frequency_continuation(
     stages = []
     for count in counts:
         used = held.record.lines(np.sort(order[:count]))
-        stages.append((f"pole-free, up to {used.frequency.max():g} Hz", replace(held, record=used)))
-    return *stages, ("pole-free", replace(problem, form="pole_free"))
+        stages.append((f"bounded residual, up to {used.frequency.max():g} Hz", replace(held, record=used)))
+    return *stages, ("bounded residual", replace(problem, form="pole_free"))

@@ -197,7 +197,7 @@ def response(
     """
     models = models or Models()
     bases = driving_bases(structure, record)
-    structure = structure.let_go(bases) if bases else structure
+    structure = structure.release_supports(bases) if bases else structure
     slopes = models.slopes(structure, unknown)
     laws = slopes.laws
     measured = sliding_amplitudes(structure, record) if measured_sliding else {}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.errors import InputError
 from structid.forward.modal.output import GroupData, by_mode
 from structid.forward.modal.settings import ModalSettings
@@ -217,7 +217,7 @@ def _require_told_apart(modes: MeasuredModes, group: GroupData) -> None:
     where = "" if n_own == len(modes.record.channels) else " at which the shapes of all are known"
     raise FewSensorsError(
         f"modes {numbers} are not told apart (within {modes.settings.closeness:g} of each other, or their errors) and there are"
-        f" {counted(n_own, 'sensor')}{where}; lower `closeness` or the errors, measure more places, or leave modes out"
+        f" {plural(n_own, 'sensor')}{where}; lower `closeness` or the errors, measure more places, or leave modes out"
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from structid.core.arrays import FloatArray, locked
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.forward.motion.equations import TimeEquations
 from structid.inversion import DenseCovariance, Direction, Estimate, Identifiability, Status
 from structid.inversion.diagnostics.identifiability import identifiability
@@ -83,7 +83,7 @@ def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int
     lost = np.flatnonzero(~found.seen)
     for kind in dict.fromkeys(unknown.kinds[i] for i in lost):
         names = [unknown.names[i] for i in lost if unknown.kinds[i] == kind]
-        words.append(f"not seen: {listed(names)}: {_UNSEEN[kind]}")
+        words.append(f"not seen: {join_words(names)}: {_UNSEEN[kind]}")
     if found.rank < found.seen.sum() and n_rows >= n_params:
         words.append(
             f"the regressors have rank {found.rank} for {n_params} parameters; samples at other instants, a force at"
@@ -94,7 +94,7 @@ def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int
     outside = (found.values <= unknown.transforms.lower) | (found.values >= unknown.transforms.upper)
     if outside.any():
         words.append(
-            f"outside the declared range: {listed([unknown.names[i] for i in np.flatnonzero(outside)])};"
+            f"outside the declared range: {join_words([unknown.names[i] for i in np.flatnonzero(outside)])};"
             " least squares does not impose it, and noise or a wrong model is the usual cause"
         )
     words.append(
@@ -115,7 +115,7 @@ def _bias_words(equations: TimeEquations, found: LinearFit, bias: FloatArray | N
     swamped = np.flatnonzero(relative > _SWAMPED)
     if len(swamped):
         words.append(
-            f"the motion does not rise above its noise for {listed([equations.unknown.names[i] for i in swamped])};"
+            f"the motion does not rise above its noise for {join_words([equations.unknown.names[i] for i in swamped])};"
             " measure it better, excite it more, or take the displacements from a better sensor than an integral"
         )
     return words

@@ -70,7 +70,7 @@ class TimeModel:
     @cached_property
     def moving(self) -> Structure:
         """The structure with the supports that drive it let go."""
-        return self.structure.let_go(self.bases) if self.bases else self.structure
+        return self.structure.release_supports(self.bases) if self.bases else self.structure
 
     @cached_property
     def load_columns(self) -> FloatArray:

@@ -232,7 +232,7 @@ class SpectraModel:
         y = fields[:, :, n_in : n_in + n_out]
         x = np.concatenate([fields[:, :, :n_in], fields[:, :, n_in + n_out :]], axis=2)
         h = readings_of(sparse.csr_array(self.columns[:, n_in : n_in + n_out].T), x[:, :, :n_in])
-        h = h * read[:, :, None] * (self.spectra.straight_share[:, None] / stated)[:, None, :]
+        h = h * read[:, :, None] * (self.spectra.hold_factor[:, None] / stated)[:, None, :]
         if self.spectra.straight:
             h += _alias_factors(self.spectra, read, stated) * self.mass_line.values(own)
         return x, y, h
@@ -270,7 +270,7 @@ class SpectraModel:
         force = spectra.force - spectra.force_variance * (np.conj(np.swapaxes(h, 1, 2)) @ weighed)[:, :, 0]
         n = self.transient.forces.shape[1]
         left = coefficients[:n] + self.transient.relative_laplace[:, None] * coefficients[n : 2 * n]
-        acting = force * self.spectra.straight_share[:, None] / stated
+        acting = force * self.spectra.hold_factor[:, None] / stated
         motion = x @ np.concatenate([acting, left], axis=1)[:, :, None]
         aliased = _alias_factors(self.spectra, read, stated) * force[:, None, :]
         free = (reach @ left[:, :n, None])[:, :, 0]
@@ -320,7 +320,7 @@ def _forces(model: SpectraModel) -> FloatArray:
 
 def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexArray) -> ComplexArray:
     """What multiplies the response far above all modes in H, errors of channels included."""
-    of_sensors = spectra.straight_aliases * read / spectra.output_powers
+    of_sensors = spectra.hold_aliases * read / spectra.output_powers
     return of_sensors[:, :, None] * (spectra.input_powers / stated)[:, None, :]
 
 

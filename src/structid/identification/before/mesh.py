@@ -111,11 +111,11 @@ class MeshErrors:
             off = (
                 f"{abs(self.error[worst]) / self.tolerance:.2g} times the deviation that is stated of measured modes"
                 if self.tolerance == self.deviation
-                else f"{self.half_bandwidths[worst]:.2g} half-bandwidths"
+                else f"{self.half_bandwidths[worst]:.2g} times half its resonance width"
             )
             found = (
-                f"mode {self.number[worst] + 1} at {self.frequency[worst]:.4g} Hz is {100 * abs(self.error[worst]):.2g} % too"
-                f" {sense} with these elements, {off}"
+                f"the mesh is too coarse: mode {self.number[worst] + 1} at {self.frequency[worst]:.4g} Hz is"
+                f" {100 * abs(self.error[worst]):.2g} % too {sense}, {off}"
             )
         if not self.needed or self.needed > _MOST_PIECES:
             return f"{found}; refine the mesh, or take elements of higher order"

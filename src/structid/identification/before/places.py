@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.fem import Structure
 from structid.fem.matrices.assembly import structure_laws
 from structid.identification.before.mesh import MeshErrors
@@ -113,7 +113,7 @@ def _touching(structure: Structure, nodes: tuple[int, ...]) -> dict[str, IntArra
 
 def _nodes(labels: tuple[int, ...], verb: str = " is| are") -> str:
     one, _, many = verb.partition("|")
-    return f"node {listed(labels)}{one}" if len(labels) == 1 else f"nodes {listed(labels)}{many}"
+    return f"node {join_words(labels)}{one}" if len(labels) == 1 else f"nodes {join_words(labels)}{many}"
 
 
 def _its(labels: tuple[int, ...]) -> str:

@@ -102,7 +102,9 @@ def obstacle(structure: Structure) -> str | None:
         return ""
     if structure.measured:
         return f"the mesh was not judged: the model has no modes without {structure.measured[0].words}"
-    whole = {p.element for p in structure.properties for layer in p.term.layers if layer.whole is not None}
+    whole = {
+        p.element for p in structure.properties for matrix_term in p.term.matrix_terms if matrix_term.whole is not None
+    }
     if whole:
         return f"the mesh was not judged: the matrices of {_listed(sorted(whole))} come from elsewhere, or are reduced"
     cells = [made for made in structure.elements if made.cells]

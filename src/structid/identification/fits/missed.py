@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.forward import ModalProblem, RecordProblem
 from structid.forward.modal.problem import row_kinds
 from structid.identification.together import places
@@ -55,7 +55,7 @@ class Missed:
         size = float(np.sqrt(self.chi_square_per_value))
         return (
             f"{self.what} are missed by {size:.2g} times their stated errors (root mean square of"
-            f" {counted(self.n_values, 'value')}), which the fit to {counted(self.n_others, 'other value')} hides"
+            f" {plural(self.n_values, 'value')}), which the fit to {plural(self.n_others, 'other value')} hides"
         )
 
 

@@ -31,6 +31,7 @@ _NO_NOISE = (
     "the record has no noise level: every line is weighted by its own magnitude, and standard deviations come from the"
     " scatter of the residual"
 )
+_AVERAGES = "; its coherence tells the noise once the number of averages is known: give `averages` in [record]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +79,7 @@ class Setup(RecordSetup[FrfProblem]):
         model_error = options.model_error
         if used.variance is None and model_error == 0:
             model_error = _RELATIVE_WEIGHT
-            warnings.append(_NO_NOISE)
+            warnings.append(_NO_NOISE + (_AVERAGES if used.coherence is not None else ""))
         problem = FrfProblem(
             self.structure,
             self.parameters,
@@ -173,9 +174,9 @@ def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptio
 
 
 def used_lines(record: FrfRecord, options: LineOptions) -> FrfRecord:
-    """The lines of `record` inside the band and outside the excluded stretches."""
+    """The lines of `record` inside the band and outside the excluded stretches, every so many of them."""
     keep = inside(record.frequency, options)
-    return record if keep.all() else record.lines(np.flatnonzero(keep))
+    return record if keep.all() and options.every == 1 else record.lines(np.flatnonzero(keep)[:: options.every])
 
 
 def inside(frequency: FloatArray, options: LineOptions) -> np.ndarray:

@@ -199,9 +199,9 @@ class Comparison(States):
             for i in self.order
             if self.changed[i]
         ]
-        family = "family-wise" if self.correction == "holm" else "false discovery"
+        risk = "joint risk" if self.correction == "holm" else "false discovery rate"
         least = f"by more than {100 * self.least:g} % " if self.least else ""
-        tail = f"{least}at the {family} level of {100 * self.level:g} %"
+        tail = f"{least}({risk} {100 * self.level:g} %)"
         if declared:
             return f"changed {tail}: {', '.join(declared)}"
         return f"no parameter changed {tail}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from structid.core.display import figures, listed
+from structid.core.display import format_number, join_words
 
 #: Probability of a larger sum of squares below which parameters are not the same in both states.
 _CONTRADICTED = 1e-3
@@ -64,12 +64,15 @@ class UnchangedTest:
     @property
     def words(self) -> str:
         """The result in a sentence."""
-        kept = listed(self.names, _MOST_NAMED)
-        sums = f"chi-square is {figures(self.cost, 3)} with them the same, and {figures(self.separate_cost, 3)} with them free"
+        kept = join_words(self.names, _MOST_NAMED)
+        same, separate = format_number(self.cost, 3), format_number(self.separate_cost, 3)
+        sums = f"chi-square is {same} with them the same, and {separate} with them free"
         if not self.is_contradicted:
             return f"the data allow that {kept} did not change: {sums}"
-        most = [f"{name} ({100 * ratio:+.2g} %, {figures(abs(z), 2)} deviations)" for name, ratio, z in self.differing]
-        which = f": {listed(most, _MOST_NAMED)}" if most else ""
+        most = [
+            f"{name} ({100 * ratio:+.2g} %, {format_number(abs(z), 2)} deviations)" for name, ratio, z in self.differing
+        ]
+        which = f": {join_words(most, _MOST_NAMED)}" if most else ""
         return (
             f"the data contradict that {kept} did not change: {sums}. What changed was named as unchanged{which}; name less, as no"
             " declared change is to be used"

@@ -150,13 +150,13 @@ def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_s
         pair = float(correlation[members[0], members[1]])
         together = float(np.linalg.norm(inverse[0] - np.sign(pair) * inverse[1]))
         words = (
-            f"{named[0]} and {named[1]} move together (correlation {_correlation_text(pair)}): their"
+            f"{named[0]} and {named[1]} are correlated ({_correlation_text(pair)}): their"
             f" {'ratio' if pair > 0 else 'product'} is known to {percent_text(together)}, each alone to {_span(alone)}"
         )
         return CollinearGroup(named, smallest, alone, together, index, words + caveat)
     words = (
-        f"{', '.join(named[:-1])} and {named[-1]} move together (condition index {float(f'{index:.2g}'):g}): with the"
-        f" others of them known each would be known to {_span(given)}, each alone is to {_span(alone)}"
+        f"{', '.join(named[:-1])} and {named[-1]} are correlated: with the others known, each would be known to"
+        f" {_span(given)}; as it is, each is known to {_span(alone)}"
     )
     return CollinearGroup(named, smallest, alone, float(given.max()), index, words + caveat)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.core.arrays import FloatArray, locked
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.errors import SingularModelError
 from structid.inversion.covariance import inverse_information
 from structid.inversion.diagnostics.collinearity import percent_text
@@ -48,7 +48,7 @@ class Bound:
         worst = int(np.argmax(relative))
         if not np.isfinite(relative[worst]):
             lost = [name for name, value in zip(names, relative, strict=True) if not np.isfinite(value)]
-            return f"at {self.place} the Cramér-Rao bound is infinite for {listed(lost, 3)}"
+            return f"at {self.place} the Cramér-Rao bound is infinite for {join_words(lost, 3)}"
         rms = percent_text(float(np.sqrt(np.mean(relative**2))))
         return (
             f"at {self.place} the Cramér-Rao bound is {rms} of the value (RMS of {len(names)} parameters),"

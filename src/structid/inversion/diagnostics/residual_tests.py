@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from structid.core.arrays import FloatArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.inversion.averaging import few_averages, normal_values
 from structid.inversion.comparison.multiple_tests import adjusted_p_values
 from structid.inversion.covariance import row_law
@@ -114,7 +114,7 @@ class ResidualTests:
         n_names = len({test.name for test in self.series})
         if self.not_white:
             said.append(
-                f"residual of {_listed(self.not_white, n_names)} is not white"
+                f"residual of {_listed(self.not_white, n_names)} has an order that noise has not"
                 f" ({_told(self.whiteness_probability)}): model error there"
             )
         if self.one_sided:
@@ -262,5 +262,5 @@ def _told(probability: float) -> str:
 
 
 def _listed(names: Sequence[str], n_all: int) -> str:
-    shown = listed(names, _MOST_NAMED)
+    shown = join_words(names, _MOST_NAMED)
     return shown if n_all == len(names) == 1 else f"{shown} ({len(names)} of {n_all} channels)"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
@@ -41,16 +40,6 @@ class Intervals:
     level: float
     ends: FloatArray
     notes: tuple[str, ...]
-
-
-def span_digits(low: float, high: float) -> tuple[int, int]:
-    """Significant digits that show each end of an interval to a hundredth of its width, ten at most."""
-    largest = max(abs(low), abs(high))
-    if not (math.isfinite(largest) and high > low):
-        return 4, 4
-    last = math.floor(math.log10(high - low)) - 2
-    first, second = (math.floor(math.log10(abs(end))) - last + 1 if end else 1 for end in (low, high))
-    return min(max(first, 1), 10), min(max(second, 1), 10)
 
 
 def intervals(

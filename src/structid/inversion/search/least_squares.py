@@ -261,7 +261,7 @@ def damped_end(
     if (np.abs(step) <= step_tolerance * here.size).all() or damping.factor > _MOST_DAMPING:
         return End(True, "the step fell below its tolerance")
     if promised <= gain_tolerance * here.cost and damping.factor < _MUCH_DAMPING:
-        return End(True, "no further decrease is promised")
+        return End(True, "the search has converged")
     return None
 
 

@@ -13,7 +13,7 @@ from structid.modal.formats.printed import (
     ModeFileOptions,
     PrintedMode,
     PrintedModes,
-    numbers,
+    parse_numbers,
     printed_record,
 )
 from structid.modal.modal_record import ModalRecord
@@ -25,7 +25,8 @@ _FIRST, _WIDTH = 13, 12
 
 
 def frd_modes(path: Path, text: str) -> PrintedModes:
-    """Modes of the blocks ``100CL`` that are called MODAL, whose ``-4  DISP`` has the shape; none where there are none.
+    """Modes with displacements in the `text` of a CalculiX result file (blocks ``100CL`` called MODAL); no mode if there
+    is none.
 
     Raises
     ------
@@ -35,18 +36,23 @@ def frd_modes(path: Path, text: str) -> PrintedModes:
     lines = text.splitlines()
     modes: list[PrintedMode] = []
     mass = np.nan
-    for at, line in enumerate(lines):
+    for line_index, line in enumerate(lines):
         if match := _MASS.match(line):
             mass = float(match[1])
-        if line.startswith("  100C") and "MODAL" in line and at + 1 < len(lines) and "DISP" in lines[at + 1]:
-            begin = next((i for i in range(at + 1, len(lines)) if lines[i].startswith(" -1")), len(lines))
+        if (
+            line.startswith("  100C")
+            and "MODAL" in line
+            and line_index + 1 < len(lines)
+            and "DISP" in lines[line_index + 1]
+        ):
+            begin = next((i for i in range(line_index + 1, len(lines)) if lines[i].startswith(" -1")), len(lines))
             end = next((i for i in range(begin, len(lines)) if not lines[i].startswith(" -1")), len(lines))
             if end == len(lines) or not lines[end].startswith(" -3"):
                 raise FileError(f"{path}, line {end}: a shape has no end; the file is cut short, {RUN_AGAIN}")
             rows = lines[begin:end]
             fields = [row[_FIRST + k * _WIDTH : _FIRST + (k + 1) * _WIDTH] for row in rows for k in range(3)]
             values = np.full((len(rows), 6), np.nan)
-            values[:, :3] = numbers(path, fields).reshape(-1, 3)
+            values[:, :3] = parse_numbers(path, fields).reshape(-1, 3)
             labels = np.array([int(row[3:_FIRST]) for row in rows])
             eigenvalue = 2j * np.pi * float(line[12:24])
             modes.append(PrintedMode(eigenvalue, labels, values, np.zeros(len(rows), dtype=np.int64), mass))
@@ -57,7 +63,7 @@ def frd_modes(path: Path, text: str) -> PrintedModes:
 
 
 def read_modes_calculix(path: Path, options: ModeFileOptions) -> ModalRecord:
-    """The modes of a result file at the directions that move, entry of largest magnitude 1 unless `options` state units.
+    """The modes of a CalculiX result file at the directions that move, largest entry 1 unless `options` state units.
 
     Raises
     ------

@@ -37,7 +37,9 @@ _DAMPING_UNITS = {"-": 1.0, "1": 1.0, "%": 0.01}
 
 
 def modes_csv(modes: ModalRecord) -> str:
-    """The text: frequency, damping ratio, their standard deviations, MPC, scaling, then the shape by channel."""
+    """Text of a CSV table of modes: frequency, damping ratio, their standard deviations, MPC, scaling, then the shape by
+    channel.
+    """
     n, shapes = modes.n_modes, modes.mode_shapes
     std = np.full(2 * n, np.nan) if modes.covariance is None else np.sqrt(np.diag(modes.covariance))
     columns = [("mode", np.arange(1, n + 1)), ("frequency_hz", modes.frequency), ("frequency_std_hz", std[:n])]
@@ -86,25 +88,25 @@ class _Table(NamedTuple):
         return f"{'column' if self.is_turned else 'line'} {self.numbers[k]}"
 
 
-def _table(path: Path) -> _Table:
-    """The table at `path`: commas, semicolons or tabs; with the latter two decimal commas; one row or one column a mode."""
+def _read_table(path: Path) -> _Table:
+    """The table of modes at `path`, one mode a row or a column; commas, semicolons or tabs (then with decimal commas)."""
     try:
         text = path.read_text(encoding="utf-8-sig")
         separator = max((",", ";", "\t"), key=text.partition("\n")[0].count)
         rows = list(csv.reader(text.splitlines(), delimiter=separator, strict=True))
     except (UnicodeDecodeError, csv.Error) as error:
         raise FileError(f"{path}: is not a CSV table in UTF-8 ({error}); save it as CSV UTF-8") from error
-    kept = [i for i, row in enumerate(rows) if i == 0 or any(cell.strip() for cell in row)]
-    numbers, rows = [i + 1 for i in kept[1:]], [rows[i] for i in kept]
+    filled_rows = [i for i, row in enumerate(rows) if i == 0 or any(cell.strip() for cell in row)]
+    numbers, rows = [i + 1 for i in filled_rows[1:]], [rows[i] for i in filled_rows]
     for number, row in zip(numbers, rows[1:], strict=True):
         if len(row) != len(rows[0]):
             raise FileError(f"{path}: line {number} has {len(row)} cells, the header {len(rows[0])}; mend the line")
-    turned = any(_word_or_cell(row[0]) == "frequency_hz" and is_number(row[1]) for row in rows if len(row) > 1)
-    if turned:
+    is_turned = any(_word_or_cell(row[0]) == "frequency_hz" and is_number(row[1]) for row in rows if len(row) > 1)
+    if is_turned:
         numbers = list(range(2, len(rows[0]) + 1))
         rows = [list(column) for column in zip(*rows, strict=True)]
     try:
-        words = [_own_word(cell) for cell in rows[0]]
+        words = [_canonical_column(cell) for cell in rows[0]]
     except InputError as error:
         raise FileError(f"{path}: {error}") from error
     header = [word.name for word in words]
@@ -115,7 +117,7 @@ def _table(path: Path) -> _Table:
         raise FileError(f"{path}: has two columns `{doubled[0]}`; leave one out")
     lines = rows[1:] if separator == "," else [[cell.replace(",", ".") for cell in row] for row in rows[1:]]
     factors = {word.name: word.factor for word in words if word.factor != 1}
-    return _Table(path, header, lines, factors, turned, numbers, [word.assumed for word in words if word.assumed])
+    return _Table(path, header, lines, factors, is_turned, numbers, [word.assumed for word in words if word.assumed])
 
 
 class _Word(NamedTuple):
@@ -126,8 +128,8 @@ class _Word(NamedTuple):
     assumed: str = ""
 
 
-def _own_word(cell: str) -> _Word:
-    """What this module calls a column that other programs head so.
+def _canonical_column(cell: str) -> _Word:
+    """The standard name, unit factor and assumption for a column header in the words of another program.
 
     Raises
     ------
@@ -154,13 +156,13 @@ def _own_word(cell: str) -> _Word:
 def _word_or_cell(cell: str) -> str:
     """What this module calls a column; the cell itself where its unit is not known."""
     try:
-        return _own_word(cell).name
+        return _canonical_column(cell).name
     except InputError:
         return cell.strip()
 
 
 def is_modes_table(path: Path) -> bool:
-    """Whether the head of a table names frequencies beside damping ratios or channels, in its first line or its first column."""
+    """True if the first line or first column of a table names frequencies beside damping ratios or channels."""
     try:
         head = read_start(path, _HEAD).decode("utf-8-sig", "replace").splitlines()
     except OSError:
@@ -169,15 +171,16 @@ def is_modes_table(path: Path) -> bool:
         return False
     separator = max((",", ";", "\t"), key=head[0].count)
     rows = [line.split(separator, _MOST_COLUMNS)[:_MOST_COLUMNS] for line in head[:_MOST_COLUMNS]]
-    names = [_own_word(row[0])[0] for row in rows]
+    names = [_canonical_column(row[0])[0] for row in rows]
     is_turned = any(
         name == "frequency_hz" and len(row) > 1 and is_number(row[1]) for name, row in zip(names, rows, strict=True)
     )
-    words = names if is_turned else [_own_word(cell)[0] for cell in rows[0]]
+    words = names if is_turned else [_canonical_column(cell)[0] for cell in rows[0]]
     return "frequency_hz" in words and ("damping_ratio" in words or any(map(_is_channel, words)))
 
 
 def _is_channel(word: str) -> bool:
+    """True if `word` names a degree of freedom."""
     try:
         parse_dof(word)
     except InputError:
@@ -186,23 +189,23 @@ def _is_channel(word: str) -> bool:
 
 
 def read_modes_csv(path: Path) -> ModalRecord:
-    """The modes in the table at `path`: ``frequency_hz`` and one column a channel are needed, the rest is optional.
+    """The modes in the CSV table at `path`; it needs ``frequency_hz`` and one column for each channel, the rest is optional.
 
-    ``Frequency [Hz]``, ``Std. Frequency [Hz]``, ``Damping [%]`` and the like of other programs are understood, and a table with
-    one column a mode. Standard deviations of shape entries are in columns such as ``1X+ std``. A shape entry that is blank or
-    ``nan`` is unknown.
+    ``Frequency [Hz]``, ``Std. Frequency [Hz]``, ``Damping [%]`` and the like of other programs are understood, and a
+    table with one column a mode. Standard deviations of shape entries are in columns such as ``1X+ std``. A shape entry
+    that is blank or ``nan`` is unknown.
 
     Raises
     ------
     FileError
         If the file is not such a table, or a cell cannot be used; with its line and column.
     """
-    table = _table(path)
+    table = _read_table(path)
     header, lines = table.header, table.lines
     frequency = _column(table, "frequency_hz")
     if np.isnan(frequency).any():
-        blank = table.mode(int(np.argmax(np.isnan(frequency))))
-        raise FileError(f"{path}: the mode of {blank} has no `frequency_hz`; give it, or leave the mode out")
+        where_blank = table.mode(int(np.argmax(np.isnan(frequency))))
+        raise FileError(f"{path}: the mode of {where_blank} has no `frequency_hz`; give it, or leave the mode out")
     ratio = _column(table, "damping_ratio")
     if (ratio >= 1).any():
         k = int(np.argmax(ratio >= 1))
@@ -211,7 +214,7 @@ def read_modes_csv(path: Path) -> ModalRecord:
             " header where it is in %"
         )
     order = np.argsort(frequency, kind="stable")
-    found = {name: _column(table, name)[order] for name in _NUMBERS}
+    numbers = {name: _column(table, name)[order] for name in _NUMBERS}
     scaling = _scaling(path, header, lines)
     dofs = _channels(path, header)
     shapes, shape_std = _shapes(table, dofs)
@@ -224,9 +227,9 @@ def read_modes_csv(path: Path) -> ModalRecord:
         size = np.ones(len(lines))
     else:
         shapes = unit_largest(shapes)
-    stds = np.concatenate([found["frequency_std_hz"], found["damping_std"]])
+    stds = np.concatenate([numbers["frequency_std_hz"], numbers["damping_std"]])
     return ModalRecord(
-        found["frequency_hz"], found["damping_ratio"], shapes[:, order], dofs, scaling=scaling,
+        numbers["frequency_hz"], numbers["damping_ratio"], shapes[:, order], dofs, scaling=scaling,
         source="; ".join([path.name, *table.notes]),
         covariance=None if np.isnan(stds).all() else independent_errors(stds),
         shape_std=None if shape_std is None else (shape_std / size)[:, order],
@@ -234,13 +237,13 @@ def read_modes_csv(path: Path) -> ModalRecord:
 
 
 def _column(table: _Table, name: str) -> FloatArray:
-    """NaN where a cell is empty or the column is missing."""
+    """Values of the column `name` in its standard unit, (n_modes,); NaN where a cell is empty or the column is missing."""
     values = np.full(len(table.lines), np.nan)
     if name in table.header:
-        at, factor = table.header.index(name), table.factors.get(name, 1.0)
+        index, factor = table.header.index(name), table.factors.get(name, 1.0)
         remedy = "" if name == "frequency_hz" else "; leave it blank where it is not known"
         for k, row in enumerate(table.lines):
-            text = row[at].strip()
+            text = row[index].strip()
             try:
                 values[k] = float(text) * factor if text else np.nan
             except ValueError:
@@ -255,21 +258,22 @@ def _column(table: _Table, name: str) -> FloatArray:
 
 
 def _scaling(path: Path, header: list[str], lines: list[list[str]]) -> Scaling:
-    given = {row[header.index("scaling")].strip() for row in lines} if "scaling" in header else {"unit_largest"}
-    if given == {"mass"}:
+    """The scaling of the shapes, from the column `scaling`; ``unit_largest`` if there is none."""
+    stated = {row[header.index("scaling")].strip() for row in lines} if "scaling" in header else {"unit_largest"}
+    if stated == {"mass"}:
         return "mass"
-    if given == {"unit_largest"}:
+    if stated == {"unit_largest"}:
         return "unit_largest"
-    raise FileError(f"{path}: column `scaling` must be unit_largest or mass, the same for all, got {sorted(given)}")
+    raise FileError(f"{path}: column `scaling` must be unit_largest or mass, the same for all, got {sorted(stated)}")
 
 
 def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
-    """Every channel that a column names, in order."""
-    known = {"", "mode", "mpc", "scaling", *_NUMBERS}
-    found: dict[Dof, None] = {}
+    """The channels that the header names, each once and in order."""
+    other_columns = {"", "mode", "mpc", "scaling", *_NUMBERS}
+    channels: dict[Dof, None] = {}
     columns: dict[tuple[Dof, str], str] = {}
     for name in header:
-        if name in known:
+        if name in other_columns:
             continue
         first, _, part = name.partition(" ")
         try:
@@ -281,12 +285,12 @@ def _channels(path: Path, header: list[str]) -> tuple[Dof, ...]:
         other = columns.setdefault((dof, part or "real"), name)
         if other is not name:
             raise FileError(f"{path}: columns {other!r} and {name!r} are of the same entries of {dof}; leave one out")
-        found[dof] = None
-    return tuple(found)
+        channels[dof] = None
+    return tuple(channels)
 
 
 def _shapes(table: _Table, dofs: tuple[Dof, ...]) -> tuple[NumberArray, FloatArray | None]:
-    """Shapes and standard deviations of their entries, one row a channel."""
+    """Mode shapes (n_channels, n_modes), complex if there are imaginary parts, and standard deviations of their entries or None."""
     names = {}
     for name in table.header:
         first, _, part = name.partition(" ")

@@ -23,8 +23,8 @@ from structid.modal.formats.printed import (
     VectorKey,
     chosen_run,
     complex_values,
-    numbers,
     oscillating,
+    parse_numbers,
     same_eigenvalue,
     undamped,
 )
@@ -88,6 +88,7 @@ class _Listing:
     """Reads a listing line by line; `vectors` and `table` hold what it has read."""
 
     def __init__(self, path: Path) -> None:
+        """A reader that has read no line of the listing at `path` yet."""
         self.path = path
         self.vectors: dict[VectorKey, _Vector] = {}
         #: Eigenvalue, cycles and generalized mass of each row, by the number of the mode.
@@ -106,6 +107,7 @@ class _Listing:
             self._read_line(number, line)
 
     def _read_line(self, number: int, line: str) -> None:
+        """Read one line (`number` from 1) according to what the lines before it began."""
         self.since_page += 1
         if self.state == "second":
             self._read_second(number, line)
@@ -127,7 +129,7 @@ class _Listing:
             self._read_context(line)
 
     def _read_context(self, line: str) -> None:
-        """Run, eigenvalue and mode above a title."""
+        """Read subcase, eigenvalue or mode number from a line above a title."""
         if line.startswith("0"):  # the last of the lines that head a page, which some keep without the others
             self.page.subcase = None
         if line.startswith("0") or self.since_page <= 3:
@@ -142,6 +144,7 @@ class _Listing:
             self.page.mode = int(match[1])
 
     def _read_title(self, number: int, line: str) -> None:
+        """Read a title in spaced letters: begin the eigenvalue table, or the page of a vector."""
         self.state = ""
         if _REAL_TABLE.search(line):
             self.state = "table"
@@ -159,6 +162,7 @@ class _Listing:
         self.page = _Page(page.subcase, page.superelement)
 
     def _read_table(self, number: int, line: str) -> None:
+        """Read a row of the eigenvalue table; raise `FileError` if it is one of buckling."""
         if match := _TABLE_ROW.match(line):
             _, _, cycles, mass, _ = (real_number(text) for text in match[3].split())
             self.table.setdefault(int(match[1]), []).append((real_number(match[3].split()[0]), cycles, mass))
@@ -170,7 +174,7 @@ class _Listing:
             self._read_context(line)
 
     def _read_columns(self, number: int, line: str) -> None:
-        """The lines between the title of a vector and its rows."""
+        """Read a line between the title of a vector and its rows: form of complex numbers, column headings."""
         assert self.vector is not None
         text = line.strip()
         if text in _FORMS:
@@ -191,11 +195,11 @@ class _Listing:
             )
 
     def _read_row(self, number: int, line: str) -> bool:
-        """Whether the line is a row of the vector, or blank."""
+        """Read a row of the vector; returns True if the line is one, or blank."""
         assert self.vector is not None
         if match := _POINT_ROW.match(line):
             node, kind = int(match[1]), match[2]
-            fields = self._fields(number, line, match.start(2) + _TO_FIRST, kind == "G")
+            fields = self._six_numbers(number, line, match.start(2) + _TO_FIRST, kind == "G")
         elif match := _GRID_ROW.match(line):
             node, kind, fields = int(match[1]), "G", line[match.end() :].split()
             if len(fields) != 6 or not all(map(_NUMBER.match, fields)):
@@ -221,18 +225,19 @@ class _Listing:
         return True
 
     def _read_second(self, number: int, line: str) -> None:
+        """Read the second line of a complex eigenvector row: imaginary parts, or phases."""
         assert self.vector is not None
         self.state = "rows"
         if self.node < 0:
             return
-        fields = self._fields(number, line, self.first_column, True, self.vector.is_polar is True)
+        fields = self._six_numbers(number, line, self.first_column, True, self.vector.is_polar is True)
         if self.repeated and self.repeated != [fields]:
             raise self._two_motions(number, self.node)
         self.vector.rows[self.node].append(fields)
         self.last_row = number
 
-    def _fields(self, number: int, line: str, first: int, is_grid: bool, is_phase: bool = False) -> list[str]:
-        """The six numbers of a row by their columns, "" where one is blank."""
+    def _six_numbers(self, number: int, line: str, first: int, is_grid: bool, is_phase: bool = False) -> list[str]:
+        """The six numbers of a row as texts, from columns that begin at `first`; "" for a blank one."""
         self.first_column = first
         fields = [line[first + k * _WIDTH : first + (k + 1) * _WIDTH].strip() for k in range(6)]
         tail = line[first + 6 * _WIDTH :].strip()
@@ -262,7 +267,7 @@ class _Listing:
 
 
 def f06_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:
-    """The vibration modes of a listing; none where it has no vectors.
+    """The vibration modes in the `text` of a listing; no mode if it has no vectors.
 
     Raises
     ------
@@ -288,17 +293,17 @@ def f06_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:
         for key in keys:
             if len(key.eigenvalue) != 2:
                 raise FileError(f"{path}, line {vectors[key].line}: mode {key.mode} has no eigenvalue; {RUN_AGAIN}")
-        kept, notes = oscillating(path, keys, [complex(*map(real_number, key.eigenvalue)) for key in keys])
-        return PrintedModes([_printed(path, key, vectors[key], s, np.nan) for key, s in kept], notes)
+        modes, notes = oscillating(path, keys, [complex(*map(real_number, key.eigenvalue)) for key in keys])
+        return PrintedModes([_printed_mode(path, key, vectors[key], s, np.nan) for key, s in modes], notes)
     s, masses, notes = _real_eigenvalues(path, listing, keys)
     parts = zip(keys, s, masses, strict=True)
-    return PrintedModes([_printed(path, key, vectors[key], value, mass) for key, value, mass in parts], notes)
+    return PrintedModes([_printed_mode(path, key, vectors[key], value, mass) for key, value, mass in parts], notes)
 
 
 def _real_eigenvalues(
     path: Path, listing: _Listing, keys: Sequence[VectorKey]
 ) -> tuple[list[complex], list[float], tuple[str, ...]]:
-    """Eigenvalues s and generalized masses of undamped modes, from their pages and the table of the listing, and notes on them."""
+    """Eigenvalues s (rad/s) and generalized masses of undamped modes, from their pages and the eigenvalue table, and notes."""
     squares: list[float] = []
     masses: list[float] = []
     notes: list[str] = []
@@ -330,13 +335,14 @@ def _real_eigenvalues(
     return undamped(path, squares), masses, tuple(notes)
 
 
-def _printed(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex, mass: float) -> PrintedMode:
+def _printed_mode(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex, mass: float) -> PrintedMode:
+    """One mode from the rows of its vector; `FileError` if a row is incomplete or a value is not finite."""
     rows = list(vector.rows.values())
     n_parts = 2 if vector.is_complex else 1
     if any(len(parts) != n_parts for parts in rows):
         raise FileError(f"{path}: a row of mode {key.mode} is incomplete; the file is cut short, {RUN_AGAIN}")
     texts = [text for row in rows for part in row for text in part]
-    parts = numbers(path, texts).reshape(len(rows), n_parts, 6)
+    parts = parse_numbers(path, texts).reshape(len(rows), n_parts, 6)
     nodes = np.array(list(vector.rows), dtype=np.int64)
     if not np.isfinite(parts).all():
         point = nodes[np.argmin(np.isfinite(parts).all(axis=(1, 2)))]

@@ -44,7 +44,7 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
         datasets 55 or 2414; ``.csv`` with one row a mode; ``.f06``, ``.pch``, ``.pun`` or ``.op2`` with eigenvectors of Nastran;
         ``.frd`` of CalculiX.
     options : ModeFileOptions, optional
-        What a universal file or one of Nastran does not say about itself.
+        Facts that a universal file or one of Nastran does not state.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
     """
     path, options = Path(path), options or ModeFileOptions()
     suffix = path.suffix.lower()
-    _require_known(path, suffix, _READ)
+    _require_suffix(path, suffix, _READ)
     taken = ("length_unit", "force_unit") if suffix in (*UFF_SUFFIXES, *FRD_SUFFIXES) else ()
     if suffix not in _NASTRAN:
         for name in (item.name for item in fields(options)):
@@ -97,7 +97,7 @@ def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None 
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    _require_known(path, suffix, _WRITTEN)
+    _require_suffix(path, suffix, _WRITTEN)
     if suffix in JSON_SUFFIXES:
         content = json_text(modal_fields(modes)).encode("utf-8")
     else:
@@ -106,7 +106,8 @@ def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None 
         temporary.write_bytes(content)
 
 
-def _require_known(path: Path, suffix: str, known: tuple[str, ...]) -> None:
+def _require_suffix(path: Path, suffix: str, known: tuple[str, ...]) -> None:
+    """Raise `FileError` unless `suffix` is among `known`, with a hint for formats that are read elsewhere."""
     if suffix in _ELSEWHERE:
         raise FileError(f"{path}: {_ELSEWHERE[suffix]}")
     if suffix not in known:
@@ -150,6 +151,7 @@ def _changes_fields(changes: ModalChanges) -> dict[str, Any]:
 
 
 def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]) -> ModalChanges | None:
+    """Changes of the modes by sources of uncertainty stored in modes.json; None without. `shape` is (n_channels, n_modes)."""
     tables = data.get("changes")
     if tables is None:
         return None
@@ -168,6 +170,7 @@ def _read_changes(path: Path, data: Mapping[str, object], shape: tuple[int, int]
 
 
 def _read_json(path: Path) -> ModalRecord:
+    """The modes stored in a modes.json of `structid modes`."""
     with damage_told(path, "JSON", "copy it again, or run `structid modes` again"):
         data = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(data, dict) or "frequency_hz" not in data:
@@ -187,7 +190,7 @@ def _read_json(path: Path) -> ModalRecord:
 
 
 def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix: str = "") -> np.ndarray:
-    """The numbers under `key`, null read as NaN."""
+    """The numbers under `key` as an array with `n_axes` axes, null read as NaN; `prefix` completes the key in errors."""
     try:
         array = np.array(data.get(key), dtype=float)
     except (ValueError, TypeError) as error:
@@ -200,6 +203,7 @@ def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix
 
 
 def _texts(path: Path, data: Mapping[str, object], key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
+    """The list of texts under `key`; `FileError` if it is none."""
     texts = data.get(key, default)
     if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
         raise FileError(f"{path}: `{key}` must be a list of texts, got {_short(texts)}; write it again")

@@ -21,7 +21,7 @@ F06_SUFFIXES, PUNCH_SUFFIXES, OP2_SUFFIXES = (".f06",), (".pch", ".pun"), (".op2
 
 
 def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> PrintedModes:
-    """The modes of the listing, punch file or binary file at `path` as it has them; none is an error."""
+    """The modes as they stand in the listing, punch file or binary file at `path`; raises `FileError` if there is none."""
     options = options or ModeFileOptions()
     if path.suffix.lower() in OP2_SUFFIXES:
         printed = op2_modes(path, options)
@@ -38,9 +38,10 @@ def nastran_modes(path: Path, options: ModeFileOptions | None = None) -> Printed
 
 
 def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> ModalRecord:
-    """The modes of a file of Nastran at the directions that move, entry of largest magnitude 1.
+    """The modes of a Nastran listing, punch file or binary file at the directions that move, largest entry 1.
 
-    Rotations are left out unless `options` state the unit of length: beside translations they mean something in metres only.
+    Rotations are left out unless `options` state the unit of length: beside translations they mean something in metres
+    only.
 
     Raises
     ------
@@ -58,7 +59,7 @@ def read_modes_nastran(path: Path, options: ModeFileOptions | None = None) -> Mo
 
 
 def _displacement_axes(path: Path, deck: Path, printed: PrintedModes) -> dict[int, FloatArray]:
-    """Axes, as rows in global ones, of the points whose own displacement system in the deck is another one."""
+    """Axes (rows, global, (3, 3)) of each point whose displacement system in the `deck` is not the global one."""
     with damage_told(deck, "Nastran bulk data", "export it again"):
         cards = cards_of(bulk_text(deck), ("GRID", "GRDSET", *SYSTEM_CARDS))
         if "GRID" not in cards:

@@ -47,6 +47,7 @@ class ModeFileOptions:
     force_unit: str = ""
 
     def __post_init__(self) -> None:
+        """Check the kind of eigenvalues and the units."""
         if self.eigenvalues not in ("", "real", "complex"):
             raise InputError(f"`eigenvalues` must be real or complex, got {self.eigenvalues!r}", "eigenvalues")
         for name, unit, units in (("length_unit", self.length_unit, LENGTHS), ("force_unit", self.force_unit, FORCES)):
@@ -122,7 +123,7 @@ class VectorKey:
 
 
 def chosen_run(path: Path, keys: Sequence[VectorKey], options: ModeFileOptions) -> list[VectorKey]:
-    """The vectors of one run: of the subcase and kind of eigenvalue that `options` name, or of the only ones that there are.
+    """Keys of the vectors of one run: the subcase and kind of eigenvalue that `options` name, or the only run that there is.
 
     Raises
     ------
@@ -140,10 +141,10 @@ def chosen_run(path: Path, keys: Sequence[VectorKey], options: ModeFileOptions) 
         chosen = [key for key in chosen if key.is_complex == (options.eigenvalues == "complex")]
     if not chosen:
         raise FileError(f"{path}: has no modes of subcase {subcase}, only of {'; '.join(runs)}; name one of these")
-    own = dict.fromkeys(key.run for key in chosen)
-    if len(own) > 1:
+    run_names = dict.fromkeys(key.run for key in chosen)
+    if len(run_names) > 1:
         remedy = "choose with `subcase`" if len({key.subcase for key in chosen}) > 1 else "print one of them"
-        raise FileError(f"{path}: holds modes of {len(own)} runs ({'; '.join(own)}); {remedy}")
+        raise FileError(f"{path}: holds modes of {len(run_names)} runs ({'; '.join(run_names)}); {remedy}")
     modes: dict[int, VectorKey] = {}
     for key in chosen:
         other = modes.setdefault(key.mode, key)
@@ -158,22 +159,24 @@ def chosen_run(path: Path, keys: Sequence[VectorKey], options: ModeFileOptions) 
 def oscillating(
     path: Path, keys: Sequence[VectorKey], s: Sequence[complex]
 ) -> tuple[list[tuple[VectorKey, complex]], tuple[str, ...]]:
-    """The vectors of complex eigenvalues of positive frequency, each of which stands for a conjugate pair, and what was left out.
+    """Vectors whose complex eigenvalue has a positive frequency, each with that eigenvalue, and notes on those left out.
+
+    Each stands for a conjugate pair; `s` are the eigenvalues of `keys` in rad/s.
 
     Raises
     ------
     FileError
         If no eigenvalue has a frequency.
     """
-    kept = [(key, value) for key, value in zip(keys, s, strict=True) if value.imag > 0]
-    if not kept:
+    with_frequency = [(key, value) for key, value in zip(keys, s, strict=True) if value.imag > 0]
+    if not with_frequency:
         raise FileError(f"{path}: no complex eigenvalue has a frequency, all are real; there is no vibration in them")
     n_real = sum(value.imag == 0 for value in s)
-    return kept, (f"{n_real} real eigenvalues left out",) if n_real else ()
+    return with_frequency, (f"{n_real} real eigenvalues left out",) if n_real else ()
 
 
 def undamped(path: Path, squares: Sequence[float]) -> list[complex]:
-    """Eigenvalues s = i omega of undamped modes from omega^2; those that are negative by rounding become 0.
+    """Eigenvalues s = i omega of undamped modes from their squares omega^2; values that are negative by rounding become 0.
 
     Raises
     ------
@@ -200,8 +203,8 @@ def complex_values(first: FloatArray, second: FloatArray, is_polar: bool) -> Num
     return np.asarray(first * np.exp(1j * np.deg2rad(second)) if is_polar else first + 1j * second)
 
 
-def numbers(path: Path, fields: Sequence[str]) -> FloatArray:
-    """Numbers of text fields, Fortran's exponents among them.
+def parse_numbers(path: Path, fields: Sequence[str]) -> FloatArray:
+    """Numbers from text fields, (n,), also with Fortran's exponents; `path` is for errors.
 
     Raises
     ------
@@ -218,7 +221,7 @@ def numbers(path: Path, fields: Sequence[str]) -> FloatArray:
 
 
 def require_same_points(path: Path, modes: Sequence[PrintedMode]) -> None:
-    """Raise a `FileError` unless all modes have the points of the first, each of them once."""
+    """Raise `FileError` unless all modes have the points of the first one, each once."""
     nodes = modes[0].nodes
     if len(np.unique(nodes)) != len(nodes):
         raise FileError(f"{path}: a point is printed twice in one mode; leave one of them")
@@ -236,7 +239,7 @@ def printed_record(
     axes: Mapping[int, FloatArray] | None = None,
     words: Sequence[str] = (),
 ) -> ModalRecord:
-    """The record of printed modes at the directions that move, in SI units.
+    """The modal record, in SI units, of printed modes at the directions that move.
 
     Rotations are kept where the unit of length is stated, as their size beside translations goes with it; a modal mass of 1
     where the unit of force is stated too and generalized masses are printed.
@@ -246,7 +249,7 @@ def printed_record(
     axes : mapping of int to (3, 3) array, optional
         Axes, as rows in global ones, along which each point moves; without it the vectors are taken as global.
     words : sequence of str
-        How the file was taken, for the `source` of the record.
+        Remarks on how the file was read, for the `source` of the record.
 
     Raises
     ------
@@ -301,7 +304,7 @@ def _in_global_axes(
     axes: Mapping[int, FloatArray] | None,
     notes: list[str],
 ) -> NumberArray:
-    """Motions (point, component, mode) along the global axes."""
+    """Mode shapes, (n_points, 6, n_modes), turned from the points' displacement systems to global axes; adds to `notes`."""
     systems, nodes = modes[0].systems, modes[0].nodes
     if axes is None:
         turned = np.flatnonzero(systems > 0)

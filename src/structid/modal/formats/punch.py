@@ -20,8 +20,8 @@ from structid.modal.formats.printed import (
     VectorKey,
     chosen_run,
     complex_values,
-    numbers,
     oscillating,
+    parse_numbers,
     undamped,
 )
 
@@ -48,7 +48,7 @@ class _Vector:
 
 
 def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:
-    """The modes of a punch file; none where it has no vectors.
+    """The vibration modes in the `text` of a Nastran punch file; no mode if it has no vectors.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes
             elif match := _SUPERELEMENT.match(line):
                 superelement = int(match[1] or match[2])
             elif is_vector and name.startswith("EIGENVALUE"):
-                key = _key(path, number, line, subcase, superelement)
+                key = _read_key(path, number, line, subcase, superelement)
                 vector = vectors.setdefault(key, _Vector(form, number))
             elif name not in _HEADINGS:
                 is_vector, vector = False, None
@@ -111,15 +111,16 @@ def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes
         return PrintedModes([])
     keys = chosen_run(path, list(vectors), options)
     if keys[0].is_complex:
-        kept, notes = oscillating(path, keys, [complex(*map(real_number, key.eigenvalue)) for key in keys])
+        chosen, notes = oscillating(path, keys, [complex(*map(real_number, key.eigenvalue)) for key in keys])
     else:
         s = undamped(path, [real_number(key.eigenvalue[0]) for key in keys])
-        kept = list(zip(keys, s, strict=True))
+        chosen = list(zip(keys, s, strict=True))
         notes = ("eigenvalues taken as squares of circular frequencies (a punch file of buckling looks alike)",)
-    return PrintedModes([_printed(path, key, vectors[key], value) for key, value in kept], notes)
+    return PrintedModes([_printed_mode(path, key, vectors[key], value) for key, value in chosen], notes)
 
 
-def _key(path: Path, number: int, line: str, subcase: int | None, superelement: int | None) -> VectorKey:
+def _read_key(path: Path, number: int, line: str, subcase: int | None, superelement: int | None) -> VectorKey:
+    """The key (run, mode, eigenvalue) in an EIGENVALUE line of a punch file; `number` is that of the line."""
     if match := _EIGENVALUE.match(line):
         return VectorKey(subcase, superelement, int(match[2]), (match[1],))
     if match := _COMPLEX_EIGENVALUE.match(line):
@@ -135,7 +136,8 @@ def _add(path: Path, number: int, vector: _Vector, node: int, values: list[str])
     vector.rows[node] = values
 
 
-def _printed(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex) -> PrintedMode:
+def _printed_mode(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex) -> PrintedMode:
+    """One mode from the rows of its vector; `FileError` if a row is incomplete or a value is not finite."""
     width = _FORMS[vector.form]
     for node, values in vector.rows.items():
         if len(values) != width:
@@ -143,7 +145,7 @@ def _printed(path: Path, key: VectorKey, vector: _Vector, eigenvalue: complex) -
                 f"{path}: point {node} of mode {key.mode} has {len(values)} of its {width} numbers; the file is cut short"
             )
     texts: Sequence[str] = [text for values in vector.rows.values() for text in values]
-    table = numbers(path, texts).reshape(-1, width)
+    table = parse_numbers(path, texts).reshape(-1, width)
     nodes = np.array(list(vector.rows), dtype=np.int64)
     if not np.isfinite(table).all():
         point = nodes[np.argmin(np.isfinite(table).all(axis=1))]

@@ -22,7 +22,7 @@ _MOST_SETS = 1000
 
 
 def holds_modes(path: Path) -> bool:
-    """Whether a file holds modes, and no responses: JSON by its first keys, tables by what heads their columns."""
+    """True if the file at `path` holds modes and no responses, judged by its suffix and first bytes."""
     suffix = path.suffix.lower()
     if suffix in CSV_SUFFIXES:
         return is_modes_table(path)

@@ -54,7 +54,7 @@ T = TypeVar("T")
 
 
 def modes_uff(path: Path, modes: ModalRecord, geometry: Geometry | None = None) -> bytes:
-    """A universal file of `modes` in SI units, with the geometry where it is given.
+    """Content of a universal file of `modes` in SI units, with the geometry if given.
 
     Raises
     ------
@@ -81,6 +81,7 @@ def modes_uff(path: Path, modes: ModalRecord, geometry: Geometry | None = None) 
 
 
 def _mode_lines(modes: ModalRecord, k: int) -> list[str]:
+    """Lines of a dataset 55 for the mode with index `k`."""
     is_complex = np.iscomplexobj(modes.mode_shapes)
     n_values = 6 if any(dof.is_rotation for dof in modes.channels) else 3
     omega, ratio = modes.omega[k], np.nan_to_num(modes.damping_ratio[k])
@@ -123,7 +124,7 @@ class _Kind:
     n_values: int
 
     def objection(self) -> str:
-        """Why these are no mode shape, in words; "" where they are."""
+        """The reason why the data are no mode shape; "" if they are."""
         if self.model in _MODELS:
             return f"results of {_MODELS[self.model]}"
         if self.analysis != _NORMAL and self.analysis not in _EIGENVALUES:
@@ -180,7 +181,7 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
     blocks = read_blocks(path)
     notes: list[str] = []
     modes = _read_datasets(path, blocks, notes)
-    modes = _one_of_each(path, modes, notes)
+    modes = _drop_duplicates(path, modes, notes)
     _require_vibrations(modes)
     length, force, has_units = _units(path, blocks, options)
     s = np.array([mode.s for mode in modes])
@@ -189,8 +190,8 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
         if set(mode.nodes) != set(nodes):
             raise FileError(f"{mode.where} has other nodes than the first mode; export all alike")
     values = np.array([[mode.nodes[node] for node in nodes] for mode in modes])  # mode, node, direction
-    for mode, own in zip(modes, values, strict=True):
-        if not own.any():
+    for mode, shape in zip(modes, values, strict=True):
+        if not shape.any():
             raise FileError(f"{mode.where}: the mode shape is 0 throughout; export it again")
     _turn_to_global_axes(read_nodes(path, blocks), nodes, values, notes)
     values[:, :, :3] *= length
@@ -210,13 +211,13 @@ def read_modes_uff(path: Path, options: ModeFileOptions | None = None) -> ModalR
 
 
 def _read_datasets(path: Path, blocks: Sequence[Block], notes: list[str]) -> list[_Mode]:
-    """All modes of the file, by frequency; what else its datasets hold is noted."""
+    """All modes of the file in order of frequency; a note is added for datasets that hold other data."""
     modes: list[_Mode] = []
     objections: Counter[str] = Counter()
     for dataset in blocks:
         if dataset.number in (55, 2414):
-            read = _read_55 if dataset.number == 55 else _read_2414
-            mode = read(f"{path}: dataset {dataset.place} ({dataset.number})", dataset.lines)
+            read_dataset = _read_55 if dataset.number == 55 else _read_2414
+            mode = read_dataset(f"{path}: dataset {dataset.place} ({dataset.number})", dataset.lines)
             if isinstance(mode, str):
                 objections[mode] += 1
             else:
@@ -231,8 +232,8 @@ def _read_datasets(path: Path, blocks: Sequence[Block], notes: list[str]) -> lis
     return sorted(modes, key=lambda mode: abs(mode.s))
 
 
-def _one_of_each(path: Path, modes: list[_Mode], notes: list[str]) -> list[_Mode]:
-    """One shape of each mode: displacements where there are several kinds of motion, one of each conjugate pair."""
+def _drop_duplicates(path: Path, modes: list[_Mode], notes: list[str]) -> list[_Mode]:
+    """One shape for each mode: displacements where there are several kinds of motion, one mode of each conjugate pair."""
     numbers = {mode.number for mode in modes}
     if len(numbers) > 1:
         first, second = ([mode for mode in modes if mode.number == number] for number in (55, 2414))
@@ -270,30 +271,30 @@ def _require_vibrations(modes: list[_Mode]) -> None:
 
 
 def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tuple[float, float, bool]:
-    """Metres and newtons of the units of the file, and whether it or the options state them."""
+    """The file's units of length and force in m and N, and whether the file or the options state them."""
     factors = read_unit_factors(path, blocks)
     stated = (1.0, 1.0) if factors is None else (1 / factors.length, 1 / factors.force)
     units = []
-    for name, unit, known, value in (
+    for name, unit, factor_of, value in (
         ("length_unit", options.length_unit, LENGTHS, stated[0]),
         ("force_unit", options.force_unit, FORCES, stated[1]),
     ):
-        if unit and factors is not None and abs(known[unit] / value - 1) > 1e-4:
+        if unit and factors is not None and abs(factor_of[unit] / value - 1) > 1e-4:
             raise InputError(
                 f"{path}: its dataset 164 states another unit than {unit}, of {value:g} SI units; leave `{name}` out",
                 name,
             )
-        units.append(known[unit] if unit else value)
+        units.append(factor_of[unit] if unit else value)
     return units[0], units[1], factors is not None or bool(options.length_unit)
 
 
 def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list[complex]:
-    """Factors that give each shape a modal mass of 1; none where a mode does not state its own.
+    """Factors that give each shape a modal mass of 1; empty if a mode does not state its own.
 
     Parameters
     ----------
     unit : float
-        Of force times length in the file, in N m.
+        Unit of force times length in the file, in N m.
     """
     n_stated = sum(mode.modal_mass != 0 for mode in modes)
     if not n_stated:
@@ -316,7 +317,7 @@ def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list
 def _turn_to_global_axes(
     universal: UniversalNodes, nodes: Sequence[int], values: NDArray[np.complex128], notes: list[str]
 ) -> None:
-    """Turn the motions (mode, node, direction) of nodes with displacement systems of their own into global axes, in place."""
+    """Turn `values` (mode, node, direction) of nodes with their own displacement systems to global axes, in place."""
     n_turned = 0
     for i, node in enumerate(nodes):
         axes = universal.axes(node)
@@ -324,8 +325,8 @@ def _turn_to_global_axes(
             continue
         n_turned += 1
         for part in (slice(0, 3), slice(3, 6)):
-            own = values[:, i, part]
-            measured = np.any(own != 0, axis=0)
+            motion = values[:, i, part]
+            measured = np.any(motion != 0, axis=0)
             if not measured.any():
                 continue
             touched = np.any(np.abs(axes[measured]) > 1e-9, axis=0)
@@ -334,13 +335,13 @@ def _turn_to_global_axes(
                     f"{universal.path}: node {node} was measured in {int(measured.sum())} of the directions of its own coordinate"
                     " system, which are along no global axes; export shapes in global axes, or all directions of the node"
                 )
-            values[:, i, part] = own @ np.where(touched, axes, 0.0)
+            values[:, i, part] = motion @ np.where(touched, axes, 0.0)
     if n_turned:
         notes.append(f"motions of {n_turned} nodes turned from their displacement systems to global axes")
 
 
 def _read_55(where: str, lines: list[str]) -> _Mode | str:
-    """The mode in one dataset 55; in words what it holds instead."""
+    """The mode in one dataset 55 (its `lines`), or a phrase on what the dataset holds instead."""
     kind = _Kind(*_integers_of(where, lines, 5, 6, "record 6"))
     if words := kind.objection():
         return words
@@ -353,12 +354,12 @@ def _read_55(where: str, lines: list[str]) -> _Mode | str:
     if len(reals) < (4 if kind.analysis == _NORMAL else 2):
         raise FileError(f"{where} has {len(reals)} numbers in record 8, too few for a mode; export it again")
     if kind.analysis == _NORMAL:
-        return _mode(where, 55, kind, lines, begin + n_lines, _normal(where, *reals[:4]))
-    return _mode(where, 55, kind, lines, begin + n_lines, _complex(reals))
+        return _make_mode(where, 55, kind, lines, begin + n_lines, _normal(where, *reals[:4]))
+    return _make_mode(where, 55, kind, lines, begin + n_lines, _complex(reals))
 
 
 def _read_2414(where: str, lines: list[str]) -> _Mode | str:
-    """The mode in one dataset 2414; in words what it holds instead."""
+    """The mode in one dataset 2414 (its `lines`), or a phrase on what the dataset holds instead."""
     (location,) = _integers_of(where, lines, 2, 1, "record 3")
     kind = _Kind(*_integers_of(where, lines, 8, 6, "record 9"))
     if words := kind.objection():
@@ -369,7 +370,7 @@ def _read_2414(where: str, lines: list[str]) -> _Mode | str:
     if len(first) < 6 or len(second) < 6:
         raise FileError(f"{where} must have six numbers in each of the records 12 and 13; export it again")
     stated = _normal(where, first[1], *first[3:6]) if kind.analysis == _NORMAL else _complex(second)
-    return _mode(where, 2414, kind, lines, 13, stated)
+    return _make_mode(where, 2414, kind, lines, 13, stated)
 
 
 _Stated = tuple[complex, float, complex]
@@ -391,7 +392,8 @@ def _complex(reals: Sequence[float]) -> _Stated:
     return s, ratio, modal_a / (2j * s.imag) if s.imag else 0j
 
 
-def _mode(where: str, number: int, kind: _Kind, lines: list[str], begin: int, stated: _Stated) -> _Mode:
+def _make_mode(where: str, number: int, kind: _Kind, lines: list[str], begin: int, stated: _Stated) -> _Mode:
+    """The mode of a dataset whose nodes begin at line `begin`; `stated` is its eigenvalue (rad/s), damping ratio and modal mass."""
     s, ratio, mass = stated
     if not np.isfinite([s.real, s.imag, mass.real, mass.imag]).all():
         raise FileError(f"{where} has an eigenvalue or modal mass that is not finite; export it again")
@@ -404,15 +406,15 @@ def _mode(where: str, number: int, kind: _Kind, lines: list[str], begin: int, st
     if kind.data not in (2, 4, 5, 6):
         raise FileError(f"{where} has data of type {kind.data}; it must be 2 or 4 (real), 5 or 6 (complex)")
     is_complex = kind.data in (5, 6)
-    nodes = _nodes(where, lines, begin, kind.n_values, is_complex)
+    nodes = _read_nodes(where, lines, begin, kind.n_values, is_complex)
     order = _MOTIONS[kind.result][1] if kind.result in _MOTIONS else -1
     return _Mode(where, number, s, ratio, mass, order, nodes, is_complex or kind.analysis != _NORMAL)
 
 
-def _nodes(
+def _read_nodes(
     where: str, lines: list[str], begin: int, n_values: int, is_complex: bool
 ) -> dict[int, NDArray[np.complex128]]:
-    """The values at every node, each behind a line with its label."""
+    """Motion (6,) of each node label: each node has a line with its label, then its values."""
     n_numbers = n_values * (2 if is_complex else 1)
     step = 1 + -(-n_numbers // 6)
     nodes: dict[int, NDArray[np.complex128]] = {}

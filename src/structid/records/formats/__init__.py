@@ -46,7 +46,8 @@ __all__ = [
 ]
 
 
-def _format(path: Path) -> ModuleType | LoggerFormat:
+def _format_of(path: Path) -> ModuleType | LoggerFormat:
+    """The format (a module, or one of loggers) of the file at `path`, by its suffix."""
     suffix = path.suffix.lower()
     formats: tuple[ModuleType | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
     for module in formats:
@@ -71,7 +72,7 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     path : str or Path
         File with one of the suffixes in `FORMATS` or `LOGGERS`.
     options : ReadOptions, optional
-        What the file does not say about itself; which channels to read.
+        Facts that the file does not state, and the channels to read.
 
     Raises
     ------
@@ -87,8 +88,8 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     >>> record = read_record("impact.npy", options)  # doctest: +SKIP
     """
     path, options = Path(path), ReadOptions() if options is None else options
-    module = _format(path)
-    _require_fitting(path, module, options)
+    module = _format_of(path)
+    _require_applicable(path, module, options)
     require_readable(path)
 
     def read() -> FrfRecord | TimeRecord:
@@ -99,26 +100,26 @@ def read_record(path: str | Path, options: ReadOptions | None = None) -> FrfReco
     return kept_or_read(path, options, read)
 
 
-def _require_fitting(path: Path, module: ModuleType | LoggerFormat, options: ReadOptions) -> None:
-    """Refuse what is said of columns where a file has none."""
-    given = options.given()
-    if "csv" in given and module is not _csv:
+def _require_applicable(path: Path, module: ModuleType | LoggerFormat, options: ReadOptions) -> None:
+    """Raise `InputError` if an option is given that this format cannot use, such as columns for a file without names."""
+    options_given = options.given()
+    if "csv" in options_given and module is not _csv:
         raise InputError(f"{path}: is no table, which `csv` is about; leave it out", "csv")
     for name, formats in (("columns", (*_NAMED, _uff)), ("time_column", _NAMED)):
-        if name in given and module not in formats:
+        if name in options_given and module not in formats:
             raise InputError(
                 f"{path}: has no named columns, which `{name}` is about; choose with `channels` or `array`", name
             )
-    if "axes" in given and module is not _uff:
+    if "axes" in options_given and module is not _uff:
         raise InputError(f"{path}: has no coordinate systems, which `axes` is about; leave it out", "axes")
-    if "resample" in given and module not in (_csv, _uff, *LOGGERS):
+    if "resample" in options_given and module not in (_csv, _uff, *LOGGERS):
         raise InputError(
             f"{path}: has no times of its samples, of which `resample` makes even ones; leave it out", "resample"
         )
 
 
 def write_record(path: str | Path, record: FrfRecord | TimeRecord) -> None:
-    """Write `record` to `path`, whole or not at all; the format by the suffix.
+    """Write `record` to `path`, whole or not at all, in the format of the suffix.
 
     NPZ, HDF5 and MAT keep everything. CSV keeps values, coherence and standard deviations of FRFs; UFF keeps values,
     coherence and averages.
@@ -133,4 +134,4 @@ def write_record(path: str | Path, record: FrfRecord | TimeRecord) -> None:
     path = Path(path)
     if isinstance(record, FrfRecord) and record.decay is not None:
         raise InputError(f"{path}: FRFs with `decay` cannot be written; write the record that they were made from")
-    _format(path).write(path, record)
+    _format_of(path).write(path, record)

@@ -34,7 +34,7 @@ def require_option(path: Path, options: ReadOptions, name: str, purpose: str) ->
 def read_bare(
     path: Path, shapes: Shapes, load: Callable[[str], np.ndarray], options: ReadOptions
 ) -> FrfRecord | TimeRecord:
-    """A record from arrays by name, as `options` describe them.
+    """A record from the bare arrays of a file, as `options` describe them.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def read_bare(
         If an option is missing or contradicts the array.
     """
     if "frequency_array" in options.given():
-        name = _array_name(path, shapes, options.array, {options.frequency_array, options.coherence_array})
+        name = _choose_array(path, shapes, options.array, {options.frequency_array, options.coherence_array})
         _require_present(path, shapes, options.frequency_array)
         frequency = load(options.frequency_array)
         coherence = None
@@ -63,7 +63,7 @@ def read_bare(
             _require_present(path, shapes, options.coherence_array)
             coherence = load(options.coherence_array)
         return frf_from_array(path, load(name), frequency, coherence, options)
-    name = _array_name(path, shapes, options.array, set())
+    name = _choose_array(path, shapes, options.array, set())
     return time_from_array(path, load(name), options)
 
 
@@ -76,7 +76,8 @@ def _require_present(path: Path, shapes: Shapes, name: str) -> None:
         raise FileError(f"{path}: has no array {name!r}; its arrays are {_listing(shapes)}")
 
 
-def _array_name(path: Path, shapes: Shapes, wanted: str, taken: set[str]) -> str:
+def _choose_array(path: Path, shapes: Shapes, wanted: str, taken: set[str]) -> str:
+    """Name of the array to read: `wanted`, or the only numeric one that is not among `taken`."""
     if wanted:
         _require_present(path, shapes, wanted)
         return wanted
@@ -96,18 +97,19 @@ def _require_numbers(path: Path, array: np.ndarray, allowed: str, what: str) -> 
         raise FileError(f"{path}: the array of {what} must hold numbers, got type {array.dtype}")
 
 
-def _per_channel(path: Path, name: str, given: tuple[str, ...], count: int) -> tuple[str, ...]:
-    if len(given) == 1:
-        return given * count
-    if len(given) != count:
-        raise InputError(f"{path}: `{name}` must have 1 or {count} entries, one a channel, got {len(given)}", name)
-    return given
+def _per_channel(path: Path, name: str, entries: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """One entry for each of `count` channels from the option `name`: one for all, or as many as channels."""
+    if len(entries) == 1:
+        return entries * count
+    if len(entries) != count:
+        raise InputError(f"{path}: `{name}` must have 1 or {count} entries, one a channel, got {len(entries)}", name)
+    return entries
 
 
 def channel_units(
     path: Path, channels: tuple[Dof, ...], options: ReadOptions
 ) -> tuple[tuple[Quantity, ...], NDArray[np.float64]]:
-    """Quantity and SI factor of each of `channels` by the options `quantities` and `units`."""
+    """Quantity and factor to SI, (n_channels,), of each of `channels`, from the options `quantities` and `units`."""
     if not options.units:
         quantities = _per_channel(path, "quantities", options.quantities, len(channels))
         for quantity in quantities:
@@ -141,7 +143,7 @@ def require_same_rotation(path: Path, name: str, dof_rotates: bool, unit_rotates
 
 
 def time_from_array(path: Path, values: np.ndarray, options: ReadOptions) -> TimeRecord:
-    """A time record from `values` (n_times, n_channels) as `options` describe them.
+    """A time record from `values` (n_times, n_channels), with channels, rate and units as `options` state them.
 
     Raises
     ------
@@ -169,16 +171,16 @@ def time_from_array(path: Path, values: np.ndarray, options: ReadOptions) -> Tim
     if values.ndim == 1:
         values = values[:, None]
     if values.ndim != 2 or values.shape[1] != len(channels):
-        turned = values.ndim == 2 and values.shape[0] == len(channels)
-        hint = "the array is turned: store samples along rows" if turned else "name every column in `channels`"
+        is_transposed = values.ndim == 2 and values.shape[0] == len(channels)
+        hint = "the array is turned: store samples along rows" if is_transposed else "name every column in `channels`"
         raise InputError(
             f"{path}: {len(channels)} channels were given for an array of shape {values.shape}; {hint}", "channels"
         )
     quantities, factors = channel_units(path, channels, options)
     rate = float(options.sampling_rate or 0.0)
-    kept = whole(path, np.asarray(values, dtype=np.float64), channels, rate, 0.0, options, named=False)
+    samples = whole(path, np.asarray(values, dtype=np.float64), channels, rate, 0.0, options, named=False)
     return TimeRecord(
-        rate, kept.values * factors, channels, quantities, start=kept.start, source=sourced(path, kept.note)
+        rate, samples.values * factors, channels, quantities, start=samples.start, source=sourced(path, samples.note)
     )
 
 
@@ -190,7 +192,7 @@ def _refuse_frf(path: Path, reason: str) -> NoReturn:
 
 
 def frf_kind(path: Path, options: ReadOptions) -> tuple[FrfKind, float]:
-    """FRF kind and SI factor by the options `kind` and `unit`."""
+    """Kind of FRF and factor to SI, from the options `kind` and `unit`."""
     if options.kind and options.kind not in DERIVATIVES:
         raise InputError(f"{path}: `kind` must be one of {', '.join(DERIVATIVES)}, got {options.kind!r}", "kind")
     if not options.unit:
@@ -210,7 +212,7 @@ def frf_from_array(
     coherence: np.ndarray | None,
     options: ReadOptions,
 ) -> FrfRecord:
-    """An FRF record from `values` (n_frequencies, n_outputs, n_inputs) as `options` describe them.
+    """An FRF record from `values` (n_frequencies, n_outputs, n_inputs), with channels and units as `options` state them.
 
     Raises
     ------
@@ -248,18 +250,18 @@ def frf_from_array(
         to_hertz = parse_frequency_unit(options.axis_unit) if options.axis_unit else 1.0
     return FrfRecord(
         frequency=frequency.ravel().astype(np.float64) * to_hertz,
-        values=_shaped(path, "array", values, shape).astype(np.complex128) * factor,
+        values=_with_shape(path, "array", values, shape).astype(np.complex128) * factor,
         outputs=outputs,
         inputs=inputs,
         kind=kind,
-        coherence=None if coherence is None else _shaped(path, "coherence_array", coherence, shape).real,
+        coherence=None if coherence is None else _with_shape(path, "coherence_array", coherence, shape).real,
         averages=options.averages,
         source=str(path),
     )
 
 
-def _shaped(path: Path, name: str, values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
-    """`values` in `shape`; axes of length 1 may be missing at the end."""
+def _with_shape(path: Path, name: str, values: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
+    """`values` with trailing axes of length 1 added; `InputError` unless the result has `shape`."""
     full = values
     while full.ndim < 3:
         full = full[..., None]

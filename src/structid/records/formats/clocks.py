@@ -30,7 +30,7 @@ class Rate(NamedTuple):
 
 
 def even_rate(time: FloatArray, digits: FloatArray) -> Rate | None:
-    """The sampling rate of times, s, that are even but for the rounding to their last digits; None where they are uneven.
+    """The sampling rate of times in s that are even except for rounding to their last digits; None if they are uneven.
 
     Parameters
     ----------
@@ -67,9 +67,9 @@ class Resampled(NamedTuple):
 
 
 def resample(path: Path, time: FloatArray, values: FloatArray) -> Resampled:
-    """`values` (n_times, n_channels) at the uneven times `time` (s), by cubic splines at even times between the same ends.
+    """`values` (n_times, n_channels) at uneven times `time` (s), as cubic splines at even times between the same ends.
 
-    The cost is measured on this clock: two sines, sampled at `time` and resampled, against the true ones.
+    The error is measured on this clock: two sines, sampled at `time` and resampled, against the true ones.
 
     Raises
     ------
@@ -92,18 +92,18 @@ def resample(path: Path, time: FloatArray, values: FloatArray) -> Resampled:
         )
     even = np.linspace(time[0], time[-1], time.size)
     rate = float((time.size - 1) / (time[-1] - time[0]))
-    found = CubicSpline(time, values, axis=0)(even)
-    inside = slice(2, -2)  # splines are worse at their ends
+    splined = CubicSpline(time, values, axis=0)(even)
+    inner = slice(2, -2)  # splines are worse at their ends
     costs = []
     for part in _TOLD:
         omega = 2 * np.pi * part * rate
         wave = np.stack([np.sin(omega * time), np.cos(omega * time)], axis=1)
         true = np.stack([np.sin(omega * even), np.cos(omega * even)], axis=1)
-        off = np.abs(CubicSpline(time, wave, axis=0)(even) - true)[inside].max()
-        costs.append(f"{100 * off:.1g} % of a sine at {part * rate:.4g} Hz")
-    off = np.abs(time - even).max() * rate
-    words = f"resampled: samples were up to {100 * off:.2g} % of a step off an even raster; errs by up to {' and '.join(costs)}"
-    return Resampled(found, rate, float(time[0]), words)
+        error = np.abs(CubicSpline(time, wave, axis=0)(even) - true)[inner].max()
+        costs.append(f"{100 * error:.1g} % of a sine at {part * rate:.4g} Hz")
+    error = np.abs(time - even).max() * rate
+    words = f"resampled: samples were up to {100 * error:.2g} % of a step off an even raster; errs by up to {' and '.join(costs)}"
+    return Resampled(splined, rate, float(time[0]), words)
 
 
 def resampling_remedy() -> str:

@@ -41,7 +41,7 @@ def whole(
     named: bool = True,
     lines: Lines | None = None,
 ) -> Whole:
-    """The samples from `options.start` to `options.stop`, gaps up to `options.longest_gap` filled by cubics.
+    """The samples from `options.start` to `options.stop`, with gaps up to `options.longest_gap` filled by cubics.
 
     Parameters
     ----------
@@ -54,9 +54,9 @@ def whole(
         Hz, and time of the first sample in s.
     options : ReadOptions
     named : bool
-        Whether the file names its channels, so that `options.channels` chooses among them; gaps of others do not count.
+        True if the file names its channels, so that `options.channels` chooses among them; gaps of others do not count.
     lines : Lines, optional
-        Of a file that has lines.
+        Line and column numbers, for a file that has lines.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def whole(
     gaps = {j: flagged_runs(missing[:, j]) for j in np.flatnonzero(missing.any(axis=0)).tolist()}
     if any(b - a > longest or a == 0 or b == len(kept) for found in gaps.values() for a, b in found):
         here = None if lines is None else Lines(lines.first + first, lines.columns)
-        raise FileError(f"{path}: {_words(gaps, missing, channels, rate, begins, here, named)}")
+        raise FileError(f"{path}: {_describe_gaps(gaps, missing, channels, rate, begins, here, named)}")
     for j in gaps:
         kept[:, j] = filled(kept[:, j], missing[:, j])
     counts = ", ".join(f"{channels[j]} {missing[:, j].sum()}" for j in gaps)
@@ -89,7 +89,7 @@ def sourced(path: Path, note: str) -> str:
     return f"{path}; {note}" if note else str(path)
 
 
-def _words(
+def _describe_gaps(
     gaps: dict[int, list[tuple[int, int]]],
     missing: np.ndarray,
     channels: Sequence[Dof],
@@ -98,12 +98,15 @@ def _words(
     lines: Lines | None,
     named: bool,
 ) -> str:
-    """The first gap, all of them in numbers, and what can be done."""
-    j, (a, b) = min(((j, found[0]) for j, found in gaps.items()), key=lambda entry: entry[1])
-    longest = max(b - a for found in gaps.values() for a, b in found)
-    number = sum(len(found) for found in gaps.values())
+    """A message on the gaps of each channel (first sample, one after the last): the first one, totals and remedies.
+
+    `missing` is the mask (n_times, n_channels), `rate` in Hz and `start` in s.
+    """
+    j, (a, b) = min(((j, runs[0]) for j, runs in gaps.items()), key=lambda entry: entry[1])
+    longest = max(b - a for runs in gaps.values() for a, b in runs)
+    number = sum(len(runs) for runs in gaps.values())
     sound = flagged_runs(np.asarray(~missing.any(axis=1)))
-    inside = all(a > 0 and b < len(missing) for found in gaps.values() for a, b in found)
+    is_inner = all(a > 0 and b < len(missing) for runs in gaps.values() for a, b in runs)
     name = f"channel {channels[j]}"
     if lines is not None:
         name = f"line {lines.first + a}, column {lines.columns[j]} ({name})"
@@ -118,7 +121,7 @@ def _words(
             "cut to the longest whole part with "
             + option_words(start=f"{start + p / rate:.9g}", stop=f"{start + (q - 1) / rate:.9g}")
         )
-    if inside:
+    if is_inner:
         remedies.append(f"interpolate with {option_words(longest_gap=longest)}")
     if named and len(gaps) < len(channels):
         remedies.append("leave the channel out with `channels`")

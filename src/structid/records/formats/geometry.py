@@ -37,6 +37,7 @@ class Geometry:
     lines: tuple[tuple[int, ...], ...] = field(default=())
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if a line joins a node without a position."""
         for line in self.lines:
             unknown = [node for node in line if node != 0 and node not in self.nodes]
             if unknown:
@@ -44,11 +45,11 @@ class Geometry:
 
 
 def read_geometry(path: str | Path) -> Geometry:
-    """Nodes and lines of the CSV table (``node,x,y,z`` and ``line,1,2`` rows) or universal file at `path`, in m.
+    """Nodes in m and lines of the CSV table (``node,x,y,z`` and ``line,1,2`` rows) or universal file at `path`.
 
-    Of a universal file: datasets 15 and 2411 (nodes), 82 (trace lines) or
-    else the edges of elements (2412). A node in both 15 and 2411 is taken from
-    2411, which has more digits. Coordinate systems (datasets 18 and 2420) are applied: positions are global.
+    From a universal file: datasets 15 and 2411 (nodes), 82 (trace lines) or else the edges of elements (2412). A node
+    in both 15 and 2411 is taken from 2411, which has more digits. Coordinate systems (datasets 18 and 2420) are
+    applied: positions are global.
 
     Raises
     ------
@@ -58,11 +59,12 @@ def read_geometry(path: str | Path) -> Geometry:
     path = require_readable(path)
     with damage_told(path, "a geometry that can be read", "export it again"):
         if path.suffix.lower() in (".csv", ".txt"):
-            return _of_table(path)
-        return _of_universal_file(path)
+            return _read_csv(path)
+        return _read_universal_file(path)
 
 
-def _of_universal_file(path: Path) -> Geometry:
+def _read_universal_file(path: Path) -> Geometry:
+    """Nodes and lines of a universal file."""
     blocks = read_blocks(path)
     nodes = read_nodes(path, blocks).points
     if not nodes:
@@ -72,11 +74,11 @@ def _of_universal_file(path: Path) -> Geometry:
 
 
 def _trace_line(path: Path, block: Block) -> tuple[int, ...]:
-    """The node labels of a dataset 82."""
+    """The node labels of a trace line, dataset 82."""
     where, lines = f"{path}: dataset {block.place} (82)", block.lines
     try:
         count = integers(lines[0], (10, 10, 10))[1]
-        nodes = [int(line[at : at + 10]) for line in lines[2:] for at in range(0, len(line.rstrip()), 10)]
+        nodes = [int(line[column : column + 10]) for line in lines[2:] for column in range(0, len(line.rstrip()), 10)]
         if len(nodes) < count:
             nodes = [int(word) for line in lines[2:] for word in line.split()]
     except (ValueError, IndexError) as error:
@@ -86,8 +88,8 @@ def _trace_line(path: Path, block: Block) -> tuple[int, ...]:
     return tuple(nodes[:count])
 
 
-def _of_table(path: Path) -> Geometry:
-    """Of rows ``node,x,y,z`` and ``line,1,2``, which joins nodes in order."""
+def _read_csv(path: Path) -> Geometry:
+    """Nodes and lines of a CSV table with rows ``node,x,y,z`` and ``line,1,2``, which joins nodes in order."""
     try:
         rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines(), strict=True))
     except (UnicodeDecodeError, csv.Error) as error:

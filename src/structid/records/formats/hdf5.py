@@ -27,7 +27,7 @@ SUFFIXES: tuple[str, ...] = (".h5", ".hdf5")
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The record in the HDF5 file at `path`.
+    """The record in the HDF5 file at `path`: structid's own layout, or bare arrays that `options` describe.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def _with_stated_units(path: Path, shapes: Shapes, options: ReadOptions) -> tupl
 
 
 def _agree(key: str, given: str | tuple[str, ...], stated: tuple[str, ...]) -> bool:
-    """Whether units that were given are those that a file states."""
+    """True if the units `given` by an option are the units `stated` by a file, one for all or one for each channel."""
     parse: Callable[[str], object] = {"unit": parse_frf_unit, "units": parse_unit, "axis_unit": parse_frequency_unit}[
         key
     ]
@@ -97,7 +97,7 @@ def _needed(shapes: Shapes, wanted: set[str]) -> set[str]:
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:
-    """Write `record` as an HDF5 file in structid's layout, complete.
+    """Write `record` to `path` as an HDF5 file in structid's layout, complete.
 
     It is made in memory, so that a full disk shows as an ordinary error when the bytes are written.
 
@@ -117,6 +117,7 @@ def write(path: Path, record: FrfRecord | TimeRecord) -> None:
 
 
 def _store(file: h5py.File, name: str, field: Field) -> None:
+    """Store one field of a record, an array or texts, in an open HDF5 file."""
     import h5py
 
     if isinstance(field, np.ndarray):

@@ -33,17 +33,17 @@ def keep_records(most_bytes: int) -> None:
 
 
 def kept_or_read(path: Path, options: ReadOptions, read: Callable[[], Record]) -> Record:
-    """The record of the file at `path` by `options`: the one kept if the file has not changed since, else what `read` gives."""
-    mark = _mark(path, options)
-    found = _kept.records.get(mark)
-    if found is None:
-        found = read()
-        if record_bytes(found) > _kept.most or _mark(path, options) != mark:
-            return found
-        _kept.records[mark] = found
+    """The record of the file at `path`: the cached one if file and `options` are unchanged, else what `read` returns."""
+    key = _mark(path, options)
+    record = _kept.records.get(key)
+    if record is None:
+        record = read()
+        if record_bytes(record) > _kept.most or _mark(path, options) != key:
+            return record
+        _kept.records[key] = record
         _forget()
-    _kept.records.move_to_end(mark)
-    return found
+    _kept.records.move_to_end(key)
+    return record
 
 
 def _mark(path: Path, options: ReadOptions) -> Mark:

@@ -34,18 +34,18 @@ _FRF_MARK, _TIME_MARK = "frf 1", "time 1"
 
 
 def fields_of(record: FrfRecord | TimeRecord) -> dict[str, Field]:
-    """The fields of `record`, complete: `record_from` gives the same record back.
+    """The fields of `record` by name, complete: `record_from` makes the same record of them.
 
     Raises
     ------
     InputError
         If a text holds characters that a file format cannot keep.
     """
-    found = _frf_fields(record) if isinstance(record, FrfRecord) else _time_fields(record)
-    for name, field in found.items():
+    fields = _frf_fields(record) if isinstance(record, FrfRecord) else _time_fields(record)
+    for name, field in fields.items():
         if isinstance(field, str) and not _is_plain(field):
             raise InputError(f"`{name}` must be plain text to be written, got {field!r}; remove control characters")
-    return found
+    return fields
 
 
 def _is_plain(text: str) -> bool:
@@ -54,7 +54,8 @@ def _is_plain(text: str) -> bool:
 
 
 def _time_fields(record: TimeRecord) -> dict[str, Field]:
-    found: dict[str, Field] = {
+    """The fields of a time record in structid's layout."""
+    fields: dict[str, Field] = {
         MARK: _TIME_MARK,
         "sampling_rate": np.float64(record.sampling_rate).reshape(1),
         "start": np.float64(record.start).reshape(1),
@@ -64,12 +65,13 @@ def _time_fields(record: TimeRecord) -> dict[str, Field]:
         "source": record.source,
     }
     if record.variance is not None:
-        found["variance"] = record.variance
-    return found
+        fields["variance"] = record.variance
+    return fields
 
 
 def _frf_fields(record: FrfRecord) -> dict[str, Field]:
-    found: dict[str, Field] = {
+    """The fields of an FRF record in structid's layout."""
+    fields: dict[str, Field] = {
         MARK: _FRF_MARK,
         "frequency": record.frequency,
         "values": record.values,
@@ -80,14 +82,14 @@ def _frf_fields(record: FrfRecord) -> dict[str, Field]:
         "source": record.source,
     }
     if record.variance is not None:
-        found["variance"] = record.variance
+        fields["variance"] = record.variance
     if record.coherence is not None:
-        found["coherence"] = record.coherence
+        fields["coherence"] = record.coherence
     if record.relative is not None:
-        found["relative"] = record.relative
+        fields["relative"] = record.relative
     if record.averages is not None:
-        found["averages"] = np.array([record.averages])
-    return found
+        fields["averages"] = np.array([record.averages])
+    return fields
 
 
 def _names(dofs: tuple[Dof, ...]) -> tuple[str, ...]:
@@ -95,7 +97,7 @@ def _names(dofs: tuple[Dof, ...]) -> tuple[str, ...]:
 
 
 def record_from(path: Path, fields: Mapping[str, Field]) -> FrfRecord | TimeRecord:
-    """The record with these `fields`.
+    """The record that `fields` in structid's layout hold; `path` is for errors.
 
     Raises
     ------
@@ -113,6 +115,7 @@ def record_from(path: Path, fields: Mapping[str, Field]) -> FrfRecord | TimeReco
 
 
 def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
+    """The FRF record that `fields` hold."""
     frequency = _array(path, fields, "frequency").ravel()
     outputs = parse_dofs(_texts(path, fields, "outputs"))
     inputs = parse_dofs(_texts(path, fields, "inputs"))
@@ -133,6 +136,7 @@ def _frf_record(path: Path, fields: Mapping[str, Field]) -> FrfRecord:
 
 
 def _time_record(path: Path, fields: Mapping[str, Field]) -> TimeRecord:
+    """The time record that `fields` hold."""
     channels = parse_dofs(_texts(path, fields, "channels"))
     values = _array(path, fields, "values")
     if values.dtype.kind == "c":
@@ -164,6 +168,7 @@ def _field(path: Path, fields: Mapping[str, Field], name: str) -> Field:
 
 
 def _array(path: Path, fields: Mapping[str, Field], name: str) -> np.ndarray:
+    """The numeric array in the field `name`; `FileError` if it is none, or complex where it must be real."""
     value = _field(path, fields, name)
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fciu":
         raise FileError(f"{path}: field {name!r} must hold numbers; the file is damaged, write it again")
@@ -177,6 +182,7 @@ def _optional(path: Path, fields: Mapping[str, Field], name: str, shape: tuple[i
 
 
 def _number(path: Path, fields: Mapping[str, Field], name: str) -> float:
+    """The one number in the field `name`."""
     array = _array(path, fields, name)
     if array.size != 1:
         raise FileError(f"{path}: field {name!r} must be one number, got shape {array.shape}")
@@ -184,6 +190,7 @@ def _number(path: Path, fields: Mapping[str, Field], name: str) -> float:
 
 
 def _text(path: Path, fields: Mapping[str, Field], name: str) -> str:
+    """The text in the field `name`."""
     value = _field(path, fields, name)
     if not isinstance(value, str):
         raise FileError(f"{path}: field {name!r} must be a text; the file is damaged, write it again")
@@ -191,6 +198,7 @@ def _text(path: Path, fields: Mapping[str, Field], name: str) -> str:
 
 
 def _texts(path: Path, fields: Mapping[str, Field], name: str) -> tuple[str, ...]:
+    """The texts in the field `name`, one or several."""
     value = _field(path, fields, name)
     if isinstance(value, str):
         return (value,)

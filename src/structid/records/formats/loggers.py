@@ -15,7 +15,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.errors import FileError, InputError
-from structid.files.contained import ReaderError, contained
+from structid.files.contained import ReaderError, read_in_child
 from structid.files.loggers import PACKAGES, Channel
 from structid.records.formats.clocks import resample, resampling_remedy
 from structid.records.formats.named_channels import NamedChannels, chosen, is_time, record_of, scale_of_times
@@ -62,25 +62,26 @@ class LoggerFormat:
         InputError
             If `options` do not fit, or channels of different clocks are not chosen from.
         """
-        return record_of(_together(path, self._channels(path), options, self.words), options)
+        return record_of(_join_channels(path, self._read_channels(path), options, self.words), options)
 
     def write(self, path: Path, record: FrfRecord | TimeRecord) -> None:
         """Refused."""
         raise FileError(f"{path}: {self.words} files are read only; write .npz, .h5, .mat, .csv or .uff")
 
-    def _channels(self, path: Path) -> list[Channel]:
+    def _read_channels(self, path: Path) -> list[Channel]:
+        """Channels of the file at `path`, read in a child process; `FileError` if the library is missing or fails."""
         if not self.is_installed:
             raise FileError(
                 f"{path}: {self.words} files need the package {PACKAGES[self.kind]}; pip install structid[{self.extra}], or"
                 " export the record as CSV or HDF5"
             )
         try:
-            found = contained(path, "logger", seconds=_SECONDS, kind=self.kind)
+            entries = read_in_child(path, "logger", seconds=_SECONDS, kind=self.kind)
         except ReaderError as error:
             raise FileError(
                 f"{path}: cannot be read as {self.words} ({error}); it is damaged or of another kind, copy or export it again"
             ) from error
-        channels = [Channel(*entry) for entry in found]
+        channels = [Channel(*entry) for entry in entries]
         if not channels:
             raise FileError(f"{path}: holds no time histories of numbers; export the channels again")
         return channels
@@ -96,8 +97,8 @@ LOGGERS: tuple[LoggerFormat, ...] = (
 )
 
 
-def _together(path: Path, channels: Sequence[Channel], options: ReadOptions, words: str) -> NamedChannels:
-    """The channels that are read on one clock, cut to the span that they share."""
+def _join_channels(path: Path, channels: Sequence[Channel], options: ReadOptions, words: str) -> NamedChannels:
+    """The chosen channels on one clock, cut to the time span that they share."""
     names = [channel.name for channel in channels]
     numbers = list(range(1, len(channels) + 1))
     time = _time_channel(path, channels, options)
@@ -113,8 +114,8 @@ def _together(path: Path, channels: Sequence[Channel], options: ReadOptions, wor
         return _resampled(path, channels, wanted, uneven, words)
     clock = None if time is None else _clock_of(path, channels[time], options)
     clocks = {j: clock or _own_clock(path, channels[j], options) for j in wanted}
-    rate = _one_rate(path, [channels[j] for j in wanted], [clocks[j][0] for j in wanted])
-    parts, start, note = _cut(path, [channels[j] for j in wanted], [clocks[j][1] for j in wanted], rate)
+    rate = _common_rate(path, [channels[j] for j in wanted], [clocks[j][0] for j in wanted])
+    parts, start, note = _cut_to_common_span(path, [channels[j] for j in wanted], [clocks[j][1] for j in wanted], rate)
     return NamedChannels(
         path=path,
         names=tuple(names[j] for j in wanted),
@@ -123,7 +124,7 @@ def _together(path: Path, channels: Sequence[Channel], options: ReadOptions, wor
         rate=rate,
         start=start,
         numbers=tuple(numbers[j] for j in wanted),
-        words=words + note + "".join(f", {told}" for told in dict.fromkeys(one.note for one in channels) if told),
+        words=words + note + "".join(f", {text}" for text in dict.fromkeys(one.note for one in channels) if text),
     )
 
 
@@ -172,7 +173,7 @@ def _resampled(
 
 
 def _time_channel(path: Path, channels: Sequence[Channel], options: ReadOptions) -> int | None:
-    """The channel that holds the times: as told, or where no channel has a clock, by its name."""
+    """Index of the channel that holds the times: as stated, or by its name if no channel has a clock; or None."""
     names = [channel.name for channel in channels]
     if options.time_column:
         return chosen(path, [options.time_column], names, list(range(1, len(names) + 1)))[0]
@@ -182,7 +183,7 @@ def _time_channel(path: Path, channels: Sequence[Channel], options: ReadOptions)
 
 
 def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
-    """Rate and start by a channel of times."""
+    """Sampling rate in Hz and first time in s from a channel of times."""
     scale = scale_of_times(f"{path}: channel {channel.name!r}", channel.name, channel.unit, options)
     time = channel.values * scale
     step = (time[-1] - time[0]) / max(len(time) - 1, 1)
@@ -192,29 +193,30 @@ def _clock_of(path: Path, channel: Channel, options: ReadOptions) -> tuple[float
 
 
 def _own_clock(path: Path, channel: Channel, options: ReadOptions) -> tuple[float, float]:
-    """Rate and start by what the file says of a channel, or by `sampling_rate`."""
-    given = options.sampling_rate
+    """Sampling rate in Hz and start in s of a channel, as the file or the option `sampling_rate` states."""
+    stated = options.sampling_rate
     if not channel.rate:
-        if given is None:
+        if stated is None:
             raise InputError(
                 f"{path}: channel {channel.name!r} does not say its sampling rate; give `sampling_rate` (Hz), or `time_column`,"
                 " the channel that holds the times"
             )
-        return given, channel.start
+        return stated, channel.start
     if channel.off > _EVEN:
         raise FileError(
             f"{path}: channel {channel.name!r} is not sampled evenly: a sample is {channel.off:.2g} steps off;"
             f" {resampling_remedy()}"
         )
-    if given is not None and abs(given / channel.rate - 1) > _SAME_RATE:
+    if stated is not None and abs(stated / channel.rate - 1) > _SAME_RATE:
         raise InputError(
-            f"{path}: channel {channel.name!r} is sampled at {channel.rate:.9g} Hz, but `sampling_rate` {given:g} was given; leave"
+            f"{path}: channel {channel.name!r} is sampled at {channel.rate:.9g} Hz, but `sampling_rate` {stated:g} was given; leave"
             " it out"
         )
-    return channel.rate if given is None else given, channel.start
+    return channel.rate if stated is None else stated, channel.start
 
 
-def _one_rate(path: Path, channels: Sequence[Channel], rates: Sequence[float]) -> float:
+def _common_rate(path: Path, channels: Sequence[Channel], rates: Sequence[float]) -> float:
+    """The sampling rate that all channels share; `InputError` if they differ."""
     for channel, rate in zip(channels, rates, strict=True):
         if abs(rate / rates[0] - 1) > _SAME_RATE:
             raise InputError(
@@ -224,10 +226,10 @@ def _one_rate(path: Path, channels: Sequence[Channel], rates: Sequence[float]) -
     return rates[0]
 
 
-def _cut(
+def _cut_to_common_span(
     path: Path, channels: Sequence[Channel], starts: Sequence[float], rate: float
 ) -> tuple[list[FloatArray], float, str]:
-    """The samples that all channels have, the time of the first, and words where any were cut off."""
+    """Samples of each channel in the span that all have, the first time in s, and a note if samples were cut off."""
     offsets = (np.asarray(starts) - max(starts)) * rate
     skip = np.round(-offsets).astype(int)
     if np.abs(offsets + skip).max() > _SAME_CLOCK:
@@ -236,9 +238,12 @@ def _cut(
             f"{path}: channel {channels[worst].name!r} is sampled {abs(offsets + skip)[worst]:.2g} of a step beside the others;"
             " resample them to one clock before the export, or choose with `columns`"
         )
-    length = min(len(channel.values) - own for channel, own in zip(channels, skip.tolist(), strict=True))
+    length = min(len(channel.values) - n_skipped for channel, n_skipped in zip(channels, skip.tolist(), strict=True))
     if length < 1:
         raise InputError(f"{path}: the channels have no time in common; choose those that do with `columns`")
-    parts = [channel.values[own : own + length] for channel, own in zip(channels, skip.tolist(), strict=True)]
-    lost = any(len(channel.values) != length for channel in channels)
-    return parts, float(max(starts)), ", cut to the span that all channels have" if lost else ""
+    parts = [
+        channel.values[n_skipped : n_skipped + length]
+        for channel, n_skipped in zip(channels, skip.tolist(), strict=True)
+    ]
+    is_cut = any(len(channel.values) != length for channel in channels)
+    return parts, float(max(starts)), ", cut to the span that all channels have" if is_cut else ""

@@ -40,7 +40,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:
-    """Write `record` as a MAT file of version 5 in structid's layout, complete.
+    """Write `record` to `path` as a MAT file of version 5 in structid's layout, complete.
 
     Raises
     ------

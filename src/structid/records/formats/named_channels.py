@@ -103,14 +103,14 @@ def is_time(text: str) -> bool:
 
 
 def time_factor(name: str, unit: str = "") -> float | None:
-    """What a column of times headed so is multiplied by to be in s; None where neither name nor unit says it.
+    """Factor to s for a column of times with this header; None if neither name nor unit states it.
 
     Parameters
     ----------
     name : str
-        Such as ``Time [ms]``, ``Time ms``, ``t_us``, ``time_s`` or ``millis``.
+        Header, such as ``Time [ms]``, ``Time ms``, ``t_us``, ``time_s`` or ``millis``.
     unit : str
-        As it stands beside or below the name; it must be one of times.
+        Unit beside or below the name; it must be a unit of time.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def time_factor(name: str, unit: str = "") -> float | None:
 
 
 def scale_of_times(place: str, name: str, unit: str, options: ReadOptions) -> float:
-    """What times are multiplied by to be in s: by the file, or by the option `axis_unit`.
+    """Factor from times to s, by the column's name and unit or by the option `axis_unit`; `place` begins error messages.
 
     Raises
     ------
@@ -137,52 +137,52 @@ def scale_of_times(place: str, name: str, unit: str, options: ReadOptions) -> fl
         If nothing says their unit, the unit is none of times, or the option contradicts the file; `place` begins the message.
     """
     try:
-        told = time_factor(name, unit)
+        by_file = time_factor(name, unit)
     except InputError as error:
         raise InputError(
             f"{place} holds times: {error}; or leave the column out and give `sampling_rate` and `columns`"
         ) from error
     if not options.axis_unit:
-        if told is None:
+        if by_file is None:
             raise InputError(
                 f"{place} does not say the unit of its times; give {option_words(axis_unit='s')}", "axis_unit"
             )
-        return told
+        return by_file
     with about("axis_unit"):
-        given = parse_time_unit(options.axis_unit)
-    if told is not None and abs(told / given - 1) > 1e-9:
+        by_user = parse_time_unit(options.axis_unit)
+    if by_file is not None and abs(by_file / by_user - 1) > 1e-9:
         raise InputError(
             f"{place} says the unit of its times, but `axis_unit` {options.axis_unit} was given; leave it out",
             "axis_unit",
         )
-    return given
+    return by_user
 
 
 def chosen(path: Path, wanted: Sequence[str | int], names: Sequence[str], numbers: Sequence[int]) -> list[int]:
-    """Where each of the names or numbers `wanted` is; a name counts first, with its unit or without.
+    """Index of the column for each of `wanted`, a name (with its unit or without) or a number.
 
     Raises
     ------
     InputError
         If there is no such column, or several of one name.
     """
-    found = []
+    indices = []
     for text in map(str, wanted):
-        same = [j for j, name in enumerate(names) if text in (name, name_and_unit(name)[0])]
-        if len(same) > 1:
-            those = ", ".join(str(numbers[j]) for j in same)
-            raise InputError(f"{path}: {len(same)} columns are called {text!r}; choose by their numbers {those}")
-        if not same and text.isdigit():
-            same = [j for j, number in enumerate(numbers) if number == int(text)]
-        if not same:
+        matches = [j for j, name in enumerate(names) if text in (name, name_and_unit(name)[0])]
+        if len(matches) > 1:
+            those = ", ".join(str(numbers[j]) for j in matches)
+            raise InputError(f"{path}: {len(matches)} columns are called {text!r}; choose by their numbers {those}")
+        if not matches and text.isdigit():
+            matches = [j for j, number in enumerate(numbers) if number == int(text)]
+        if not matches:
             known = ", ".join(f"{number} {name!r}" for number, name in zip(numbers, names, strict=True))
             raise InputError(f"{path}: there is no column {text!r}; the file has {known:.400}")
-        found.append(same[0])
-    return found
+        indices.append(matches[0])
+    return indices
 
 
-def record_of(found: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The time record of the channels that `options` choose, its gaps treated as they say.
+def record_of(source: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRecord:
+    """The time record of the channels that `options` choose, with gaps treated as they state.
 
     Raises
     ------
@@ -191,38 +191,47 @@ def record_of(found: NamedChannels, options: ReadOptions) -> FrfRecord | TimeRec
     InputError
         If `channels` or `units` do not fit the file.
     """
-    numbers = [found.number(j) for j in range(len(found.names))]
-    keep = chosen(found.path, options.columns, found.names, numbers) if options.columns else list(range(len(numbers)))
+    numbers = [source.number(j) for j in range(len(source.names))]
+    keep = chosen(source.path, options.columns, source.names, numbers) if options.columns else list(range(len(numbers)))
     if not keep:
-        raise FileError(f"{found.path}: holds no channel besides its times; export the channels too")
+        raise FileError(f"{source.path}: holds no channel besides its times; export the channels too")
     part = replace(
-        found,
-        names=tuple(found.names[j] for j in keep),
-        units=tuple(found.units[j] for j in keep),
-        values=found.values[:, keep],
+        source,
+        names=tuple(source.names[j] for j in keep),
+        units=tuple(source.units[j] for j in keep),
+        values=source.values[:, keep],
         numbers=tuple(numbers[j] for j in keep),
     )
     dofs = [as_dof(name_and_unit(part.names[j])[0]) for j in range(len(keep))]
     by_user = bool(options.channels) and (bool(options.columns) or any(dof is None for dof in dofs))
     channels = _given_channels(part, options) if by_user else _own_channels(part, dofs)
-    quantities, factors = _units(part, channels, options)
+    quantities, factors = _units_of(part, channels, options)
     chosen_here = replace(options, channels=()) if by_user else options
-    lines = None if found.lines is None else Lines(found.lines[1], part.numbers)
-    kept = whole(found.path, part.values, channels, found.rate, found.start, chosen_here, lines=lines)
-    words = "" if part.tells_all and not by_user else _understood(part, channels, options)
+    lines = None if source.lines is None else Lines(source.lines[1], part.numbers)
+    samples = whole(
+        source.path,
+        part.values,
+        channels,
+        source.rate,
+        source.start,
+        chosen_here,
+        lines=lines,
+    )
+    words = "" if part.tells_all and not by_user else _describe_reading(part, channels, options)
     record = TimeRecord(
-        sampling_rate=found.rate,
-        values=kept.values * factors,
+        sampling_rate=source.rate,
+        values=samples.values * factors,
         channels=channels,
         quantities=quantities,
-        start=kept.start,
-        source=sourced(found.path, "; ".join(filter(None, (words, kept.note)))),
+        start=samples.start,
+        source=sourced(source.path, "; ".join(filter(None, (words, samples.note)))),
     )
-    rest = replace(chosen_here, columns=(), units=(), quantities=(), sampling_rate=None, axis_unit="")
-    return selected(found.path, record, replace(rest, quantities=options.quantities if part.tells_all else ()))
+    remaining = replace(chosen_here, columns=(), units=(), quantities=(), sampling_rate=None, axis_unit="")
+    return selected(source.path, record, replace(remaining, quantities=options.quantities if part.tells_all else ()))
 
 
 def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof, ...]:
+    """Degrees of freedom from the names of the channels; `FileError` for a name that is none."""
     for j, dof in enumerate(dofs):
         if dof is None:
             try:
@@ -236,6 +245,7 @@ def _own_channels(part: NamedChannels, dofs: Sequence[Dof | None]) -> tuple[Dof,
 
 
 def _given_channels(part: NamedChannels, options: ReadOptions) -> tuple[Dof, ...]:
+    """Degrees of freedom from the option `channels`, one for each column."""
     with about("channels"):
         channels = parse_dofs(options.channels)
     if len(channels) != len(part.names):
@@ -249,38 +259,40 @@ def _given_channels(part: NamedChannels, options: ReadOptions) -> tuple[Dof, ...
     return channels
 
 
-def _units(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptions) -> tuple[tuple, FloatArray]:
-    """Quantity and SI factor of each channel: by the file, or by `units` and `quantities` where it does not say."""
-    told = part.told_units
-    own: list[Unit | None] = []
-    for j, text in enumerate(told):
+def _units_of(part: NamedChannels, channels: tuple[Dof, ...], options: ReadOptions) -> tuple[tuple, FloatArray]:
+    """Quantity and factor to SI, (n_channels,), of each channel, from the file or from `units` and `quantities`."""
+    unit_texts = part.told_units
+    by_file: list[Unit | None] = []
+    for j, text in enumerate(unit_texts):
         try:
             unit = _unit(text, bool(options.units))
             if unit is not None:
                 require_same_rotation(part.path, str(channels[j]), channels[j].is_rotation, unit.rotation)
         except InputError as error:
             raise FileError(f"{part.path}: {part.place(j)}: {error}") from error
-        own.append(unit)
-    if not options.units and not (options.quantities and not any(told)):
-        for j, unit in enumerate(own):
+        by_file.append(unit)
+    if not options.units and not (options.quantities and not any(unit_texts)):
+        for j, unit in enumerate(by_file):
             if unit is None:
                 raise FileError(
                     f"{part.path}: {part.place(j)}: has no unit; head a channel with degree of freedom and unit, as in"
                     ' 12Z+ [m/s^2], or give `units`, as in "g" for all or one a column'
                 )
-        return tuple(u.quantity for u in own if u is not None), np.array([u.factor for u in own if u is not None])
+        return tuple(u.quantity for u in by_file if u is not None), np.array(
+            [u.factor for u in by_file if u is not None]
+        )
     quantities, factors = channel_units(part.path, channels, options)
-    for j, unit in enumerate(own):
+    for j, unit in enumerate(by_file):
         if unit is not None and (unit.quantity != quantities[j] or abs(unit.factor / factors[j] - 1) > 1e-9):
             raise InputError(
-                f"{part.path}: {part.place(j)}: is in {told[j]}, but `units` says another; leave `units` out, or correct it",
+                f"{part.path}: {part.place(j)}: is in {unit_texts[j]}, but `units` says another; leave `units` out, or correct it",
                 "units",
             )
     return quantities, factors
 
 
 def _unit(text: str, is_given: bool) -> Unit | None:
-    """The unit that the file says; None where it says none, or one that cannot be read where the user gives another."""
+    """The unit that the text of a file names; None if there is none, or one that is unreadable while the user gives another."""
     try:
         return parse_unit(text) if text else None
     except InputError:
@@ -289,8 +301,8 @@ def _unit(text: str, is_given: bool) -> Unit | None:
         raise
 
 
-def _understood(part: NamedChannels, channels: Sequence[Dof], options: ReadOptions) -> str:
-    """What was read, in words."""
+def _describe_reading(part: NamedChannels, channels: Sequence[Dof], options: ReadOptions) -> str:
+    """A sentence on what was read: columns, samples, rate, units, and the names that stand for other channels."""
     units = part.told_units
     if options.units:
         units = list(options.units) * (len(units) if len(options.units) == 1 else 1)

@@ -18,7 +18,7 @@ SUFFIXES: tuple[str, ...] = (".npz",)
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The record in the NPZ archive at `path`.
+    """The record in the NPZ archive at `path`: structid's own layout, or bare arrays that `options` describe.
 
     Raises
     ------

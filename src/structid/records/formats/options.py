@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
@@ -13,6 +15,8 @@ from structid.records.formats.csv.layout import CsvLayout
 
 Axes = Literal["", "named"]
 Resample = Literal["", "spline"]
+#: Whether options are named as flags of the command line.
+_AS_FLAGS: ContextVar[bool] = ContextVar("options_as_flags", default=False)
 _TEXTS = ("array", "frequency_array", "kind", "unit", "axis_unit", "coherence_array")
 _LISTS = ("channels", "quantities", "units", "outputs", "inputs", "columns")
 
@@ -110,6 +114,7 @@ class ReadOptions:
     csv: CsvLayout | None = None
 
     def __post_init__(self) -> None:
+        """Convert and check the fields."""
         for name in _LISTS:
             object.__setattr__(self, name, _as_texts(name, getattr(self, name)))
         object.__setattr__(self, "time_column", str(self.time_column))
@@ -121,9 +126,9 @@ class ReadOptions:
         if self.sampling_rate is not None and not _is_positive(self.sampling_rate):
             raise InputError(f"`sampling_rate` must be a positive number of Hz, got {self.sampling_rate!r}")
 
-        for name, known in (("axes", get_args(Axes)), ("resample", get_args(Resample))):
-            if getattr(self, name) not in known:
-                raise InputError(f"`{name}` must be {known[1]}, or left out, got {getattr(self, name)!r}", name)
+        for name, allowed in (("axes", get_args(Axes)), ("resample", get_args(Resample))):
+            if getattr(self, name) not in allowed:
+                raise InputError(f"`{name}` must be {allowed[1]}, or left out, got {getattr(self, name)!r}", name)
         for name in ("start", "stop"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, (int, float)) and math.isfinite(value)):
@@ -136,11 +141,47 @@ class ReadOptions:
         return tuple(f.name for f in fields(self) if getattr(self, f.name) not in (None, "", ()))
 
 
+@contextmanager
+def options_given_as_flags() -> Iterator[None]:
+    """Within it, messages name options of reading as flags of the command line; elsewhere as keys of a study."""
+    token = _AS_FLAGS.set(True)
+    try:
+        yield
+    finally:
+        _AS_FLAGS.reset(token)
+
+
 def option_words(**values: object) -> str:
     """Options, with their values where these are known, as a study, Python and the command line take them."""
+    flags = _flags(values)
+    if _AS_FLAGS.get():
+        return flags
     keys = " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in values.items())
-    flags = [f"--{name.replace('_', '-')}" + ("" if value is None else f" {value}") for name, value in values.items()]
-    return f"{keys} in the study, beside `path`, or in ReadOptions ({' '.join(flags)} on the command line)"
+    return f"{keys} in the study, beside `path`, or in ReadOptions ({flags} on the command line)"
+
+
+def layout_words(**values: object) -> str:
+    """Options of the layout of a table, with their values where these are known: keys of a study, or flags of a command.
+
+    Examples
+    --------
+    >>> layout_words(skip_rows=1, decimal="comma")
+    '`skip_rows = 1` and `decimal = "comma"` in [record.csv]'
+    >>> with options_given_as_flags():
+    ...     layout_words(skip_rows=1)
+    '--csv-skip-rows 1'
+    """
+    if _AS_FLAGS.get():
+        return _flags({f"csv_{name}": value for name, value in values.items()})
+    texts = {name: f'"{value}"' if isinstance(value, str) else value for name, value in values.items()}
+    keys = " and ".join(f"`{name}`" if value is None else f"`{name} = {value}`" for name, value in texts.items())
+    return f"{keys} in [record.csv]"
+
+
+def _flags(values: Mapping[str, object]) -> str:
+    return " ".join(
+        f"--{name.replace('_', '-')}" + ("" if value is None else f" {value}") for name, value in values.items()
+    )
 
 
 def _is_positive(value: object) -> bool:
@@ -148,6 +189,7 @@ def _is_positive(value: object) -> bool:
 
 
 def _as_texts(name: str, value: str | Iterable[object]) -> tuple[str, ...]:
+    """The option `name` as a tuple of texts: a list, or one text with commas."""
     if isinstance(value, str):
         return tuple(part.strip() for part in value.split(",") if part.strip())
     try:

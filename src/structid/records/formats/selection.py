@@ -29,9 +29,7 @@ def selected(path: Path, record: FrfRecord | TimeRecord, options: ReadOptions) -
     """
     if options.axis_unit:
         raise InputError(f"{path}: says the unit of its axis; leave out `axis_unit`", "axis_unit")
-    return (
-        _selected_frf(path, record, options) if isinstance(record, FrfRecord) else _selected_time(path, record, options)
-    )
+    return _select_frf(path, record, options) if isinstance(record, FrfRecord) else _select_time(path, record, options)
 
 
 def _contradiction(path: Path, name: str, given: object, found: object) -> InputError:
@@ -39,7 +37,7 @@ def _contradiction(path: Path, name: str, given: object, found: object) -> Input
 
 
 def positions(path: Path, name: str, texts: tuple[str, ...], present: tuple[Dof, ...]) -> list[int]:
-    """Where each of `texts` is in `present`; everything if `texts` is empty."""
+    """Index in `present` of each channel of `texts`, or all indices if `texts` is empty; `name` is the option in errors."""
     if not texts:
         return list(range(len(present)))
     with about(name):
@@ -54,7 +52,8 @@ def positions(path: Path, name: str, texts: tuple[str, ...], present: tuple[Dof,
     return [present.index(dof) for dof in dofs]
 
 
-def _selected_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRecord:
+def _select_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRecord:
+    """The outputs and inputs of an FRF record that `options` choose, after checks against what the record says."""
     refuse_options(path, "frequency response functions", options, _OF_HISTORIES)
     if options.kind and options.kind != record.kind:
         raise _contradiction(path, "kind", options.kind, record.kind)
@@ -64,7 +63,8 @@ def _selected_frf(path: Path, record: FrfRecord, options: ReadOptions) -> FrfRec
     return replace(record.grid(rows, columns), averages=averages)
 
 
-def _selected_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRecord:
+def _select_time(path: Path, record: TimeRecord, options: ReadOptions) -> TimeRecord:
+    """The channels and the time span of a time record that `options` choose, after checks against what the record says."""
     frf_options = ("frequency_array", "outputs", "inputs", "kind", "coherence_array", "averages")
     refuse_options(path, "time histories", options, frf_options)
     rate = options.sampling_rate
@@ -86,7 +86,7 @@ def _selected_time(path: Path, record: TimeRecord, options: ReadOptions) -> Time
 
 
 def between(path: Path, time: FloatArray, options: ReadOptions) -> tuple[int, int]:
-    """First sample from `options.start` to `options.stop`, and the one after the last.
+    """Index of the first sample and of the one after the last between `options.start` and `options.stop`; `time` (s) is even.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def between(path: Path, time: FloatArray, options: ReadOptions) -> tuple[int, in
 
 
 def _time_positions(path: Path, record: TimeRecord, options: ReadOptions) -> list[int]:
-    """Columns of the chosen channels; a place with several quantities gives each of them."""
+    """Indices of the columns of the chosen channels; a channel with several quantities gives each of them."""
     first = positions(path, "channels", options.channels, record.channels)
     if not options.channels:
         return first

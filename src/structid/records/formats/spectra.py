@@ -68,6 +68,7 @@ def _arrays(path: Path) -> tuple[list[str], Callable[[str], np.ndarray]]:
 
 
 def _bare_spectrum(path: Path, options: ReadOptions) -> SpectrumRecord:
+    """The spectral matrix in bare arrays of a file, as the options describe them, in SI units."""
     other = next((name for name in options.given() if name not in _OPTIONS), None)
     if other is not None:
         raise InputError(f"{path}: `{other}` is not about spectra; leave it out", other)

@@ -45,7 +45,7 @@ class Fir:
         return float(np.sum(self.taps**2))
 
     def crossing(self, near: float) -> float:
-        """Frequency (Hz) next to `near` at which the response is -3 dB."""
+        """Frequency in Hz, nearest to `near`, at which the response of the filter is -3 dB."""
         from scipy.signal import freqz
 
         n_lines = 1 << int(np.ceil(np.log2(64 * len(self.taps))))
@@ -67,7 +67,7 @@ def low_pass(passed: float, stopped: float, rate: float, decibel: float) -> Floa
 
 
 def rate_ratio(rate: float, wanted: float) -> Fraction:
-    """`wanted` over `rate` as a ratio of whole numbers.
+    """`wanted` / `rate` as a ratio of whole numbers.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def decimation_filter(rate: float, ratio: Fraction) -> Fir:
 
 
 def decimated(values: FloatArray, ratio: Fraction, fir: Fir, keep_edges: bool) -> tuple[FloatArray, int]:
-    """`values` (n_times, n_channels) at the new rate, and the number of new samples dropped at the start."""
+    """`values` (n_times, n_channels) at the rate times `ratio`, and how many new samples were dropped at the start."""
     from scipy.signal import resample_poly
 
     up, down = ratio.numerator, ratio.denominator
@@ -113,7 +113,7 @@ def decimated(values: FloatArray, ratio: Fraction, fir: Fir, keep_edges: bool) -
 
 
 def band_filter(low: float, high: float, rate: float) -> Fir:
-    """The filter that passes `low` to `high` Hz within 0.01 dB; 0 for `low` or the Nyquist frequency for `high`: open.
+    """FIR filter that passes `low` to `high` Hz within 0.01 dB; `low` 0 or `high` at the Nyquist frequency leave an end open.
 
     It is down by 60 dB from half of `low` down, and from a quarter above `high` up (or half way to the Nyquist
     frequency, if that is nearer).

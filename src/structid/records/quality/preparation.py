@@ -69,6 +69,7 @@ class Preparation:
     edges: Literal["drop", "keep"] = "drop"
 
     def __post_init__(self) -> None:
+        """Check the fields."""
         degree = self.detrend
         whole = isinstance(degree, int) and not isinstance(degree, bool) and 1 <= degree <= 10
         if degree not in ("mean", "linear", "none") and not whole:
@@ -147,7 +148,7 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     wanted = preparation or Preparation()
     steps: list[str] = []
     _require_rate(record, wanted)
-    result = _cut(_selected(record, wanted, steps), wanted, steps)
+    result = _cut_interval(_select_channels(record, wanted, steps), wanted, steps)
     low = None if wanted.band is None else wanted.band[0]
     found = [*signal_checks(result, None if low is None else (low, np.inf))]
     off = {"spikes": wanted.outliers, "drop_out": wanted.dropouts, "late_start": wanted.dropouts}
@@ -155,14 +156,14 @@ def prepare(record: TimeRecord, preparation: Preparation | None = None) -> Prepa
     replaced = wanted.dropouts == "replace", wanted.outliers == "replace"
     result, repairs = repaired(result, *replaced, longest_gap=wanted.longest_gap)
     steps += repairs
-    result = _detrended(result, wanted.detrend, steps)
-    result = _decimated(result, wanted, steps)
-    result = _filtered(result, wanted, steps, found)
+    result = _remove_trend(result, wanted.detrend, steps)
+    result = _decimate(result, wanted, steps)
+    result = _filter_band(result, wanted, steps, found)
     return Prepared(result, tuple(steps), tuple(found))
 
 
 def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
-    """Refuse a sampling rate too low for the band asked for."""
+    """Raise `InputError` if a sampling rate is too low for the band asked for."""
     if wanted.band is None:
         return
     high = max(f for f in (*wanted.band, 0.0) if f is not None)
@@ -179,7 +180,8 @@ def _require_rate(record: TimeRecord, wanted: Preparation) -> None:
         )
 
 
-def _selected(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
+def _select_channels(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
+    """`record` with the wanted channels only; the step is appended to `steps`."""
     if wanted.channels is None:
         return record
     dofs = parse_dofs(wanted.channels)
@@ -200,7 +202,8 @@ def _selected(record: TimeRecord, wanted: Preparation, steps: list[str]) -> Time
     )
 
 
-def _cut(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
+def _cut_interval(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
+    """`record` cut to the wanted time interval; the step is appended to `steps`."""
     if wanted.interval is None:
         return record
     time, (start, stop) = record.time, wanted.interval
@@ -219,7 +222,7 @@ def _cut(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecor
 
 
 def repaired(record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: int = 10) -> tuple[TimeRecord, list[str]]:
-    """`record` with drop-outs up to `longest_gap` samples, then spikes, replaced by cubics; and what was done.
+    """`record` with drop-outs up to `longest_gap` samples, then spikes, replaced by cubics, and a list of what was done.
 
     Spikes in force channels stay: impacts look alike.
     """
@@ -250,7 +253,8 @@ def repaired(record: TimeRecord, dropouts: bool, outliers: bool, longest_gap: in
     return (replace(record, values=values) if steps else record), steps
 
 
-def _detrended(record: TimeRecord, degree: str | int, steps: list[str]) -> TimeRecord:
+def _remove_trend(record: TimeRecord, degree: str | int, steps: list[str]) -> TimeRecord:
+    """`record` without its mean, line or polynomial of `degree` in each channel; the step is appended to `steps`."""
     if degree == "none":
         return record
     power = {"mean": 0, "linear": 1}.get(str(degree)) if isinstance(degree, str) else degree
@@ -266,7 +270,8 @@ def _detrended(record: TimeRecord, degree: str | int, steps: list[str]) -> TimeR
     return replace(record, values=values, variance=variance)
 
 
-def _decimated(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
+def _decimate(record: TimeRecord, wanted: Preparation, steps: list[str]) -> TimeRecord:
+    """`record` at the wanted lower sampling rate; the step is appended to `steps`."""
     if wanted.sampling_rate is None:
         return record
     ratio = rate_ratio(record.sampling_rate, wanted.sampling_rate)
@@ -287,7 +292,8 @@ def _decimated(record: TimeRecord, wanted: Preparation, steps: list[str]) -> Tim
     return replace(record, values=values, sampling_rate=new_rate, start=start, variance=variance)
 
 
-def _filtered(record: TimeRecord, wanted: Preparation, steps: list[str], found: list[Finding]) -> TimeRecord:
+def _filter_band(record: TimeRecord, wanted: Preparation, steps: list[str], findings: list[Finding]) -> TimeRecord:
+    """`record` filtered to the wanted band; the step is appended to `steps` and a note to `findings`."""
     if wanted.band is None or wanted.band == (None, None):
         return record
     low, high = wanted.band[0] or 0.0, wanted.band[1] or record.sampling_rate / 2
@@ -315,7 +321,7 @@ def _filtered(record: TimeRecord, wanted: Preparation, steps: list[str], found: 
         else "; begin `interval` at the impact or later"
     )
     words += f". A subspace method sees modes within {low:g}-{high:g} Hz only, and poles at the slopes are the filter's"
-    found.append(Finding("filter", words, "note"))
+    findings.append(Finding("filter", words, "note"))
     variance = None if record.variance is None else record.variance * fir.noise_gain
     return replace(record, values=values, start=record.start + dropped / record.sampling_rate, variance=variance)
 

@@ -38,7 +38,7 @@ def quantum(y: FloatArray) -> float:
 
 
 def clipped_samples(y: FloatArray) -> Flags:
-    """Samples that sit at the greatest or least value of `y` because the converter or amplifier goes no further.
+    """Mask (n_times,) of samples at the highest or lowest value of `y` because the converter or amplifier saturates.
 
     That value must occur 2.5 times as often as the next two steps of the converter together, at least three times in a
     row away from the ends or 20 times in all. A smooth crest in coarse steps gives at most 1.4 times (levels in the
@@ -52,15 +52,15 @@ def clipped_samples(y: FloatArray) -> Flags:
     for level, count in ((levels[0], counts[0]), (levels[-1], counts[-1])):
         below = counts[(np.abs(levels - level) < 2.5 * step) & (levels != level)].sum()
         if abs(level - middle) > 0.5 * spread and count >= max(4, 2.5 * below):
-            at = y == level
-            inner = [stop - start for start, stop in flagged_runs(at) if start > 0 and stop < len(y)]
+            at_level = y == level
+            inner = [stop - start for start, stop in flagged_runs(at_level) if start > 0 and stop < len(y)]
             if inner and (max(inner) >= 3 or count >= 20):
-                flags |= at
+                flags |= at_level
     return flags
 
 
 def drop_outs(y: FloatArray, besides: Flags | None = None) -> list[tuple[int, int]]:
-    """Runs of one repeated value that the samples around do not explain: first sample, and the one after the last.
+    """Runs of one repeated value that the samples around do not explain, as (first sample, one after the last).
 
     With p the part of repeats among 50 samples on either side, such a run of length L is expected N p^(L - 1) times;
     what is expected less than 0.001 times is reported, if it is longer than eight times what 98 % of all runs stay below
@@ -98,7 +98,7 @@ def drop_outs(y: FloatArray, besides: Flags | None = None) -> list[tuple[int, in
 
 
 def spikes(y: FloatArray) -> Flags:
-    """Single samples, up to three in a row, thrown off the motion around them.
+    """Mask (n_times,) of single samples, up to three in a row, that are thrown off the motion around them.
 
     e_i = y_i - (y_(i-1) + y_(i+1)) / 2 is compared with the median of |e| in blocks of 64 samples, the greatest of a
     block and its neighbours; the limit is 1.6 times the Gaussian quantile for 0.001 false alarms a channel. A spike
@@ -121,13 +121,13 @@ def spikes(y: FloatArray) -> Flags:
         first, last = int(group[0]) - 1, int(group[-1]) + 1
         if last - first <= 6 and _is_spike(e, first, last):
             line = np.interp(np.arange(first, last + 1), [first - 1, last + 1], y[[first - 1, min(last + 1, n - 1)]])
-            off = np.abs(y[first : last + 1] - line)
-            flags[first : last + 1] |= off > 0.5 * off.max()
+            distance = np.abs(y[first : last + 1] - line)
+            flags[first : last + 1] |= distance > 0.5 * distance.max()
     return flags
 
 
 def local_scale(e: FloatArray) -> FloatArray:
-    """Standard deviation by the median of every block, the greatest of three blocks side by side, (n_times,)."""
+    """Standard deviation from the median of |e| in blocks, the largest of three neighbouring blocks, (n_times,)."""
     n_blocks = len(e) // _BLOCK
     medians = np.median(np.abs(e[: n_blocks * _BLOCK]).reshape(n_blocks, _BLOCK), axis=1) / 0.6745
     padded = np.concatenate([medians[:1], medians, medians[-1:]])
@@ -136,33 +136,35 @@ def local_scale(e: FloatArray) -> FloatArray:
 
 
 def _is_spike(e: FloatArray, first: int, last: int) -> bool:
-    """Whether e over `first` to `last` is that of a spike, alone within twelve samples."""
+    """True if e over the samples `first` to `last` is that of a spike, alone within twelve samples."""
     if first < 1 or last > len(e) - 2:
         return False
-    here = e[first : last + 1]
-    place = np.arange(len(here)) - (len(here) - 1) / 2
-    if abs(here.sum()) > 0.3 * np.abs(here).sum() or abs(place @ here) > 0.3 * np.abs(place) @ np.abs(here):
+    in_spike = e[first : last + 1]
+    offset = np.arange(len(in_spike)) - (len(in_spike) - 1) / 2
+    if abs(in_spike.sum()) > 0.3 * np.abs(in_spike).sum() or abs(offset @ in_spike) > 0.3 * np.abs(offset) @ np.abs(
+        in_spike
+    ):
         return False
     outside = np.concatenate([e[max(first - 12, 0) : first], e[last + 1 : last + 13]])
-    return bool(np.abs(outside).max(initial=0.0) < 0.2 * np.abs(here).max())
+    return bool(np.abs(outside).max(initial=0.0) < 0.2 * np.abs(in_spike).max())
 
 
 def filled(y: FloatArray, missing: Flags) -> FloatArray:
-    """`y` with the samples `missing` replaced: the cubic through two kept samples on either side.
+    """`y` (n_times,) with the samples `missing` replaced by the cubic through two kept samples on either side.
 
     With fewer on one side the polynomial is of lower degree; beyond the first or last kept sample that value is held.
     """
     result, kept = np.array(y, dtype=float), np.flatnonzero(~missing)
     for start, stop in flagged_runs(missing):
-        here = int(np.searchsorted(kept, start))
-        left, right = kept[max(here - 2, 0) : here], kept[here : here + 2]
-        at = np.concatenate([left, right])
+        index = int(np.searchsorted(kept, start))
+        left, right = kept[max(index - 2, 0) : index], kept[index : index + 2]
+        nodes = np.concatenate([left, right])
         if not len(left) or not len(right):
             result[start:stop] = y[left[-1]] if len(left) else y[right[0]]
             continue
-        place = (np.arange(start, stop)[:, None] - at) / (stop - start + 1.0)
-        gaps = (at[:, None] - at) / (stop - start + 1.0)
-        others = ~np.eye(len(at), dtype=bool)
-        weights = [place[:, others[k]].prod(axis=1) / gaps[k, others[k]].prod() for k in range(len(at))]
-        result[start:stop] = np.stack(weights, axis=1) @ y[at]
+        offset = (np.arange(start, stop)[:, None] - nodes) / (stop - start + 1.0)
+        gaps = (nodes[:, None] - nodes) / (stop - start + 1.0)
+        others = ~np.eye(len(nodes), dtype=bool)
+        weights = [offset[:, others[k]].prod(axis=1) / gaps[k, others[k]].prod() for k in range(len(nodes))]
+        result[start:stop] = np.stack(weights, axis=1) @ y[nodes]
     return result

@@ -53,16 +53,16 @@ def signal_checks(record: TimeRecord, band: tuple[float, float] | None = None) -
 
 
 def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:
-    """Those of `signal_checks` on the samples of each channel."""
+    """Findings of `signal_checks` on the samples of each channel."""
     level = record.values.std(axis=0)
     usual = _usual_level(record, level)
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for i in range(len(record.channels)):
         silent = _silent(record, i, float(level[i]), float(usual[i]))
         if silent is not None:
-            found.append(silent)
+            findings.append(silent)
             continue
-        found += _sample_findings(record, i)
+        findings += _sample_findings(record, i)
         ratio = level[i] / usual[i]
         if not 1 / _LEVEL < ratio < _LEVEL:
             name = channel_name(record, i)
@@ -70,19 +70,20 @@ def channel_checks(record: TimeRecord) -> tuple[Finding, ...]:
                 f"channel {name} has {ratio:.3g} times the level that is usual among the {record.quantities[i]} "
                 "channels; check its sensitivity, unit and cable"
             )
-            found.append(Finding("level", words, "warning", name))
-    return tuple(found)
+            findings.append(Finding("level", words, "warning", name))
+    return tuple(findings)
 
 
 def _usual_level(record: TimeRecord, level: FloatArray) -> FloatArray:
-    """Median level of the channels of one quantity that move, (n_channels,)."""
+    """Median level, (n_channels,), of those channels of the same quantity that move; `level` is the deviation of each."""
     kinds = [(q, c.is_rotation) for q, c in zip(record.quantities, record.channels, strict=True)]
     moving = np.ptp(record.values, axis=0) > 0
     alike = [[j for j, k in enumerate(kinds) if k == kind and moving[j]] for kind in kinds]
-    return np.array([np.median(level[same]) if same else 0.0 for same in alike])
+    return np.array([np.median(level[members]) if members else 0.0 for members in alike])
 
 
 def _silent(record: TimeRecord, i: int, level: float, usual: float) -> Finding | None:
+    """Finding that channel `i` is constant or dead against the `usual` level, or None."""
     y, name = record.values[:, i], channel_name(record, i)
     remedy = "check sensor and cable, or leave the channel out with `channels`"
     if np.ptp(y) <= 1e-12 * np.abs(y).max():
@@ -94,32 +95,34 @@ def _silent(record: TimeRecord, i: int, level: float, usual: float) -> Finding |
 
 
 def _sample_findings(record: TimeRecord, i: int) -> list[Finding]:
+    """Findings on clipping, drop-outs and spikes in channel `i`."""
     y, name, n = record.values[:, i], channel_name(record, i), len(record.values)
     unit = record.units[i]
-    found: list[Finding] = []
+    findings: list[Finding] = []
     clipped = clipped_samples(y)
     if clipped.any():
-        share = clipped.mean()
-        at = " and ".join(f"{value:.4g}" for value in np.unique(y[clipped]))
+        fraction = clipped.mean()
+        levels = " and ".join(f"{value:.4g}" for value in np.unique(y[clipped]))
         words = (
-            f"channel {name} is clipped at {at} {unit}: {clipped.sum()} of {n} samples ({share:.2%}) sit there, the "
+            f"channel {name} is clipped at {levels} {unit}: {clipped.sum()} of {n} samples ({fraction:.2%}) sit there, the "
             f"first at sample {np.argmax(clipped)}; lower the gain and measure again, or cut this part with `interval`"
         )
-        found.append(Finding("clipped", words, "unusable" if share > _MUCH else "warning", name))
-    found += _drop_out_findings(record, i)
+        findings.append(Finding("clipped", words, "unusable" if fraction > _MUCH else "warning", name))
+    findings += _drop_out_findings(record, i)
     thrown = spikes(y) if record.quantities[i] != "force" else np.zeros(n, dtype=bool)
     if thrown.any():
         words = (
             f"channel {name} has {thrown.sum()} samples thrown off the motion around them (spikes), the first at sample "
             f'{np.argmax(thrown)}; check plugs and grounding, or interpolate them with `outliers` = "replace"'
         )
-        found.append(Finding("spikes", words, "warning", name))
-    return found
+        findings.append(Finding("spikes", words, "warning", name))
+    return findings
 
 
 def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
+    """Findings on drop-outs and on a late start in channel `i`."""
     y, name = record.values[:, i], channel_name(record, i)
-    found: list[Finding] = []
+    findings: list[Finding] = []
     runs_of_one = drop_outs(y, clipped_samples(y))
     if runs_of_one and runs_of_one[0][0] == 0 and record.quantities[i] != "force":
         stop = runs_of_one[0][1]
@@ -127,7 +130,7 @@ def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
             f"channel {name} stays at {y[0]:.4g} up to sample {stop} ({record.time[stop]:.4g} s): not yet moving or not "
             "yet switched on; cut that part with `interval` unless the start from rest is wanted"
         )
-        found.append(Finding("late_start", words, "note", name))
+        findings.append(Finding("late_start", words, "note", name))
     lost = lost_samples(record, i)
     if lost:
         count, (start, stop) = sum(b - a for a, b in lost), max(lost, key=lambda part: part[1] - part[0])
@@ -136,15 +139,15 @@ def _drop_out_findings(record: TimeRecord, i: int) -> list[Finding]:
             f"at {y[start]:.4g} from sample {start} ({record.time[start]:.4g} s) on; check the connection, interpolate "
             'short runs with `dropouts` = "replace", or cut with `interval`'
         )
-        found.append(Finding("drop_out", words, "unusable" if count > _MUCH * len(y) else "warning", name))
-    return found
+        findings.append(Finding("drop_out", words, "unusable" if count > _MUCH * len(y) else "warning", name))
+    return findings
 
 
 def lost_samples(record: TimeRecord, i: int) -> list[tuple[int, int]]:
-    """Drop-outs of channel number `i`: not those at the start (not yet switched on), nor a force at rest."""
+    """Drop-outs of channel `i` as (first sample, one after the last), without a late start or a force at rest."""
     y = record.values[:, i]
-    found = [part for part in drop_outs(y, clipped_samples(y)) if part[0] > 0]
+    runs = [part for part in drop_outs(y, clipped_samples(y)) if part[0] > 0]
     if record.quantities[i] == "force":
-        rest = np.median(y)
-        found = [(start, stop) for start, stop in found if y[start] != rest]
-    return found
+        rest_level = np.median(y)
+        runs = [(start, stop) for start, stop in runs if y[start] != rest_level]
+    return runs

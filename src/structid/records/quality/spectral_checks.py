@@ -25,7 +25,7 @@ _RARE = 1e-6  # probability at which a spectral line of a smooth spectrum is cal
 def spectral_checks(
     record: TimeRecord, sound: Sequence[int], band: tuple[float, float] | None = None
 ) -> tuple[Finding, ...]:
-    """Findings on the channels number `sound`; `band` as in `signal_checks`."""
+    """Findings on record length, aliasing and mains in the channels with indices `sound`; `band` in Hz as in `signal_checks`."""
     n = len(record.values)
     motion = [i for i in sound if record.quantities[i] != "force"]
     if not motion:
@@ -37,7 +37,7 @@ def spectral_checks(
 
 
 def harmonic_indicator(record: TimeRecord, frequency: float, width: float | None = None) -> FloatArray:
-    """Kurtosis of every channel in a narrow band: 1.5 for a harmonic, 3 for a mode under random forces.
+    """Kurtosis of each channel in a narrow band, (n_channels,): 1.5 for a harmonic, 3 for a mode under random forces.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def harmonic_indicator(record: TimeRecord, frequency: float, width: float | None
 
 
 def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | None) -> list[Finding]:
-    """Whether the record holds enough periods of the lowest frequency of the band, or of most of the motion."""
+    """Findings if the record holds too few periods of the lowest frequency of the band, or of most of the motion."""
     n = len(record.values)
     duration = n / record.sampling_rate
     if band is not None and band[0] > 0:
@@ -99,8 +99,8 @@ def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | No
     else:
         y = record.values[:, motion] - record.values[:, motion].mean(axis=0)
         power = np.abs(np.fft.rfft(y, axis=0)[1:]) ** 2
-        share = np.mean(np.cumsum(power, axis=0) / power.sum(axis=0), axis=1)
-        low = (1 + int(np.argmax(share >= 0.5))) / duration
+        fraction = np.mean(np.cumsum(power, axis=0) / power.sum(axis=0), axis=1)
+        low = (1 + int(np.argmax(fraction >= 0.5))) / duration
         what, few = f"the half of the motion that is below {low:.3g} Hz (or drifts)", _TOO_FEW
     periods = low * duration
     if periods >= few or (band is None and periods > _TOO_FEW):
@@ -112,7 +112,7 @@ def _short(record: TimeRecord, motion: list[int], band: tuple[float, float] | No
 
 
 def drifts(record: TimeRecord) -> tuple[Finding, ...]:
-    """Channels of motion with far more power in the first lines of the whole record than in those above; of no decays.
+    """Findings on channels of motion with far more power in the first lines of the spectrum than above; not for decays.
 
     Under a force, slow motion is that of the amplifier; ambient motion may have it of its own.
     """
@@ -124,20 +124,20 @@ def drifts(record: TimeRecord) -> tuple[Finding, ...]:
     y = record.values[:, motion] - record.values[:, motion].mean(axis=0)
     power = np.abs(np.fft.rfft(y, axis=0)[1:]) ** 2
     slow = power[:_SLOW].sum(axis=0)
-    share = slow / power.sum(axis=0)
+    fraction = slow / power.sum(axis=0)
     above = np.median(power[_SLOW : _SLOW + _BESIDE], axis=0)
     quarter = len(y) // 4
     decays = (y[:quarter] ** 2).sum(axis=0) > _DECAY * (y[-quarter:] ** 2).sum(axis=0)
-    found = []
-    for k in np.flatnonzero((share > _DRIFT) & (slow > _OVER * above) & ~decays).tolist():
+    findings = []
+    for k in np.flatnonzero((fraction > _DRIFT) & (slow > _OVER * above) & ~decays).tolist():
         name = channel_name(record, motion[k])
         words = (
-            f"channel {name} drifts: {share[k]:.1%} of its power is slower than {_SLOW} periods a record, one of"
+            f"channel {name} drifts: {fraction[k]:.1%} of its power is slower than {_SLOW} periods a record, one of"
             f" {len(record.values) / record.sampling_rate / _SLOW:.3g} s; check the amplifier and its temperature, and take it"
             " off with `detrend` or a high-pass before use"
         )
-        found.append(Finding("drift", words, "warning", name))
-    return tuple(found)
+        findings.append(Finding("drift", words, "warning", name))
+    return tuple(findings)
 
 
 def _power(record: TimeRecord, columns: list[int], segment: int) -> tuple[FloatArray, FloatArray]:
@@ -149,15 +149,16 @@ def _power(record: TimeRecord, columns: list[int], segment: int) -> tuple[FloatA
 
 
 def _aliasing(record: TimeRecord, motion: list[int]) -> list[Finding]:
+    """Finding if much power lies just below the Nyquist frequency, where an anti-alias filter leaves little; or none."""
     lines, power = _power(record, motion, min(512, len(record.values) // 2))
     nyquist = record.sampling_rate / 2
-    share = power[lines > _TOP * nyquist].sum(axis=0) / power.sum(axis=0)
-    doubtful = np.flatnonzero(share > _TOP_SHARE)
+    fraction = power[lines > _TOP * nyquist].sum(axis=0) / power.sum(axis=0)
+    doubtful = np.flatnonzero(fraction > _TOP_SHARE)
     if not len(doubtful):
         return []
-    worst = int(share.argmax())
+    worst = int(fraction.argmax())
     words = (
-        f"{share[worst]:.1%} of the power of channel {channel_name(record, motion[worst])} lies between "
+        f"{fraction[worst]:.1%} of the power of channel {channel_name(record, motion[worst])} lies between "
         f"{_TOP * nyquist:g} and {nyquist:g} Hz, where an anti-alias filter would leave little ({len(doubtful)} of "
         f"{len(motion)} channels have more than {_TOP_SHARE:.0%} there): motion from above may appear folded down; measure "
         "faster or with an analogue filter, and decimate by `prepare`, never by leaving out samples"
@@ -166,33 +167,36 @@ def _aliasing(record: TimeRecord, motion: list[int]) -> list[Finding]:
 
 
 def _mains(record: TimeRecord, motion: list[int]) -> list[Finding]:
-    """Narrow lines of steady amplitude at multiples of 50 and 60 Hz."""
+    """Findings on narrow lines of steady amplitude at multiples of 50 and 60 Hz."""
     rate, n = record.sampling_rate, len(record.values)
     segment = min(round(rate / _LINE), n // 5)
     spacing = rate / max(segment, 1)
     if segment < 64 or spacing > 1.0 or rate < 120:
         return []
     lines, power = _power(record, motion, segment)
-    found = []
+    findings = []
     for base in (50.0, 60.0):
         for multiple in np.arange(base, 0.95 * rate / 2, base):
             if base == 60.0 and multiple % 50 == 0:
                 continue
-            hit = _lines_at(record, motion, lines, power, float(multiple))
+            hit = _harmonic_at(record, motion, lines, power, float(multiple))
             if hit:
-                found.append(hit)
-    return found
+                findings.append(hit)
+    return findings
 
 
-def _lines_at(record: TimeRecord, motion: list[int], lines: FloatArray, power: FloatArray, at: float) -> Finding | None:
+def _harmonic_at(
+    record: TimeRecord, motion: list[int], lines: FloatArray, power: FloatArray, at: float
+) -> Finding | None:
+    """Finding on a line of steady amplitude at `at` Hz, or None; `power` (n_lines, n_channels) belongs to `lines` in Hz."""
     from scipy.stats import chi2
 
     spacing = lines[1] - lines[0]
     averages = 0.9 * 2 * len(record.values) / record.sampling_rate * spacing
-    near = np.flatnonzero(np.abs(lines - at) <= max(0.1, 1.5 * spacing))
-    aside = (np.abs(lines - at) > 4 * spacing) & (np.abs(lines - at) < 30 * spacing)
-    top = near[power[near].argmax(axis=0)], np.arange(len(motion))
-    height = power[top] / np.median(power[aside], axis=0)
+    nearby = np.flatnonzero(np.abs(lines - at) <= max(0.1, 1.5 * spacing))
+    around = (np.abs(lines - at) > 4 * spacing) & (np.abs(lines - at) < 30 * spacing)
+    top = nearby[power[nearby].argmax(axis=0)], np.arange(len(motion))
+    height = power[top] / np.median(power[around], axis=0)
     limit = chi2.isf(_RARE, 2 * averages) / chi2.isf(0.5, 2 * averages)
     skirt = np.stack([power[np.clip(top[0] + k, 0, len(lines) - 1), top[1]] for k in (-4, 4)]).mean(axis=0)
     peaks = (height > 2 * limit) & (skirt < 0.1 * power[top])

@@ -17,7 +17,7 @@ _END = 0.02
 
 
 def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArray, damping_ratio: FloatArray) -> str:
-    """How far segments of `length` samples lower the peaks of modes, in words; "" where they hardly do.
+    """A sentence on how far segments of `length` samples lower the peaks of modes; "" if they hardly do.
 
     Segments that repeat each other, or begin and end at rest, leak nothing under a window that is flat. Otherwise the
     power spectrum of a mode is smoothed by that of the window.
@@ -27,9 +27,9 @@ def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArr
     record : TimeRecord
     length : int
     window : str or tuple
-        As `frf_from_time` takes it.
+        Window as for `frf_from_time`.
     frequency, damping_ratio : (n_modes,) float arrays
-        Of the modes in the band.
+        Frequencies in Hz and damping ratios of the modes in the band.
 
     References
     ----------
@@ -40,15 +40,17 @@ def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArr
     is_decay = isinstance(window, tuple) and window[0] == "exponential"
     if is_decay or not frequency.size:
         return ""
-    if is_flat and (len(record.values) < 2 * length or _repeats(record, length) or _rests(record, length)):
+    if is_flat and (len(record.values) < 2 * length or _repeats(record, length) or _is_at_rest(record, length)):
         return ""
     lines = 2 * damping_ratio * frequency * length / record.sampling_rate
     worst = int(lines.argmin())
     power = np.abs(np.fft.rfft(weights, _FINE * length)) ** 2
-    lowered = _lowered(power, float(lines[worst]))
+    lowered = _peak_loss(power, float(lines[worst]))
     if lowered <= _LOWERED:
         return ""
-    enough = next(k for k in 1.1 ** np.arange(200) if _lowered(power, float(lines[worst]) * k) <= _LOWERED or k > _MOST)
+    enough = next(
+        k for k in 1.1 ** np.arange(200) if _peak_loss(power, float(lines[worst]) * k) <= _LOWERED or k > _MOST
+    )
     needed = int(np.ceil(length * enough))
     remedy = (
         f"take segments of {needed} samples, or fit the histories by [record.time]"
@@ -63,31 +65,32 @@ def leakage(record: TimeRecord, length: int, window: Window, frequency: FloatArr
     )
 
 
-def _lowered(power: FloatArray, lines: float) -> float:
-    """Part that a window of this `power` spectrum takes off the peak of a mode with so many lines in its bandwidth."""
+def _peak_loss(power: FloatArray, lines: float) -> float:
+    """Fraction that a window of this `power` spectrum takes off the peak of a mode with `lines` lines in its bandwidth."""
     offset = np.arange(len(power)) / _FINE
     weight = np.where(offset > 0, 2.0, 1.0) * power
     peak = 1 / (1 + (2 * offset / max(lines, 1e-9)) ** 2)
     return float(1 - (weight * peak).sum() / weight.sum())
 
 
-def _segments(record: TimeRecord, length: int) -> FloatArray:
-    """Whole segments side by side, (n_segments, length, n_channels), each channel of unit power."""
+def _normalized_segments(record: TimeRecord, length: int) -> FloatArray:
+    """Whole segments, (n_segments, length, n_channels), each channel without mean and of unit power."""
     count = len(record.values) // length
     values = record.values - record.values.mean(axis=0)
     size = np.sqrt((values**2).mean(axis=0))
     scaled = values / np.where(size > 0, size, 1.0)
-    found: FloatArray = scaled[: count * length].reshape(count, length, -1)
-    return found
+    segments: FloatArray = scaled[: count * length].reshape(count, length, -1)
+    return segments
 
 
 def _repeats(record: TimeRecord, length: int) -> bool:
-    parts = _segments(record, length)
+    parts = _normalized_segments(record, length)
     return len(parts) > 1 and bool(np.median((np.diff(parts, axis=0) ** 2).mean(axis=1)) < 2 * _DIFFERS)
 
 
-def _rests(record: TimeRecord, length: int) -> bool:
-    parts = _segments(record, length)
+def _is_at_rest(record: TimeRecord, length: int) -> bool:
+    """True if the motion is at rest at the start or the end of the segments."""
+    parts = _normalized_segments(record, length)
     end = max(int(_END * length), 1)
     if not len(parts):
         return False

@@ -47,7 +47,7 @@ class FiniteSpectra:
     driven : (n_inputs,) bool array
         Which inputs are accelerations of supports; none by default.
     straight : float
-        s; the sampling interval where inputs run straight between samples, see `straight_share`. 0: nothing is above half
+        s; the sampling interval where inputs run straight between samples, see `hold_factor`. 0: nothing is above half
         the sampling rate.
     """
 
@@ -66,6 +66,7 @@ class FiniteSpectra:
     straight: float = 0.0
 
     def __post_init__(self) -> None:
+        """Convert, lock and check the fields."""
         for name, kind in (("frequency", float), ("force", complex), ("motion", complex)):
             object.__setattr__(self, name, locked(getattr(self, name), kind))
             require_finite(name, getattr(self, name))
@@ -76,8 +77,8 @@ class FiniteSpectra:
         require_shape("force", self.force, (len(self.frequency), len(self.inputs)))
         require_shape("motion", self.motion, (len(self.frequency), len(self.outputs)))
         pairs = (("force_variance", self.force, self.inputs), ("motion_variance", self.motion, self.outputs))
-        for name, like, channels in pairs:
-            variance = locked(np.broadcast_to(getattr(self, name), like.shape), float)
+        for name, array, channels in pairs:
+            variance = locked(np.broadcast_to(getattr(self, name), array.shape), float)
             require_finite(name, variance)
             object.__setattr__(self, name, variance)
             least = variance.min(axis=0)
@@ -105,19 +106,19 @@ class FiniteSpectra:
         return self.laplace[:, None] ** (2 * self.driven)[None, :]
 
     @property
-    def straight_share(self) -> ComplexArray:
-        """Integral of the input itself over that of its samples, (sinh(s dt/2) / (s dt/2))^2, (n_frequencies,)."""
+    def hold_factor(self) -> ComplexArray:
+        """Integral of a first-order hold input over that of its samples, (sinh(s dt/2) / (s dt/2))^2, (n_frequencies,)."""
         if not self.straight:
             return np.ones(len(self.frequency), dtype=np.complex128)
         half = 0.5 * self.straight * self.laplace
         return (np.sinh(half) / half) ** 2
 
     @property
-    def straight_aliases(self) -> ComplexArray:
-        """What a unit of the samples' integral leaves in motions by aliases, (n_frequencies, n_outputs).
+    def hold_aliases(self) -> ComplexArray:
+        """Aliases of a first-order hold input in the motions, per unit of its samples' integral, (n_frequencies, n_outputs).
 
-        An input that runs straight between samples holds parts at all s_k = s + 2 pi i k / dt, of which sampled motions
-        show the sum. There a structure answers by its mass alone, by D s_k^(order - 2); this is what multiplies D.
+        An input that is linear between samples has parts at all s_k = s + 2 pi i k / dt, of which sampled motions show
+        the sum. There a structure answers by its mass alone, by D s_k^(order - 2); this is what multiplies D.
         """
         if not self.straight:
             return np.zeros((len(self.frequency), len(self.orders)), dtype=np.complex128)
@@ -126,11 +127,11 @@ class FiniteSpectra:
         replicas = s[:, None] + 2j * np.pi * others / step
         height = (2 * np.sinh(0.5 * step * s) / step) ** 2
         of_order = [height * (replicas ** (order - 4.0)).sum(axis=1) for order in (0, 1)]
-        of_order.append(1 - self.straight_share)  # all of them together are 1
+        of_order.append(1 - self.hold_factor)  # all of them together are 1
         return np.stack(of_order, axis=1)[:, self.orders]
 
     def lines(self, keep: np.ndarray) -> FiniteSpectra:
-        """The lines where the mask `keep` is true.
+        """The spectra at the lines where the mask `keep` is True.
 
         Raises
         ------
@@ -151,7 +152,7 @@ def finite_spectra(
     decay: float = 0.0,
     straight: bool = False,
 ) -> FiniteSpectra:
-    """The `FiniteSpectra` of a whole time record.
+    """Finite Fourier (Laplace) transforms of a whole time record, with the noise of every line.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def finite_spectra(
         1/s. Signals are multiplied by exp(-decay t) first. It blurs lines over decay / pi Hz, and only lines that
         far apart are kept, whose noise is nearly independent.
     straight : bool
-        Whether forces run straight between samples, as those of simulations do, in place of holding nothing above half
+        True if forces are linear between samples, as those of simulations are, in place of holding nothing above half
         the sampling rate, as those that went through a filter.
 
     Raises
@@ -184,8 +185,8 @@ def finite_spectra(
         raise InputError("the record has no noise level; declare the noise variance of its channels")
     step = 1 / record.sampling_rate
     n_times = len(record.values)
-    forces = _chosen(record, inputs, LOADS, "input")
-    motions = _chosen(record, outputs, tuple(_ORDER), "output")
+    forces = _choose_columns(record, inputs, LOADS, "input")
+    motions = _choose_columns(record, outputs, tuple(_ORDER), "output")
     frequency = np.fft.rfftfreq(n_times, step)
     low, high = band or (0.5 * frequency[1], 0.5 * record.sampling_rate * (1 - 1e-9))
     keep = np.flatnonzero((frequency >= low) & (frequency <= high) & (frequency > 0))
@@ -212,10 +213,10 @@ def finite_spectra(
     )
 
 
-def _chosen(
+def _choose_columns(
     record: TimeRecord, wanted: Iterable[str | Dof] | None, quantities: tuple[str, ...], role: str
 ) -> list[int]:
-    """Columns of the channels of these quantities, those at `wanted` if given."""
+    """Column indices of the channels with these quantities, or of those among `wanted`; `role` is for errors."""
     columns = [i for i, quantity in enumerate(record.quantities) if quantity in quantities]
     if wanted is not None:
         dofs = parse_dofs(wanted)

@@ -26,7 +26,7 @@ _FEWEST_MEANS = 250
 
 
 def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) -> FrfRecord:
-    """FRFs at s = decay + i omega by the Poisson integral over the lines of `record`, with the error they carry.
+    """FRFs at s = decay + i omega by the Poisson integral over the lines of `record`, with their error as variance.
 
     H(s) = (1/pi) integral of decay / (decay^2 + (omega - nu)^2) H(i nu) d nu, with H(-i nu) = conj H(i nu): a Lorentzian
     average, which takes noise down too. It is made of receptance, mobility and accelerance, each then brought to the
@@ -78,7 +78,7 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
     used = record.lines(np.flatnonzero(record.frequency > 0)) if record.frequency[0] == 0 else record
     if len(used.frequency) < 8:
         raise InputError(f"the Poisson integral needs at least 8 lines, got {len(used.frequency)}")
-    values, variance = _best_of_kinds(used, depth + 2j * np.pi * at, own)
+    values, variance = _smooth_best_kind(used, depth + 2j * np.pi * at, own)
     size = np.abs(values)
     error = np.maximum(np.sqrt(variance), SMALLEST_ERROR * size)
     poor = error > LARGEST_ERROR * size
@@ -103,26 +103,31 @@ def right_half_plane(record: FrfRecord, frequency: ArrayLike, decay: ArrayLike) 
     )
 
 
-def _best_of_kinds(record: FrfRecord, laplace: ComplexArray, own: float) -> tuple[ComplexArray, FloatArray]:
-    """Values in the record's kind and E|error|^2, from the kind of least error at each value."""
+def _smooth_best_kind(record: FrfRecord, laplace: ComplexArray, own: float) -> tuple[ComplexArray, FloatArray]:
+    """Smoothed values in the record's kind and E|error|^2, taken from the kind of FRF with the least error at each value.
+
+    `laplace` are s = decay + i omega, (n_lines,); `own` is the decay of the record itself.
+    """
     if record.is_per_motion:  # as accelerance, it is bounded at 0 and tends to a real limit
         record = replace(record, kind="accelerance")
-    seen = laplace - own
+    relative = laplace - own
     values = np.zeros((len(laplace), *record.values.shape[1:]), dtype=np.complex128)
     variance = np.full(values.shape, np.inf)
     kinds: tuple[FrfKind, ...] = ("receptance", "mobility", "accelerance")
-    ratio = float((seen.real / np.abs(seen)).min())
-    measured = [[_means(record.lines(lines).as_kind(kind), ratio) for lines in _subsets(record)] for kind in kinds]
+    ratio = float((relative.real / np.abs(relative)).min())
+    measured = [
+        [_average_lines(record.lines(lines).as_kind(kind), ratio) for lines in _subsets(record)] for kind in kinds
+    ]
     step = max(1, _CHUNK_ENTRIES // len(measured[0][0].frequency))
     for first in range(0, len(laplace), step):
         part = slice(first, first + step)
-        weights = [poisson_weights(one.omega, seen[part]) for one in measured[0]]
+        weights = [poisson_weights(thinned.omega, relative[part]) for thinned in measured[0]]
         for kind, records in zip(kinds, measured, strict=True):
             power = laplace[part] ** float(DERIVATIVES[record.kind] - DERIVATIVES[kind])
-            found, error = _smoothed(records, seen[part], weights)
-            found, error = found * power[:, None, None], error * (np.abs(power) ** 2)[:, None, None]
+            smoothed, error = _integrate(records, relative[part], weights)
+            smoothed, error = smoothed * power[:, None, None], error * (np.abs(power) ** 2)[:, None, None]
             better = error < variance[part]
-            values[part] = np.where(better, found, values[part])
+            values[part] = np.where(better, smoothed, values[part])
             variance[part] = np.where(better, error, variance[part])
     return values, variance
 
@@ -133,8 +138,8 @@ def _subsets(record: FrfRecord) -> tuple[IntArray, IntArray, IntArray]:
     return every, every[::2], every[1::2]
 
 
-def _means(record: FrfRecord, ratio: float) -> FrfRecord:
-    """Means over stretches much shorter than the decay ratio * omega and than resonances: fewer lines, the same integral."""
+def _average_lines(record: FrfRecord, ratio: float) -> FrfRecord:
+    """`record` averaged over groups of lines much narrower than the decay ratio * omega: fewer lines, the same integral."""
     per_unit = max(_MEANS_A_DECAY / ratio, _FEWEST_MEANS)
     stretch = np.floor(per_unit * np.log(record.omega / record.omega[0]))
     first = np.flatnonzero(np.concatenate([[True], np.diff(stretch) > 0]))
@@ -156,19 +161,22 @@ def _means(record: FrfRecord, ratio: float) -> FrfRecord:
     )
 
 
-def _smoothed(
+def _integrate(
     records: list[FrfRecord], laplace: ComplexArray, weights: list[tuple[FloatArray, FloatArray]]
 ) -> tuple[ComplexArray, FloatArray]:
-    """Weighted sums of the first record's values, and E|error|^2 of them with the others' for comparison."""
+    """Poisson integrals of the first record at `laplace`, (n, n_outputs, n_inputs), and E|error|^2 from the other records.
+
+    `weights` are those on the lines and on their mirror images, for each record.
+    """
     record = records[0]
     shape = (len(laplace), *record.values.shape[1:])
-    flats = [one.values.reshape(len(one.frequency), -1) for one in records]
+    flats = [item.values.reshape(len(item.frequency), -1) for item in records]
     flat = flats[0]
     sums = [w[0] @ part + w[1] @ np.conj(part) for w, part in zip(weights, flats, strict=True)]
     error = np.zeros(sums[0].shape)
     for other in sums[1:]:
         error += np.abs(other - sums[0]) ** 2
-    below, above = _beyond(record.omega, laplace)
+    below, above = _kernel_outside(record.omega, laplace)
     last = flat[record.omega > 0.8 * record.omega[-1]]
     limit = np.mean(last.real, axis=0) * (record.kind == "accelerance")
     sums[0] = sums[0] + above[:, None] * limit
@@ -179,11 +187,11 @@ def _smoothed(
     return sums[0].reshape(shape), error.reshape(shape)
 
 
-def _beyond(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Parts of the kernel below the first line, with its mirror image, and above the last, with its."""
+def _kernel_outside(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """Fractions of the Poisson kernel below the first line and above the last, mirror images included, (n,) each."""
 
     def reach(end: float) -> FloatArray:
-        """The part between -end and end."""
+        """The fraction of the kernel between -end and end, (n,)."""
         return np.asarray(
             (np.arctan((end - laplace.imag) / laplace.real) + np.arctan((end + laplace.imag) / laplace.real)) / np.pi
         )
@@ -218,11 +226,12 @@ def poisson_weights(omega: FloatArray, laplace: ComplexArray) -> tuple[FloatArra
     near = np.interp(np.abs(laplace.imag), nodes, width)
     fine = (laplace.real >= _LINES_A_DECAY * near) & (laplace.imag > 2 * omega[0])
     weights[fine] = _trapezoid(nodes, width, laplace[fine])
-    weights[~fine] = _exact(nodes, spacing, laplace[~fine])
+    weights[~fine] = _exact_weights(nodes, spacing, laplace[~fine])
     return weights[:, count:], weights[:, count - 1 :: -1]
 
 
 def _trapezoid(nodes: FloatArray, width: FloatArray, laplace: ComplexArray) -> FloatArray:
+    """Trapezoidal weights of the Poisson kernel on `nodes` of these widths, (n_laplace, n_nodes)."""
     kernel = nodes - laplace.imag[:, None]
     kernel *= kernel
     kernel += np.square(laplace.real)[:, None]
@@ -231,8 +240,8 @@ def _trapezoid(nodes: FloatArray, width: FloatArray, laplace: ComplexArray) -> F
     return kernel
 
 
-def _exact(nodes: FloatArray, spacing: FloatArray, laplace: ComplexArray) -> FloatArray:
-    """Integrals of the kernel times the hat function of each node."""
+def _exact_weights(nodes: FloatArray, spacing: FloatArray, laplace: ComplexArray) -> FloatArray:
+    """Integrals of the Poisson kernel times the hat function of each node, (n_laplace, n_nodes)."""
     depth = laplace.real[:, None]
     away = (nodes - laplace.imag[:, None]) / depth
     zeroth = np.arctan(away) / np.pi

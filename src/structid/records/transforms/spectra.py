@@ -33,8 +33,8 @@ class Spectra(NamedTuple):
 
 def frf_from_time(
     records: TimeRecord | Sequence[TimeRecord],
-    inputs: Iterable[str | Dof],
-    outputs: Iterable[str | Dof],
+    inputs: Iterable[str | Dof] = (),
+    outputs: Iterable[str | Dof] = (),
     estimator: Estimator = "H1",
     segment_length: int | None = None,
     overlap: float = 0.5,
@@ -53,9 +53,11 @@ def frf_from_time(
     records : TimeRecord or sequence of TimeRecord
         One long record, or repeats (such as hammer impacts) that are averaged.
     inputs : iterable of str or Dof
-        Force channels, or accelerations of supports, which give transmissibility.
+        Force channels, or accelerations of supports, which give transmissibility. All forces by default,
+        or where there is none all supports that move.
     outputs : iterable of str or Dof
         Motion channels. Displacements, velocities and accelerations side by side become one kind, by powers of i omega.
+        All channels of motion that are no inputs by default.
     estimator : {"H1", "H2", "Hv"}
         H1 and Hv take any number of inputs, H2 one.
     segment_length : int, optional
@@ -94,8 +96,8 @@ def frf_from_time(
     15, 70-73. Rocklin, Crowley and Vold (1985), IMAC 3 (Hv).
     """
     repeats = [records] if isinstance(records, TimeRecord) else list(records)
-    loads, sensors = parse_dofs(inputs), parse_dofs(outputs)
     require_alike(repeats, segment_length)
+    loads, sensors = _loads_and_sensors(repeats[0], parse_dofs(inputs), parse_dofs(outputs))
     length = segment_length if segment_length is not None else repeats[0].values.shape[0]
     step = segment_step(length, overlap)
     measured = _quantities(repeats[0], sensors, quantity)
@@ -107,7 +109,7 @@ def frf_from_time(
     role: Quantity = "support_acceleration" if driven else "force"
     columns = _columns(repeats[0], loads, [role] * len(loads)), _columns(repeats[0], sensors, measured)
     weights = window_weights(window, length)
-    spectra, count = _averaged(repeats, columns, weights, step, detrend)
+    spectra, count = _average_spectra(repeats, columns, weights, step, detrend)
     averages = effective_averages(weights, step, [segment_count(r, length, step) for r in repeats])
     frequency = np.fft.rfftfreq(length, 1 / repeats[0].sampling_rate)
     if detrend != "none" or len(set(measured)) > 1:
@@ -136,7 +138,7 @@ def frf_from_time(
 
 
 def _are_supports(record: TimeRecord, inputs: tuple[Dof, ...]) -> bool:
-    """Whether the inputs are accelerations of supports; not some of them."""
+    """True if the inputs are accelerations of supports; `InputError` if only some are."""
     pairs = set(zip(record.channels, (str(q) for q in record.quantities), strict=True))
     driven = [(dof, "support_acceleration") in pairs for dof in inputs]
     if any(driven) and not all(driven):
@@ -144,26 +146,38 @@ def _are_supports(record: TimeRecord, inputs: tuple[Dof, ...]) -> bool:
     return any(driven)
 
 
+def _loads_and_sensors(
+    record: TimeRecord, inputs: tuple[Dof, ...], outputs: tuple[Dof, ...]
+) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
+    """Those given, or by their quantities: forces are loads, motions are sensors."""
+    pairs = list(zip(record.channels, record.quantities, strict=True))
+    forces, supports = ([dof for dof, own in pairs if own == name] for name in ("force", "support_acceleration"))
+    loads = inputs or tuple(forces or supports)
+    moving = (dof for dof, quantity in pairs if quantity != "force" and dof not in loads)
+    return loads, outputs or tuple(dict.fromkeys(moving))
+
+
 def _quantities(record: TimeRecord, outputs: tuple[Dof, ...], wanted: Quantity | None) -> list[Quantity]:
-    """The quantity that each output has, other than force; the one that is wanted where it has several."""
+    """The quantity of motion of each output; `wanted` if it has several."""
     if not outputs:
         raise InputError("`outputs` must name at least one channel, got none")
     if wanted is not None and wanted not in KINDS:
         raise InputError(f"`quantity` must be one of {', '.join(KINDS)}, got {wanted!r}")
-    found: list[Quantity] = []
+    quantities: list[Quantity] = []
     for output in outputs:
         pairs = zip(record.channels, record.quantities, strict=True)
-        own = [quantity for dof, quantity in pairs if dof == output and quantity in KINDS]
-        if not own:
+        available = [quantity for dof, quantity in pairs if dof == output and quantity in KINDS]
+        if not available:
             has = ", ".join(f"{dof} {q}" for dof, q in zip(record.channels, record.quantities, strict=True))
             raise InputError(f"`outputs` must be motion channels, and {output} is none; the record has {has}")
-        if len(own) > 1 and wanted not in own:
-            raise InputError(f"`outputs` have {' and '.join(own)} at {output}; choose one with `quantity`")
-        found.append(wanted if wanted is not None and wanted in own else own[0])
-    return found
+        if len(available) > 1 and wanted not in available:
+            raise InputError(f"`outputs` have {' and '.join(available)} at {output}; choose one with `quantity`")
+        quantities.append(wanted if wanted is not None and wanted in available else available[0])
+    return quantities
 
 
 def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantities: Sequence[Quantity]) -> list[int]:
+    """Column indices of the channels with these degrees of freedom and quantities."""
     if not dofs:
         raise InputError(
             "no channel is a force, so `inputs` names none: name the channel of the load (`quantities`), or of the support that"
@@ -178,13 +192,14 @@ def _columns(record: TimeRecord, dofs: tuple[Dof, ...], quantities: Sequence[Qua
     return [present.index(pair) for pair in pairs]
 
 
-def _averaged(
+def _average_spectra(
     records: list[TimeRecord],
     columns: tuple[list[int], list[int]],
     weights: FloatArray,
     step: int,
     detrend: Detrend,
 ) -> tuple[Spectra, int]:
+    """Spectra averaged over all segments, and the number of segments; `columns` are those of inputs and outputs."""
     if detrend not in ("constant", "linear", "none"):
         raise InputError(f"`detrend` must be constant, linear or none, got {detrend!r}")
     lines, (loads, sensors) = weights.size // 2 + 1, columns
@@ -207,6 +222,7 @@ def _averaged(
 
 
 def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], frequency: FloatArray) -> None:
+    """Raise `InputError` if an input has no power at a line, or inputs are coherent."""
     power = np.einsum("fii->fi", spectra.inputs).real
     silent = np.argwhere(power <= 0)
     if silent.size:
@@ -221,14 +237,15 @@ def _require_separable(spectra: Spectra, count: int, inputs: tuple[Dof, ...], fr
     scale = np.sqrt(power)
     condition = np.linalg.cond(spectra.inputs / (scale[:, :, None] * scale[:, None, :]))
     if condition.max() > _SEPARABLE:
-        at = frequency[int(np.argmax(condition))]
+        frequency_at = frequency[int(np.argmax(condition))]
         raise InputError(
-            f"the inputs cannot be told apart at {at:g} Hz, they are coherent; drive them independently, or"
+            f"the inputs cannot be told apart at {frequency_at:g} Hz, they are coherent; drive them independently, or"
             " fit the histories themselves ([record.time]), where forces may act together"
         )
 
 
 def _require_moving(spectra: Spectra, outputs: tuple[Dof, ...], frequency: FloatArray) -> None:
+    """Raise `InputError` if an output has no power at a line."""
     still = np.argwhere(spectra.outputs <= 0)
     if still.size:
         line, o = still[0]
@@ -265,7 +282,7 @@ def effective_averages(weights: FloatArray, step: int, segments: Sequence[int]) 
 
 
 def require_repeated(records: Sequence[TimeRecord]) -> None:
-    """Refuse repeats that differ in channels or rate."""
+    """Raise `InputError` if repeats differ in channels or sampling rate."""
     sources = [record.source for record in records]
     channels = [
         [f"{dof} {quantity}" for dof, quantity in zip(record.channels, record.quantities, strict=True)]
@@ -276,7 +293,7 @@ def require_repeated(records: Sequence[TimeRecord]) -> None:
 
 
 def require_alike(records: list[TimeRecord], segment_length: int | None) -> None:
-    """Refuse repeats that differ in channels, rate, or (without a segment length) in length."""
+    """Raise `InputError` if repeats differ in channels, sampling rate or (without a segment length) length."""
     if not records:
         raise InputError("`records` must hold at least one time record, got none")
     require_repeated(records)
@@ -291,7 +308,7 @@ def require_alike(records: list[TimeRecord], segment_length: int | None) -> None
 
 
 def segment_step(length: int, overlap: float) -> int:
-    """Samples from the start of a segment to that of the next."""
+    """Number of samples from the start of a segment to the start of the next; `overlap` is a fraction of `length`."""
     if length < 2:
         raise InputError(f"`segment_length` must be at least 2 samples, got {length}")
     if not 0 <= overlap < 1:
@@ -300,7 +317,7 @@ def segment_step(length: int, overlap: float) -> int:
 
 
 def window_weights(window: Window, length: int) -> FloatArray:
-    """Window as `scipy.signal.get_window` knows it, (length,)."""
+    """Weights, (length,), of a window that `scipy.signal.get_window` knows."""
     from scipy.signal import get_window
 
     try:
@@ -318,7 +335,7 @@ def segment_count(record: TimeRecord, length: int, step: int) -> int:
 def segment_transforms(
     records: list[TimeRecord], weights: FloatArray, step: int, detrend: Detrend
 ) -> Iterator[ComplexArray]:
-    """Fourier transform (F, n_channels) of every windowed segment."""
+    """Fourier transform (n_lines, n_channels) of each windowed segment of each record; `step` samples apart."""
     from scipy.signal import detrend as without_trend
 
     length = weights.size
@@ -333,7 +350,7 @@ def segment_transforms(
 def estimated(
     spectra: Spectra, estimator: Estimator, averages: float
 ) -> tuple[ComplexArray, FloatArray, FloatArray | None]:
-    """Values, coherence and variance (None with too few averages), each (F, O, I).
+    """FRF values, coherence and variance (None with too few averages), (n_lines, n_outputs, n_inputs) each.
 
     The variance is (1 - g2) S_yy [S_xx^-1]_ii / (n - q) for n averages and q inputs; see `frf_from_time`.
 
@@ -362,6 +379,7 @@ def estimated(
 
 
 def _values(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> ComplexArray:
+    """FRFs of the estimator H1, H2 or Hv from averaged spectra, (n_lines, n_outputs, n_inputs)."""
     if estimator == "H1":
         return h1
     if estimator == "Hv":
@@ -377,7 +395,7 @@ def _values(h1: ComplexArray, spectra: Spectra, estimator: Estimator) -> Complex
 
 
 def _total_least_squares(spectra: Spectra) -> ComplexArray:
-    """Hv: from the smallest eigenvector of the spectra of inputs and one output, each scaled to unit power."""
+    """Hv estimate: from the smallest eigenvector of the spectra of inputs and one output, each scaled to unit power."""
     xx, yx, yy = spectra
     lines, outputs, inputs = yx.shape
     values = np.zeros_like(yx)

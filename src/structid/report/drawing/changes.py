@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from structid.core.quantities import exact, percent, with_unit
 from structid.fem import Structure
 from structid.fem.matrices.contribution import Property
 from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.rendering import plot
-from structid.report.text import exact, percent, with_unit
 
 #: Shadings of a structure, and the kinds of property that each shows.
 KINDS: dict[str, tuple[str, ...]] = {
@@ -28,11 +28,15 @@ _LIMITS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 
 @dataclass(frozen=True)
 class Change:
-    """What became of one element: the largest relative change among its parameters, and a text on each of them."""
+    """What became of one element: the largest relative change among its parameters, and a text on each of them.
+
+    `is_significant` says whether the interval of a parameter leaves its initial value out.
+    """
 
     ratio: float
     identified: bool
     text: str
+    is_significant: bool = True
 
 
 #: By element set and index.
@@ -73,7 +77,8 @@ def look(shading: Shading | None, element: str, index: int) -> Look:
     change = shading.changes.get((element, index)) if shading else None
     if shading is None or change is None:
         return Look()
-    return Look(shading.scale.colour(change.ratio), True, not change.identified)
+    ratio = change.ratio if change.is_significant or not change.identified else 0.0
+    return Look(shading.scale.colour(ratio), True, not change.identified)
 
 
 def shading(title: str, changes: Changes, limit: float) -> Shading:
@@ -110,7 +115,7 @@ def shadings(identification: Identification) -> tuple[Shading, ...]:
     for name, kinds in KINDS.items():
         changes = _changes(identification, kinds)
         if changes:
-            limit = round_limit(c.ratio for c in changes.values() if c.identified)
+            limit = round_limit(c.ratio for c in changes.values() if c.identified and c.is_significant)
             found.append(shading(f"Change of {name} parameters", changes, limit))
     return tuple(found)
 
@@ -121,6 +126,8 @@ def _changes(identification: Identification, kinds: tuple[str, ...]) -> Changes:
     own = identification.own_index
     before, after = unknown.values(found.initial[own]), unknown.values(found.values[own])
     design = unknown.design.tocsr()
+    ends = identification.intervals.ends[own]
+    is_outside = (found.initial[own] < ends[:, 0]) | (found.initial[own] > ends[:, 1])
     changes: Changes = {}
     for item in properties_of(structure, kinds):
         for key, index, columns in elements_of(item, design):
@@ -128,14 +135,16 @@ def _changes(identification: Identification, kinds: tuple[str, ...]) -> Changes:
             values = f"{exact(float(before[index]))} to {with_unit(exact(float(after[index])), item.term.unit)}"
             identified = bool(found.identified[own[columns]].all())
             text = f"{item.term.property.replace('_', ' ')}: {values} ({percent(ratio)})"
-            text += "" if identified else ", not identified"
-            changes[key] = _merged(changes.get(key), Change(ratio, identified, text))
+            is_significant = bool(is_outside[columns].any())
+            text += ", not identified" if not identified else "" if is_significant else ", within its interval"
+            changes[key] = _merged(changes.get(key), Change(ratio, identified, text, is_significant))
     return changes
 
 
 def _merged(first: Change | None, second: Change) -> Change:
-    """Both together: the larger change, identified only if both are."""
+    """Both together: the larger change, a significant one before another, identified only if both are."""
     if first is None:
         return second
-    ratio = max(first.ratio, second.ratio, key=lambda r: abs(np.nan_to_num(r)))
-    return Change(ratio, first.identified and second.identified, f"{first.text}\n{second.text}")
+    larger = max((first, second), key=lambda one: (one.is_significant, abs(np.nan_to_num(one.ratio))))
+    text = f"{first.text}\n{second.text}"
+    return Change(larger.ratio, first.identified and second.identified, text, larger.is_significant)

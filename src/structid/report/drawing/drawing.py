@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.dof import DIRECTIONS, Dof
 from structid.fem import (
     Bar,
@@ -36,6 +36,8 @@ _Ring = RotaryInertia | Joint
 _SYMBOLS = {Spring: "spring", Dashpot: "dashpot", Friction: "friction"}
 #: Width that a wide drawing and one panel of several have, in hundreds of pixels of the page, which are inches of a picture.
 WIDE_INCHES, PANEL_INCHES = 11.0, 5.6
+#: Height of a drawing at most, in the same unit.
+MOST_INCHES = 7.0
 _CHARACTER_INCHES = (0.068, 0.115)
 _MANY_NODES = 40
 #: Marks beyond which labels may stand before them.
@@ -81,7 +83,8 @@ def structure_picture(
     corners = np.concatenate(shapes)
     low, high = np.nanmin(corners, axis=0), np.nanmax(corners, axis=0)
     is_wide = high[0] - low[0] > 1.8 * (high[1] - low[1])
-    per_inch = (high[0] - low[0]) / (0.86 * WIDE_INCHES if is_wide else 0.72 * PANEL_INCHES)
+    across, up = (0.86 * WIDE_INCHES if is_wide else 0.72 * PANEL_INCHES), 0.84 * MOST_INCHES
+    per_inch = max((high[0] - low[0]) / across, (high[1] - low[1]) / up)
     character = (_CHARACTER_INCHES[0] * per_inch, _CHARACTER_INCHES[1] * per_inch)
     inside = [m.centre + share * (m.path - m.centre) for m in marks if m.filled for share in (0.35, 0.7)]
     in_the_way = [*shapes[1:], *inside] if len(marks) <= _MOST_OBSTACLES else []
@@ -91,7 +94,7 @@ def structure_picture(
     placed, lost = place(wanted, character, 0.08 * per_inch, obstacles)
     if lost:
         are = "is" if lost == 1 else "are"
-        left = f"{counted(lost, 'label')} that would cover another {are} left out of the drawing"
+        left = f"{plural(lost, 'label')} that would cover another {are} left out of the drawing"
         notes = (*notes, f"{left}; point at an element to read its name.")
     axes = _axes(frame, low, {dof.direction for dof in (*outputs, *inputs)})
     behind = (

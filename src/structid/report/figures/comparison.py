@@ -6,6 +6,7 @@ import numpy as np
 
 from structid.compare.states.comparing import ComparisonResult
 from structid.compare.states.state import Drawn
+from structid.core.quantities import percent
 from structid.inversion.comparison.comparison import Comparison
 from structid.report.drawing import palette
 from structid.report.drawing.changes import (
@@ -22,7 +23,6 @@ from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.parameters import NORMAL_95
 from structid.report.figures.structure import structure_figure
 from structid.report.rendering import plot
-from structid.report.text import percent
 
 
 def comparison_figures(result: ComparisonResult) -> dict[str, plot.Figure]:

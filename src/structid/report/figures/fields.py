@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import FloatArray
+from structid.core.quantities import percent
 from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.drawing.changes import Change, Shading, round_limit, shading
@@ -15,7 +16,6 @@ from structid.report.drawing.drawing import structure_picture
 from structid.report.drawing.picture import Picture
 from structid.report.figures.structure import structure_figure
 from structid.report.rendering import plot
-from structid.report.text import percent
 
 
 def field_figures(found: Identification) -> dict[str, plot.Figure]:

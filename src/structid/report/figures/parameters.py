@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.arrays import FloatArray
+from structid.core.quantities import with_std
 from structid.identification.identified import Identification
 from structid.report.drawing import palette
 from structid.report.rendering import plot
-from structid.report.text import with_std
 
 #: Half width of a 95 % interval in standard deviations.
 NORMAL_95 = 1.959964

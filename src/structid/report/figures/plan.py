@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.dof import Dof
 from structid.inversion.diagnostics.collinearity import percent_text
 from structid.planning.planned import Plan, PlannedTest
@@ -38,7 +38,7 @@ def compared(found: Plan) -> tuple[PlannedTest, ...]:
 
 def _places(found: Plan, test: PlannedTest) -> plot.Figure:
     worst = f"worst std {percent_text(test.worst_std)} ({found.parameters.names[test.worst]})"
-    title = f"{test.label}: {counted(len(test.sensors), 'sensor')}, {counted(len(test.loads), 'load')}; {worst}"
+    title = f"{test.label}: {plural(len(test.sensors), 'sensor')}, {plural(len(test.loads), 'load')}; {worst}"
     return structure_figure(structure_picture(found.structure, test.sensors, test.loads), title=title)
 
 

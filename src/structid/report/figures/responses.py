@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import Dof
+from structid.core.quantities import percent
 from structid.identification.identified import RecordFit
 from structid.report.drawing import palette
 from structid.report.rendering import plot
-from structid.report.text import percent
 
 #: Most channels in a picture.
 MAX_CHANNELS = 16
@@ -100,6 +100,20 @@ def responses_figure(fit: RecordFit) -> plot.Figure:
     caption += f" Every {stride}th line of the record is shown here." if stride > 1 else ""
     height = 620.0 if coherence is None else 720.0
     return plot.Figure(tuple(panels), (1150.0, height), columns, caption, choice)
+
+
+def extremes_figure(fit: RecordFit) -> plot.Figure:
+    """Magnitude of the channel that is fitted worst and of the one that is fitted best."""
+    whole = responses_figure(fit)
+    errors = np.array([channel.median_error for channel in channels(fit)])
+    chosen = dict.fromkeys((int(np.argmax(errors)), int(np.argmin(errors))))
+    panels = tuple(
+        replace(
+            whole.panels[index], strips=whole.panels[index].strips[:1], title=f"{word}, {whole.panels[index].title}"
+        )
+        for index, word in zip(chosen, ("Worst", "Best"), strict=False)
+    )
+    return plot.Figure(panels, (560.0, 340.0), len(panels), whole.caption)
 
 
 def _strips(frequency: FloatArray, used: np.ndarray, values: ComplexArray, y: plot.Axis) -> list[plot.Strip]:

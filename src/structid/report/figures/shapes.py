@@ -10,13 +10,13 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import DIRECTIONS, Dof
+from structid.core.quantities import value_words
 from structid.modal import ModalRecord
 from structid.modal.survey.survey import ModesResult
 from structid.records import Geometry
 from structid.report.drawing import palette
 from structid.report.figures.survey import MOST_SHAPES
 from structid.report.rendering import plot
-from structid.report.text import value_words
 from structid.similarity.shapes import real_turn
 
 #: Largest displacement drawn, as a part of the diagonal of the geometry.

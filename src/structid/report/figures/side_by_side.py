@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -9,7 +10,9 @@ import numpy as np
 
 from structid.compare.correlation.modes import ModesCorrelation
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.dof import DIRECTIONS
+from structid.core.dof import DIRECTIONS, Dof
+from structid.core.quantities import likeness, number
+from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.fem.places import AimedSensor
 from structid.fem.supports import RigidLink
@@ -17,7 +20,6 @@ from structid.report.drawing import palette
 from structid.report.drawing.faces import cell_edges, is_cells
 from structid.report.figures.survey import MOST_SHAPES
 from structid.report.rendering import plot
-from structid.report.text import likeness, number
 
 #: Largest displacement, and gap between the two, in parts of the diagonal.
 _AMPLITUDE, _GAP = 0.1, 0.3
@@ -32,7 +34,7 @@ def side_by_side_figure(part: ModesCorrelation) -> plot.Figure | None:
     chosen = pairs[:MOST_SHAPES]
     if not len(chosen):
         return None
-    scene = _in_place(part)
+    scene = _in_place(part.structure, part.measured.channels)
     panels = _row_panels(part, chosen) if scene is None else _panels(part, chosen, scene)
     caption = (
         "Sensors in a row in the order of the channels, as the nodes of the structure have no places."
@@ -67,9 +69,36 @@ class _Scene:
     diagonal: float
 
 
-def _in_place(part: ModesCorrelation) -> _Scene | None:
+def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | None:
+    """Each mode of a model on its structure, to choose from; None where no mode has a shape in space."""
+    scene = _in_place(structure, ())
+    n_modes = min(len(modes.frequency), MOST_SHAPES)
+    if scene is None or n_modes == 0:
+        return None
+    motion = _moved(structure, scene, modes.mode_shapes[:, :n_modes])
+    largest = np.abs(motion).max(axis=(1, 2))
+    scale = _AMPLITUDE * scene.diagonal / np.where(largest > 0, largest, 1.0)
+    reach = 1.3 * _AMPLITUDE * scene.diagonal
+    low, high = scene.rest.min(axis=0) - reach, scene.rest.max(axis=0) + reach
+    x, y, *deep = (plot.Axis(DIRECTIONS[j], "m", (float(low[j]), float(high[j]))) for j in scene.used)
+    panels = []
+    for k in range(n_modes):
+        rest = _curve(scene, scene.lines, np.zeros(3), plot.Pen(palette.FAINT, 1.0), None, "at rest")
+        pen = plot.Pen(_MODEL, 2.2)
+        moved = _curve(scene, scene.lines, np.zeros(3), pen, None, "identified model", scale[k] * motion[k])
+        name = f"mode {k + 1}: {number(float(modes.frequency[k]), 4)} Hz"
+        panels.append(
+            plot.Panel(x, (plot.Strip(y, (rest, moved)),), name=name, z=deep[0] if deep else None, equal=True)
+        )
+    columns = min(n_modes, 3)
+    choice = plot.Choice("Mode", tuple(range(min(n_modes, 12))), (1000.0 / columns, 300.0), moves=True)
+    return plot.Figure(
+        tuple(panels), (1150.0, 560.0), columns, "Shapes of the identified model. Grey: at rest.", choice
+    )
+
+
+def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
     """None where the nodes have no places, or nothing of the structure moves in space."""
-    structure = part.structure
     labels = tuple(structure.nodes)
     rest = np.zeros((len(labels), 3))
     rest[:, : structure.dimension] = np.array([structure.nodes[node] for node in labels])
@@ -85,9 +114,9 @@ def _in_place(part: ModesCorrelation) -> _Scene | None:
     if not (rows >= 0).any():
         return None
     aimed = {tie.dof: tie for tie in structure.ties if isinstance(tie, AimedSensor)}
-    along = np.zeros((len(part.measured.channels), 3))
-    at = np.array([place[dof.node] for dof in part.measured.channels])
-    for c, dof in enumerate(part.measured.channels):
+    along = np.zeros((len(channels), 3))
+    at = np.array([place[dof.node] for dof in channels], dtype=int)
+    for c, dof in enumerate(channels):
         sensor = aimed.get(dof.unsigned)
         if sensor is not None:
             at[c], along[c] = place[sensor.node], dof.sign * np.array(sensor.direction)

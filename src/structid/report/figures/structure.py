@@ -12,7 +12,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.report.drawing import palette, symbols
 from structid.report.drawing.changes import Look, Shading, look
-from structid.report.drawing.drawing import PANEL_INCHES, WIDE_INCHES
+from structid.report.drawing.drawing import MOST_INCHES, PANEL_INCHES, WIDE_INCHES
 from structid.report.drawing.picture import Mark, Picture, curve, points
 from structid.report.rendering import plot
 
@@ -24,8 +24,8 @@ _SLICES = 12
 #: Marks that answer to the mouse at most; faces that have an edge, and a strong one.
 _MOST_HOVER, _MOST_EDGED, _MOST_STRONG = 3000, 6000, 1500
 _CAPTION = (
-    "Coloured: change of the parameter. Dashed or hatched: not identified. Grey: not a parameter of this kind. Arrows point in"
-    " the positive sense."
+    "Coloured: change of the parameter beyond its 95 % interval; the colour of 0: within it. Dashed or hatched: not identified."
+    " Grey: not a parameter of this kind. Arrows point in the positive sense."
 )
 
 
@@ -40,7 +40,10 @@ def structure_figure(
         for shade, name, scale in _headed(shadings, title)
     )
     inches, beside = (WIDE_INCHES, 1.4) if drawn.is_wide else (PANEL_INCHES, 0.9)
-    size = (100 * (inches + (beside if shadings else 0.0)), float(np.clip(100 * inches / drawn.aspect + 60, 240, 660)))
+    size = (
+        100 * (inches + (beside if shadings else 0.0)),
+        float(np.clip(100 * inches / drawn.aspect + 60, 240, 100 * MOST_INCHES)),
+    )
     columns = 1 if drawn.is_wide else len(panels)
     return plot.Figure(
         panels, size, columns, caption or (_CAPTION if shadings else "Arrows point in the positive sense.")

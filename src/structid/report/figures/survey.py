@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.quantities import DASH, number, value_words
 from structid.modal.poles.poles import modal_phase_collinearity
 from structid.modal.survey.survey import ModesResult
 from structid.records import FrfRecord
 from structid.report.drawing import palette, symbols
 from structid.report.rendering import plot
-from structid.report.text import DASH, number, value_words
 from structid.similarity import mac
 from structid.similarity.shapes import real_turn
 

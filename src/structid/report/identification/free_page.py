@@ -6,7 +6,8 @@ from dataclasses import asdict
 
 import numpy as np
 
-from structid.core.display import counted
+from structid.core.display import plural
+from structid.core.quantities import NOTHING, number, percent, with_std, with_unit
 from structid.inversion import Status
 from structid.report.correlation import side_by_side_chapter
 from structid.report.figures.fields import field_figures
@@ -15,8 +16,7 @@ from structid.report.figures.responses import responses_figure
 from structid.report.identification.page import sorted_warnings
 from structid.report.identification.tables import mode_table
 from structid.report.page import Page
-from structid.report.tables import Table, provenance_facts
-from structid.report.text import NOTHING, number, percent, with_std, with_unit
+from structid.report.tables import Table, provenance_table
 from structid.study.results.changes import largest_changes, search_reason
 from structid.study.results.result import StudyResult
 
@@ -44,7 +44,7 @@ def free_page(result: StudyResult) -> Page:
         "std_words": _std_words(result),
         "records": [(name, fit.name if len(responses) > 1 else "") for name, fit in responses.items()],
         "modes": mode_table(mode_rows(found.fits[0]), band_used(found.fits)),
-        "provenance": provenance_facts(asdict(result.provenance)),
+        "provenance": provenance_table(asdict(result.provenance)),
         "beside_model": beside_model,
     }
     figures = {
@@ -82,7 +82,7 @@ def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
         ("Misfit over what is expected", number(float(np.sqrt(estimate.misfit)), 3), f"{estimate.n_data} data"),
         ("Median relative FRF error", error, f"initial model {before}"),
         ("Total mass", mass, f"standard deviations {basis}"),
-        ("Search", counted(estimate.n_iterations, "iteration"), search_reason(estimate)),
+        ("Search", plural(estimate.n_iterations, "iteration"), search_reason(estimate)),
     )
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.core.display import counted
+from structid.core.display import plural
+from structid.core.quantities import NOTHING, likeness, number, percent, with_std
 from structid.forward.modal.problem import pull
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
 from structid.report.tables import Table
-from structid.report.text import NOTHING, likeness, number, percent, with_std
 
 _FORMS = {
     "output": "frequencies and shapes of paired modes over their standard deviations",
@@ -73,7 +73,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
     )  # fmt: skip
     return (
         ("Source", record.source or "not stated"),
-        ("Modes used", f"{counted(len(f), 'mode')}, {number(float(f[0]))} to {number(float(f[-1]))} Hz"),
+        ("Modes used", f"{plural(len(f), 'mode')}, {number(float(f[0]))} to {number(float(f[-1]))} Hz"),
         ("Sensors", ", ".join(map(str, record.channels)) + record.unknown_words),
         ("Uncertainty", own),
         ("Error assumed besides", ", ".join(assumed) or "none"),
@@ -90,7 +90,7 @@ def _pull(fit: ModalFit) -> str:
         return "not told: these modes alone do not determine every parameter"
     n_params = fit.problem.unknowns.n_params
     parts = [
-        f"{kind} ({counted(rows, 'value')}) determine {number(own, 2)} of {counted(n_params, 'parameter')} and make"
+        f"{kind} ({plural(rows, 'value')}) determine {number(own, 2)} of {plural(n_params, 'parameter')} and make"
         f" {percent(misfit, 2, signed=False)} of the misfit"
         for kind, (rows, own, misfit) in found.items()
     ]

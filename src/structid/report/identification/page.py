@@ -6,36 +6,44 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from structid.core.display import counted
+from structid.core.display import plural
+from structid.core.quantities import NOTHING, number, percent, with_unit
 from structid.criticism.held import HeldValue, resting
 from structid.criticism.verdict import Cause, Criticism
 from structid.identification.identified import Identification
-from structid.inversion import Status
 from structid.report.correlation import side_by_side_chapter
 from structid.report.drawing.changes import shadings
 from structid.report.drawing.drawing import structure_picture
 from structid.report.figures.modes import band_used, modal_fit_figure, mode_rows, modes_figure
 from structid.report.figures.parameters import convergence_figure, correlation_figure, parameters_figure
-from structid.report.figures.responses import residual_channels_figure, residual_map_figure, responses_figure
+from structid.report.figures.responses import (
+    extremes_figure,
+    residual_channels_figure,
+    residual_map_figure,
+    responses_figure,
+)
+from structid.report.figures.side_by_side import model_shapes_figure
 from structid.report.figures.structure import structure_figure
 from structid.report.identification import tables
 from structid.report.identification.modal_tables import modal_cards, modal_facts, modal_table, ratio_table
 from structid.report.page import Page
 from structid.report.rendering import plot
-from structid.report.tables import Table, provenance_facts
-from structid.report.text import NOTHING, number, percent, with_unit
+from structid.report.tables import Table, provenance_table
+from structid.study.results.view import MOST_ADVICE, ResultsView, results_view
 
 #: Endings that introduce a warning which repeats what the table of parameters says for each parameter.
 _REPEATED = re.compile(r"is not identified: (at the initial values )?its standard deviation is larger than its value$")
 _MOST_REPEATED, _MOST_GROUPS = 4, 8
 _MARKS = {"sound": "good", "approximate": "doubt", "wrong_model": "bad", "undetermined": "bad", "untested": "bad"}
 _HELD = (
-    "Held in the model",
-    "1 % more of it moves most",
+    "Fixed value",
+    "Parameter that 1 % more of it moves most",
     "by",
     "in standard deviations",
     "The record would change it by",
 )
+#: Standard deviations by which 1 % of a fixed value moves a parameter from where on the page lists it.
+_TELLING = 0.1
 _HEADER = ("Cause", "Misfit removed", "Chi-square per degree of freedom left", "What it adds", "Value that moves most")
 
 
@@ -84,6 +92,7 @@ def report_page(
     criticism: Criticism | None = None,
 ) -> Page:
     """The page and its figures."""
+    view = results_view(identification, criticism, title or "Structural identification", provenance)
     found, structure = identification.estimate, identification.structure
     drawn = structure_picture(structure, identification.sensors, identification.loads)
     band = band_used(identification.fits[:1], identification.modal_fits)
@@ -92,6 +101,7 @@ def report_page(
     warnings, repeated = sorted_warnings(identification)
     side_by_side, beside_model = side_by_side_chapter(identification)
     figures = {
+        **({"extremes": extremes_figure(identification.fits[0])} if identification.fits else {}),
         "parameters": parameters_figure(identification),
         "structure": structure_figure(drawn, shadings(identification)),
         **_record_figures(identification),
@@ -101,26 +111,28 @@ def report_page(
         **({"modes": modes_figure(rows, band)} if len(rows.frequency) else {}),
         "convergence": convergence_figure(identification),
     }
+    shapes = model_shapes_figure(structure, identification.modes)
+    figures |= {} if shapes is None else {"shapes": shapes}
     words = {
-        "title": title or "Structural identification",
-        **verdict_words(criticism),
+        "title": view.title,
+        **verdict_words(view),
+        "values": tables.value_table(view),
         "status": found.status.value,
         "status_words": _status_warning(identification),
-        "is_good": found.status is Status.CONVERGED and not identification.warnings,
         "warnings": warnings,
         "repeated": repeated,
         "directions": tables.direction_table(found),
         "groups": [group.words for group in found.identifiability.groups[:_MOST_GROUPS]],
         "summary": (*tables.summary_facts(identification), *modal_cards(identification)),
         "record": tables.record_facts(identification) if identification.fits else (),
-        "modal": [_modal(identification, place) for place in range(len(identification.modal_fits))],
+        "modal": [_modal(identification, index) for index in range(len(identification.modal_fits))],
         "ratios": ratio_table(identification),
         "structure": (
             *tables.structure_facts(structure),
             *(("Error of reduction", one.words) for one in identification.truncations),
         ),
         "elements": tables.element_table(structure),
-        "parameters": tables.parameter_table(identification),
+        "parameters": tables.parameter_table(view),
         "alternatives": None
         if identification.alternatives is None
         else (identification.alternatives.search_words, tables.alternatives_table(identification.alternatives)),
@@ -128,15 +140,15 @@ def report_page(
             (one.words, one.outlying_words, tables.varied_table(identification, one)) for one in identification.varied
         ],
         "intervals": tables.interval_words(identification),
-        "interval_notes": (identification.assumption, *identification.intervals.notes),
+        "interval_notes": view.notes,
         "residual_tests": tables.residual_table(found),
         "residual_words": () if found.residual_tests is None else found.residual_tests.words,
         "modes": tables.mode_table(rows, band) if len(rows.frequency) else None,
         "resonances": tables.resonance_table(identification.resonances) if identification.resonances else None,
-        "provenance": provenance_facts(provenance),
+        "provenance": provenance_table(view.provenance),
         "has_responses": bool(identification.fits),
         "first": identification.fits[0].name if identification.fits and n_records > 1 else "",
-        "others": [_other(identification, place) for place in range(1, len(identification.fits))],
+        "others": [_other(identification, index) for index in range(1, len(identification.fits))],
         "notes": drawn.notes,
         "beside_model": beside_model,
     }
@@ -199,27 +211,34 @@ def _status_warning(identification: Identification) -> str:
     return f"{found.status_words} ({found.message})"
 
 
-def verdict_words(criticism: Criticism | None) -> dict[str, object]:
-    """What the template shows of the verdict."""
-    if criticism is None:
-        return {"verdict": None, "held": None}
-    judgement, causes = criticism.judgement, criticism.named
+def verdict_words(view: ResultsView) -> dict[str, object]:
+    """What the template shows of the verdict, of causes and of changes that explain nothing."""
+    criticism = view.criticism
+    causes = criticism.named
+    table = Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None
+    telling = [one for one in criticism.held if abs(one.distance[one.most_moved]) >= _TELLING]
     return {
         "verdict": {
-            "words": judgement.words,
-            "mark": _MARKS[judgement.verdict],
-            "reasons": judgement.reasons[1:],
-            "heading": "What explains the misfit" if criticism.causes else "What would lower the misfit",
-            "tried": f"{counted(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
-            "causes": Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None,
-            "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
+            "words": view.headline,
+            "mark": _MARKS[view.verdict],
+            "next_step": view.next_step,
+            "advice": view.advice[:MOST_ADVICE],
+            "more": view.advice[MOST_ADVICE:],
         },
-        "held": held_table(criticism.held) if criticism.held else None,
+        "reasons": criticism.judgement.reasons,
+        "causes": table if criticism.causes else None,
+        "lowering": None if criticism.causes else table,
+        "studies": [(cause.line, cause.study, "\n".join(cause.lines)) for cause in causes if cause.study],
+        "tried": f"{plural(criticism.n_tried, 'change')} of model and record tried" if criticism.n_tried else "",
+        "held": held_table(telling) if telling else None,
+        "held_left": plural(len(criticism.held) - len(telling), "fixed value")
+        if len(telling) < len(criticism.held)
+        else "",
     }
 
 
 def held_table(held: Sequence[HeldValue]) -> Table:
-    """What the model holds, that which moves a value farthest first."""
+    """Sensitivity of the values to what the model fixes, that which moves a value farthest first."""
     return Table(_HELD, tuple(_held_row(one) for one in resting(held)), (2, 3, 4))
 
 
@@ -230,7 +249,7 @@ def _held_row(one: HeldValue) -> tuple[str, ...]:
 
 
 def _row(cause: Cause, first: Cause) -> tuple[str, ...]:
-    alike = " (the data do not tell it from the first)" if cause.is_alike and cause is not first else ""
+    alike = " (the data cannot distinguish it from the first)" if cause.is_alike and cause is not first else ""
     added = ", ".join(f"{name} = {with_unit(number(value), unit)}" for name, value, unit in cause.found)
     moved = ""
     if cause.moved:

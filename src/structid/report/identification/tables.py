@@ -8,7 +8,20 @@ from collections.abc import Iterable
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.core.display import counted
+from structid.core.display import plural
+from structid.core.quantities import (
+    DASH,
+    NOTHING,
+    TIMES,
+    exact,
+    number,
+    percent,
+    prefixed,
+    span_text,
+    unit_text,
+    with_std,
+    with_unit,
+)
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
 from structid.identification.alternatives import Alternatives
@@ -16,15 +29,14 @@ from structid.identification.fits.resonances import Resonance
 from structid.identification.identified import Identification
 from structid.identification.varying import Varied
 from structid.inversion import Estimate
-from structid.inversion.intervals.intervals import span_digits
 from structid.report.figures.modes import ModeRows
 from structid.report.tables import Table
-from structid.report.text import DASH, NOTHING, TIMES, exact, number, percent, prefixed, unit_text, with_std, with_unit
+from structid.study.results.view import ResultsView
 
 _FORMS = {
     "output": "difference of measured and modelled FRF over its standard deviation (maximum likelihood)",
     "log": "difference of the logarithms of measured and modelled FRF (errors in proportion to the FRF)",
-    "pole_free": "difference over the mean size of measured and modelled FRF (pole-free)",
+    "pole_free": "difference over the mean size of measured and modelled FRF (bounded near resonances)",
     "equation": "equation error of the measured outputs",
 }
 _NOISE = {
@@ -45,63 +57,48 @@ _INTERVALS = {
 _MOST_SETS = 12
 
 
-def parameter_states(identification: Identification) -> tuple[str, ...]:
-    """For each parameter whether it is identified, if only with help, or at a bound."""
-    found = identification.estimate
-    weak = np.zeros(len(found.names), dtype=bool)
-    for direction in found.identifiability.directions:
-        weak |= np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
-    has_prior = bool(np.isfinite(identification.prior_std).any())
-    held = {one.index: f"at its {one.side} bound" for one in found.at_bound}
-    states = []
-    for i, (identified, doubtful) in enumerate(zip(found.identified, weak, strict=True)):
-        if i in identification.ran_away:
-            states.append("ran away")
-        elif i in held:
-            states.append(held[i])
-        elif not identified:
-            states.append("not identified")
-        elif doubtful:
-            states.append("rests on a prior" if has_prior else "weakly identified")
-        else:
-            states.append("identified")
-    return tuple(states)
+def value_table(view: ResultsView) -> Table:
+    """Every parameter with its standard deviation, interval and state."""
+    header = ("Parameter", "Identified ± std", "95\u00a0% interval", "Initial", "State")
+    rows = tuple(
+        (
+            one.name,
+            f"{one.value_text} {one.unit_text}".strip(),
+            one.interval_text,
+            exact(one.scaled(one.initial)),
+            one.state,
+        )
+        for one in view.listed
+    )
+    marks = tuple("" if one.is_determined else "doubtful" for one in view.listed)
+    return Table(header, rows, (1, 2, 3), marks)
 
 
-def parameter_table(identification: Identification) -> Table:
-    """Every parameter in physical units, with both standard deviations."""
-    found = identification.estimate
+def parameter_table(view: ResultsView) -> Table:
+    """Every parameter with its prior, its change, and standard deviations by what they come from."""
+    found = view.identification.estimate
     adopted = "model error" if found.covariance_basis == "model_error" else "noise"
     adopted += "" if found.fixed is None else " and tolerances"
     header = (
-        "Parameter", "Unit", "Initial", "Prior", f"Identified ± std ({adopted}, adopted)", "Relative std",
-        "95\u00a0% interval", "Change", "Std (noise)", "Std (model error)", "State",
+        "Parameter", "Unit", "Prior", f"Identified ± std ({adopted}, adopted)", "Relative std", "Change",
+        "Std (noise)", "Std (model error)",
     )  # fmt: skip
-    states = parameter_states(identification)
-    ends, held = identification.intervals.ends, {one.index for one in found.at_bound}
     rows = []
-    for i in identification.listed:
-        name = found.names[i]
-        factor, unit = prefixed(found.units[i], float(found.values[i]), float(found.initial[i]))
-        value, initial, std = (float(own[i]) / factor for own in (found.values, found.initial, found.std))
-        prior = with_std(float(identification.prior_mean[i]) / factor, float(identification.prior_std[i]) / factor)
+    for one in view.listed:
+        has_prior, value = math.isfinite(one.prior_std), one.value
         rows.append(
             (
-                name,
-                unit or "1",
-                exact(initial),
-                prior if np.isfinite(identification.prior_std[i]) else NOTHING,
-                exact(value) if i in held else with_std(value, std),
-                percent(std / abs(value), 2, signed=False, most_decimals=6) if value else NOTHING,
-                span_text(float(ends[i, 0]) / factor, float(ends[i, 1]) / factor),
-                percent(value / initial - 1) if initial else NOTHING,
-                number(float(found.std_noise[i]) / factor, 2),
-                number(float(found.std_model_error[i]) / factor, 2),
-                states[i],
+                one.name,
+                one.unit_text or "1",
+                with_std(one.scaled(one.prior_mean), one.scaled(one.prior_std)) if has_prior else NOTHING,
+                one.value_text,
+                percent(one.std / abs(value), 2, signed=False, most_decimals=6) if value else NOTHING,
+                percent(value / one.initial - 1) if one.initial else NOTHING,
+                number(one.scaled(one.std_noise), 2),
+                number(one.scaled(one.std_model_error), 2),
             )
         )
-    marks = tuple("" if states[i] == "identified" else "doubtful" for i in identification.listed)
-    return Table(header, tuple(rows), (2, 3, 4, 5, 6, 7, 8, 9), marks)
+    return Table(header, tuple(rows), (2, 3, 4, 5, 6, 7))
 
 
 def alternatives_table(sets: Alternatives) -> Table:
@@ -133,18 +130,6 @@ def varied_table(identification: Identification, varied: Varied) -> Table:
             (record, common, unit, value, span, number(deviation, 2), number(p, 2), "stands out" if outlying else "")
         )
     return Table(header, tuple(rows), (3, 4, 5, 6), tuple("doubtful" if row[-1] else "" for row in rows))
-
-
-def span_text(low: float, high: float) -> str:
-    """An interval, its ends to a hundredth of its width; what the data leave without a limit is told."""
-    if math.isnan(low) or math.isnan(high):
-        return NOTHING
-    if not math.isfinite(low):
-        return f"below {number(high)}, no lower limit" if math.isfinite(high) else "no limits"
-    if not math.isfinite(high):
-        return f"above {number(low)}, no upper limit"
-    first, second = span_digits(low, high)
-    return f"{number(low, first)} to {number(high, second)}"
 
 
 def interval_words(identification: Identification) -> str:
@@ -287,7 +272,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
     of = f"{n} free ones" if n < len(found.names) else str(n)
     basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
     chance = f"{found.degrees_of_freedom} degrees of freedom, probability {number(found.chi_square_probability, 2)}"
-    steps = f"{counted(found.n_iterations, 'iteration')}; {found.message}"
+    steps = f"{plural(found.n_iterations, 'iteration')}; {found.message}"
     remark = "; an error of 1 % in the force is one of 1 % here" if identification.rests_on_force else ""
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.quantities import unit_text
 from structid.report.drawing import palette
-from structid.report.text import unit_text
 
 #: Where the viewer of three dimensions stands: azimuth and elevation, degrees.
 VIEW = (-55.0, 22.0)

@@ -22,7 +22,7 @@ from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import NullLocator
 
 from structid.core.errors import InputError
-from structid.files import atomic_write, made_folder
+from structid.files import atomic_write, make_folder
 from structid.report.drawing import palette
 from structid.report.rendering.plot import (
     VIEW,
@@ -78,7 +78,7 @@ _NONE = Pen("none", 0.0)
 
 def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
     """Write a PNG file into `folder`, which is made where it does not exist, for each of `pictures`."""
-    made_folder(folder)
+    make_folder(folder)
     for name, figure in pictures(figures).items():
         with atomic_write(folder / f"{name}.png") as temporary, matplotlib.rc_context(STYLE):
             drawn(figure).savefig(temporary, dpi=DPI, format="png", metadata={"Software": None})

@@ -20,6 +20,18 @@ async function unpacked(id) {
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).text();
 }
 
+// A drawing on a telephone: the bar of colours below it, and no labels, which would cover each other; a tap names an element.
+const isBare = (panel) => panel.layout.xaxis?.visible === false;
+function slim(plot, panel, data) {
+  const axis = panel.layout.coloraxis, bar = {orientation: "h", thickness: 10, y: 0, yanchor: "top", xanchor: "center", x: 0.5};
+  const coloraxis = axis && {...axis, colorbar: {...axis.colorbar, ...bar, title: {...axis.colorbar.title, side: "top"}}};
+  const length = ({range}) => Math.abs(range[1] - range[0]), {xaxis, yaxis} = panel.layout, below = axis ? 64 : 4;
+  const height = Math.min(panel.layout.height, (plot.clientWidth - 8) * length(yaxis) / length(xaxis) + below);
+  const layout = {...panel.layout, height, margin: {l: 4, r: 4, t: 4, b: below}, ...(axis ? {coloraxis} : {})};
+  plot.style.height = `${height}px`;
+  return [data.filter((trace) => trace.mode !== "text"), layout];
+}
+
 function startFigure(box, panels, arrays) {
   const list = box.querySelector(".chooser select"), plots = [...box.querySelectorAll(".plot")];
   const headings = [...box.querySelectorAll(".heading")], hidden = new Set(), size = box.querySelector("input");
@@ -47,7 +59,9 @@ function startFigure(box, panels, arrays) {
     phase = timer ? phase : 0;
     headings[i].textContent = panel.title;
     const config = {...CONFIG, displayModeBar: plot.clientWidth < 340 ? false : "hover"};
-    react(plot, panel, panel.data.map(traceOf), panel.layout, config);
+    const data = panel.data.map(traceOf), isNarrow = plot.clientWidth < 520 && isBare(panel);
+    if (!isNarrow) { plot.style.height = `${panel.layout.height}px`; }
+    react(plot, panel, ...(isNarrow ? slim(plot, panel, data) : [data, panel.layout]), config);
   });
   const step = (by) => {
     list.value = String((Number(list.value) + by + list.options.length) % list.options.length);
@@ -85,6 +99,7 @@ function startFigure(box, panels, arrays) {
   }
   const on = (selector, event, action) => box.querySelectorAll(selector).forEach((part) => part.addEventListener(event, action));
   on(".chooser select, .chooser input", "change", draw);
+  matchMedia("(max-width: 600px)").addEventListener("change", draw);
   on(".previous", "click", () => step(-1));
   on(".next", "click", () => step(1));
   on(".play", "click", () => { timer = timer || setInterval(animate, 60); });
@@ -98,6 +113,12 @@ function startFigure(box, panels, arrays) {
   draw();
 }
 
+// Call `draw` once no fold hides `box`: a figure has no width before.
+function whenOpen(box, draw) {
+  const fold = box.closest("details:not([open])");
+  if (fold) { fold.addEventListener("toggle", () => whenOpen(box, draw), {once: true}); } else { draw(); }
+}
+
 async function start() {
   if (!("DecompressionStream" in window)) { document.getElementById("too-old").hidden = false; return; }
   for (const part of document.querySelectorAll("script.library")) {
@@ -109,12 +130,19 @@ async function start() {
   const {figures, arrays} = JSON.parse(await unpacked("figures"));
   for (const [name, panels] of Object.entries(figures)) {
     const box = document.getElementById("figure-" + name);
-    if (box) { startFigure(box, panels, arrays); }
+    if (box) { whenOpen(box, () => startFigure(box, panels, arrays)); }
   }
 }
 // On paper the page is narrower than on the screen.
 const fitted = () => document.querySelectorAll(".plot").forEach((plot) => { if (plot.clientWidth) { plot.library?.Plots.resize(plot); } });
 matchMedia("print").addEventListener("change", fitted);
-window.addEventListener("beforeprint", fitted);
-window.addEventListener("afterprint", fitted);
+// Paper shows what is folded too.
+const folds = () => document.querySelectorAll("details:not([open])");
+let opened = [];
+window.addEventListener("beforeprint", () => {
+  opened = [...folds()];
+  opened.forEach((fold) => { fold.open = true; fold.dispatchEvent(new Event("toggle")); });
+  fitted();
+});
+window.addEventListener("afterprint", () => { opened.forEach((fold) => { fold.open = false; }); fitted(); });
 start();

@@ -51,14 +51,14 @@ def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Ite
 
 
 def table_3_1() -> Item:
-    """The actual parameters, identified from exact motion; with damping 45 parameters."""
+    """Table 3.1: the actual parameters of the beam, identified from exact motion (45 parameters with damping)."""
     rows, results = [], []
     for label, damping in _dampings().items():
         structure = beam(ACTUAL, damping)
         for n_samples in _SAMPLES:
             if damping and n_samples == 1:
                 continue  # 32 equations for 45 parameters
-            error, condition, values = _noise_free(structure, tuple(damping), n_samples)
+            error, condition, values = _identify_noise_free(structure, tuple(damping), n_samples)
             rows.append(f"{label}, m = {n_samples}")
             results.append([len(values), error, condition])
             if label == "undamped" and n_samples == 2:
@@ -95,16 +95,18 @@ def _dampings() -> dict[str, dict[str, FloatArray]]:
     }
 
 
-def _noise_free(structure: Structure, damping: tuple[str, ...], n_samples: int) -> tuple[float, float, FloatArray]:
-    """Largest relative error, condition and values identified from exact motion."""
+def _identify_noise_free(
+    structure: Structure, damping: tuple[str, ...], n_samples: int
+) -> tuple[float, float, FloatArray]:
+    """Largest relative error, condition number, and parameters (n_params,) identified from exact motion at `n_samples` instants."""
     unknown = unknown_values(structure, *damping)
     motion = driven(structure, sampling_times(n_samples), bool(damping))
-    found = motion_fit(structure, unknown).updated(motion).solution()
-    return float(np.abs(found.values / unknown.start - 1).max()), found.condition, found.values
+    solution = motion_fit(structure, unknown).updated(motion).solution()
+    return float(np.abs(solution.values / unknown.start - 1).max()), solution.condition, solution.values
 
 
 def table_3_4() -> Item:
-    """Natural frequencies from Tables 3.1 and 3.2, and their relative differences."""
+    """Table 3.4: natural frequencies from the parameters of Tables 3.1 and 3.2, and their relative differences."""
     actual, estimated = natural_frequencies(ACTUAL), natural_frequencies(ESTIMATED[4])
     relative = np.full(10, np.nan)
     relative[2:] = estimated[2:] / actual[2:] - 1
@@ -135,7 +137,7 @@ def natural_frequencies(values: FloatArray) -> FloatArray:
 
 
 def figure_3_1() -> Item:
-    """The finite element model: its sizes, and its distributions of mass and stiffness."""
+    """Figure 3.1: sizes of the finite element model, and its distributions of mass and stiffness."""
     structure = beam(ACTUAL)
     positions = np.array([float(x[0]) for x in structure.nodes.values()])
     sizes = [
@@ -167,7 +169,7 @@ def figure_3_1() -> Item:
 
 
 def figure_3_2() -> Item:
-    """The element: the interpolation functions of its nodal displacements, and the matrices they give."""
+    """Figure 3.2: interpolation functions of the element's nodal displacements, and the element matrices that they give."""
     points, weights = np.polynomial.legendre.leggauss(6)
     xi, weights = 0.5 * (points + 1), 0.5 * weights
     shapes = hermite(xi)

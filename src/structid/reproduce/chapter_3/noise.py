@@ -55,7 +55,9 @@ def added(exact: Motion, rng: np.random.Generator) -> Motion:
 
 
 def integrated(exact: Motion, rng: np.random.Generator) -> Motion:
-    """As the text has it: accelerations sampled at 1 ms with noise as in B, integrated twice, taken every 0.5 s."""
+    """Noisy motion as the text describes it: noisy accelerations at 1 ms, integrated twice and sampled every 0.5 s, and
+    noisy force.
+    """
     fine = _fine_motion(round(exact.n_times * STEP / FINE_STEP))
     a = _acceleration(fine)
     noisy = a + NOISE * _rms(a) * rng.standard_normal(a.shape)
@@ -105,24 +107,26 @@ def sum_of_two_rms(relative: FloatArray) -> FloatArray:
 
 
 def repeats(reading: str, n_samples: int, n_seeds: int) -> Errors:
-    """Least-squares estimates from `n_samples` noisy samples, once for each seed."""
+    """Relative errors of least-squares estimates from `n_samples` noisy samples, once for each seed; `reading` names the
+    kind of noise.
+    """
     structure = beam(ACTUAL)
     equations = time_equations(structure, unknown_values(structure))
     exact = driven(structure, sampling_times(n_samples))
     batch = max(1, _BATCH_ENTRIES // (equations.operator.shape[0] * n_samples))
-    found = []
+    values = []
     for first in range(0, n_seeds, batch):
         seeds = range(first, min(first + batch, n_seeds))
         noisy = [READINGS[reading](exact, np.random.default_rng(seed)) for seed in seeds]
         fields = np.stack([equations.fields(motion) for motion in noisy])
-        found.append(batched_values(equations, fields))
-    return Errors(np.concatenate(found) / ACTUAL - 1)
+        values.append(batched_values(equations, fields))
+    return Errors(np.concatenate(values) / ACTUAL - 1)
 
 
 def batched_values(equations: TimeEquations, fields: FloatArray) -> FloatArray:
     """Least-squares parameters of many records at once: fields (n_records, 4 n_dofs, n_times) to (n_records, n_params).
 
-    The equations must have one block a degree of freedom.
+    The equations must have one block for each degree of freedom.
     """
     n_records, n_fields, n_times = fields.shape
     wide = np.moveaxis(fields, 0, 1).reshape(n_fields, -1)
@@ -135,7 +139,7 @@ def batched_values(equations: TimeEquations, fields: FloatArray) -> FloatArray:
 
 
 def predicted_bias(reading: str, n_samples: int) -> float:
-    """RMS over the parameters of the relative bias that the noise of the motion should give, to first order.
+    """First-order prediction of the relative bias due to noise in the motion, as RMS over the parameters.
 
     For ``integrated`` the displacement's error after k fine steps of h has variance s^2 h^4 k^3 / 3.
     """
@@ -152,22 +156,24 @@ def predicted_bias(reading: str, n_samples: int) -> float:
     return float(np.sqrt(((bias / ACTUAL) ** 2).mean()))
 
 
-def rigid_body_share(duration: float) -> tuple[float, float]:
-    """Part of the mass-weighted mean square of displacement and acceleration that is rigid-body motion."""
+def rigid_body_fractions(duration: float) -> tuple[float, float]:
+    """Fractions of the mass-weighted mean squares of displacement and of acceleration that are rigid-body motion, over
+    `duration` in s.
+    """
     structure = beam(ACTUAL)
     mass = structure.matrix("inertia").toarray()
     motion = _fine_motion(round(duration / FINE_STEP))
     x = np.repeat(np.arange(N_ELEMENTS + 1.0), 2)
-    turn = np.arange(2 * N_ELEMENTS + 2) % 2 == 1
-    rigid = np.stack([np.where(turn, 0.0, 1.0), np.where(turn, 1.0, x)], axis=1)
+    is_rotation = np.arange(2 * N_ELEMENTS + 2) % 2 == 1
+    rigid = np.stack([np.where(is_rotation, 0.0, 1.0), np.where(is_rotation, 1.0, x)], axis=1)
     gram = rigid.T @ mass @ rigid
-    shares = []
+    fractions = []
     for field in (motion.displacement, motion.acceleration):
         assert field is not None
         part = field @ mass @ rigid
         total = float(np.einsum("ti,ij,tj->", field, mass, field))
-        shares.append(float(np.einsum("ti,ij,tj->", part, np.linalg.inv(gram), part)) / total)
-    return shares[0], shares[1]
+        fractions.append(float(np.einsum("ti,ij,tj->", part, np.linalg.inv(gram), part)) / total)
+    return fractions[0], fractions[1]
 
 
 @cache
@@ -186,7 +192,7 @@ def _rms(values: FloatArray) -> FloatArray:
 
 
 def noisy_table(name: str, n_samples: int, n_seeds: int) -> Item:
-    """Table 3.2 or 3.3 beside the median and the 5-95 % band of repeats under readings A and B."""
+    """Table 3.2 or 3.3 (`name`) beside the median and the 5-95 % band of `n_seeds` repeats under readings A and B of the noise."""
     printed, rms = ESTIMATED[n_samples], RMS_ERROR[n_samples]
     studies = {reading: repeats(reading, n_samples, n_seeds) for reading in ("A", "B")}
     values = ACTUAL * (1 + studies["A"].relative)
@@ -221,7 +227,10 @@ def noisy_table(name: str, n_samples: int, n_seeds: int) -> Item:
 
 
 def _rms_table(rms: float, both: float, all_30: float, studies: dict[str, Errors]) -> Table:
-    """The RMS errors of the printed table, and the medians and bands of the studies around it."""
+    """Table of the printed RMS error `rms` beside the RMS errors of the printed parameters and of the repeats.
+
+    `both` is the sum of the RMS over masses and over stiffnesses, `all_30` the RMS over all parameters.
+    """
     rows = ["of the printed table"]
     computed = [[both, all_30, np.nan, np.nan, np.nan]]
     for reading, study in studies.items():
@@ -236,7 +245,8 @@ def _rms_table(rms: float, both: float, all_30: float, studies: dict[str, Errors
 
 
 def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
-    """What more samples really do, with exact displacements and with displacements integrated from noisy accelerations.
+    """Claims of the text on noise: the effect of more samples with exact displacements, and with displacements integrated
+    from noise.
 
     Parameters
     ----------
@@ -260,7 +270,7 @@ def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
     exact, honest = computed[:split], computed[split:]
     grows = bool((np.diff(honest[:, 1]) > 0).all())
     floor = bool(abs(exact[-1, 4] / exact[-1, 3] - 1) < 0.1 and exact[-1, 1] < 1.2 * exact[-1, 3])
-    displacement, acceleration = rigid_body_share(4.0)
+    displacement, acceleration = rigid_body_fractions(4.0)
     headings = ("5 %", "median", "95 %", "bias", "predicted bias", "seeds")
     return Item(
         "Claims on noise",
@@ -278,11 +288,12 @@ def claims(n_seeds: int, report: Callable[[float], None]) -> Item:
         f" the mass-weighted mean square of the displacement over 0-4 s, and {100 * acceleration:.0f} % of that of the"
         " acceleration; 'not significantly excited' is so for the latter only.",
         tables=(unprinted(tuple(rows), headings, computed),),
-        panels=(_panel(exact, honest),),
+        panels=(_error_panel(exact, honest),),
     )
 
 
-def _panel(exact: FloatArray, honest: FloatArray) -> Panel:
+def _error_panel(exact: FloatArray, honest: FloatArray) -> Panel:
+    """Figure panel of the RMS error against the number of samples; rows are (5 %, median, 95 %, ..., predicted bias)."""
     curves = []
     for label, samples, part in (
         ("exact displacements", _EXACT_DISPLACEMENT, exact),

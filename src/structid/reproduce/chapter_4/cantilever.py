@@ -117,7 +117,7 @@ def unknowns(structure: Structure) -> Parameters:
 
 
 def exact_record(values: FloatArray, reading: Reading) -> FrfRecord:
-    """The noise-free receptances of the cantilever with these parameters."""
+    """Noise-free receptances of the cantilever with the parameters `values`, (12,), at the lines and sensors of `reading`."""
     frequency = np.array(reading.frequency)
     blank = np.ones((len(frequency), len(reading.outputs), 1), dtype=np.complex128)
     record = FrfRecord(frequency, blank, parse_dofs(reading.outputs), parse_dofs((TIP,)), "receptance")
@@ -131,7 +131,7 @@ def rms(relative_error: FloatArray) -> float:
 
 
 def classical_values(case: Case, record: FrfRecord, n_iterations: int) -> FloatArray:
-    """Parameters from the postulated ones on, (at most n_iterations + 1, 12): full steps of Eqs. (4.17) and (4.26).
+    """Parameters along the classical iteration from the postulated ones, (at most n_iterations + 1, 12): Eqs. (4.17) and (4.26).
 
     It ends early where the step diverges beyond `DIVERGED` or the model cannot be evaluated. The steps are those of
     ``GaussNewton(step_control=False)``, with one linearization a step instead of the three that its bookkeeping takes.
@@ -142,8 +142,8 @@ def classical_values(case: Case, record: FrfRecord, n_iterations: int) -> FloatA
     with np.errstate(all="ignore"):
         while len(path) <= n_iterations:
             try:
-                at = problem.linearize(path[-1])
-                values = path[-1] - np.linalg.lstsq(at.jacobian, at.residual, rcond=None)[0]
+                linearization = problem.linearize(path[-1])
+                values = path[-1] - np.linalg.lstsq(linearization.jacobian, linearization.residual, rcond=None)[0]
             except (np.linalg.LinAlgError, SingularModelError):
                 break
             if not rms(values / case.actual - 1) < DIVERGED:

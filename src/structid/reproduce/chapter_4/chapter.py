@@ -68,7 +68,7 @@ def items(progress: Progress | None = None, n_seeds: int = N_SEEDS) -> tuple[Ite
 
 
 def table_4_1() -> Item:
-    """The actual parameters, identified again from the postulated ones."""
+    """Table 4.1: the actual parameters of cases 1 and 2, identified from the postulated ones."""
     all_motions = exact_record(CASE_1.actual, Reading("", in_rad_per_s(GRID[0]), ALL_MOTIONS))
     tip_in_hz = exact_record(CASE_2.actual, Reading("", GRID, (TIP,)))
     computed = np.column_stack(
@@ -80,23 +80,23 @@ def table_4_1() -> Item:
     )
     printed = np.column_stack([CASE_1.actual, CASE_1.actual, CASE_2.actual])
     columns = ("Case 1, classical iteration", "Case 1, one linear solve", "Case 2, classical iteration, Hz")
-    found = np.abs(computed / printed - 1).max() < 1e-10
+    is_recovered = np.abs(computed / printed - 1).max() < 1e-10
     start = np.column_stack(
         [CASE_1.postulated, 100 * CASE_1.relative_error, CASE_2.postulated, 100 * CASE_2.relative_error]
     )
-    given = start.copy()
-    given[:, [1, 3]] = np.nan
+    printed_start = start.copy()
+    printed_start[:, [1, 3]] = np.nan
     headings = ("Case 1, postulated", "error (%)", "Case 2, postulated", "error of it (%)")
     return Item(
         "Table 4.1",
         "Actual and postulated parameters for cases 1 and 2",
-        Verdict.READING if found else Verdict.REFUTED,
+        Verdict.READING if is_recovered else Verdict.REFUTED,
         "The actual parameters come back from the postulated ones to rounding: in case 1 from all twelve motions at"
         " 0.5 rad/s, by the classical iteration and, with no postulated model at all, by one linear solve with the"
         " measured motion in the regressor; in case 2 from one transverse sensor at the tip only if the twelve"
         " frequencies are read in Hz (see Figure 4.3). Units: what is printed in kg is mass per length, kg/m; the"
         " stiffnesses are k = EI / h^3 in N/m, equal to EI since the elements have h = 1 m.",
-        tables=(Table(_rows(), columns, printed, computed), Table(_rows(), headings, given, start)),
+        tables=(Table(_rows(), columns, printed, computed), Table(_rows(), headings, printed_start, start)),
     )
 
 
@@ -105,7 +105,7 @@ def _rows() -> tuple[str, ...]:
 
 
 def figure_4_1() -> Item:
-    """The finite element model: its sizes, and its distributions of mass and stiffness."""
+    """Figure 4.1: sizes of the finite element model, and its distributions of mass and stiffness."""
     structure = cantilever(CASE_1.actual)
     length = float(structure.nodes[N_ELEMENTS][0])
     rows = ("elements N", "free nodes", "degrees of freedom n", "length L (m)", "parameters")
@@ -134,10 +134,12 @@ def figure_4_1() -> Item:
 
 
 def _distributions(part: slice) -> tuple[Curve, ...]:
-    """Actual and postulated values of both cases as steps along the beam."""
+    """Curves of the actual and postulated parameters (the slice `part` of the 12) of both cases as steps along the beam."""
     x = np.repeat(np.arange(N_ELEMENTS + 1.0), 2)[1:-1]
     both = [(case.name, {"actual": case.actual, "postulated": case.postulated}) for case in (CASE_1, CASE_2)]
-    named = [(f"{name}, {which}", values[part]) for name, held in both for which, values in held.items()]
+    named = [
+        (f"{name}, {which}", values[part]) for name, values_by_kind in both for which, values in values_by_kind.items()
+    ]
     return tuple(Curve(label, x, np.repeat(values, 2)) for label, values in named)
 
 
@@ -147,11 +149,11 @@ def errors_of(case: Case, reading: Reading) -> FloatArray:
 
 
 def figure_4_2() -> Item:
-    """All motions measured: five iterations, or one linear solve."""
+    """Figure 4.2: convergence with all motions measured, in five iterations or in one linear solve."""
     main = errors_of(CASE_1, ALL_AT_HALF)
     solved = np.full(len(main), np.nan)
-    one = one_step_solution(CASE_1, exact_record(CASE_1.actual, ALL_AT_HALF))
-    solved[:2] = main[0], rms(one / CASE_1.actual - 1)
+    one_step = one_step_solution(CASE_1, exact_record(CASE_1.actual, ALL_AT_HALF))
+    solved[:2] = main[0], rms(one_step / CASE_1.actual - 1)
     others = [Reading(f"{omega:g} rad/s", in_rad_per_s(omega), ALL_MOTIONS) for omega in (1.0, 2.0, 3.0, 6.0)]
     others += [Reading("0.5 Hz", (GRID[0],), ALL_MOTIONS), ALL_AT_ALL]
     paths = [errors_of(CASE_1, reading) for reading in others]
@@ -180,7 +182,7 @@ def figure_4_2() -> Item:
 
 
 def figure_4_3() -> Item:
-    """One sensor: the iteration diverges as printed, and converges under other readings."""
+    """Figure 4.3: convergence with one sensor, which diverges as printed and converges under other readings of the data."""
     readings = [TIP_PRINTED, TIP_IN_HZ, TIP_NODE, TWO_DEFLECTIONS]
     paths = [errors_of(CASE_2, reading) for reading in readings]
     singles, printed_converges = _single_sensors()
@@ -213,14 +215,23 @@ def _start_table(case: Case, printed: float, errors: FloatArray) -> Table:
 
 
 def _single_sensors() -> tuple[Table, int]:
-    """Each transverse sensor alone, in rad/s and in Hz; and for how many the printed reading converges."""
+    """Table of each transverse sensor alone, in rad/s and in Hz, and for how many of them the printed reading converges."""
     rows = []
     for sensor in DEFLECTIONS:
         printed = Reading("", in_rad_per_s(*GRID), (sensor,))
         in_hz = Reading("", GRID, (sensor,))
-        here, there = errors_of(CASE_2, printed), errors_of(CASE_2, in_hz)
+        errors, errors_in_hz = errors_of(CASE_2, printed), errors_of(CASE_2, in_hz)
         conditions = [np.linalg.cond(relative_jacobian(CASE_2, r)) for r in (printed, in_hz)]
-        rows.append([conditions[0], here[1], iterations_to(here), conditions[1], there[1], iterations_to(there)])
+        rows.append(
+            [
+                conditions[0],
+                errors[1],
+                iterations_to(errors),
+                conditions[1],
+                errors_in_hz[1],
+                iterations_to(errors_in_hz),
+            ]
+        )
     computed = np.array(rows)
     columns = tuple(
         f"{unit}: {what}"
@@ -232,7 +243,7 @@ def _single_sensors() -> tuple[Table, int]:
 
 
 def _sensor_pairs() -> tuple[Table, int]:
-    """Each pair of transverse sensors in rad/s; and for how many the iteration converges."""
+    """Table of each pair of transverse sensors in rad/s, and for how many pairs the iteration converges."""
     chosen = list(combinations(DEFLECTIONS, 2))
     paths = [errors_of(CASE_2, Reading("", in_rad_per_s(*GRID), pair)) for pair in chosen]
     computed = np.array([[path[1], path[3], iterations_to(path)] for path in paths])

@@ -123,10 +123,10 @@ STUDIES_2 = (
 
 
 def figure_4_4(seeds: range, report: Callable[[float], None]) -> Item:
-    """All motions measured with noise: which noise the iteration survives."""
-    found = outcomes(STUDIES_1, seeds, report)
-    printed, everywhere = found[0], found[-1]
-    excitation, gain = found[4], found[5]
+    """Figure 4.4: convergence with all motions measured with noise, under several readings of the noise."""
+    results = outcomes(STUDIES_1, seeds, report)
+    printed, everywhere = results[0], results[-1]
+    excitation, gain = results[4], results[5]
     return Item(
         "Figure 4.4",
         "RMS error, all motions measured, noise (case 1)",
@@ -140,18 +140,18 @@ def figure_4_4(seeds: range, report: Callable[[float], None]) -> Item:
         " hundred to a thousand times smaller. The data could be mended: all twelve frequencies bring the bound of"
         f" sensor noise to {100 * everywhere.sensor_bound:.2g} %, though the classical iteration does not converge"
         f" there.{_MODEL} Seeds 0 to {len(seeds) - 1}; bands hold 5 to 95 % of them.",
-        tables=(_table(found),),
+        tables=(_table(results),),
         panels=(
-            _panel("Case 1, independent sensor noise", found[:4]),
-            _panel("Case 1, other readings of the noise", found[4:]),
+            _panel("Case 1, independent sensor noise", results[:4]),
+            _panel("Case 1, other readings of the noise", results[4:]),
         ),
     )
 
 
 def figure_4_5(seeds: range, report: Callable[[float], None]) -> Item:
-    """One motion measured with noise: hopeless in rad/s, as described in Hz."""
-    found = outcomes(STUDIES_2, seeds, report)
-    printed, in_hz, typo, node, two = found
+    """Figure 4.5: convergence with one motion measured with noise, in rad/s and in Hz."""
+    results = outcomes(STUDIES_2, seeds, report)
+    printed, in_hz, typo, node, two = results
     verdict = Verdict.READING if _improves(in_hz) else Verdict.REFUTED
     return Item(
         "Figure 4.5",
@@ -164,24 +164,26 @@ def figure_4_5(seeds: range, report: Callable[[float], None]) -> Item:
         f" (should 0.0005 % be a slip) {typo.improved:.0f} % improve. So it does in rad/s with both motions of the tip"
         f" (median {100 * node.median[-1]:.2g} %) or with deflections of nodes 1 and 6"
         f" ({100 * two.median[-1]:.2g} %).{_MODEL} Seeds 0 to {len(seeds) - 1}; bands hold 5 to 95 % of them.",
-        tables=(_table(found),),
+        tables=(_table(results),),
         panels=(
-            _panel("Case 2, one motion of the tip", found[:3]),
-            _panel("Case 2, two motions", found[3:]),
+            _panel("Case 2, one motion of the tip", results[:3]),
+            _panel("Case 2, two motions", results[3:]),
         ),
     )
 
 
 def outcomes(studies: Sequence[Study], seeds: range, report: Callable[[float], None]) -> tuple[Outcome, ...]:
-    """The outcome of each study over all seeds."""
-    found = []
+    """The outcome (errors and bounds) of each study over all seeds; `report` is called with the fraction done."""
+    results = []
     for i, study in enumerate(studies):
         report(i / len(studies))
         errors = noisy_errors(study.case, study.reading, study.noise, seeds, _N_ITERATIONS)
-        alone = Noise(study.noise.sensors)
-        bounds = [cramer_rao(study.case, study.reading, n) if n != Noise() else 0.0 for n in (alone, study.noise)]
-        found.append(Outcome(study, errors, *bounds))
-    return tuple(found)
+        sensor_noise = Noise(study.noise.sensors)
+        bounds = [
+            cramer_rao(study.case, study.reading, n) if n != Noise() else 0.0 for n in (sensor_noise, study.noise)
+        ]
+        results.append(Outcome(study, errors, *bounds))
+    return tuple(results)
 
 
 def _improves(outcome: Outcome) -> bool:
@@ -197,7 +199,7 @@ def _panel(title: str, found: Sequence[Outcome]) -> Panel:
 
 
 def noisy_record(case: Case, reading: Reading, noise: Noise, rng: np.random.Generator) -> FrfRecord:
-    """What sensors with `noise` show of the actual structure, taken to be at the nominal excitation."""
+    """Receptances of the actual structure measured with errors of `noise`, assigned to the nominal frequencies."""
     nominal = np.array(reading.frequency)
     frequency = nominal * (1 + noise.frequency * rng.standard_normal(len(nominal)))
     amplitude = 1 + noise.amplitude * rng.standard_normal((len(nominal), 1, 1))
@@ -224,11 +226,11 @@ def quantiles(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def cramer_rao(case: Case, reading: Reading, noise: Noise) -> float:
-    """Smallest RMS relative standard deviation of an unbiased estimate of all parameters.
+    """Smallest RMS relative standard deviation of an unbiased estimate of all parameters (Cramér-Rao bound).
 
-    With J the relative Jacobian and S the covariance of the relative data, the root of the mean diagonal entry of
-    (J' S^-1 J)^-1. Amplitude errors a of the excitation change all values of a line by 1 + a. Frequency errors f
-    act as mass errors 2 f, since the structure has no damping: the columns of the masses give their effect.
+    With J the relative Jacobian and S the covariance of the relative data, the root of the mean diagonal entry of (J'
+    S^-1 J)^-1. Amplitude errors a of the excitation change all values of a line by 1 + a. Frequency errors f act as
+    mass errors 2 f, since the structure has no damping: the columns of the masses give their effect.
     """
     jacobian = relative_jacobian(case, reading)
     n_data, n_params = jacobian.shape

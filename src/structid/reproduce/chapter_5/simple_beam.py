@@ -54,7 +54,9 @@ def free_record(motion: FreeDecay, step: float, dofs: Sequence[Dof], source: str
 
 
 def beam_record(n_modes: int = N_SIMULATED, duration: float = DURATION) -> TimeRecord:
-    """Displacement, velocity and acceleration at ten sensors after a unit impulse at the first, in closed form."""
+    """Exact motion at ten sensors of the beam after a unit impulse at the first, as a sum of `n_modes` modes over
+    `duration` in s.
+    """
     time = np.arange(round(duration / STEP) + 1) * STEP
     impulse = beam_shapes(SENSORS[:1], n_modes)[0]
     motion = free_decay(beam_omega(n_modes), beam_shapes(SENSORS, n_modes), time, velocity=impulse)
@@ -85,13 +87,13 @@ def _values(form: Form, rule: Rule, n_modes: int = N_SIMULATED) -> StationaryVal
 
 
 def table_5_1() -> Item:
-    """Actual and identified frequencies."""
-    actual, found = beam_omega(N_SENSORS), identified()
+    """Table 5.1: actual and identified frequencies of the simply supported beam."""
+    actual, identified_omega = beam_omega(N_SENSORS), identified()
     columns = ("actual (rad/s)", "identified (rad/s)")
-    main = Table(_ROWS, columns, np.stack([BEAM_ACTUAL, BEAM_IDENTIFIED], 1), np.stack([actual, found], 1))
-    error = Table(_ROWS, ("error (%)",), BEAM_ERROR[:, None], (100 * (actual - found) / actual)[:, None])
+    main = Table(_ROWS, columns, np.stack([BEAM_ACTUAL, BEAM_IDENTIFIED], 1), np.stack([actual, identified_omega], 1))
+    error = Table(_ROWS, ("error (%)",), BEAM_ERROR[:, None], (100 * (actual - identified_omega) / actual)[:, None])
     readings = {
-        "-sym<u'',u>, step .04, j = 1..N-1": found,
+        "-sym<u'',u>, step .04, j = 1..N-1": identified_omega,
         "-sym<u'',u>, trapezoid": identified(rule="trapezoid"),
         "<u',u'>, j = 1..N-1": identified("as_printed"),
         "-<u'',u>, not symmetrized": identified("exact"),
@@ -105,8 +107,8 @@ def table_5_1() -> Item:
         "The actual column agrees in all digits. The identified column follows under one reading: B = -sym<u'', u> "
         "(Eq. 5.33 with its sign mended and both triangles averaged, though the text says that velocities were "
         "measured), step 0.04 s, samples 1..N-1 of T = 100 s, fifteen modes, unit impulse: modes 1-6 to "
-        f"{np.abs(found - BEAM_IDENTIFIED)[:6].max():.1e} rad/s, modes 7-10 to "
-        f"{np.abs(found - BEAM_IDENTIFIED)[6:].max():.1e} rad/s, of which nothing explains the last 1.5e-4 in mode 9. "
+        f"{np.abs(identified_omega - BEAM_IDENTIFIED)[:6].max():.1e} rad/s, modes 7-10 to "
+        f"{np.abs(identified_omega - BEAM_IDENTIFIED)[6:].max():.1e} rad/s, of which nothing explains the last 1.5e-4 in mode 9. "
         "Frequencies depend neither on the sensors nor on the place of the impulse where there are no more modes than "
         "sensors. Modes 7-10 are each a mixture with mode 22 - r, of one shape at the sensors: "
         "omega^2 = 2 / (1/omega_r^2 + 1/omega_(22-r)^2) gives the printed values to "
@@ -116,13 +118,13 @@ def table_5_1() -> Item:
 
 
 def figures_5_1_and_5_2() -> tuple[Item, Item]:
-    """Identified and normalized eigenvectors, modes 1-5 and 6-10."""
-    found = _values("symmetric_acceleration", "interior")
+    """Figures 5.1 and 5.2: identified and normalized eigenvectors of the beam, modes 1-5 and 6-10."""
+    result = _values("symmetric_acceleration", "interior")
     actual, fine = beam_shapes(SENSORS, N_SENSORS), np.linspace(0, LENGTH, 101)
     exact = beam_shapes(fine, N_SENSORS)
-    scale = np.sum(found.vectors * actual, axis=0) / np.sum(found.vectors**2, axis=0)
-    vectors = found.vectors * scale
-    likeness = np.stack([np.diag(mac(found.vectors, actual)), np.diag(mac(found.mode_shapes, actual))], axis=1)
+    scale = np.sum(result.vectors * actual, axis=0) / np.sum(result.vectors**2, axis=0)
+    vectors = result.vectors * scale
+    likeness = np.stack([np.diag(mac(result.vectors, actual)), np.diag(mac(result.mode_shapes, actual))], axis=1)
     items = []
     for name, part in (("Figure 5.1", range(5)), ("Figure 5.2", range(5, 10))):
         panels = tuple(
@@ -134,13 +136,13 @@ def figures_5_1_and_5_2() -> tuple[Item, Item]:
             )
             for r in part
         )
-        kept = likeness[list(part)]
+        mac_of_part = likeness[list(part)]
         rows = tuple(_ROWS[r] for r in part)
-        table = unprinted(rows, ("MAC of v", "MAC of V^-T"), kept)
+        table = unprinted(rows, ("MAC of v", "MAC of V^-T"), mac_of_part)
         note = (
             "Drawn anew: the figure has no digits to hold against. Identified vectors of Table 5.1's reading, scaled "
-            f"to the eigenfunctions at the sensors; smallest MAC of v {kept[:, 0].min():.4f}, of the mode shapes V^-T "
-            f"{kept[:, 1].min():.4f}."
+            f"to the eigenfunctions at the sensors; smallest MAC of v {mac_of_part[:, 0].min():.4f}, of the mode shapes V^-T "
+            f"{mac_of_part[:, 1].min():.4f}."
         )
         if name == "Figure 5.2":
             note += (
@@ -153,7 +155,7 @@ def figures_5_1_and_5_2() -> tuple[Item, Item]:
 
 
 def claim_ten_modes() -> Item:
-    """The text says that the ten lowest modes are identified and agree well."""
+    """The claim of the text that the ten lowest modes are identified and agree well, beside what is computed."""
     actual = beam_omega(N_SENSORS)
     ten, fifteen = identified(n_modes=N_SENSORS), identified()
     shapes = beam_shapes(SENSORS, N_SIMULATED)

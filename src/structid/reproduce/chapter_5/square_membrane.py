@@ -100,17 +100,19 @@ def under_reading(start_node: int = START_NODE) -> StationaryValues:
 
 
 def table_5_2() -> Item:
-    """Eigenvalues labelled as frequencies, and identified ones."""
+    """Table 5.2: eigenvalues of the membrane, which the table labels as frequencies, and identified ones."""
     eigenvalues = membrane_eigenvalues()
     true = membrane_record(np.sqrt(eigenvalues))
-    found = np.sqrt(np.abs(under_reading().eigenvalues))
+    identified_values = np.sqrt(np.abs(under_reading().eigenvalues))
     printed = np.stack([MEMBRANE_ACTUAL, np.append(MEMBRANE_IDENTIFIED, np.full(11, np.nan))], axis=1)
-    computed = np.stack([eigenvalues, np.append(found, np.full(11, np.nan))], axis=1)
+    computed = np.stack([eigenvalues, np.append(identified_values, np.full(11, np.nan))], axis=1)
     main = Table(_ROWS, ("eigenvalue ((rad/s)^2)", "identified (as printed)"), printed, computed)
     lowest, rows = eigenvalues[1:N_LOWEST], _ROWS[:N_LOWEST]
-    error = Table(rows[1:], ("error (%)",), MEMBRANE_ERROR[1:, None], (100 * (1 - found[1:] / lowest))[:, None])
+    error = Table(
+        rows[1:], ("error (%)",), MEMBRANE_ERROR[1:, None], (100 * (1 - identified_values[1:] / lowest))[:, None]
+    )
     columns = ("omega := lambda", "true omega, <a,a>/<v,v>", "true omega, end-corrected", "second difference of v")
-    values = [found, *(identified(true, f).eigenvalues.real for f in ("as_printed", "end_corrected"))]
+    values = [identified_values, *(identified(true, f).eigenvalues.real for f in ("as_printed", "end_corrected"))]
     step = true.sampling_rate**-1
     sine = 0.5 * step * np.sqrt(np.abs(stationary_values(true, "velocity", "second_difference").eigenvalues))
     values.append((2 / step * np.arcsin(sine)) ** 2)
@@ -119,17 +121,17 @@ def table_5_2() -> Item:
     note = (
         "The column of actual values holds lambda = omega^2 in (rad/s)^2, labelled rad/s: all sixteen agree to "
         f"{np.abs(eigenvalues - MEMBRANE_ACTUAL).max():.1e}. The identified column follows to "
-        f"{np.abs(found - MEMBRANE_IDENTIFIED).max():.1e} where the response is simulated with these values taken for "
+        f"{np.abs(identified_values - MEMBRANE_IDENTIFIED).max():.1e} where the response is simulated with these values taken for "
         "frequencies in rad/s (five modes, step 0.08 s, samples 1..1249, B = <a, a>, A = <v, v>): an inference, likely "
         "but not proven, by which the two slips cancel. With the true frequencies the printed column is missed by "
         f"{np.abs(values[1] - MEMBRANE_IDENTIFIED).max():.1e}. The last "
-        f"{np.abs(found - MEMBRANE_IDENTIFIED).max():.0e} in mode 2 is not explained."
+        f"{np.abs(identified_values - MEMBRANE_IDENTIFIED).max():.0e} in mode 2 is not explained."
     )
     return Item("Table 5.2", "Frequencies of the free membrane", Verdict.READING, note, (main, error, readings, units))
 
 
 def figure_5_3() -> Item:
-    """The mesh, and how the table tells it from the other 511 ways to cut the squares."""
+    """Figure 5.3: the mesh of the membrane, and how far the other 511 ways to cut the squares are from Table 5.2."""
     deviations = np.array(sorted(_pattern_deviations()))
     column = ("largest deviation from the eigenvalues of Table 5.2 ((rad/s)^2)",)
     table = unprinted(("best mesh", "second", "third"), column, deviations[:3, None])
@@ -150,8 +152,8 @@ def figure_5_3() -> Item:
 
 
 def _pattern_deviations() -> list[float]:
-    """Largest deviation from the printed eigenvalues for every pattern of diagonals and both masses."""
-    found = []
+    """Largest deviation from the printed eigenvalues, (rad/s)^2, for each pattern of diagonals and both kinds of mass."""
+    deviations = []
     for lumped in (False, True):
         base = [membrane([False] * N_SQUARES, lumped).matrix(law).toarray() for law in ("inertia", "elastic")]
         cut = [
@@ -162,15 +164,15 @@ def _pattern_deviations() -> list[float]:
         mass, stiffness = (b + np.tensordot(bits, np.array(c), 1) for b, c in zip(base, cut, strict=True))
         for m, k in zip(mass, stiffness, strict=True):
             values = linalg.eigh(k, m, eigvals_only=True)
-            found.append(float(np.abs(values - MEMBRANE_ACTUAL).max()))
-    return found
+            deviations.append(float(np.abs(values - MEMBRANE_ACTUAL).max()))
+    return deviations
 
 
 def figure_5_4() -> Item:
-    """Identified and normalized eigenvectors, and those of the close pair from every starting node."""
+    """Figure 5.4: identified and normalized eigenvectors of the membrane, and those of its close pair from each starting node."""
     actual, numbers = membrane_modes().mode_shapes[:, :N_LOWEST], np.arange(1.0, N_NODES + 1)
-    found = under_reading()
-    scale = np.sum(found.mode_shapes * actual, axis=0) / np.sum(found.mode_shapes**2, axis=0)
+    result = under_reading()
+    scale = np.sum(result.mode_shapes * actual, axis=0) / np.sum(result.mode_shapes**2, axis=0)
     panels = tuple(
         Panel(
             _ROWS[r],
@@ -178,7 +180,7 @@ def figure_5_4() -> Item:
             "mode shape (1)",
             (
                 Curve("normalized", numbers, actual[:, r]),
-                Curve("identified", numbers, found.mode_shapes[:, r] * scale[r]),
+                Curve("identified", numbers, result.mode_shapes[:, r] * scale[r]),
             ),
         )
         for r in range(N_LOWEST)
@@ -205,7 +207,7 @@ def figure_5_4() -> Item:
 
 
 def claim_close_frequencies() -> Item:
-    """The text says that close or repeated frequencies are no problem."""
+    """The claim of the text that close or repeated frequencies are no problem, beside what is computed."""
     eigenvalues = membrane_eigenvalues()
     omega, rows, values = np.sqrt(eigenvalues), [], []
     for duration in (100.0, 1000.0, 10000.0):
@@ -217,10 +219,10 @@ def claim_close_frequencies() -> Item:
         )
     columns = ("<a,a>/<v,v>, mode 2", "mode 3", "gap over true gap (1)", "end-corrected, mode 2", "mode 3")
     pair = unprinted(tuple(rows), columns, np.array(values))
-    one, other = (membrane_record(omega, node, n_modes=N_NODES) for node in (5, 3))
-    seen = [[len(identified(records).eigenvalues)] for records in ([one], [one, other])]
+    first, second = (membrane_record(omega, node, n_modes=N_NODES) for node in (5, 3))
+    n_modes_seen = [[len(identified(records).eigenvalues)] for records in ([first], [first, second])]
     starts = ("one starting node", "two starting nodes, summed")
-    repeated = unprinted(starts, ("modes seen of 16",), np.array(seen, dtype=float))
+    repeated = unprinted(starts, ("modes seen of 16",), np.array(n_modes_seen, dtype=float))
     note = (
         "As printed, the method needs T of pi over the gap: 3e4 s for the pair of 1.0914 and 1.0915 rad/s, whose gap "
         f"in lambda it finds {values[0][2]:.0f} times too wide at T = 100 s. The end-corrected form finds it there, in data "

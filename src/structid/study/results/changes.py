@@ -48,11 +48,11 @@ def largest_changes(found: Estimate, count: int) -> list[int]:
     return order
 
 
-def changes_table(found: Estimate) -> str:
-    """All parameters as CSV, one a line; empty where a number is not known."""
+def changes_table(estimate: Estimate) -> str:
+    """All parameters of an estimate as CSV text, one a line; a cell is empty where a number is not known."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    rows = _columns(found)
+    rows = _columns(estimate)
     writer.writerow(rows)
     for row in zip(*rows.values(), strict=True):
         writer.writerow(["" if isinstance(v, float) and not np.isfinite(v) else v for v in row])

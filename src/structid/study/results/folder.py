@@ -14,8 +14,8 @@ import numpy as np
 
 from structid.core.errors import FileError
 from structid.core.json_types import Entry, json_text
+from structid.core.quantities import with_unit
 from structid.criticism.held import HeldValue
-from structid.criticism.verdict import Criticism
 from structid.files import claimed, require_no_file
 from structid.identification.alternatives import Alternatives
 from structid.identification.fits.record_fit import RecordFit
@@ -27,6 +27,7 @@ from structid.study.results.changes import PARAMETERS, changes_summary, changes_
 from structid.study.results.hdf5 import hdf5_bytes
 from structid.study.results.modal import modal_summary
 from structid.study.results.result import StudyResult
+from structid.study.results.view import ParameterResult, ResultsView
 
 _REPORT = "report.html"
 #: File of a results folder that says where its study is.
@@ -35,10 +36,10 @@ STUDY_PATH = "study_path.txt"
 
 @contextmanager
 def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
-    """A temporary folder beside `folder`, whose files move into `folder` when the block ends without an error.
+    """Context manager: a temporary folder whose files move into `folder` when the block ends without an error.
 
-    On any error the temporary folder is removed, and a folder already there stays as it was. An old `page` there goes
-    where the block writes no new one.
+    On any error the temporary folder is removed, and a folder already there stays as it was. An old `page` there is
+    removed where the block writes no new one.
 
     Raises
     ------
@@ -53,7 +54,7 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
         with claimed(folder):
             temporary.mkdir()
             yield temporary
-            _move(temporary, folder, page)
+            _move_into(temporary, folder, page)
     except FileError as error:
         raise FileError(str(error).replace(str(temporary), str(folder))) from error
     except OSError as error:
@@ -65,8 +66,8 @@ def staged_folder(folder: str | Path, page: str = _REPORT) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def _move(temporary: Path, folder: Path, page: str) -> None:
-    """The whole folder at once where there was none, file by file where there was one."""
+def _move_into(temporary: Path, folder: Path, page: str) -> None:
+    """Move the files of `temporary` into `folder`: the whole folder at once if there is none, else file by file."""
     if not folder.exists():
         temporary.rename(folder)
         return
@@ -87,10 +88,10 @@ def _move(temporary: Path, folder: Path, page: str) -> None:
 
 
 def write_results(result: StudyResult, folder: Path) -> None:
-    """Write estimate.json, estimate.h5 and study.toml into the existing `folder`; and parameters.csv of very many.
+    """Write estimate.json, estimate.h5 and study.toml into the existing `folder`, and parameters.csv if there are very many.
 
-    Of a study with a solver, the updated deck too. The same result gives the same bytes, but for the file that says where the study
-    is, seen from the folder.
+    For a study with a solver, the updated deck too. The same result gives the same bytes, but for the file that says where
+    the study is, seen from the folder.
     """
     (folder / "estimate.json").write_text(json_text(estimate_summary(result)), encoding="utf-8")
     if not result.identification.estimate.uncertainty.has_matrix:
@@ -111,12 +112,12 @@ def _way_to(path: Path, folder: Path) -> str:
 
 
 def estimate_summary(result: StudyResult) -> dict[str, Entry]:
-    """The content of estimate.json, before what is not finite becomes null."""
-    found = result.identification
-    estimate, identifiability = found.estimate, found.estimate.identifiability
+    """Content of estimate.json, before numbers that are not finite become null."""
+    view, answer = result.view, result.identification
+    estimate, identifiability = answer.estimate, answer.estimate.identifiability
     has_matrix = estimate.uncertainty.has_matrix
     return {
-        **_verdict(result.criticism),
+        **_verdict(view),
         "title": result.study.title,
         "status": estimate.status.value,
         "status_text": estimate.status_words,
@@ -128,7 +129,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         "condition": identifiability.condition,
         "misfit": np.sqrt(estimate.misfit),
         "misfit_text": estimate.misfit_words,
-        "assumption": found.assumption,
+        "assumption": answer.assumption,
         "chi_square_per_dof": estimate.chi_square_per_dof,
         "chi_square_probability": estimate.chi_square_probability,
         "degrees_of_freedom": estimate.degrees_of_freedom,
@@ -137,21 +138,21 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         "n_iterations": estimate.n_iterations,
         "n_starts": estimate.n_starts,
         "n_agreeing_starts": estimate.n_agreeing,
-        "fit": fit_summary(found.fits[0]) if found.fits else None,
-        **record_summaries(found.fits),
-        **modal_summary(found),
-        "total_mass": {"value": found.total_mass, "std": found.total_mass_std, "unit": "kg"},
-        "rests_on_force": found.rests_on_force,
-        **_held(() if result.criticism is None else result.criticism.held),
+        "fit": fit_summary(answer.fits[0]) if answer.fits else None,
+        **record_summaries(answer.fits),
+        **modal_summary(answer),
+        "total_mass": {"value": answer.total_mass, "std": answer.total_mass_std, "unit": "kg"},
+        "rests_on_force": answer.rests_on_force,
+        **_held(view.criticism.held),
         **_tolerances(estimate),
-        **({"parameters": _parameters(found)} if has_matrix else changes_summary(estimate)),
+        **({"parameters": [_parameter(one) for one in view.parameters]} if has_matrix else changes_summary(estimate)),
         "regularization": [
             {"name": item.name, "rule": item.rule, **_strengths(item, has_matrix), "text": item.words,
              "settled": item.converged}
-            for item in found.held
+            for item in answer.held
         ],
-        **varied_summary(found),
-        **_alternatives(found.alternatives),
+        **varied_summary(answer),
+        **_alternatives(answer.alternatives),
         "unidentifiable_directions": [
             {"words": item.words, "relative_std": item.relative_std, "vector": item.vector}
             for item in identifiability.directions
@@ -163,13 +164,13 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **({"correlation": estimate.correlation} if has_matrix else {}),
         "modes": [
             {"frequency_hz": frequency, "damping_ratio": ratio}
-            for frequency, ratio in zip(found.modes.frequency, found.modes.damping_ratio, strict=True)
+            for frequency, ratio in zip(answer.modes.frequency, answer.modes.damping_ratio, strict=True)
         ],
-        "resonances": [{"measured_hz": r.measured, "predicted_hz": r.predicted} for r in found.resonances],
+        "resonances": [{"measured_hz": r.measured, "predicted_hz": r.predicted} for r in answer.resonances],
         "residual_tests": None if estimate.residual_tests is None else asdict(estimate.residual_tests),
-        "intervals": {"kind": found.intervals.kind, "level": found.intervals.level, "notes": found.intervals.notes},
-        "warnings": found.warnings,
-        **reduction_summary(found),
+        "intervals": {"kind": answer.intervals.kind, "level": answer.intervals.level, "notes": answer.intervals.notes},
+        "warnings": answer.warnings,
+        **reduction_summary(answer),
         **({} if result.solver is None else {"solver": result.solver.summary()}),
         "provenance": asdict(result.provenance),
     }  # fmt: skip
@@ -193,7 +194,7 @@ def _held(held: Sequence[HeldValue]) -> dict[str, Entry]:
 
 
 def _tolerances(estimate: Estimate) -> dict[str, Entry]:
-    """What the intervals allow held values to be wrong by, and how many tolerances off the data would have each."""
+    """The entry ``tolerances``: each fixed value with its tolerance and the shift, in tolerances, that the data ask for."""
     fixed = estimate.fixed
     if fixed is None:
         return {}
@@ -234,39 +235,38 @@ def reduction_summary(found: Identification) -> dict[str, Entry]:
     return {"reduction": {"components": parts, "changes": changes}} if changes else {}
 
 
-def varied_summary(found: Identification) -> dict[str, Entry]:
-    """What differs from record to record, where something does."""
-    if not found.varied:
+def varied_summary(answer: Identification) -> dict[str, Entry]:
+    """The entry ``varied``: scatter and value for each record of parameters that vary between records; {} if none do."""
+    if not answer.varied:
         return {}
-    place = {name: i for i, name in enumerate(found.estimate.names)}
+    index_of = {name: i for i, name in enumerate(answer.estimate.names)}
     return {
         "varied": [
             {
-                "name": one.name, "rule": one.rule, "scatter": one.scatter, "scatter_interval_95": one.interval,
-                "text": one.words, "outlying": one.outlying_words,
+                "name": item.name, "rule": item.rule, "scatter": item.scatter, "scatter_interval_95": item.interval,
+                "text": item.words, "outlying": item.outlying_words,
                 "records": [
-                    {"record": record, "name": own, "value": found.estimate.values[place[own]],
-                     "std": found.estimate.std[place[own]], "interval_95": found.intervals.ends[place[own]],
+                    {"record": record, "name": own, "value": answer.estimate.values[index_of[own]],
+                     "std": answer.estimate.std[index_of[own]], "interval_95": answer.intervals.ends[index_of[own]],
                      "deviation": deviation, "p_value": p, "outlying": outlying}
-                    for record, _, own, deviation, p, outlying in one.parts
+                    for record, _, own, deviation, p, outlying in item.parts
                 ],
             }
-            for one in found.varied
+            for item in answer.varied
         ]
     }  # fmt: skip
 
 
-def _verdict(criticism: Criticism | None) -> dict[str, Entry]:
-    """The verdict and the causes of a misfit."""
-    if criticism is None:
-        return {}
+def _verdict(view: ResultsView) -> dict[str, Entry]:
+    """The verdict, what to do, and the causes of a misfit."""
+    criticism, judgement = view.criticism, view.criticism.judgement
     causes, suggestions = (
-        [{**asdict(one), "where": one.where[0] if len(one.where) == 1 else one.where} for one in told]
-        for told in (criticism.causes, criticism.suggestions)
+        [{**asdict(cause), "where": cause.where[0] if len(cause.where) == 1 else cause.where} for cause in listed]
+        for listed in (criticism.causes, criticism.suggestions)
     )
-    judgement = criticism.judgement
     return {
         "verdict": judgement.verdict, "verdict_text": judgement.words, "verdict_reasons": judgement.reasons,
+        "headline": view.headline, "next_step": view.next_step, "advice": view.advice,
         "causes": causes, "suggestions": suggestions, "n_changes_tried": criticism.n_tried,
     }  # fmt: skip
 
@@ -281,7 +281,7 @@ def _strengths(item: Held, has_matrix: bool) -> dict[str, Entry]:
 
 
 def record_summaries(fits: Sequence[RecordFit]) -> dict[str, Entry]:
-    """The fit of each record where there are several, and the polarities that the data decided."""
+    """The fit of each record if there are several, and the polarities that the data decided."""
     if len(fits) > 1:
         rows = [
             {"name": fit.name, "source": fit.measured.source, "polarities": fit.polarities, **fit_summary(fit)}
@@ -327,34 +327,27 @@ def _at_bound(one: AtBound | None) -> dict[str, Entry] | None:
     }
 
 
-def _parameters(identification: Identification) -> list[dict[str, Entry]]:
-    found = identification.estimate
-    parts = [problem.parameters for problem in identification.problems]
-    share = np.full(len(found.names), np.nan) if identification.prior_share is None else identification.prior_share
-    bounds = {one.index: one for one in found.at_bound}
-    n = len(found.names)
-    tolerances = np.zeros(n) if found.fixed is None else np.sqrt(np.diag(found.fixed.covariance))
-    elements = {name: own for part in parts for name, own in zip(part.names, part.elements, strict=True)}
-    return [
-        {
-            "name": name,
-            "kind": found.kinds[i],
-            "property": name.split("[")[0],
-            "elements": elements.get(name, ()),
-            "unit": found.units[i],
-            "value": found.values[i],
-            "std": found.std[i],
-            "std_noise": found.std_noise[i],
-            "std_model_error": found.std_model_error[i],
-            "std_tolerances": tolerances[i],
-            "interval_95": identification.intervals.ends[i],
-            "initial": found.initial[i],
-            "identified": bool(found.identified[i]),
-            "at_bound": _at_bound(bounds.get(i)),
-            "ran_away": i in identification.ran_away,
-            "prior_mean": identification.prior_mean[i],
-            "prior_std": identification.prior_std[i],
-            "prior_share": share[i],
-        }
-        for i, name in enumerate(found.names)
-    ]
+def _parameter(parameter: ParameterResult) -> dict[str, Entry]:
+    return {
+        "name": parameter.name,
+        "kind": parameter.kind,
+        "property": parameter.name.split("[")[0],
+        "elements": parameter.elements,
+        "unit": parameter.unit,
+        "value": parameter.value,
+        "std": parameter.std,
+        "std_noise": parameter.std_noise,
+        "std_model_error": parameter.std_model_error,
+        "std_tolerances": parameter.std_tolerances,
+        "interval_95": parameter.interval,
+        "initial": parameter.initial,
+        "identified": parameter.identified,
+        "state": parameter.state,
+        "text": with_unit(parameter.value_text, parameter.unit_text),
+        "interval_text": with_unit(parameter.interval_text, parameter.unit_text),
+        "at_bound": _at_bound(parameter.bound),
+        "ran_away": parameter.ran_away,
+        "prior_mean": parameter.prior_mean,
+        "prior_std": parameter.prior_std,
+        "prior_share": parameter.prior_share,
+    }

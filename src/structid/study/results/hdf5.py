@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 
 def hdf5_bytes(result: StudyResult) -> bytes:
-    """The content of estimate.h5.
+    """Content of estimate.h5.
 
-    Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``, the last four once more in ``record_2``
-    and so on for further records of responses; ``modal_record_1`` and so on for those of modes; units are attributes. Of
-    very many parameters ``parameters`` has posterior draws in place of covariance matrices. It is made in memory, so that a
-    full disk shows as an ordinary error when the bytes are written.
+    Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``, the last four once more in
+    ``record_2`` and so on for further records of responses; ``modal_record_1`` and so on for those of modes; units are
+    attributes. Of very many parameters ``parameters`` has posterior draws in place of covariance matrices. It is made
+    in memory, so that a full disk shows as an ordinary error when the bytes are written.
     """
     import h5py  # so that `import structid` stays light
 
@@ -37,34 +37,37 @@ def hdf5_bytes(result: StudyResult) -> bytes:
         file.attrs["format"] = "structid estimate 1"
         file.attrs["structid"] = result.provenance.structid
         file.attrs["title"] = result.study.title
-        found = result.identification
-        _parameters(file.create_group("parameters"), found.estimate)
-        if found.fits:
-            _record(file, found.fits[0])
-            if found.estimate.covariance_basis == "model_error" and found.estimate.uncertainty.has_matrix:
-                _model_error(file["frf"], found)
+        identification = result.identification
+        _write_parameters(file.create_group("parameters"), identification.estimate)
+        if identification.fits:
+            _write_record(file, identification.fits[0])
+            if (
+                identification.estimate.covariance_basis == "model_error"
+                and identification.estimate.uncertainty.has_matrix
+            ):
+                _write_model_error(file["frf"], identification)
         else:
-            _modes(file.create_group("modes"), found.modes, found.structure)
-            _modes(file.create_group("modes_initial"), found.modes_initial, found.structure)
-        for number, fit in enumerate(found.modal_fits, 1):
-            _modal(file.create_group(f"modal_record_{number}"), fit)
-        for number, further in enumerate(found.fits[1:], 2):
+            _write_modes(file.create_group("modes"), identification.modes, identification.structure)
+            _write_modes(file.create_group("modes_initial"), identification.modes_initial, identification.structure)
+        for number, fit in enumerate(identification.modal_fits, 1):
+            _write_modal(file.create_group(f"modal_record_{number}"), fit)
+        for number, further in enumerate(identification.fits[1:], 2):
             group = file.create_group(f"record_{number}", track_order=True)
             group.attrs["name"] = further.name
-            _record(group, further)
+            _write_record(group, further)
     return buffer.getvalue()
 
 
-def _record(group: h5py.Group, fit: RecordFit) -> None:
-    """What belongs to one record: groups ``frf``, ``evaluation``, ``modes`` and ``modes_initial``."""
-    _frf(group.create_group("frf"), fit)
-    _evaluation(group.create_group("evaluation"), fit)
-    _modes(group.create_group("modes"), fit.modes, fit.problem.structure)
-    _modes(group.create_group("modes_initial"), fit.modes_initial, fit.problem.structure)
+def _write_record(group: h5py.Group, fit: RecordFit) -> None:
+    """Write the groups of one record of responses: ``frf``, ``evaluation``, ``modes`` and ``modes_initial``."""
+    _write_frf(group.create_group("frf"), fit)
+    _write_evaluation(group.create_group("evaluation"), fit)
+    _write_modes(group.create_group("modes"), fit.modes, fit.problem.structure)
+    _write_modes(group.create_group("modes_initial"), fit.modes_initial, fit.problem.structure)
 
 
 def _put(group: h5py.Group, name: str, values: ArrayLike, unit: str = "") -> None:
-    """One array, its unit beside it."""
+    """Write one array as a dataset, with its unit as an attribute."""
     array = np.asarray(values)
     dataset = group.create_dataset(name, data=array, track_times=False)
     if unit:
@@ -76,35 +79,37 @@ def _texts(group: h5py.Group, name: str, values: Iterable[object]) -> None:
     group.create_dataset(name, data=np.array([str(value).encode() for value in values], dtype="S"), track_times=False)
 
 
-def _parameters(group: h5py.Group, found: Estimate) -> None:
-    _texts(group, "names", found.names)
-    _texts(group, "kinds", found.kinds)
-    _texts(group, "units", found.units)
+def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
+    """Write names, values, covariances and identifiability of the parameters."""
+    _texts(group, "names", estimate.names)
+    _texts(group, "kinds", estimate.kinds)
+    _texts(group, "units", estimate.units)
     note = "as in units, one a parameter"
-    _put(group, "initial", found.initial, note)
-    _put(group, "values", found.values, note)
-    _put(group, "std", found.std, note)
-    if found.uncertainty.has_matrix:
-        _texts(group, "covariance_basis", [found.covariance_basis])
-        _put(group, "covariance_noise", found.covariance_noise, "products of units")
-        _put(group, "covariance_model_error", found.covariance_model_error, "products of units")
-        _put(group, "correlation", found.correlation, "1")
-        if found.fixed is not None:
-            _texts(group, "fixed_names", found.fixed.change_names)
-            _put(group, "fixed_tolerances", found.fixed.tolerance, "1")
-            _put(group, "fixed_changes", found.fixed.changes, "as in units, by one tolerance of each held value")
+    _put(group, "initial", estimate.initial, note)
+    _put(group, "values", estimate.values, note)
+    _put(group, "std", estimate.std, note)
+    if estimate.uncertainty.has_matrix:
+        _texts(group, "covariance_basis", [estimate.covariance_basis])
+        _put(group, "covariance_noise", estimate.covariance_noise, "products of units")
+        _put(group, "covariance_model_error", estimate.covariance_model_error, "products of units")
+        _put(group, "correlation", estimate.correlation, "1")
+        if estimate.fixed is not None:
+            _texts(group, "fixed_names", estimate.fixed.change_names)
+            _put(group, "fixed_tolerances", estimate.fixed.tolerance, "1")
+            _put(group, "fixed_changes", estimate.fixed.changes, "as in units, by one tolerance of each held value")
     else:
-        _put(group, "std_relative_error", found.uncertainty.std_error, "1")
-        _put(group, "draws", found.uncertainty.draws, note)
-    group.attrs["covariance_basis"] = found.covariance_basis
-    _put(group, "identified", found.identified)
-    _put(group, "singular_values", found.identifiability.singular_values, "1")
-    directions = [item.vector for item in found.identifiability.directions]
-    _put(group, "unidentifiable_directions", np.array(directions).reshape(len(directions), len(found.names)), "1")
-    _put(group, "history", found.history, note)
+        _put(group, "std_relative_error", estimate.uncertainty.std_error, "1")
+        _put(group, "draws", estimate.uncertainty.draws, note)
+    group.attrs["covariance_basis"] = estimate.covariance_basis
+    _put(group, "identified", estimate.identified)
+    _put(group, "singular_values", estimate.identifiability.singular_values, "1")
+    directions = [item.vector for item in estimate.identifiability.directions]
+    _put(group, "unidentifiable_directions", np.array(directions).reshape(len(directions), len(estimate.names)), "1")
+    _put(group, "history", estimate.history, note)
 
 
-def _frf(group: h5py.Group, fit: RecordFit) -> None:
+def _write_frf(group: h5py.Group, fit: RecordFit) -> None:
+    """Write the FRFs that were fitted: measured, predicted, residual and noise."""
     record = fit.problem.record
     group.attrs["kind"] = record.kind
     group.attrs["noise_source"] = record.noise_source
@@ -121,17 +126,17 @@ def _frf(group: h5py.Group, fit: RecordFit) -> None:
         _put(group, "coherence", record.coherence, "1")
 
 
-def _model_error(group: h5py.Group, found: Identification) -> None:
-    """The error of responses that were not measured, for predictions from these results."""
-    fit = found.fits[0]
-    error = ModelError.of_fit(fit.problem, found.estimate.values[found.own_index], fit.predicted)
+def _write_model_error(group: h5py.Group, identification: Identification) -> None:
+    """Write the error of responses that were not measured, for predictions from these results."""
+    fit = identification.fits[0]
+    error = ModelError.of_fit(fit.problem, identification.estimate.values[identification.own_index], fit.predicted)
     _put(group, "model_error_part", error.part, "1")
     _put(group, "model_error_size", error.size, fit.problem.record.unit)
     _texts(group, "model_error_kind", [error.kind])
 
 
-def _evaluation(group: h5py.Group, fit: RecordFit) -> None:
-    """The lines on which the fit is judged, which may be more than were fitted."""
+def _write_evaluation(group: h5py.Group, fit: RecordFit) -> None:
+    """Write the lines on which the fit is judged, which may be more than were fitted."""
     unit = fit.evaluation.unit
     _put(group, "frequency", fit.evaluation.frequency, "Hz")
     _put(group, "measured", fit.evaluation.values, unit)
@@ -140,8 +145,8 @@ def _evaluation(group: h5py.Group, fit: RecordFit) -> None:
     _put(group, "relative_error", fit.relative_error, "1")
 
 
-def _modal(group: h5py.Group, fit: ModalFit) -> None:
-    """Measured modes beside those of the model."""
+def _write_modal(group: h5py.Group, fit: ModalFit) -> None:
+    """Write the measured modes of one record beside those of the model."""
     measured = fit.measured
     group.attrs["name"], group.attrs["source"] = fit.name, measured.source
     _texts(group, "channels", measured.channels)
@@ -156,7 +161,8 @@ def _modal(group: h5py.Group, fit: ModalFit) -> None:
         _put(group, f"mac_{name}", pairs.mac, "1")
 
 
-def _modes(group: h5py.Group, modes: Modes, structure: Structure) -> None:
+def _write_modes(group: h5py.Group, modes: Modes, structure: Structure) -> None:
+    """Write frequencies, damping ratios and shapes of the model's modes."""
     _texts(group, "dofs", structure.dofs)
     _put(group, "frequency", modes.frequency, "Hz")
     _put(group, "damping_ratio", modes.damping_ratio, "1")

@@ -9,16 +9,16 @@ from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.identified import Identification
 
 
-def modal_summary(found: Identification) -> dict[str, Entry]:
-    """The entries ``modal_records`` and ``ratios``; nothing where no record holds modes."""
-    if not found.modal_fits:
+def modal_summary(identification: Identification) -> dict[str, Entry]:
+    """The entries ``modal_records`` and ``ratios`` of estimate.json; {} if no record holds modes."""
+    if not identification.modal_fits:
         return {}
-    ratios = found.ratios
+    ratios = identification.ratios
     if ratios is None:
-        return {"modal_records": [_record(fit) for fit in found.modal_fits], "ratios": None}
+        return {"modal_records": [_record(fit) for fit in identification.modal_fits], "ratios": None}
     rows = zip(ratios.names, ratios.values, ratios.std, ratios.ends, strict=True)
     return {
-        "modal_records": [_record(fit) for fit in found.modal_fits],
+        "modal_records": [_record(fit) for fit in identification.modal_fits],
         "ratios": {
             "text": ratios.words,
             "reference": ratios.reference,
@@ -30,6 +30,7 @@ def modal_summary(found: Identification) -> dict[str, Entry]:
 
 
 def _record(fit: ModalFit) -> dict[str, Entry]:
+    """The entry of one record of modes: each measured mode beside its model modes."""
     problem = fit.problem
     sizes = {int(mode): len(group.members) for group in problem.data.groups for mode in group.members}
     damping = problem.record.damping_ratio[problem.data.measured]

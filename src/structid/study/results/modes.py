@@ -61,7 +61,7 @@ def modes_summary(result: ModesResult) -> dict[str, Entry]:
 
 
 def _clusters(result: ModesResult) -> dict[str, Entry]:
-    """The poles of all orders behind each mode; null where the method has no orders."""
+    """Statistics of the poles of all orders behind each mode; None where the method has no orders."""
     clusters = result.identification.clusters
     names = ("count", "n_orders", "cluster_frequency_hz", "cluster_frequency_spread_hz", "cluster_damping_ratio",
              "cluster_damping_spread")  # fmt: skip
@@ -79,7 +79,7 @@ def _clusters(result: ModesResult) -> dict[str, Entry]:
 
 
 def options_used(result: ModesResult) -> dict[str, Entry]:
-    """The settings of the identification, defaults filled in where the method made a choice."""
+    """The settings of the identification, with defaults filled in where the method made a choice."""
     options = result.identification.options
     used = asdict(options)
     if result.identification.sweep:
@@ -90,6 +90,7 @@ def options_used(result: ModesResult) -> dict[str, Entry]:
 
 
 def _record(result: ModesResult) -> dict[str, Entry]:
+    """The record as an entry of modes.json: kind, lines or samples, channels."""
     record = result.record
     if isinstance(record, FrfRecord):
         return {

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -16,6 +17,7 @@ from structid.dynamics.receptance import factorizer_words
 from structid.identification.identified import Identification
 from structid.inversion import Estimate
 from structid.study.results.solver import SolverAnswer
+from structid.study.results.view import ResultsView, results_view
 from structid.study.schema.study import Study
 
 
@@ -45,11 +47,19 @@ class StudyResult(Shown):
         """Values and their uncertainty."""
         return self.identification.estimate
 
+    @cached_property
+    def view(self) -> ResultsView:
+        """The answer as console, files and pages show it."""
+        return results_view(self.identification, self.criticism, self.study.title, asdict(self.provenance))
+
     def overview(self) -> Overview:
         """Title and verdict, and the parameters."""
-        shown = self.estimate.overview()
-        words = shown.words if self.criticism is None else self.criticism.judgement.words
-        return replace(shown, words=f"{self.study.title}: {words}")
+        shown = self.view.overview()
+        return replace(shown, words=f"{self.study.title}\n{shown.words}")
+
+    def __repr__(self) -> str:
+        verdict = "not judged" if self.criticism is None else self.criticism.judgement.verdict.replace("_", " ")
+        return f"<{type(self).__name__}: {self.study.title}: {verdict}>"
 
 
 def provenance(study: Study) -> Provenance:

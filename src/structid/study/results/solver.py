@@ -58,10 +58,10 @@ class SolverAnswer:
         }
 
     def write(self, folder: Path) -> None:
-        """Write the updated deck with all that it reads, ready to be run, into a folder of `folder`."""
-        place = folder / UPDATED
-        place.mkdir()
+        """Write the updated deck, with all files that it reads, into a new folder inside `folder`."""
+        target = folder / UPDATED
+        target.mkdir()
         for name, path in self.linked.items():
-            (place / name).write_bytes(path.read_bytes())
+            (target / name).write_bytes(path.read_bytes())
         for name, text in self.deck.items():
-            (place / name).write_text(text, encoding="utf-8", newline="")
+            (target / name).write_text(text, encoding="utf-8", newline="")

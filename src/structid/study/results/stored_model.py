@@ -111,7 +111,7 @@ def stored_model(folder: Path, study: Study) -> tuple[IdentifiedModel, ModelErro
 
 
 def stored_loads(folder: Path) -> tuple[str, ...]:
-    """Where forces acted in the record that a results folder is of.
+    """Degrees of freedom at which forces acted in the record that a results folder is of.
 
     Raises
     ------

@@ -11,7 +11,7 @@ from structid.files.hdf5 import hdf5_fields, texts_of
 
 
 def stored_values(folder: Path) -> dict[str, float]:
-    """Name and identified value of every parameter in the results folder of `structid identify`.
+    """Identified value of each parameter, by name, in a results folder of `structid identify`.
 
     Raises
     ------
@@ -21,9 +21,9 @@ def stored_values(folder: Path) -> dict[str, float]:
     path = folder / "estimate.h5"
     if not path.is_file():
         raise FileError(f"{folder}: holds no estimate.h5; give a results folder of `structid identify`")
-    found = hdf5_fields(path, ("parameters/names", "parameters/values"))
+    fields = hdf5_fields(path, ("parameters/names", "parameters/values"))
     try:
-        names, values = found["parameters/names"], np.asarray(found["parameters/values"], dtype=float)
+        names, values = fields["parameters/names"], np.asarray(fields["parameters/values"], dtype=float)
     except (KeyError, ValueError) as error:
         raise FileError(f"{path}: holds no parameters; write it again with `structid identify`") from error
     words = texts_of(names)

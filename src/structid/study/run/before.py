@@ -65,7 +65,7 @@ class RecordCheck:
 def checked_record(
     title: str, source: RecordSource, setup: AnySetup, problem: RecordProblem, look: Look, modes: Modes
 ) -> RecordCheck:
-    """What is to be said of one record.
+    """The checks of one record before a fit: resonances beside the model's, and warnings on signals and windows.
 
     Parameters
     ----------
@@ -73,10 +73,10 @@ def checked_record(
     source : RecordSource
     setup : RecordSetup
     problem : RecordProblem
-        Of the lines in the band.
+        Problem of the lines in the band.
     look : Look
     modes : Modes
-        Of the initial model.
+        Modes of the initial model.
     """
     warnings: list[str] = []
     histories = read_histories(source)
@@ -84,7 +84,7 @@ def checked_record(
         found = [one for one in signal_checks(record) if one.severity != "note"]
         slow = drifts(record) if not any(one.kind == "short" for one in found) else ()
         warnings += [one.words for one in (*found, *slow)]
-    warnings += _leaks(source, histories, problem, modes)
+    warnings += _leakage_warnings(source, histories, problem, modes)
     lost = setup.truncation(problem, problem.theta_start)
     warnings += [lost.warning] if lost is not None and lost.warning else []
     reduced = () if lost is None else (*(one.words for one in setup.structure.reductions), lost.words)
@@ -93,9 +93,10 @@ def checked_record(
 
 
 def checked_mesh(setup: AnySetup, problem: RecordProblem, theta: FloatArray | None = None) -> MeshErrors | str:
-    """The mesh of a set-up's structure, for the band of its record and the deviations of its modes; at the start by default.
+    """Mesh errors of a set-up's structure in the band of its record, or a text if they cannot be computed.
 
-    Modes of the initial model are about as far from measured ones as the start is off.
+    They are evaluated at the free variables `theta`, by default at the start. Modes of the initial model are about as
+    far from measured ones as the start is off.
     """
     low, high = float(problem.frequency.min()), float(problem.frequency.max())
     values = setup.parameters.values(
@@ -110,42 +111,46 @@ def checked_mesh(setup: AnySetup, problem: RecordProblem, theta: FloatArray | No
 def mesh_warnings(
     setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray]
 ) -> tuple[str, ...]:
-    """Of an answer: modes that its elements put off by more than the deviations that its modes are fitted with.
+    """Warnings for an answer: modes that the mesh shifts by more than the deviations with which they were fitted.
 
     FRFs and histories show that as a misfit; a few modes are followed by the parameters.
     """
-    told = []
-    for setup, problem, own in zip(setups, problems, theta, strict=True):
+    messages = []
+    for setup, problem, theta_of_record in zip(setups, problems, theta, strict=True):
         if isinstance(problem, ModalProblem) and setup.structure.n_dofs <= _SMALL:
-            found = checked_mesh(setup, problem, own)
-            told.append("" if isinstance(found, str) else found.words)
-    return tuple(f"the values carry an error of the mesh: {words}" for words in dict.fromkeys(told) if words)
+            errors = checked_mesh(setup, problem, theta_of_record)
+            messages.append("" if isinstance(errors, str) else errors.words)
+    return tuple(f"the values carry an error of the mesh: {words}" for words in dict.fromkeys(messages) if words)
 
 
 def _resonances(look: Look, modes: Modes) -> tuple[ResonanceCheck, ...]:
-    """In half-bandwidths; where the model shows no peak between lines, beside a mode that is near and has no other like."""
+    """Measured resonances with the model's and their distance in half-bandwidths.
+
+    Where the model has no peak between lines, a mode that is near and has no other partner is taken.
+    """
     free = np.ones(len(modes.frequency), dtype=bool)
     for pair in look.resonances:
         if free.size and np.isfinite(pair.model):
             free[np.abs(modes.frequency - pair.model).argmin()] = False
-    found = []
+    checks = []
     for pair in look.resonances:
         model, distance = pair.model, float("nan")
-        apart = np.abs(modes.frequency - (pair.measured if np.isnan(model) else model))
+        distances = np.abs(modes.frequency - (pair.measured if np.isnan(model) else model))
         if np.isnan(model):
-            apart = np.where(free & (apart <= _HIDDEN * pair.measured), apart, np.inf)
-        near = int(apart.argmin()) if apart.size else -1
-        if near >= 0 and np.isfinite(apart[near]):
+            distances = np.where(free & (distances <= _HIDDEN * pair.measured), distances, np.inf)
+        nearest = int(distances.argmin()) if distances.size else -1
+        if nearest >= 0 and np.isfinite(distances[nearest]):
             if np.isnan(model):
-                model, free[near] = float(modes.frequency[near]), False
-            damping = float(modes.damping_ratio[near])
+                model, free[nearest] = float(modes.frequency[nearest]), False
+            damping = float(modes.damping_ratio[nearest])
             if damping > 0:
                 distance = (model - pair.measured) / (max(damping, LEAST_DAMPING) * model)
-        found.append(ResonanceCheck(pair.measured, model, pair.mac, distance))
-    return tuple(found)
+        checks.append(ResonanceCheck(pair.measured, model, pair.mac, distance))
+    return tuple(checks)
 
 
 def _facts(setup: AnySetup) -> tuple[str, ...]:
+    """A remark on the noise or the chi-square if coherence was estimated from few averages; () otherwise."""
     record = setup.record
     if not isinstance(record, FrfRecord) or record.noise_source != "coherence" or not record.averages:
         return ()
@@ -160,14 +165,16 @@ def _facts(setup: AnySetup) -> tuple[str, ...]:
     )
 
 
-def _leaks(source: RecordSource, histories: list[TimeRecord], problem: RecordProblem, modes: Modes) -> list[str]:
-    """Windows of averaged spectra that blur the resonances in the band."""
+def _leakage_warnings(
+    source: RecordSource, histories: list[TimeRecord], problem: RecordProblem, modes: Modes
+) -> list[str]:
+    """Warnings if the window of averaged spectra blurs resonances in the band; empty for other records."""
     if source.frf is None or source.time is not None or not histories:
         return []
     settings = source.frf.others
     length = settings.get("segment_length") or len(histories[0].values)
     window = settings.get("window", "hann")
     axis: FloatArray = problem.frequency
-    inside = (modes.frequency >= axis[0]) & (modes.frequency <= axis[-1])
-    words = leakage(histories[0], length, window, modes.frequency[inside], modes.damping_ratio[inside])
+    in_band = (modes.frequency >= axis[0]) & (modes.frequency <= axis[-1])
+    words = leakage(histories[0], length, window, modes.frequency[in_band], modes.damping_ratio[in_band])
     return [words] if words else []

@@ -175,7 +175,7 @@ class CheckResult(Predicted):
 
 
 def check_study(study: Study) -> CheckResult:
-    """All of the study read and its predicted accuracy; nothing is estimated.
+    """The study read and checked, with the accuracy predicted at the initial values; nothing is estimated.
 
     Raises
     ------
@@ -183,31 +183,31 @@ def check_study(study: Study) -> CheckResult:
         As `run_study` would.
     """
     ready = started(study)
-    predicted = _by_draws(ready) if is_matrix_free(ready) else _by_jacobian(ready)
+    predicted = _predict_by_draws(ready) if is_matrix_free(ready) else _predict_by_jacobian(ready)
     problem, options = predicted.problem, study.options
     modes = [
         structure_modes(setup.structure, setup.parameters.values(setup.parameters.start), options.n_modes)
         for setup in ready.setups
     ]
-    checked = [_mode_checks(found, part) for found, part in zip(modes, ready.problems, strict=True)]
+    checked = [_mode_checks(modes_of_part, part) for modes_of_part, part in zip(modes, ready.problems, strict=True)]
     titled = prefixes(ready.setups)
     values = study.parameters.values(study.parameters.start)
     beside = [
-        checked_record(title, source.record, setup, part, look, found)
-        for title, source, setup, part, look, found in zip(
+        checked_record(title, source.record, setup, part, look, modes_of_part)
+        for title, source, setup, part, look, modes_of_part in zip(
             titled, study.setups, ready.setups, ready.problems, ready.looks, modes, strict=True
         )
     ]
     mesh = checked_mesh(ready.setups[0], ready.problems[0])
-    own = ready.setups[0].structure
-    findings = structure_findings(own, values)
-    coarse = None if isinstance(mesh, str) else coarse_elements(own, values, mesh)
+    structure = ready.setups[0].structure
+    findings = structure_findings(structure, values)
+    coarse = None if isinstance(mesh, str) else coarse_elements(structure, values, mesh)
     row = np.zeros((1, len(problem.names)))
     gradient = study.structure.mass_gradient(options.direction, values)
     row[0, places(problem.names, study.parameters.names)] = gradient @ study.parameters.design
-    held = fixed_properties(study.structure, study.parameters, options.tolerances)
-    changes = gradient @ relative_sensitivities(values, held)
-    held_masses = dict(zip((item.label for item in held), changes, strict=True))
+    fixed = fixed_properties(study.structure, study.parameters, options.tolerances)
+    changes = gradient @ relative_sensitivities(values, fixed)
+    fixed_masses = dict(zip((item.label for item in fixed), changes, strict=True))
     return CheckResult(
         study=study,
         records=tuple(setup.words(options) for setup in ready.setups),
@@ -220,20 +220,20 @@ def check_study(study: Study) -> CheckResult:
         covariance=predicted.covariance,
         identifiability=predicted.identifiability,
         total_mass=study.structure.mass_of(values, options.direction),
-        total_mass_std=mass_deviation(row, predicted.covariance, held_masses, predicted.fixed),
+        total_mass_std=mass_deviation(row, predicted.covariance, fixed_masses, predicted.fixed),
         of_data=predicted.of_data,
         assumption=predicted.assumption,
         fixed=predicted.fixed,
         warnings=(
             *ready.channel_warnings,
-            *(one.words for one in findings),
+            *(item.words for item in findings),
             *([] if isinstance(mesh, str) or not mesh.words else [mesh.words]),
-            *(one.title + words for one in beside for words in one.warnings),
+            *(item.title + words for item in beside for words in item.warnings),
             *ready.warnings,
             *(
                 name + words
-                for name, own in zip(titled, checked, strict=True)
-                for words in (*rounding_warnings(np.array([m.rounding for m in own])), *_mode_warnings(own))
+                for name, structure in zip(titled, checked, strict=True)
+                for words in (*rounding_warnings(np.array([m.rounding for m in structure])), *_mode_warnings(structure))
             ),
             *predicted.warnings,
         ),
@@ -249,45 +249,55 @@ def _with_strengths(ready: Start, terms: Sequence[Regularization], strengths: Se
     return together(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
 
 
-def _by_jacobian(ready: Start) -> Predicted:
+def _predict_by_jacobian(ready: Start) -> Predicted:
+    """Predicted covariance and identifiability from the Jacobian at the start."""
     terms = [t for t in ready.study.options.regularization if t.given is not None and not t.is_sparse]
     problem = _with_strengths(ready, terms, [term.given or 0.0 for term in terms])
     theta = np.asarray(problem.theta_start)
-    at = problem.linearize(theta)
+    linearization = problem.linearize(theta)
     fixed = fixed_values(freed_problems(ready.setups, ready.problems, ready.study.options.tolerances))
-    of_data = DenseCovariance(cramer_rao_bound(problem, at))
+    of_data = DenseCovariance(cramer_rao_bound(problem, linearization))
     covariance, assumption, influence = of_data, "", None
     if fixed is not None:
-        influence = fixed.sensitivities_at(problem.names, theta, False).influence(theta, at, problem.slope(theta))
+        influence = fixed.sensitivities_at(problem.names, theta, False).influence(
+            theta, linearization, problem.slope(theta)
+        )
         covariance, assumption = DenseCovariance(of_data.matrix + influence.covariance), f"± includes {influence.words}"
-    relative = relative_jacobian(problem, theta, at)
-    found = identifiability(relative, problem.physical(theta), problem.names)
+    relative = relative_jacobian(problem, theta, linearization)
+    identified_directions = identifiability(relative, problem.physical(theta), problem.names)
     identified = of_data.std <= problem.sizes(problem.physical(theta))
     warnings = unused_damping(ready.problems, problem.names, problem.kinds, identified)
     if not all(part.facts.measures_force for part in ready.problems):
         warnings += _ratio_warnings(problem, relative, identified)
-    left = [term_name(term) for term in ready.study.options.regularization if term not in terms]
-    warnings += _direction_warnings(found)
-    warnings += [f"predicted without the {' and '.join(left)} that `identify` will use"] if left else []
+    not_included = [term_name(term) for term in ready.study.options.regularization if term not in terms]
+    warnings += _direction_warnings(identified_directions)
+    warnings += [f"predicted without the {' and '.join(not_included)} that `identify` will use"] if not_included else []
     return Predicted(
-        problem, _start(problem, ready), covariance, found, tuple(warnings), of_data, assumption, influence
+        problem,
+        _start(problem, ready),
+        covariance,
+        identified_directions,
+        tuple(warnings),
+        of_data,
+        assumption,
+        influence,
     )
 
 
-def _by_draws(ready: Start) -> Predicted:
-    """Of very many parameters: with every smoothness, at a usual strength where the data are to choose it."""
+def _predict_by_draws(ready: Start) -> Predicted:
+    """Predicted covariance for very many parameters, by draws with every regularization at its given or a usual strength."""
     terms = ready.study.options.regularization
     strengths = [USUAL_STRENGTH if term.given is None else term.given for term in terms]
     problem = _with_strengths(ready, terms, strengths)
     theta = np.asarray(problem.theta_start)
-    at = problem.linearize_operator(theta)
-    draws, determined, _ = counted_draws(at, _DRAWS, np.random.default_rng(ready.study.options.seed))
+    linearization = problem.linearize_operator(theta)
+    draws, determined, _ = counted_draws(linearization, _DRAWS, np.random.default_rng(ready.study.options.seed))
     words = [
         f"{term_name(term)}: strength {strength:.3g}"
         + (", for one that `identify` will choose by the data" if term.given is None else ", as given")
         for term, strength in zip(terms, strengths, strict=True)
     ]
-    covariance = drawn_covariance(problem, theta, at, draws)
+    covariance = drawn_covariance(problem, theta, linearization, draws)
     rank = Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ())
     return Predicted(problem, _start(problem, ready), covariance, rank, tuple(words), covariance, "", None)
 
@@ -306,16 +316,16 @@ def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
 
 
 def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
-    """What each channel sees of the structure; `name` stands before it."""
-    structure, found = setup.structure, []
+    """Degrees of freedom of the structure that each channel of a set-up reads or loads; `name` is put before the channel."""
+    structure, checks = setup.structure, []
     free = structure.dofs
     placed = [tie for tie in structure.ties if isinstance(tie, MeshPoint | AimedSensor)]
     nearest = {tie.label: tie.distance for tie in placed if tie.distance > 0 or isinstance(tie, MeshPoint)}
     for role, dofs in setup.channels:
         if role == "input" and (bases := structure.driven(dofs)):
             for dof, base in zip(dofs, bases, strict=True):
-                supports = " ".join(own.place for own in base.supports)
-                found.append(ChannelCheck(f"{name}{dof}", role, f"moves {supports} (base {base.name})"))
+                supports = " ".join(support.place for support in base.supports)
+                checks.append(ChannelCheck(f"{name}{dof}", role, f"moves {supports} (base {base.name})"))
             continue
         columns = structure.selection(dofs).tocsc()
         for j, dof in enumerate(dofs):
@@ -323,21 +333,24 @@ def channel_checks(name: str, setup: AnySetup) -> list[ChannelCheck]:
             pairs = zip(part.coords[0], part.data, strict=True)
             terms = [f"{value:+.3g} {free[int(row)].unsigned}"[:-1] for row, value in pairs]
             terms += [f"(nearest node, {nearest[dof.node]:.3g} m away)"] if dof.node in nearest else []
-            found.append(ChannelCheck(f"{name}{dof}", role, " ".join(terms)))
-    return found
+            checks.append(ChannelCheck(f"{name}{dof}", role, " ".join(terms)))
+    return checks
 
 
-def _mode_checks(found: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
+def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
+    """One check for each mode: whether it is in the band, and how many lines its half-power bandwidth has."""
     axis, facts = problem.frequency, problem.facts
-    near = np.clip(np.searchsorted(axis, found.frequency), 0, len(axis) - 1)
-    inside = (axis[0] <= found.frequency) & (found.frequency <= axis[-1])
-    lines = (2 * found.damping_ratio * found.frequency + facts.window_bandwidth[near]) / facts.line_spacing[near]
-    rows = zip(found.frequency, found.damping_ratio, inside, lines, found.rounding, strict=True)
+    nearest_line = np.clip(np.searchsorted(axis, modes.frequency), 0, len(axis) - 1)
+    in_band = (axis[0] <= modes.frequency) & (modes.frequency <= axis[-1])
+    lines = (2 * modes.damping_ratio * modes.frequency + facts.window_bandwidth[nearest_line]) / facts.line_spacing[
+        nearest_line
+    ]
+    rows = zip(modes.frequency, modes.damping_ratio, in_band, lines, modes.rounding, strict=True)
     return tuple(ModeCheck(float(f), float(d), bool(i), float(n), float(r)) for f, d, i, n, r in rows)
 
 
 def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
-    """Where no mode of the initial model is seen by lines, or too few lines see one; none where modes were measured."""
+    """Warnings if no mode lies in the band or too few lines resolve one; none for measured modes."""
     if all(np.isnan(mode.lines_per_bandwidth) for mode in modes):
         return []
     if not any(mode.in_band for mode in modes):
@@ -354,7 +367,7 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
 
 
 def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarray) -> list[str]:
-    """That modes alone give no kilograms, where they do not."""
+    """A warning that modes alone give no absolute masses, if that is so."""
     members = common_scale(jacobian, problem)
     if members is None or identified[members].any():
         return []

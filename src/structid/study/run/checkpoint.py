@@ -18,7 +18,7 @@ import numpy as np
 from structid._version import __version__
 from structid.core.errors import FileError
 from structid.core.json_types import Entry, Plain
-from structid.files import atomic_write, claim, damage_told, made_folder, release
+from structid.files import atomic_write, claim, damage_told, make_folder, release
 from structid.files.npy import npz_arrays
 from structid.files.worker import filled, plain
 from structid.inversion.search.minimum import State
@@ -72,6 +72,10 @@ class Checkpoint:
     """
 
     def __init__(self, folder: Path, owner: Owner, resume: bool = False, seconds: float = 0.0) -> None:
+        """Claim `folder` for the run of `owner`; with `resume` its entries are read, else an old checkpoint is removed.
+
+        The checkpoint is written every `seconds`.
+        """
         self.folder, self.owner, self.seconds = folder, owner, seconds
         self.entries: dict[str, Any] = {}
         self._search: tuple[str, State] | None = None
@@ -80,13 +84,13 @@ class Checkpoint:
         self._written = time.monotonic()
         self._files = 0
         self._is_made = False
-        made_folder(folder.parent)
+        make_folder(folder.parent)
         claim(folder)
         try:
             if resume:
                 self._read()
             elif folder.exists():
-                _require_ours(folder)
+                _require_checkpoint(folder)
                 shutil.rmtree(folder)
         except BaseException:
             self.close()
@@ -102,7 +106,7 @@ class Checkpoint:
         return self._search[1] if self._search is not None and self._search[0] == name else None
 
     def finished(self, name: str, result: object) -> None:
-        """Take the result of a search or task."""
+        """Store the result of the search or task `name`, and write the checkpoint if it is due."""
         self.entries[name] = result
         self._unwritten.append(name)
         self._latest = None
@@ -114,14 +118,14 @@ class Checkpoint:
         self._write_if_due()
 
     def write(self, so_far: Mapping[str, Entry] | None = None) -> None:
-        """Write all that is not written yet, and `so_far` for the reader.
+        """Write all that is not written yet, and `so_far`, the values reached, as JSON for the reader.
 
         Raises
         ------
         FileError
             If the disk is full, or the folder cannot be written.
         """
-        self._make()
+        self._make_folder()
         if self._unwritten:
             if self._files >= _MOST_FILES:
                 self._write_all()
@@ -150,33 +154,38 @@ class Checkpoint:
         if time.monotonic() - self._written >= self.seconds:
             self.write()
 
-    def _make(self) -> None:
+    def _make_folder(self) -> None:
+        """Create the folder with the description of its run, unless that is done."""
         if not self._is_made:
-            made_folder(self.folder)
+            make_folder(self.folder)
             _write_json(self.folder / _RUN, self.owner)
             self._is_made = True
 
     def _write_all(self) -> None:
-        """All of it in one file, and the parts away; the first part holds it, the others then repeat it."""
+        """Write all entries to one file, and remove the parts that it replaces.
+
+        The first part holds all entries while the others are still there and repeat some.
+        """
         _save(_part(self.folder, 1), self.entries)
         for number in range(2, self._files + 1):
             _part(self.folder, number).unlink(missing_ok=True)
         self._files = 1
 
     def _read(self) -> None:
+        """Read the entries of an earlier run; `FileError` if there are none or they are of another run."""
         if not (self.folder / _RUN).is_file():
             raise FileError(f"{self.folder}: there is no checkpoint to go on from; run without --resume")
         with damage_told(self.folder / _RUN, _WHOLE, _ANEW):
             owner = json.loads((self.folder / _RUN).read_text(encoding="utf-8"))
-        _require_same(self.folder, self.owner, owner)
+        _require_same_run(self.folder, self.owner, owner)
         for stale in self.folder.glob(".*"):
             stale.unlink(missing_ok=True)
         for path in sorted(self.folder.glob("done-*.npz")):
             self.entries.update(_load(path))
             self._files = int(path.stem.split("-")[1])
         if (self.folder / _SEARCH).is_file():
-            found = _load(self.folder / _SEARCH)
-            name, state = found.get("name"), found.get("state")
+            search = _load(self.folder / _SEARCH)
+            name, state = search.get("name"), search.get("state")
             if not isinstance(name, str) or not isinstance(state, dict):
                 raise FileError(f"{self.folder / _SEARCH}: is not {_WHOLE} (no name and state); {_ANEW}")
             self._search = name, state
@@ -186,8 +195,8 @@ def _part(folder: Path, number: int) -> Path:
     return folder / f"done-{number:05d}.npz"
 
 
-def _require_same(folder: Path, own: Owner, owner: Plain) -> None:
-    """Refuse the checkpoint of another run, and name what differs."""
+def _require_same_run(folder: Path, own: Owner, owner: Plain) -> None:
+    """Raise `FileError` if the checkpoint is of another run, and name what differs."""
     anew = f"put it back, or {_ANEW}"
     if not isinstance(owner, dict) or owner.get("layout") != _LAYOUT:
         raise FileError(f"{folder}: is no checkpoint of this program; {anew}")
@@ -205,14 +214,14 @@ def _require_same(folder: Path, own: Owner, owner: Plain) -> None:
             )
 
 
-def _require_ours(folder: Path) -> None:
-    """Refuse to remove what is no checkpoint."""
-    known = {_RUN, _SEARCH, _SO_FAR}
+def _require_checkpoint(folder: Path) -> None:
+    """Raise `FileError` if `folder` holds anything but a checkpoint, so that it must not be removed."""
+    own_files = {_RUN, _SEARCH, _SO_FAR}
     if not folder.is_dir():
         raise FileError(f"{folder}: is a file where the checkpoint goes; move it, or give another --out")
-    other = [p.name for p in folder.iterdir() if p.name not in known and not p.name.startswith(("done-", "."))]
-    if other:
-        raise FileError(f"{folder}: holds {other[0]}, which is no checkpoint; move it, or give another --out")
+    foreign = [p.name for p in folder.iterdir() if p.name not in own_files and not p.name.startswith(("done-", "."))]
+    if foreign:
+        raise FileError(f"{folder}: holds {foreign[0]}, which is no checkpoint; move it, or give another --out")
 
 
 def _write_json(path: Path, value: Mapping[str, object]) -> None:
@@ -221,7 +230,7 @@ def _write_json(path: Path, value: Mapping[str, object]) -> None:
 
 
 def _save(path: Path, tree: Mapping[str, Entry]) -> None:
-    """A tree of mappings, lists, numbers, texts and arrays as NPZ: JSON for the shape, arrays beside it, bit for bit."""
+    """Write a tree of mappings, lists, numbers, texts and arrays as NPZ: JSON for the tree, arrays bit for bit."""
     arrays: list[np.ndarray] = []
     text = json.dumps(plain(tree, arrays))
     with atomic_write(path) as temporary, temporary.open("wb") as stream:
@@ -230,9 +239,10 @@ def _save(path: Path, tree: Mapping[str, Entry]) -> None:
 
 
 def _load(path: Path) -> dict[str, Entry]:
+    """The tree that `_save` wrote to `path`."""
     arrays = npz_arrays(path, _WHOLE, _ANEW)
     with damage_told(path, _WHOLE, _ANEW):
-        found = filled(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])
-        if not isinstance(found, dict):
+        entries = filled(json.loads(str(arrays["tree"])), lambda number: arrays[f"a{number}"])
+        if not isinstance(entries, dict):
             raise ValueError("it holds no entries by name")
-        return found
+        return entries

@@ -53,9 +53,10 @@ class Cluster(RemoteWorkers):
     losses = (KilledWorker, CancelledError, OSError)
 
     def __init__(self, address: str, answer_seconds: float = ANSWER_SECONDS) -> None:
+        """Connect to the scheduler at `address` and check its workers; each must answer within `answer_seconds`."""
         super().__init__()
         self.address = address
-        self._client = _connected(address, answer_seconds)
+        self._client = _connect(address, answer_seconds)
         try:
             _require_workers(self._client, address, answer_seconds)
         except BaseException:
@@ -66,6 +67,7 @@ class Cluster(RemoteWorkers):
 
     @staticmethod
     def answer(name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Answer[Found]:
+        """Results of a batch of items on a worker, with the shared object called `name`, on one thread."""
         plugin = get_worker().plugins[name]
         assert isinstance(plugin, _Shared)
         shared, pools = plugin.content_here()
@@ -96,14 +98,15 @@ class Cluster(RemoteWorkers):
             ) from error
 
     def require_alive(self) -> None:
+        """Raise `WorkersLostError` if the scheduler or all workers are gone."""
         if self._client.status != "running":
             raise WorkersLostError(
                 f"scheduler {self.address}: the connection was lost; what was done is kept: start the scheduler again"
                 " and go on with --resume"
             )
-        begun = time.monotonic()
+        start = time.monotonic()
         while not self._client.nthreads():
-            if time.monotonic() - begun > _GONE_SECONDS:
+            if time.monotonic() - start > _GONE_SECONDS:
                 raise WorkersLostError(
                     f"scheduler {self.address}: has had no worker for {_GONE_SECONDS:g} s; what was done is kept: start"
                     " workers and go on with --resume"
@@ -111,10 +114,10 @@ class Cluster(RemoteWorkers):
             time.sleep(0.5)
 
     def close(self) -> None:
-        """Leave the cluster; it goes on without this process."""
-        told = logging.getLogger("distributed")
-        before = told.level
-        told.setLevel(logging.CRITICAL)  # a scheduler that is gone is told in our words, not by its traceback as well
+        """Disconnect from the cluster, which goes on without this process."""
+        logger = logging.getLogger("distributed")
+        level = logger.level
+        logger.setLevel(logging.CRITICAL)  # a scheduler that is gone is told in our words, not by its traceback as well
         try:
             if self._client.status == "running":
                 for name in self._given:
@@ -122,7 +125,7 @@ class Cluster(RemoteWorkers):
             self._given.clear()
             self._client.close(timeout=2)
         finally:
-            told.setLevel(before)
+            logger.setLevel(level)
 
 
 class _Shared(WorkerPlugin):
@@ -140,22 +143,22 @@ class _Shared(WorkerPlugin):
         self.here = threading.local()
 
     def content_here(self) -> tuple[Any, ThreadpoolController]:
-        """What tasks share in this thread, and the libraries that it loaded."""
+        """The shared object of this thread, and the thread pools of the libraries that it loaded."""
         if not hasattr(self.here, "made"):
             self.here.made = pickle.loads(self.content), ThreadpoolController()
-        made: tuple[Any, ThreadpoolController] = self.here.made
-        return made
+        content: tuple[Any, ThreadpoolController] = self.here.made
+        return content
 
 
-def _connected(address: str, seconds: float) -> Client:
-    """The client of a scheduler; it would wait for ever for what answers and is none."""
+def _connect(address: str, seconds: float) -> Client:
+    """A client of the scheduler at `address`; `InputError` if nothing, or something else, answers within `seconds`."""
     remedy = "check the address, the port and the firewall, and that `dask scheduler` runs there"
     try:
         kind = asyncio.run(asyncio.wait_for(_kind(address), seconds))
         if kind == "Scheduler":
             return Client(address, timeout=seconds, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        why = str(error).splitlines()[0] if str(error) else _silence(address)
+        why = str(error).splitlines()[0] if str(error) else _why_silent(address)
         raise InputError(f"scheduler {address}: does not answer within {seconds:g} s ({why}); {remedy}") from error
     raise InputError(f"scheduler {address}: is a {kind.lower()}, not a scheduler; give the scheduler's address")
 
@@ -166,8 +169,8 @@ async def _kind(address: str) -> str:
         return str((await there.identity())["type"])
 
 
-def _silence(address: str) -> str:
-    """Why an address did not answer in time: nobody is there, or somebody who does not speak as a scheduler."""
+def _why_silent(address: str) -> str:
+    """The reason why an address did not answer in time: nobody is there, or no scheduler."""
     host, _, port = address.rpartition("://")[2].rpartition(":")
     try:
         with socket.create_connection((host.strip("[]"), int(port)), timeout=2.0):
@@ -177,24 +180,24 @@ def _silence(address: str) -> str:
 
 
 def _require_workers(client: Client, address: str, seconds: float) -> None:
-    """Refuse a scheduler without workers, and workers whose digits may differ."""
+    """Raise `InputError` if the scheduler has no workers, or workers with other versions, whose digits may differ."""
     try:
         client.wait_for_workers(1, timeout=seconds)
     except TimeoutError as error:
         raise InputError(
             f"scheduler {address}: has no worker after {seconds:g} s; start some with `dask worker {address}`"
         ) from error
-    found: Any = client.get_versions(packages=["structid", "scipy"])
-    own = _versions(found["client"])
-    for worker, told in found["workers"].items():
-        for name, version in _versions(told).items():
+    versions: Any = client.get_versions(packages=["structid", "scipy"])
+    here = _versions(versions["client"])
+    for worker, on_worker in versions["workers"].items():
+        for name, version in _versions(on_worker).items():
             if version is None:
                 raise InputError(
-                    f"scheduler {address}: worker {worker} has no {name}; install {name} {own[name]} there"
+                    f"scheduler {address}: worker {worker} has no {name}; install {name} {here[name]} there"
                 )
-            if version != own[name]:
+            if version != here[name]:
                 raise InputError(
-                    f"scheduler {address}: worker {worker} has {name} {version}, here it is {own[name]}; install the"
+                    f"scheduler {address}: worker {worker} has {name} {version}, here it is {here[name]}; install the"
                     " same versions, so that the digits are the same"
                 )
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 from structid._version import __version__
-from structid.study.run.needs import available_bytes
+from structid.study.run.resources import available_bytes
 
 #: Packages that are not required, and what they are for.
 OPTIONAL = {
@@ -58,13 +58,13 @@ class Installation:
 
 
 def installation() -> Installation:
-    """What this installation has."""
+    """Versions, factorizers, threads, processors and free memory of this installation."""
     from threadpoolctl import threadpool_info
 
     from structid.dynamics.factorization import factorizer, installed_factorizers
 
-    used = factorizer().name
-    names = sorted(installed_factorizers(), key=lambda name: name != used)
+    default = factorizer().name
+    names = sorted(installed_factorizers(), key=lambda name: name != default)
     blas = tuple(
         f"{pool['internal_api']} {pool['version'] or ''}".strip() + f", {pool['num_threads']} threads"
         for pool in threadpool_info()

@@ -49,17 +49,17 @@ class Reached:
         return f"{self.search}, iteration {self.iteration}, sum of squares {self.cost:.5g}"
 
     def summary(self) -> dict[str, Entry]:
-        """The values reached, as plain values; no uncertainty belongs to them."""
-        found: dict[str, Entry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
-        found["sum_of_squares"] = self.cost
+        """The values reached so far, as plain values without uncertainty."""
+        summary: dict[str, Entry] = {"status": "interrupted", "search": self.search, "iteration": self.iteration}
+        summary["sum_of_squares"] = self.cost
         if self.tasks:
-            found["tasks"] = self.tasks
+            summary["tasks"] = self.tasks
         if self.problem is None or self.theta is None:
-            return found
+            return summary
         values = self.problem.physical(self.theta)
         rows = zip(self.problem.names, self.problem.units, values.tolist(), strict=True)
-        found["parameters"] = [{"name": name, "unit": unit, "value": value} for name, unit, value in rows]
-        return found
+        summary["parameters"] = [{"name": name, "unit": unit, "value": value} for name, unit, value in rows]
+        return summary
 
 
 class LongRun:
@@ -83,6 +83,7 @@ class LongRun:
         checkpoint: Checkpoint | None = None,
         progress: TaskProgress | None = None,
     ) -> None:
+        """A run on `workers` (this process by default), with an optional checkpoint and progress callback."""
         self.workers: Workers = workers or InProcess()
         self.checkpoint, self.progress = checkpoint, progress
         self.reached = Reached()
@@ -101,12 +102,12 @@ class LongRun:
         return self._search("", problem, method, theta, progress)
 
     def keeper(self, problem: Problem) -> Keeper:
-        """Where a search that runs itself leaves its state, in this process; the one before it is then finished."""
-        kept = self.checkpoint
-        if self._keeper is not None and self._keeper.latest is not None and kept is not None:
-            kept.finished(self._keeper.name, dict(self._keeper.latest()))
+        """The sink for the state of a search that runs in this process; the previous search counts as finished."""
+        checkpoint = self.checkpoint
+        if self._keeper is not None and self._keeper.latest is not None and checkpoint is not None:
+            checkpoint.finished(self._keeper.name, dict(self._keeper.latest()))
         self._searches[""] += 1
-        self._keeper = _Keeper(f"search {self._searches['']}", problem, self.reached, kept)
+        self._keeper = _Keeper(f"search {self._searches['']}", problem, self.reached, checkpoint)
         return self._keeper
 
     def _search(
@@ -117,17 +118,18 @@ class LongRun:
         theta: FloatArray | None = None,
         progress: Progress | None = None,
     ) -> Minimum:
+        """Minimum of `problem` by `method`, taken from the checkpoint if that has it; `scope` is the task it belongs to."""
         self._searches[scope] += 1
         name = f"{scope}search {self._searches[scope]}"
-        aim = problem if scope else spread(problem, self.workers)
-        kept = self.checkpoint
-        if kept is None:
-            return minimize(aim, method, theta, progress, _Keeper(name, problem, self.reached, None))
-        if name in kept.entries:
-            return restored_minimum(problem, method, kept.entries[name])
-        found = minimize(aim, method, theta, progress, _Keeper(name, problem, self.reached, kept))
-        kept.finished(name, stored_minimum(found))
-        return found
+        spread_problem = problem if scope else spread(problem, self.workers)
+        checkpoint = self.checkpoint
+        if checkpoint is None:
+            return minimize(spread_problem, method, theta, progress, _Keeper(name, problem, self.reached, None))
+        if name in checkpoint.entries:
+            return restored_minimum(problem, method, checkpoint.entries[name])
+        minimum = minimize(spread_problem, method, theta, progress, _Keeper(name, problem, self.reached, checkpoint))
+        checkpoint.finished(name, stored_minimum(minimum))
+        return minimum
 
     def map(
         self,
@@ -138,7 +140,7 @@ class LongRun:
         progress: StageProgress | None = None,
         first: int = 0,
     ) -> list[Found]:
-        """`task` of every item on the workers, in their order; those of the checkpoint are not run again."""
+        """Results of `task` for every item, in order, from the workers or from the checkpoint; `first` numbers the first item."""
         self._calls[name] += first == 0
         call = f"{name} {self._calls[name]}"
         names = [f"{call}, {first + number + 1}" for number in range(len(items))]
@@ -186,15 +188,17 @@ class _Keeper:
 
     @property
     def state(self) -> State | None:
+        """The stored state of this search, or None."""
         if self.checkpoint is None:
             return None
         ended: State | None = self.checkpoint.entries.get(self.name)
         return ended if ended is not None else self.checkpoint.state_of(self.name)
 
     def keep(self, iteration: int, cost: float, state: Callable[[], State]) -> None:
+        """Note the state that the search has reached, and hand it to the checkpoint."""
         self.latest = state
-        at = self.reached
-        at.search, at.iteration, at.cost, at.problem = self.name, iteration, cost, self.problem
-        at.theta = state()["theta"]
+        reached = self.reached
+        reached.search, reached.iteration, reached.cost, reached.problem = self.name, iteration, cost, self.problem
+        reached.theta = state()["theta"]
         if self.checkpoint is not None:
             self.checkpoint.running(self.name, state)

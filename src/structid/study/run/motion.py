@@ -87,7 +87,7 @@ class MotionResult:
 
 
 def motion_of_study(path: Path, options: MotionOptions, progress: Progress | None = None) -> MotionResult:
-    """Identify the study at `path` from motion.
+    """Parameters of the study at `path`, identified from the motion of every degree of freedom.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
     InputError, FileError
         If the record lacks what the equations need, has gaps, or shrinks.
     """
-    begun = time.perf_counter()
+    start = time.perf_counter()
     study = load_study(path)
     source = study.record
     if len(study.setups) > 1:
@@ -107,23 +107,28 @@ def motion_of_study(path: Path, options: MotionOptions, progress: Progress | Non
     with source.section.located("repeats" if len(source.paths) > 1 else "path"):
         records = tuple(open_record(path.resolve(), source.options) for path in source.paths)
         workers = start_workers(options.workers, options.scheduler)
-        read = time.perf_counter()
+        study_read = time.perf_counter()
         try:
             whole = Whole(study.structure, study.parameters, records, options.work, options.chunk)
-            fit = _reduced(whole, workers, options.checkpoint, progress)
+            fit = _reduce_records(whole, workers, options.checkpoint, progress)
         finally:
             if workers is not None:
                 workers.close()
-        passed = time.perf_counter()
+        record_read = time.perf_counter()
         solution = motion_solution(fit, options.work)
-    seconds = {"study": read - begun, "record": passed - read, "solution": time.perf_counter() - passed}
+    seconds = {
+        "study": study_read - start,
+        "record": record_read - study_read,
+        "solution": time.perf_counter() - record_read,
+    }
     where = "this process" if workers is None else workers.words
     return MotionResult(study, records, solution, seconds, peak_memory(), where)
 
 
-def _reduced(
+def _reduce_records(
     whole: Whole, workers: Workers | None, checkpoint: Path | None, progress: Progress | None
 ) -> RecursiveMotionFit:
+    """The fit of all records, reduced in this process or on workers, continued from the checkpoint if there is one."""
     fit = motion_fit(whole.structure, whole.unknown)
     if checkpoint is not None and checkpoint.exists():
         fit = load_motion_fit(checkpoint, fit)
@@ -133,7 +138,7 @@ def _reduced(
 
 
 def peak_memory() -> int:
-    """Largest resident memory of this process so far in bytes; 0 where the system does not tell."""
+    """Largest resident memory of this process so far, in bytes; 0 if the system does not tell."""
     try:
         import resource
     except ImportError:  # Windows
@@ -146,11 +151,13 @@ def write_motion(result: MotionResult, folder: Path) -> None:
     """Write motion.json, parameters.csv and study.toml into the existing `folder`."""
     (folder / MOTION_SUMMARY).write_text(json_text(motion_summary(result)), encoding="utf-8")
     (folder / "study.toml").write_bytes(result.study.text.encode("utf-8"))
-    found = result.solution
+    solution = result.solution
     with (folder / MOTION_TABLE).open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream)
         table.writerow(["name", "unit", "value", "standard_deviation", "identified"])
-        rows = zip(found.names, found.unknown.units, found.values, found.std, found.identified, strict=True)
+        rows = zip(
+            solution.names, solution.unknown.units, solution.values, solution.std, solution.identified, strict=True
+        )
         for name, unit, value, std, identified in rows:
             table.writerow([name, unit, _number(value), _number(std), "yes" if identified else "no"])
 

@@ -67,13 +67,13 @@ class Whole:
 
 
 def stretches(records: Sequence[OnDiskRecord], answer_bytes: int, done: int = 0) -> list[Stretch]:
-    """Equal parts of each record, those left after the first `done` samples of all of them.
+    """Stretches (record number, first and last sample) of nearly equal length that cover the samples after the first `done`.
 
     Parameters
     ----------
     records : sequence of OnDiskRecord
     answer_bytes : int
-        Of the triangles of one stretch.
+        Size of the result of one stretch, in bytes.
     done : int
     """
     found: list[Stretch] = []
@@ -99,7 +99,7 @@ class Reduced(TypedDict):
 
 
 def reduced_stretch(whole: Whole, item: Stretch, tools: Tools) -> Reduced:
-    """Triangles, energies and counts of one stretch, as a task."""
+    """Triangles, energies and counts of one stretch (record number, first and last sample), as a task for workers."""
     number, first, last = item
     fit = whole.start
     for chunk in whole.records[number].chunks(first, last, whole.longest):
@@ -120,7 +120,7 @@ def reduced_on(
     checkpoint: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> RecursiveMotionFit:
-    """`fit`, of the first samples of the records or of none, after all of them, reduced on the workers of `workers`.
+    """`fit` after all remaining samples of the records were reduced on `workers`.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def reduced_on(
     total = sum(record.n_times for record in whole.records)
     compiled = work.compiled(total * len(fit.state.columns)) and len(fit.state.columns) == fit.equations.n_dofs
     whole = replace(whole, work=Kernels("numba" if compiled else "numpy", work.threads))
-    _require_seen(workers, whole)
+    _require_records(workers, whole)
     items = dict(enumerate(stretches(whole.records, fit.state.triangles.nbytes, fit.n_samples)))
     early: dict[int, Reduced] = {}
     turn, keeper = 0, FitKeeper(checkpoint)
@@ -162,10 +162,11 @@ def reduced_on(
 def reduced_alone(
     fit: RecursiveMotionFit, whole: Whole, checkpoint: Path | None = None, progress: Progress | None = None
 ) -> RecursiveMotionFit:
-    """The same in this process, one chunk after the other."""
+    """`fit` after all records were reduced in this process, one chunk after the other."""
     ends = list(accumulate(record.n_times for record in whole.records))
 
-    def told(done: int, _: int) -> None:
+    def report(done: int, _: int) -> None:
+        """Pass the number of samples done, of all records, to `progress`."""
         if progress is not None:
             progress(done, ends[-1])
 
@@ -173,7 +174,7 @@ def reduced_alone(
         first = max(0, fit.n_samples - (end - record.n_times))
         if first < record.n_times:
             work, longest = whole.work, whole.longest
-            fit = reduced_by_chunks(fit, whole.structure, record, work, longest, checkpoint, told, first)
+            fit = reduced_by_chunks(fit, whole.structure, record, work, longest, checkpoint, report, first)
     return fit
 
 
@@ -184,8 +185,8 @@ def _merged(fit: RecursiveMotionFit, part: Reduced) -> RecursiveMotionFit:
     return own if fit.n_samples == 0 else fit.merged(own)
 
 
-def _require_seen(workers: Workers, whole: Whole) -> None:
-    """Refuse workers that do not see the records, or would reduce them in another way."""
+def _require_records(workers: Workers, whole: Whole) -> None:
+    """Raise `InputError` if a worker does not see the records, or would reduce them with another engine."""
     wanted = tuple((str(record.path), record.path.stat().st_size) for record in whole.records)
     for worker, trouble in workers.asked(unusable, (wanted, _numba_version(whole.work.engine))).items():
         if trouble:
@@ -193,7 +194,7 @@ def _require_seen(workers: Workers, whole: Whole) -> None:
 
 
 def unusable(wanted: tuple[tuple[tuple[str, int], ...], str]) -> str:
-    """Why this worker cannot reduce the records of these paths and sizes; empty where it can."""
+    """The reason why this worker cannot reduce records of these paths and sizes; "" if it can."""
     records, numba = wanted
     for name, size in records:
         path = Path(name)
@@ -210,6 +211,7 @@ def unusable(wanted: tuple[tuple[tuple[str, int], ...], str]) -> str:
 
 
 def _numba_version(engine: str) -> str:
+    """Version of numba if the engine is numba and it is installed, else ""."""
     if engine != "numba" or not has_numba():
         return ""
     from importlib.metadata import version

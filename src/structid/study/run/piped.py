@@ -41,6 +41,7 @@ class PipedProcesses(Executor):
     """
 
     def __init__(self, n: int, begin: Callable[[], None] | None = None) -> None:
+        """A pool of `n` processes, started when needed, each of which calls `begin` first."""
         self._threads = ThreadPoolExecutor(n)
         self._begin = begin
         self._guard = threading.Lock()
@@ -57,11 +58,12 @@ class PipedProcesses(Executor):
         *args, **kwargs
             What it takes; like its answer they are pickled.
         """
-        return self._threads.submit(self._asked, fn, args, kwargs)
+        return self._threads.submit(self._call_remote, fn, args, kwargs)
 
-    def _asked(self, fn: Callable[..., T], given: tuple[object, ...], named: Mapping[str, object]) -> T:
+    def _call_remote(self, fn: Callable[..., T], given: tuple[object, ...], named: Mapping[str, object]) -> T:
+        """Result of calling `fn` in the process of this thread; `ProcessLostError` if that process ends."""
         try:
-            pipe = self._pipe()
+            pipe = self._connection()
             pipe.send((fn, given, named))
             error: Exception | None
             answer: T
@@ -72,8 +74,8 @@ class PipedProcesses(Executor):
             raise error
         return answer
 
-    def _pipe(self) -> Connection:
-        """To the process of this thread."""
+    def _connection(self) -> Connection:
+        """The pipe to the process of this thread, which is started when first needed."""
         thread = threading.get_ident()
         with self._guard:
             if self._is_ended:
@@ -96,7 +98,7 @@ class PipedProcesses(Executor):
         wait : bool, optional
             Until they have ended.
         cancel_futures : bool, optional
-            Whether calls that have not begun are cancelled; else they are lost.
+            True if calls that have not begun are cancelled; else they are lost.
         """
         with self._guard:
             self._is_ended = True
@@ -108,7 +110,10 @@ class PipedProcesses(Executor):
 
 
 def _answer(pipe: Connection, begin: Callable[[], None] | None) -> None:
-    """The life of a process; Ctrl-C is for the one that asks."""
+    """Main loop of a process: call the functions that arrive on `pipe` and send back results or errors.
+
+    Ctrl-C is for the process that asks.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is not None:
@@ -117,9 +122,9 @@ def _answer(pipe: Connection, begin: Callable[[], None] | None) -> None:
         begin()
     with suppress(EOFError, BrokenPipeError):  # nobody asks any more
         while True:
-            function, given, named = pipe.recv()
+            function, arguments, named = pipe.recv()
             try:
-                answer = ForkingPickler.dumps((None, function(*given, **named)))
+                answer = ForkingPickler.dumps((None, function(*arguments, **named)))
             except Exception as error:  # for the one that asked
                 error.add_note(traceback.format_exc())
                 answer = ForkingPickler.dumps((error, None))

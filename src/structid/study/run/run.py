@@ -14,7 +14,7 @@ from structid.identification.together import places
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.before import mesh_warnings
-from structid.study.run.needs import require_room
+from structid.study.run.resources import require_room
 from structid.study.run.solver.rounds import about_answer, from_nominal, with_solver
 from structid.study.run.start import Start, compare_with_models, started, with_pieces
 from structid.study.run.workers import threads_for
@@ -84,22 +84,24 @@ def run_refined(ready: Start, progress: StageProgress | None = None, work: Work 
 
 
 def run_started(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> StudyResult:
-    """The same for a study whose records are read; see `run_study`."""
+    """Identify a study whose records are already read; see `run_study`."""
     study = ready.study
     if not is_matrix_free(ready):
         require_room(study, ready.problems)
     try:
         with threads_for(ready.problems):
-            found = identify_together(ready.setups, study.options, progress, work)
+            answer = identify_together(ready.setups, study.options, progress, work)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         raise SearchFailedError(
             f"{study.path}: the search failed: {error}; start closer to the truth, give bounds or priors, or narrow"
             " the band"
         ) from error
-    own = [found.estimate.theta[places(found.estimate.names, one.names)] for one in found.problems]
-    off = mesh_warnings(ready.setups, found.problems, own)
-    found = replace(found, warnings=(*ready.fault_warnings, *off, *ready.channel_warnings, *found.warnings))
-    return StudyResult(study, found, provenance(study))
+    theta_of_records = [
+        answer.estimate.theta[places(answer.estimate.names, problem.names)] for problem in answer.problems
+    ]
+    mesh_words = mesh_warnings(ready.setups, answer.problems, theta_of_records)
+    answer = replace(answer, warnings=(*ready.fault_warnings, *mesh_words, *ready.channel_warnings, *answer.warnings))
+    return StudyResult(study, answer, provenance(study))
 
 
 def is_matrix_free(ready: Start) -> bool:

@@ -52,19 +52,20 @@ class SpreadLines(Wrapped):
         return Stretches(self.problem)
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        return _joined("residual", self._parts(theta, False))
+        return _join_parts("residual", self._evaluate_parts(theta, False))
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        parts = self._parts(theta, True)
-        return Linearization(_joined("residual", parts), _joined("jacobian", parts))
+        parts = self._evaluate_parts(theta, True)
+        return Linearization(_join_parts("residual", parts), _join_parts("jacobian", parts))
 
-    def _parts(self, theta: FloatArray, with_jacobian: bool) -> list[_Lines]:
+    def _evaluate_parts(self, theta: FloatArray, with_jacobian: bool) -> list[_Lines]:
+        """Residual (and Jacobian) of each stretch of lines, evaluated on the workers, in order."""
         n_lines = len(self.problem.record.frequency)
         count = min(n_lines, _STRETCHES_A_WORKER * self.workers.n_workers)
         ends = np.linspace(0, n_lines, count + 1).astype(int).tolist()
         items = {k: (ends[k], ends[k + 1], theta, with_jacobian) for k in range(count)}
-        found = dict(self.workers.completed(stretch, self.stretches, items))
-        return [found[k] for k in range(count)]
+        part_of = dict(self.workers.completed(stretch, self.stretches, items))
+        return [part_of[k] for k in range(count)]
 
 
 class _Lines(TypedDict):
@@ -75,8 +76,8 @@ class _Lines(TypedDict):
     n_data: int
 
 
-def _joined(name: Literal["residual", "jacobian"], parts: list[_Lines]) -> FloatArray:
-    """Real parts of all stretches, imaginary parts of all, and the rows of the priors once."""
+def _join_parts(name: Literal["residual", "jacobian"], parts: list[_Lines]) -> FloatArray:
+    """Residual or Jacobian of all lines: real parts of all stretches, imaginary parts of all, then the prior rows once."""
     real, imaginary = [], []
     for part in parts:
         rows, half = part[name], part["n_data"] // 2
@@ -86,17 +87,17 @@ def _joined(name: Literal["residual", "jacobian"], parts: list[_Lines]) -> Float
 
 
 def stretch(stretches: Stretches, item: tuple[int, int, FloatArray, bool], _: Tools) -> _Lines:
-    """Residual, and Jacobian where it is wanted, of some lines, as a task."""
+    """Residual, and Jacobian if wanted, of the stretch `item` (first, last, theta, with_jacobian), as a task for workers."""
     first, last, theta, with_jacobian = item
     part = stretches.at(first, last)
     if not with_jacobian:
         return {"residual": part.residual(theta), "n_data": part.n_data}
-    at = part.linearize(theta)
-    return {"residual": at.residual, "jacobian": at.jacobian, "n_data": part.n_data}
+    linearization = part.linearize(theta)
+    return {"residual": linearization.residual, "jacobian": linearization.jacobian, "n_data": part.n_data}
 
 
 def spread(problem: Problem, workers: Workers) -> Problem:
-    """The problem with the lines of its large FRF problems on workers, where there are several and it pays."""
+    """The problem with the lines of its large FRF problems evaluated on workers, if there are several and it pays."""
     if workers.n_workers < 2:
         return problem
     if isinstance(problem, JointProblem):

@@ -76,7 +76,7 @@ class Start:
 
 
 def started(study: Study) -> Start:
-    """The study's records read and compared with their initial models.
+    """The study with its records read, prepared and compared with their initial models.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def started(study: Study) -> Start:
 def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPieces | None) -> Start:
     """The records of `setups` compared with their initial models; see `started`."""
     records = zip(prefixes(setups), setups, study.setups, strict=True)
-    pairs = [_prepared(study, source, setup, name) for name, setup, source in records]
+    pairs = [_prepare_record(study, source, setup, name) for name, setup, source in records]
     prepared, looks = [ready for ready, _ in pairs], tuple(look for _, look in pairs)
     with study.root.located():
         same = alike([ready.problem for ready in prepared], titles(setups))
@@ -137,13 +137,13 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
 
 
 def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None) -> AnySetup:
-    """The set-up that a source describes, its channels part of the structure.
+    """The set-up of a source: its record read, its channels part of the structure.
 
     Parameters
     ----------
     source : SetupSource
     models : Models
-        The same for all of a study.
+        Cache of models, shared by all set-ups of a study.
     measured : RecordSetup, optional
         One with the same record, which is then not read again.
     """
@@ -166,7 +166,7 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
 
 def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], models: Models) -> AnySetup:
     """The set-up of histories or FRFs, as `read` from its files."""
-    record, time, told = source.record, source.record.time, faults(read)
+    record, time, fault_list = source.record, source.record.time, faults(read)
     common = (source.structure, source.parameters)
     if time is None:
         frfs = load_record(record, read)
@@ -176,19 +176,27 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], mod
             source.channel_unknowns,
             source.name,
             models=models,
-            faults=told,
+            faults=fault_list,
             calibration=record.calibration,
         )
-    shown = None if record.frf is None else load_record(record, read)
+    frf_record = None if record.frf is None else load_record(record, read)
     histories = load_histories(record, time, read)
     settings, unknowns = time.settings, source.channel_unknowns
     return TimeSetup(
-        *common, histories, settings, unknowns, source.name, shown, models, told, calibration=record.calibration
+        *common,
+        histories,
+        settings,
+        unknowns,
+        source.name,
+        frf_record,
+        models,
+        fault_list,
+        calibration=record.calibration,
     )
 
 
 def _require_places(structure: Structure, dofs: Iterable[Dof], inputs: bool) -> None:
-    """See `Structure.require_places`; of a solver's model, what its nodes are is said too."""
+    """Raise `InputError` if the structure lacks a channel (see `Structure.require_places`), with a hint on solver nodes."""
     try:
         structure.require_places(dofs, inputs)
     except InputError as error:
@@ -201,20 +209,22 @@ def _require_places(structure: Structure, dofs: Iterable[Dof], inputs: bool) -> 
 
 
 def _channel_key(section: Section, key: str) -> str:
-    """The key that says which channels there are: the list itself, or the file."""
+    """The key of the section that names its channels: `key` itself, or the one that names the file."""
     for candidate in (key, "channels_used", "channels", "path", "repeats"):
         if candidate in section.table:
             return candidate
     return key
 
 
-def _prepared(study: Study, source: SetupSource, setup: AnySetup, name: str) -> tuple[Prepared[RecordProblem], Look]:
-    """The problem of one record, its model looked at first, and the record beside it; `name` stands before words about it."""
+def _prepare_record(
+    study: Study, source: SetupSource, setup: AnySetup, name: str
+) -> tuple[Prepared[RecordProblem], Look]:
+    """The problem of one record and its comparison with the initial model; `name` begins warnings about it."""
     method, structure, options = study.section("method"), study.section("structure"), study.options
     place = source.section.section("modes") or source.section
-    with place.located(), _placed_lines(method, "band", name):
+    with place.located(), _locate_empty_band(method, "band", name):
         used, _ = setup.axes(replace(options, evaluation_band=None))
-    with place.located(), _placed_lines(method, "evaluation_band", name):
+    with place.located(), _locate_empty_band(method, "evaluation_band", name):
         _, judged = setup.axes(options)
     values = setup.parameters.values(setup.parameters.start)
     with placed_mechanism(structure):
@@ -225,8 +235,8 @@ def _prepared(study: Study, source: SetupSource, setup: AnySetup, name: str) -> 
 
 
 @contextmanager
-def _placed_lines(method: Section, key: str, name: str) -> Iterator[None]:
-    """Gives a `NoLinesError` the place of the key that leaves no line, with `name` before it."""
+def _locate_empty_band(method: Section, key: str, name: str) -> Iterator[None]:
+    """Context manager: a `NoLinesError` gets the place of the key that leaves no line, with `name` before it."""
     try:
         yield
     except NoLinesError as error:

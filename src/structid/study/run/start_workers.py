@@ -7,7 +7,7 @@ from structid.study.run.workers import InProcess, Processes, Workers
 
 
 def start_workers(workers: int | None, scheduler: str | None) -> Workers | None:
-    """Start the workers that the options ask for: a Dask cluster, processes, or this process for one worker.
+    """Workers as the options ask: a Dask cluster, processes, or this process for one worker; None without either.
 
     None where neither option is given.
 

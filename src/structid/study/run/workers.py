@@ -107,9 +107,10 @@ class InProcess(Workers):
     def completed(
         self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, Found]]:
+        """Number and result of each item, one after another in this process, on one thread."""
         pools = ThreadpoolController()
-        for place, (number, item) in enumerate(items.items()):
-            if place == 1:
+        for count, (number, item) in enumerate(items.items()):
+            if count == 1:
                 pools = ThreadpoolController()  # with the libraries that the first task loaded
             with one_thread(pools):
                 result = task(shared, item, tools(number))
@@ -165,7 +166,8 @@ class RemoteWorkers(Workers):
     def completed(
         self, task: Task[Shared, Item, Found], shared: Shared, items: Mapping[int, Item], tools: ToolsOf = no_tools
     ) -> Iterator[tuple[int, Found]]:
-        missing, name, losses = dict(items), self._name(shared), 0
+        """Number and result of each item as they come back; items of lost workers are sent again."""
+        missing, name, losses = dict(items), self._name_of_shared(shared), 0
         while missing:
             try:
                 send = partial(self._sent, name, task)
@@ -179,10 +181,13 @@ class RemoteWorkers(Workers):
     def _sent(self, name: str, task: Task[Shared, Item, Found], batch: Batch[Item]) -> Future[Answer[Found]]:
         return self.executor().submit(self.answer, name, task, batch)
 
-    def _name(self, shared: object) -> str:
-        """Under which workers have `shared`; it is kept here too, so that the same object is given once."""
-        for name, known in self._given.items():
-            if known is shared:
+    def _name_of_shared(self, shared: object) -> str:
+        """The name under which workers have the object `shared`, which is sent to them when it is new.
+
+        It is kept here too, so that the same object is sent once.
+        """
+        for name, sent in self._given.items():
+            if sent is shared:
                 return name
         while len(self._given) >= KEPT:
             oldest = next(iter(self._given))
@@ -209,6 +214,7 @@ class Processes(RemoteWorkers):
     losses = (ProcessLostError,)
 
     def __init__(self, n_workers: int) -> None:
+        """A pool of `n_workers` processes of this machine, started when first needed."""
         super().__init__()
         if n_workers < 1:
             raise InputError(f"`workers` must be at least 1, got {n_workers}; one for each core is usual")
@@ -275,11 +281,11 @@ def results(shared: Shared, task: Task[Shared, Item, Found], batch: Batch[Item])
 
 @contextmanager
 def one_thread(pools: ThreadpoolController) -> Iterator[None]:
-    """BLAS, MKL, OpenMP, numba and the factorizers with one thread."""
+    """Context manager: BLAS, MKL, OpenMP, numba and the factorizers use one thread."""
     variable = os.environ.get(THREADS_VARIABLE)
     os.environ[THREADS_VARIABLE] = "1"
     try:
-        with _one_in_products(pools):
+        with _limit_library_threads(pools):
             yield
     finally:
         if variable is None:
@@ -289,7 +295,8 @@ def one_thread(pools: ThreadpoolController) -> Iterator[None]:
 
 
 @contextmanager
-def _one_in_products(pools: ThreadpoolController) -> Iterator[None]:
+def _limit_library_threads(pools: ThreadpoolController) -> Iterator[None]:
+    """Context manager: numba and the thread pools of numerical libraries use one thread."""
     numba = sys.modules.get("numba")
     before = numba.get_num_threads() if numba else 1
     try:
@@ -305,7 +312,7 @@ def _one_in_products(pools: ThreadpoolController) -> Iterator[None]:
 def threads_for(problems: Sequence[Problem]) -> AbstractContextManager[None]:
     """One thread for products with Jacobians of this size, to which more bring nothing; factorizations keep theirs."""
     size = sum(problem.n_data * len(problem.names) for problem in problems)
-    return _one_in_products(ThreadpoolController()) if size <= SMALL_JACOBIAN else nullcontext()
+    return _limit_library_threads(ThreadpoolController()) if size <= SMALL_JACOBIAN else nullcontext()
 
 
 def in_batches(
@@ -314,7 +321,7 @@ def in_batches(
     items: Mapping[int, Item],
     require_alive: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[int, Found]]:
-    """Number and result of each item as batches come back; the first are single tasks, which show how long one takes."""
+    """Number and result of each item as batches come back; the first batches are single items, which show how long one takes."""
     waiting, n_waiting = iter(tuple(items.items())), len(items)
     pending: set[Future[Answer[Found]]] = set()
     seconds, count, size = 0.0, 0, 1
@@ -328,9 +335,9 @@ def in_batches(
             if not done:
                 require_alive()
             for future in done:
-                found, taken = future.result()
-                seconds, count = seconds + taken, count + len(found)
-                yield from found
+                results, batch_seconds = future.result()
+                seconds, count = seconds + batch_seconds, count + len(results)
+                yield from results
             if count:
                 fair = -(-n_waiting // (AHEAD * n_workers))
                 size = max(1, min(int(BATCH_SECONDS * count / max(seconds, 1e-9)), fair))

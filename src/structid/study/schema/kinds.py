@@ -52,9 +52,9 @@ Schema = TypedDict(
 
 
 def fits(value: Plain, schema: Schema) -> bool:
-    """Whether a value of a TOML file is what `schema` asks, by the keywords of JSON Schema that kinds use.
+    """True if a value of a TOML file satisfies `schema`, by the keywords of JSON Schema that kinds use.
 
-    What it cannot say of every number and text: no number but 0 is so large or so small that its square is lost, and no
+    Every number and text must satisfy this too: no number but 0 is so large or so small that its square is lost, and no
     text holds characters that steer a terminal, or null, which no file name may hold.
     """
     if "anyOf" in schema:
@@ -131,7 +131,7 @@ def choice(*names: str) -> Kind:
 
 
 def limited(kind: Kind, limits: Limits) -> Kind:
-    """A number within `limits`."""
+    """The kind `kind` of a number, restricted to `limits`."""
     words = ("of " if limits.words.startswith("at least") else "") + limits.words
     schema: Schema = {**kind.schema}
     if limits.least is not None:
@@ -158,7 +158,7 @@ def or_none(kind: Kind) -> Kind:
 
 
 def either(*kinds: Kind) -> Kind:
-    """Any of several kinds."""
+    """A kind that accepts what any of several kinds accept."""
 
     def made(value: Plain) -> Any:
         return next(kind for kind in kinds if kind.accepts(value)).made(value)
@@ -264,7 +264,7 @@ _PLAIN: dict[object, Kind] = {
 
 
 def kind_of(annotation: object) -> Kind:
-    """What a key may hold that goes to a field or argument of this annotation.
+    """The kind of value that a key may hold for a field or argument with this annotation.
 
     Raises
     ------

@@ -7,7 +7,7 @@ import re
 from dataclasses import fields, is_dataclass
 from typing import TypeVar
 
-from structid.core.constraints import declared_types, declared_words
+from structid.core.constraints import declared_types, parameter_descriptions
 from structid.identification.options import IdentifyOptions
 from structid.inversion import GaussNewton, LevenbergMarquardt
 from structid.study.schema.kinds import choice
@@ -26,46 +26,49 @@ T = TypeVar("T")
 
 
 def read_method(section: Section | None) -> IdentifyOptions:
-    """The options that ``[method]`` gives; the defaults where there is none."""
+    """The options that the section ``[method]`` gives; the defaults if there is none."""
     if section is None:
         return IdentifyOptions()
-    given = section.values(method_table())
-    made = _made(IdentifyOptions, given, given.pop("search", None))
-    for name in given:
+    values = section.values(method_table())
+    options = _make_options(IdentifyOptions, values, values.pop("search", None))
+    for name in values:
         raise section.error("is none of this `search`; leave it out, or choose another search", name)
-    return made
+    return options
 
 
 def method_table(options: type = IdentifyOptions) -> Table:
-    """All keys of ``[method]``, or those that one group of its options makes."""
+    """All keys of ``[method]``, or those that one group of its options contributes."""
     groups = {item.name: _groups(options, item.name) for item in fields(options)}
-    own = table_of(options, [name for name, kinds in groups.items() if kinds or name in _ELSEWHERE])
-    made = Table({_NAMES.get(name, name): key for name, key in own.keys.items()})
+    table = table_of(options, [name for name, kinds in groups.items() if kinds or name in _ELSEWHERE])
+    merged = Table({_NAMES.get(name, name): key for name, key in table.keys.items()})
     for name, kinds in groups.items():
         for keys in (method_table(kind).keys for kind in kinds):
-            made |= {key: Key(one.holds, one.words) if key in made.keys else one for key, one in keys.items()}
+            merged |= {
+                key: Key(known_key.holds, known_key.words) if key in merged.keys else known_key
+                for key, known_key in keys.items()
+            }
         if name in _SEARCHES:
-            made |= {"search": Key(choice(*map(_name, kinds), _MATRIX_FREE), declared_words(options)[name])}
-    return made
+            merged |= {"search": Key(choice(*map(_name, kinds), _MATRIX_FREE), parameter_descriptions(options)[name])}
+    return merged
 
 
-def _made(options: type[T], given: Given, search: str | None) -> T:
-    """An object of this class from keys, which are taken out of `given`, and the `search` that is asked for."""
-    made: Given = {}
+def _make_options(options: type[T], given: Given, search: str | None) -> T:
+    """An object of the class `options` from keys, which are removed from `given`; `search` names the search method."""
+    arguments: Given = {}
     for item in inspect.signature(options).parameters:
         kinds, name = _groups(options, item), _NAMES.get(item, item)
         if kinds:
             chosen = next((kind for kind in kinds if _name(kind) == search), kinds[0])
-            made[item] = _made(chosen, given, search)
+            arguments[item] = _make_options(chosen, given, search)
         elif item == _MATRIX_FREE and search is not None:
-            made[item] = search == _MATRIX_FREE
+            arguments[item] = search == _MATRIX_FREE
         elif name in given:
-            made[item] = given.pop(name)
-    return options(**made)
+            arguments[item] = given.pop(name)
+    return options(**arguments)
 
 
 def _groups(options: type, name: str) -> tuple[type, ...]:
-    """Classes whose fields are keys in place of a field."""
+    """Classes whose fields are keys of their own in place of the field `name`."""
     kind = declared_types(options)[name]
     if name in _ELSEWHERE:
         return ()

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from structid.core.constraints import NotNegative
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import Dof, parse_dofs, renamed
 from structid.core.errors import SingularModelError
 from structid.fem import Structure
@@ -95,7 +95,7 @@ class PlanStudy:
 
 
 def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy:
-    """The plan in the study file at `path`; `changes` are fields of `PlanOptions` that take the place of the file's.
+    """The plan in the study file at `path`; `changes` are fields of `PlanOptions` that replace those of the file.
 
     Neither ``[plan]`` nor ``[record]`` is needed. Where a record is there, its sensors, loads, lines, kind and noise
     are the defaults.
@@ -118,32 +118,34 @@ def load_plan(path: str | Path, work: Work = ALONE, **changes: Any) -> PlanStudy
     aimed = channel_names(structure)
     section = root.inner("plan")
     method = read_method(root.section("method"))
-    record, declared, notes = _record(recorded, files, structure, aimed)
+    record, declared, notes = _read_record(recorded, files, structure, aimed)
     with (root.section("plan") or root).located():
-        options, more = _options(section, structure, unknown, record, declared, method, aimed)
+        options, option_notes = _read_options(section, structure, unknown, record, declared, method, aimed)
         options = resolved(structure, unknown, replace(options, **changes))
-    notes = (*notes, *more, *_aimed_words(structure, options))
+    notes = (*notes, *option_notes, *_describe_aimed_sensors(structure, options))
     return PlanStudy(title_of(root), structure, unknown, options, notes, root, files.digests)
 
 
-def _aimed_words(structure: Structure, options: PlanOptions) -> tuple[str, ...]:
-    """Which candidates are sensors of ``[record.sensors]``, and which of these are none."""
+def _describe_aimed_sensors(structure: Structure, options: PlanOptions) -> tuple[str, ...]:
+    """Sentences on which sensors of ``[record.sensors]`` are candidates and which are not."""
     aimed = [tie for tie in structure.ties if isinstance(tie, AimedSensor)]
     candidates = {dof.unsigned for dof in (*options.sensors, *options.loads)}
-    known = [
-        f"{one.channel} (called {one.dof.place} here)" if one.dof.place != one.channel else one.channel for one in aimed
+    names = [
+        f"{tie.channel} (called {tie.dof.place} here)" if tie.dof.place != tie.channel else tie.channel for tie in aimed
     ]
-    used = [words for words, one in zip(known, aimed, strict=True) if one.dof.unsigned in candidates]
-    others = [one.channel for one in aimed if one.dof.unsigned not in candidates]
-    found = (f"candidates along directions of [record.sensors]: {listed(used)}",) if used else ()
-    left = f"no candidates: {listed(others)} of [record.sensors]; name them in `sensors` of [plan] to choose from them"
-    return (*found, left) if others else found
+    used = [words for words, tie in zip(names, aimed, strict=True) if tie.dof.unsigned in candidates]
+    others = [tie.channel for tie in aimed if tie.dof.unsigned not in candidates]
+    candidate_words = (f"candidates along directions of [record.sensors]: {join_words(used)}",) if used else ()
+    other_words = (
+        f"no candidates: {join_words(others)} of [record.sensors]; name them in `sensors` of [plan] to choose from them"
+    )
+    return (*candidate_words, other_words) if others else candidate_words
 
 
-def _record(
+def _read_record(
     section: Section | None, files: InputFiles, structure: Structure, aimed: Mapping[str, str]
 ) -> tuple[FrfRecord | None, NoiseSource, tuple[str, ...]]:
-    """What ``[record]`` holds, or None where there is nothing yet, and the noise it declares."""
+    """The record that ``[record]`` describes, or None if there is none yet; its declared noise; notes."""
     if section is None:
         return None, NoiseSource(), ()
     names = [name for key in ("path", "repeats") for name in as_list(section.table.get(key, []))]
@@ -154,13 +156,13 @@ def _record(
     if described.modes is not None:
         return None, NoiseSource(), ("the record holds modes: planned without it",)
     record = load_record(described)
-    what = (
+    note = (
         f"what [plan] does not give comes from the record (sensors: {len(record.outputs)}, loads: {len(record.inputs)})"
     )
-    return record, described.noise, (what,)
+    return record, described.noise, (note,)
 
 
-def _options(
+def _read_options(
     section: Section,
     structure: Structure,
     unknown: Parameters,
@@ -169,21 +171,22 @@ def _options(
     method: IdentifyOptions,
     aimed: Mapping[str, str],
 ) -> tuple[PlanOptions, tuple[str, ...]]:
-    given = section.values(PLAN)
-    frequency, line_notes = _lines(section, given, structure, unknown, record, method)
-    relative, absolute, noise_notes = _noise(section, record, declared, method.model_error)
+    """The options of the plan, with defaults from the record and from [method], and notes on them."""
+    values = section.values(PLAN)
+    frequency, line_notes = _candidate_lines(section, values, structure, unknown, record, method)
+    relative, absolute, noise_notes = _noise_levels(section, record, declared, method.model_error)
     for key in ("sensors", "installed_sensors", *_LOADS):
         with section.located(key):
-            given[key] = _in_structure(parse_dofs(as_list(given.get(key, []))), aimed, key in _LOADS)
-            structure.require_places(given[key], key in _LOADS)
-    if structure.driven([dof for key in _LOADS for dof in given[key]]):
-        given.setdefault("kind", "transmissibility")
+            values[key] = _in_structure(parse_dofs(as_list(values.get(key, []))), aimed, key in _LOADS)
+            structure.require_places(values[key], key in _LOADS)
+    if structure.driven([dof for key in _LOADS for dof in values[key]]):
+        values.setdefault("kind", "transmissibility")
     if record is not None:
-        given.setdefault("kind", record.kind)
-        given["installed_sensors"] = given["installed_sensors"] or record.outputs
-        given["installed_loads"] = given["installed_loads"] or record.inputs
-    given["of_interest"] = tuple(as_list(given.get("of_interest", [])))
-    return PlanOptions(frequency, **given, relative_noise=relative, absolute_noise=absolute), (
+        values.setdefault("kind", record.kind)
+        values["installed_sensors"] = values["installed_sensors"] or record.outputs
+        values["installed_loads"] = values["installed_loads"] or record.inputs
+    values["of_interest"] = tuple(as_list(values.get("of_interest", [])))
+    return PlanOptions(frequency, **values, relative_noise=relative, absolute_noise=absolute), (
         *line_notes,
         *noise_notes,
     )
@@ -195,7 +198,7 @@ def _in_structure(dofs: tuple[Dof, ...], aimed: Mapping[str, str], are_loads: bo
     return renamed((), dofs, own)[1] if are_loads else renamed(dofs, (), own)[0]
 
 
-def _lines(
+def _candidate_lines(
     section: Section,
     given: Given,
     structure: Structure,
@@ -203,7 +206,10 @@ def _lines(
     record: FrfRecord | None,
     method: IdentifyOptions,
 ) -> tuple[tuple[float, ...], tuple[str, ...]]:
-    """Candidate lines: as given, of the record, or spread over the band of the model's modes. Takes its keys out."""
+    """Candidate frequencies in Hz and notes: as given, those of the record, or spread over the band of the model's modes.
+
+    The keys that it uses are removed from `given`.
+    """
     band, spacing = given.pop("band", None), given.pop("spacing", "linear")
     axis, count = given.pop("frequency", None), given.pop("n_lines", None)
     if axis is not None:
@@ -234,27 +240,27 @@ def _band_of_modes(structure: Structure, unknown: Parameters) -> tuple[float, fl
     return float(0.5 * flexible.min(initial=1.0)), float(1.2 * flexible.max(initial=1.0))
 
 
-def _noise(
+def _noise_levels(
     section: Section, record: FrfRecord | None, declared: NoiseSource, model_error: float
 ) -> tuple[float, float, tuple[str, ...]]:
-    """Relative and absolute noise, with the model's error: as [plan] or [record] declares it, the record's median, or 1 %."""
+    """Relative and absolute noise, model error included, and notes: as declared, the record's median, or 1 %."""
     inner = section.section("noise")
     relative, absolute, notes = _DEFAULT_NOISE, 0.0, _NO_NOISE
     if inner is not None:
-        given = inner.read(PlanNoise)
-        if given.relative + given.absolute == 0:
+        declared_here = inner.read(PlanNoise)
+        if declared_here.relative + declared_here.absolute == 0:
             raise inner.error("needs `relative` or `absolute` greater than 0")
-        relative, absolute, notes = given.relative, given.absolute, ()
+        relative, absolute, notes = declared_here.relative, declared_here.absolute, ()
     elif declared.relative + declared.absolute > 0:
         relative, absolute, notes = declared.relative, declared.absolute, ()
     elif record is not None and record.variance is not None:
         size, std = np.abs(record.values), np.sqrt(record.variance)
-        seen = std < size if (std < size).any() else size > 0
-        relative = float(np.median(std[seen] / size[seen]))
+        clear = std < size if (std < size).any() else size > 0
+        relative = float(np.median(std[clear] / size[clear]))
         notes = (f"noise is that of the record in the median, {100 * relative:.2g} %",)
-        if not seen.all():
+        if not clear.all():
             notes = (
-                f"{notes[0]}, of the {100 * seen.mean():.0f} % of its values that rise above their noise; the others, as at lines"
+                f"{notes[0]}, of the {100 * clear.mean():.0f} % of its values that rise above their noise; the others, as at lines"
                 " where nothing drove it, are taken to be as good in the next test: give `band` to plan without them",
             )
     elif model_error > 0:
@@ -277,5 +283,5 @@ def planned(study: PlanStudy) -> Plan:
         with (study.root.section("plan") or study.root).located():
             return plan(study.structure, study.parameters, study.options)
     except SingularModelError as error:
-        place = study.root.section("structure") or study.root
-        raise SingularModelError(str(place.error(str(error)))) from error
+        section = study.root.section("structure") or study.root
+        raise SingularModelError(str(section.error(str(error)))) from error

@@ -42,7 +42,7 @@ class InputFiles:
     digests : dict of str to str
         SHA-256 by the name in the study; the last part of it only where that is an absolute path.
     work : Work
-        Where a solver runs.
+        Executor of a solver's runs.
     solved : list of Solved
         What the study's solver gave, once it has run.
     measured : dict
@@ -78,13 +78,13 @@ def _told_name(name: str) -> str:
 
 
 def read_root(path: str | Path, work: Work = ALONE) -> tuple[Section, InputFiles]:
-    """The whole study file at `path` with its sections known by name, and the list of files, itself the first.
+    """The root section of the study file at `path`, and the list of input files, which begins with the study itself.
 
     Parameters
     ----------
     path : path
     work : Work
-        Where a solver runs.
+        Executor of a solver's runs.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def read_root(path: str | Path, work: Work = ALONE) -> tuple[Section, InputFiles
 
 
 def root_of(source: StudyText) -> Section:
-    """The whole of a study file, its sections known by name."""
+    """The root section of a study file, with its sections checked by name."""
     root = Section(source, (), source.table)
     root.values(SECTIONS)
     root.section("structure")
@@ -106,7 +106,7 @@ def root_of(source: StudyText) -> Section:
 
 
 def record_sections(root: Section) -> list[Section]:
-    """Every ``[[record]]``, or the one ``[record]``; none where there is no record."""
+    """Every ``[[record]]`` section, or the single ``[record]``; empty if there is none."""
     if isinstance(root.table.get("record"), list):
         return root.sections("record")
     single = root.section("record")
@@ -119,7 +119,7 @@ def title_of(root: Section) -> str:
 
 
 def read_study_text(path: str | Path) -> StudyText:
-    """The text of the study file at `path`, parsed.
+    """The text of the study file at `path`, parsed as TOML.
 
     Raises
     ------
@@ -141,11 +141,11 @@ def read_study_text(path: str | Path) -> StudyText:
     try:
         _ = source.table
     except tomllib.TOMLDecodeError as error:
-        place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)", str(error))
-        line = int(place[1]) if place and place[1] else text.rstrip().count("\n") + 1
-        column = f", column {place[2]}" if place and place[2] else ""
-        what = re.sub(r" \(at .*\)$", "", str(error))
-        raise StudyError(f"{path}, line {line}{column}: not TOML: {what}; {_syntax_remedy(text, line)}") from error
+        position = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)", str(error))
+        line = int(position[1]) if position and position[1] else text.rstrip().count("\n") + 1
+        column = f", column {position[2]}" if position and position[2] else ""
+        message = re.sub(r" \(at .*\)$", "", str(error))
+        raise StudyError(f"{path}, line {line}{column}: not TOML: {message}; {_syntax_remedy(text, line)}") from error
     except (ValueError, RecursionError) as error:  # a number of thousands of digits, thousands of brackets
         raise StudyError(f"{path}: cannot be read as TOML: {error}; correct what is so long or so deep") from error
     return source

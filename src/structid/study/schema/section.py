@@ -79,7 +79,7 @@ class Section:
 
     @property
     def title(self) -> str:
-        """The header as the user wrote it, with the name of the entry where it has one."""
+        """The header as the user wrote it, with the name of the entry if it has one."""
         if not self.path:
             return "top level"
         words = ".".join(str(part) for part in self.path if isinstance(part, str))
@@ -95,7 +95,7 @@ class Section:
 
     @contextmanager
     def located(self, key: str | None = None) -> Iterator[None]:
-        """Gives any `InputError` of the block the place of this section, and of the key that it is about."""
+        """Context manager: an `InputError` of the block gets the place of this section, and of the key that it is about."""
         try:
             yield
         except StudyError:
@@ -104,7 +104,7 @@ class Section:
             raise self.error(str(error), error.option if error.option in self.table else key) from error
 
     def values(self, table: Table) -> Given:
-        """Every given key of `table` that is no table itself, checked, with its value as its kind makes it.
+        """Every given key of `table` that is not itself a table, checked and converted to its kind.
 
         Raises
         ------
@@ -118,21 +118,25 @@ class Section:
             if name not in keys and table.labels is not None:
                 raise self.error("labels must be whole numbers, as in `12 = [0.0, 0.5, 0.0]`", name)
             if name not in keys:
-                near = " and ".join(f"`{one}`" for one in _nearest(name, self.table[name], keys))
-                nearest = f"the nearest {'are' if ' and ' in near else 'is'} {near}; " if near else ""
+                nearest_keys = " and ".join(
+                    f"`{nearest_key}`" for nearest_key in _nearest(name, self.table[name], keys)
+                )
+                nearest = (
+                    f"the nearest {'are' if ' and ' in nearest_keys else 'is'} {nearest_keys}; " if nearest_keys else ""
+                )
                 raise self.error(f"unknown key; {nearest}valid keys are {', '.join(keys)}", name)
         for name, key in keys.items():
             if key.required and name not in self.table:
                 if isinstance(key.holds, Table):
                     raise self.error(f"the section [{self.joined(name)}] is missing; add it")
                 raise self.error(f"`{name}` is missing; add `{name} = ...` ({key.holds.words})")
-        given = {}
+        values = {}
         for name, key in keys.items():
             if name in self.table and isinstance(key.holds, Kind):
                 if not key.holds.accepts(self.table[name]):
                     raise self.error(f"must be {key.holds.words}, got {_shown(self.table[name])}", name)
-                given[name] = key.holds.made(self.table[name])
-        return given
+                values[name] = key.holds.made(self.table[name])
+        return values
 
     def read(self, made: Callable[..., T]) -> T:
         """What `made`, a class or function, makes of the keys that are its arguments; see `table_of`."""
@@ -141,7 +145,7 @@ class Section:
             return made(**given)
 
     def section(self, key: str) -> Section | None:
-        """The table `key` inside this one; None where it is not there."""
+        """The table `key` inside this one, or None."""
         if key not in self.table:
             return None
         inner = self.table[key]
@@ -155,10 +159,10 @@ class Section:
 
     def sections(self, key: str) -> list[Section]:
         """The entries of the array of tables `key` inside this one."""
-        given = self.table.get(key, [])
-        if not isinstance(given, list) or not all(isinstance(entry, dict) for entry in given):
+        entries = self.table.get(key, [])
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise self.error(f"must be an array of tables; write [[{self.joined(key)}]] above each entry", key)
-        return [Section(self.source, (*self.path, key, i), entry) for i, entry in enumerate(given)]
+        return [Section(self.source, (*self.path, key, i), entry) for i, entry in enumerate(entries)]
 
     def joined(self, key: str) -> str:
         """What stands in brackets above the table `key` inside this one."""
@@ -166,11 +170,15 @@ class Section:
 
 
 def _nearest(name: str, value: Plain, keys: Mapping[str, Key]) -> list[str]:
-    """Those of `keys` that are most like `name`: of tables where tables are given, of plain values else."""
-    in_tables = isinstance(value, dict) or (isinstance(value, list) and any(isinstance(one, dict) for one in value))
-    alike = [one for one, key in keys.items() if (key.holds_tables if in_tables else key.holds_values)] or keys
-    ratios = {one: difflib.SequenceMatcher(None, one, name).ratio() for one in alike}
-    return [one for one, ratio in ratios.items() if ratio == max(ratios.values())]
+    """Key names most like `name`: those of tables if `value` is a table, else those of plain values."""
+    in_tables = isinstance(value, dict) or (
+        isinstance(value, list) and any(isinstance(key_name, dict) for key_name in value)
+    )
+    comparable = [
+        key_name for key_name, key in keys.items() if (key.holds_tables if in_tables else key.holds_values)
+    ] or keys
+    ratios = {key_name: difflib.SequenceMatcher(None, key_name, name).ratio() for key_name in comparable}
+    return [key_name for key_name, ratio in ratios.items() if ratio == max(ratios.values())]
 
 
 def _shown(value: Plain) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
+from structid.core.display import Overview, Shown, plural
 from structid.core.json_types import Entry, Plain
 from structid.external.solved import Solved
 from structid.fem import MeasuredComponent, Structure
@@ -21,8 +22,8 @@ from structid.study.schema.unknowns import read_regularization
 from structid.unknowns import Parameters
 
 
-@dataclass(frozen=True, eq=False)
-class Study:
+@dataclass(frozen=True, eq=False, repr=False)
+class Study(Shown):
     """A study file as read and checked; nothing of the record's content has been read yet.
 
     Attributes
@@ -48,6 +49,12 @@ class Study:
     digests: Mapping[str, str]
     solved: Solved | None = None
     measured: Mapping[tuple[str, str], MeasuredComponent] = field(default_factory=dict)
+
+    def overview(self) -> Overview:
+        """Title and counts, and the parameters with their starts and priors."""
+        structure, records = self.structure, plural(len(self.setups), "record")
+        words = f"{self.title}: {plural(structure.n_dofs, 'degree')} of freedom, {records}"
+        return replace(self.parameters.overview(), words=f"{words}, {self.parameters.overview().words}")
 
     @property
     def structure(self) -> Structure:
@@ -75,7 +82,7 @@ class Study:
 
     @property
     def settings(self) -> dict[str, Entry]:
-        """Options with their defaults, as plain values."""
+        """All options, defaults included, as plain values."""
         settings = asdict(self.options)
         settings["search"] = {"type": type(self.options.method).__name__, **settings.pop("method")}
         settings["regularization"] = [
@@ -104,7 +111,7 @@ def load_study(path: str | Path, work: Work = ALONE) -> Study:
         and unknowns contradict each other; the message gives file, line, section and key.
     """
     root, files = read_root(path, work)
-    return _read(root, files)
+    return _make_study(root, files)
 
 
 def edited_study(study: Study, tables: Mapping[str, Plain], work: Work = ALONE) -> Study:
@@ -114,11 +121,12 @@ def edited_study(study: Study, tables: Mapping[str, Plain], work: Work = ALONE) 
     Places of errors are those of what the file had.
     """
     files = InputFiles(study.path.parent, dict(study.digests), work, measured=dict(study.measured))
-    found = _read(root_of(replace(study.root.source, edited=tables)), files, study.setups)
+    found = _make_study(root_of(replace(study.root.source, edited=tables)), files, study.setups)
     return found if found.solved is not None else replace(found, solved=study.solved)
 
 
-def _read(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) -> Study:
+def _make_study(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) -> Study:
+    """The study of a root section; set-ups of `before` are reused where their tables are unchanged."""
     if "record" not in root.table:
         raise root.error("the section [record] is missing; add it")
     setups = read_setups(root, files, before)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, is_dataclass
 from functools import cache
 from typing import Annotated, Any, TypeAlias, get_args, get_origin
 
-from structid.core.constraints import alternatives, declared_types, declared_words
+from structid.core.constraints import alternatives, declared_types, parameter_descriptions
 from structid.core.dof import Dof
 from structid.study.schema.kinds import Kind, Schema, kind_of
 
@@ -50,13 +50,13 @@ class Key:
 
     @property
     def schema(self) -> Schema:
-        """As JSON Schema."""
-        own: Schema = {"type": "array", "items": self.holds.schema} if self.listed else {**self.holds.schema}
+        """The key as JSON Schema."""
+        schema: Schema = {"type": "array", "items": self.holds.schema} if self.listed else {**self.holds.schema}
         if self.words:
-            own["description"] = self.words
+            schema["description"] = self.words
         if isinstance(self.default, str | int | float | list):
-            own["default"] = self.default
-        return own
+            schema["default"] = self.default
+        return schema
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,20 +92,20 @@ class Table:
 
     @property
     def schema(self) -> Schema:
-        """As JSON Schema."""
-        own: Schema = {"type": "object", "additionalProperties": False}
+        """The table as JSON Schema."""
+        schema: Schema = {"type": "object", "additionalProperties": False}
         if self.keys:
-            own["properties"] = {name: key.schema for name, key in self.keys.items()}
+            schema["properties"] = {name: key.schema for name, key in self.keys.items()}
         required = [name for name, key in self.keys.items() if key.required]
         if required:
-            own["required"] = required
+            schema["required"] = required
         if self.labels is not None:
-            own["patternProperties"] = {"^[0-9]{1,9}$": self.labels.schema}
-        return own if self.short is None else {"anyOf": [self.short.schema, own]}
+            schema["patternProperties"] = {"^[0-9]{1,9}$": self.labels.schema}
+        return schema if self.short is None else {"anyOf": [self.short.schema, schema]}
 
 
 def table_of(made: Callable[..., object], leave_out: Collection[str] = (), **others: Kind | Table) -> Table:
-    """The table whose keys are the arguments of a class or function, by their annotations and its docstring.
+    """The table whose keys are the arguments of a class or function, from their annotations and its docstring.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def table_of(made: Callable[..., object], leave_out: Collection[str] = (), **oth
     **others : Kind or Table
         What keys hold where the annotation does not say it, and keys besides the arguments.
     """
-    types, words = declared_types(made), declared_words(made)
+    types, words = declared_types(made), parameter_descriptions(made)
     keys = {}
     for name, item in inspect.signature(made).parameters.items():
         if name not in leave_out:
@@ -132,7 +132,7 @@ own_table: Callable[[Callable[..., object]], Table] = cache(table_of)
 
 
 def held_by(annotation: object) -> Kind | Table:
-    """What a key of an argument with this annotation holds: the table of a dataclass, or a kind."""
+    """The table of a dataclass, or the kind, that a key for an argument with this annotation holds."""
     parts = alternatives(annotation)
     if len(parts) == 1 and isinstance(parts[0], type) and is_dataclass(parts[0]) and parts[0] is not Dof:
         return table_of(parts[0])

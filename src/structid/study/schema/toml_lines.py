@@ -82,60 +82,65 @@ def words_of(text: str, passed_over: str) -> Words:
 
 
 def key(words: Words, end: str) -> tuple[list[str], int]:
-    """The parts of a dotted key up to `end`, which is taken off too, and where it begins."""
+    """The parts of a dotted key up to the token `end`, both taken off `words`, and the line where it begins."""
     parts: list[str] = []
-    at = words[-1][1]
+    line = words[-1][1]
     while (word := words.pop()[0]) != end:
         if word[0] in "\"'":
             parts += tomllib.loads(f"{word} = 0")
         elif word != ".":
             parts.append(word)
-    return parts, at
+    return parts, line
 
 
-def header(words: Words, counts: dict[KeyPath, int], found: dict[KeyPath, int]) -> KeyPath:
-    """The path of ``[a.b]`` or ``[[a.b]]``, with the position in every array of tables, of which `counts` knows the entries."""
+def header(words: Words, counts: dict[KeyPath, int], lines: dict[KeyPath, int]) -> KeyPath:
+    """The path of ``[a.b]`` or ``[[a.b]]``, with indices into arrays of tables, whose lengths are in `counts`.
+
+    The line of each part is noted in `lines`.
+    """
     words.pop()
     is_array = words[-1][0] == "["
     if is_array:
         words.pop()
-    parts, at = key(words, "]")
+    parts, line = key(words, "]")
     if is_array:
         words.pop()
     path: KeyPath = ()
     for i, part in enumerate(parts):
         path = (*path, part)
-        found.setdefault(path, at)
+        lines.setdefault(path, line)
         if is_array and i == len(parts) - 1:
             counts[path] = counts.get(path, 0) + 1
         if path in counts:
             path = (*path, counts[path] - 1)
-            found.setdefault(path, at)
+            lines.setdefault(path, line)
     return path
 
 
-def _pair(words: Words, found: dict[KeyPath, int], path: KeyPath) -> None:
-    parts, at = key(words, "=")
+def _pair(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> None:
+    """Note the lines of ``key = value`` under `path` in `lines`, and take it off `words`."""
+    parts, line = key(words, "=")
     for part in parts:
         path = (*path, part)
-        found.setdefault(path, at)
-    _value(words, found, path)
+        lines.setdefault(path, line)
+    _value(words, lines, path)
 
 
-def _value(words: Words, found: dict[KeyPath, int], path: KeyPath) -> None:
+def _value(words: Words, lines: dict[KeyPath, int], path: KeyPath) -> None:
+    """Note the lines of the entries of a value under `path` in `lines`, and take it off `words`."""
     first, position = words.pop()[0], 0
     if first not in ("[", "{"):
         while words and words[-1][0] not in "]},\n":
             words.pop()
         return
     while words[-1][0] not in "]}":
-        word, at = words[-1]
+        word, line = words[-1]
         if word in "\n,":
             words.pop()
         elif first == "{":
-            _pair(words, found, path)
+            _pair(words, lines, path)
         else:
-            found[(*path, position)] = at
-            _value(words, found, (*path, position))
+            lines[(*path, position)] = line
+            _value(words, lines, (*path, position))
             position += 1
     words.pop()

@@ -58,29 +58,30 @@ def read_parameters(root: Section, structure: Structure, known: Collection[str] 
             "the study has no parameter to identify; add [[unknown]] tables with `property` and `elements`,"
             ' as in property = "mass", elements = "plate 1"'
         )
-    pairs = [(entry, _present(_unknown(entry), structure, known)) for entry in entries]
+    pairs = [(entry, _restrict_to_structure(_read_unknown(entry), structure, known)) for entry in entries]
     entries, unknowns = [e for e, u in pairs if u is not None], [u for _, u in pairs if u is not None]
     try:
-        made = parameters(structure, unknowns)
+        declared = parameters(structure, unknowns)
     except InputError as error:
-        raise entries[_culprit(structure, unknowns)].error(str(error)) from error
-    if made.n_params == 0:
+        raise entries[_faulty_declaration(structure, unknowns)].error(str(error)) from error
+    if declared.n_params == 0:
         raise (entries or [root])[0].error(
             "every parameter is fixed or tied, so there is none to identify; free at least one"
         )
-    return made
+    return declared
 
 
-def _unknown(entry: Section) -> Unknown:
-    given = entry.values(UNKNOWN)
+def _read_unknown(entry: Section) -> Unknown:
+    """The declaration of one ``[[unknown]]`` table."""
+    values = entry.values(UNKNOWN)
     field = entry.section("field")
     if field is not None:
-        given["field"] = field.read(Field)
-    return Unknown(**given, prior=read_prior(entry))
+        values["field"] = field.read(Field)
+    return Unknown(**values, prior=read_prior(entry))
 
 
 def read_prior(entry: Section) -> Prior | None:
-    """The prior that the ``prior`` of an unknown states; None where there is none."""
+    """The prior that an unknown states, or None."""
     section = entry.section("prior")
     if section is None:
         return None
@@ -93,31 +94,33 @@ def read_prior(entry: Section) -> Prior | None:
 
 
 def read_regularization(root: Section, structure: Structure, unknown: Parameters) -> tuple[Regularization, ...]:
-    """The terms that the ``[[regularization]]`` tables hold the parameters by; () where there is none."""
-    found = []
+    """The regularization terms of the ``[[regularization]]`` tables; () if there are none."""
+    terms = []
     for entry in root.sections("regularization"):
-        given = entry.values(REGULARIZATION)
-        term = _TERMS[given.pop("kind")](**given)
+        values = entry.values(REGULARIZATION)
+        term = _TERMS[values.pop("kind")](**values)
         with entry.located("strength" if "strength" in entry.table else None):
             penalty(structure, unknown, term)
-        found.append(term)
-    return tuple(found)
+        terms.append(term)
+    return tuple(terms)
 
 
-def _present(unknown: Unknown, structure: Structure, known: Collection[str]) -> Unknown | None:
-    """The same declaration on the element sets that `structure` has; None where it has none of them."""
-    own = {element.name for element in (*structure.elements, *structure.sets)}
-    absent = set(known) - own
+def _restrict_to_structure(unknown: Unknown, structure: Structure, known: Collection[str]) -> Unknown | None:
+    """The declaration restricted to the element sets that `structure` has; None if it has none of them."""
+    present = {element.name for element in (*structure.elements, *structure.sets)}
+    absent = set(known) - present
     texts = as_list(unknown.elements)
-    kept = [text for text in texts if text not in absent and (text in own or text.rpartition(":")[0] not in absent)]
-    if len(kept) == len(texts):
+    elements = [
+        text for text in texts if text not in absent and (text in present or text.rpartition(":")[0] not in absent)
+    ]
+    if len(elements) == len(texts):
         return unknown
     name = unknown.name if unknown.each else unknown.name or ", ".join(texts)
-    return replace(unknown, elements=tuple(kept), name=name) if kept else None
+    return replace(unknown, elements=tuple(elements), name=name) if elements else None
 
 
-def _culprit(structure: Structure, unknowns: list[Unknown]) -> int:
-    """Which declaration is wrong: by itself, with those before it, or by its tie."""
+def _faulty_declaration(structure: Structure, unknowns: list[Unknown]) -> int:
+    """Index of the declaration that is wrong: by itself, with those before it, or by its tie."""
     plain = [replace(unknown, tied_to=None) for unknown in unknowns]
     for i in range(len(unknowns)):
         if _fails(structure, [plain[i]]):
@@ -133,6 +136,7 @@ def _culprit(structure: Structure, unknowns: list[Unknown]) -> int:
 
 
 def _fails(structure: Structure, unknowns: list[Unknown]) -> bool:
+    """True if these declarations cannot be used on `structure`."""
     try:
         parameters(structure, unknowns)
     except InputError:

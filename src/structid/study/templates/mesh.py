@@ -34,6 +34,7 @@ class MeshTemplate(Template):
     thickness: float = asked("thickness, of plates and shells", "m", 0.003)
 
     def text(self, folder: Path) -> str:
+        """The text of the study file; the mesh is read from `folder`."""
         mesh = read_mesh(folder / self.path, self.length_unit)
         if mesh.dimension < 2:
             raise InputError(
@@ -41,17 +42,17 @@ class MeshTemplate(Template):
             )
         flat = bool(np.ptp(mesh.positions[:, 2]) <= _FLAT * np.ptp(mesh.positions, axis=0).max())
         table = "solid" if mesh.dimension == 3 else "plate" if flat else "shell"
-        sets = _sets(mesh)
+        sets = _covering_groups(mesh)
         names = [_name(group) for group in sets]
         entries = "".join(self._entry(table, name, group) for name, group in zip(names, sets, strict=True))
         orphans = ', orphan_nodes = "drop"' if orphan_nodes(mesh).size else ""
-        unknowns = "".join(unknown("youngs_modulus", name) for name in names) + _damping(names)
+        unknowns = "".join(unknown("youngs_modulus", name) for name in names) + _damping_text(names)
         direction = '\n[method]\ntotal_mass_direction = "Z"\n' if table == "plate" else ""
         return f"""title = {json.dumps(f"Mesh {Path(self.path).stem}", ensure_ascii=False)}
 
 [structure]
 mesh = {{ path = "{self.path}", length_unit = "{self.length_unit}"{orphans} }}
-{self._support(mesh, table)}{entries}{unknowns}{direction}{NO_RECORD}"""
+{self._support_text(mesh, table)}{entries}{unknowns}{direction}{NO_RECORD}"""
 
     def _entry(self, table: str, name: str, group: str) -> str:
         own = f"group = {json.dumps(group, ensure_ascii=False)}\n" if group else ""
@@ -65,9 +66,9 @@ density = {number(self.density)}  # kg/m^3
 loss_factor = 0.01
 """
 
-    def _support(self, mesh: Mesh, table: str) -> str:
-        """``[[structure.support]]`` of what is held, or as a comment where nothing is."""
-        others = [name for name in (*mesh.groups, *mesh.node_groups) if name not in _sets(mesh)]
+    def _support_text(self, mesh: Mesh, table: str) -> str:
+        """Text of a ``[[structure.support]]`` table for the fixed group, commented out if there is none."""
+        others = [name for name in (*mesh.groups, *mesh.node_groups) if name not in _covering_groups(mesh)]
         if self.held != _FREE:
             mesh.group_nodes(self.held)  # it may not be there
         words = f"; groups of the mesh besides its sets: {', '.join(map(_name, others[:20]))}" if others else ""
@@ -81,19 +82,19 @@ loss_factor = 0.01
         return "\n" + "\n".join([f"# Nothing holds it yet{words}", *(f"# {line}" for line in lines)]) + "\n"
 
 
-def _sets(mesh: Mesh) -> list[str]:
-    """Groups that share the cells of the mesh's dimension without overlap; [""], all cells, where groups do not."""
+def _covering_groups(mesh: Mesh) -> list[str]:
+    """Groups that share the cells of the mesh's dimension without overlap; [""], all cells, if groups do not."""
     free = [np.ones(len(block.nodes), dtype=bool) for block in mesh.blocks]
     top = [CELL_DIMENSIONS.get(block.kind, 3) == mesh.dimension for block in mesh.blocks]
     chosen = []
     for group, rows in mesh.groups.items():
-        own = [(k, part) for k, part in enumerate(rows) if len(part)]
-        if own and all(top[k] and free[k][part].all() for k, part in own):
+        parts = [(k, part) for k, part in enumerate(rows) if len(part)]
+        if parts and all(top[k] and free[k][part].all() for k, part in parts):
             chosen.append(group)
-            for k, part in own:
+            for k, part in parts:
                 free[k][part] = False
-    left = any(is_top and part.any() for is_top, part in zip(top, free, strict=True))
-    return [""] if left or not chosen else chosen
+    is_uncovered = any(is_top and part.any() for is_top, part in zip(top, free, strict=True))
+    return [""] if is_uncovered or not chosen else chosen
 
 
 def _name(group: str) -> str:
@@ -101,9 +102,9 @@ def _name(group: str) -> str:
     return re.sub(r"[^\w .+-]", "_", group) or "all"
 
 
-def _damping(names: list[str]) -> str:
-    """One loss factor for all sets."""
+def _damping_text(names: list[str]) -> str:
+    """Text that declares one loss factor for all sets."""
     if len(names) == 1:
         return unknown("loss_factor", names[0])
-    listed = json.dumps(names, ensure_ascii=False)
-    return f'\n[[unknown]]\nproperty = "loss_factor"\nelements = {listed}\nname = "material"\n'
+    sets = json.dumps(names, ensure_ascii=False)
+    return f'\n[[unknown]]\nproperty = "loss_factor"\nelements = {sets}\nname = "material"\n'

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import ClassVar, TypeVar
 
 from structid.core.errors import FileError, InputError
-from structid.files import atomic_write, made_folder
+from structid.files import atomic_write, make_folder
 
 T = TypeVar("T")
 
@@ -55,24 +55,24 @@ def asked_of(template: type[Template]) -> tuple[Asked, ...]:
 
 
 def template_with(template: type[Template], given: Mapping[str, object]) -> Template:
-    """`template` with values as text or numbers, defaults for what is left out.
+    """`template` filled with values, given as text or numbers by name, and defaults for the others.
 
     Raises
     ------
     InputError
         If a name is unknown, or a value cannot be used, see `asked_value`.
     """
-    known = {one.name: one for one in asked_of(template)}
+    questions = {question.name: question for question in asked_of(template)}
     values: dict[str, float | int | str] = {}
     for name, value in given.items():
-        if name not in known:
-            raise InputError(f"there is no {name!r} to give; this template asks for {', '.join(known)}")
-        values[name] = asked_value(known[name], str(value))
+        if name not in questions:
+            raise InputError(f"there is no {name!r} to give; this template asks for {', '.join(questions)}")
+        values[name] = asked_value(questions[name], str(value))
     return template(**values)
 
 
-def asked_value(one: Asked, given: str) -> float | int | str:
-    """What `given` stands for.
+def asked_value(question: Asked, given: str) -> float | int | str:
+    """`given` as the number or text that a question asks for.
 
     Raises
     ------
@@ -80,22 +80,22 @@ def asked_value(one: Asked, given: str) -> float | int | str:
         If it is no number, not positive, far too many pieces, or none of the choices.
     """
     text = given.strip()
-    if one.choices and text not in one.choices:
-        raise InputError(f"{one.name} must be one of {', '.join(one.choices)}, got {text!r}")
-    if isinstance(one.default, str):
+    if question.choices and text not in question.choices:
+        raise InputError(f"{question.name} must be one of {', '.join(question.choices)}, got {text!r}")
+    if isinstance(question.default, str):
         if not text or any(not letter.isprintable() or letter in '"\\' for letter in text):
-            raise InputError(f"{one.name} must be a text without quotes, as in {one.default}, got {text!r}")
+            raise InputError(f"{question.name} must be a text without quotes, as in {question.default}, got {text!r}")
         return text
     try:
         number = float(text)
     except ValueError:
-        raise InputError(f"{one.name} must be a number, as in {one.default}, got {text!r}") from None
-    if isinstance(one.default, int):
+        raise InputError(f"{question.name} must be a number, as in {question.default}, got {text!r}") from None
+    if isinstance(question.default, int):
         if number != int(number) or not 1 <= number <= 2000:
-            raise InputError(f"{one.name} must be a whole number from 1 to 2000, got {text}")
+            raise InputError(f"{question.name} must be a whole number from 1 to 2000, got {text}")
         return int(number)
     if not 0 < number < float("inf"):
-        raise InputError(f"{one.name} must be greater than 0 ({one.unit or 'no unit'}), got {text}")
+        raise InputError(f"{question.name} must be greater than 0 ({question.unit or 'no unit'}), got {text}")
     return number
 
 
@@ -105,7 +105,7 @@ def study_file(path: Path) -> Path:
 
 
 def write_study(template: Template, path: Path) -> Path:
-    """The study of `template` in a new file, `path` with the suffix ``.toml``.
+    """Write the study of `template` to a new file, `path` with the suffix ``.toml``, and return its path.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def write_study(template: Template, path: Path) -> Path:
     if path.exists():
         raise FileError(f"{path}: is there already; give another name, or remove it first")
     text = template.text(path.parent)
-    made_folder(path.parent)
+    make_folder(path.parent)
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path

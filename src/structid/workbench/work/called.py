@@ -164,7 +164,7 @@ def _check(opened: OpenFolder, study: str) -> Entry:
 
 
 def _needs(opened: OpenFolder, study: str) -> Entry:
-    from structid.study.run.needs import available_bytes, expected
+    from structid.study.run.resources import available_bytes, expected
     from structid.study.schema.study import load_study
 
     needs, duration = expected(load_study(opened.inside(study), work=LOOKING))
@@ -233,6 +233,12 @@ def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[st
     return beside(read_model(opened.inside(study), number), modes, results)
 
 
+def _fits(opened: OpenFolder, results: str) -> Entry:
+    from structid.workbench.work.fits import fitted_responses
+
+    return fitted_responses(opened.inside(results))
+
+
 def _solver(opened: OpenFolder, study: str) -> Entry:
     """The command that a study runs; empty where it runs none."""
     from structid.study.schema.model.solver import solver_command
@@ -274,6 +280,7 @@ _FUNCTIONS: dict[str, Callable[..., Entry]] = {
     "pick": _pick,
     "merge": _merge,
     "beside": _beside,
+    "fits": _fits,
     "line": _line,
     "solver": _solver,
 }

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.constraints import Limits
 from structid.core.errors import InputError
-from structid.fem.elements.element import ElementSet, Kind, Layer, Positions, Store, element, node_codes
+from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Kind, Positions, Store, element, node_codes
 
 Poisson: TypeAlias = Annotated[float, "float", Limits(above=-1, below=0.5)]
 #: How strains are interpolated; see `elastic_stiffness`.
@@ -25,18 +25,21 @@ POISSON = "Poisson's ratio, known"
 
 
 def cell_table(cells: Mapping[int, str]) -> Store:
-    """Node labels of cells of these types by number of nodes; rows may end in -1 where a set mixes types."""
+    """A function that stores node labels of cells; `cells` maps numbers of nodes to cell types, rows may end in -1."""
 
     def stored(name: str, nodes: ArrayLike) -> IntArray:
+        """The table of `nodes` of the set `name`, checked, (n_cells, most nodes)."""
         table = np.atleast_2d(np.asarray(nodes))
         if table.ndim != 2 or table.size == 0 or not np.issubdtype(table.dtype, np.integer):
             raise InputError(f"`nodes` of {name!r} must be a table of whole numbers, got shape {table.shape}")
         counts = (table >= 0).sum(axis=1)
-        odd = ~np.isin(counts, list(cells))
-        if odd.any():
-            e = int(np.argmax(odd))
-            known = ", ".join(f"{count} ({kind})" for count, kind in cells.items())
-            raise InputError(f"element {e + 1} of {name!r} has {counts[e]} nodes; it can have {known}; mesh with these")
+        is_wrong = ~np.isin(counts, list(cells))
+        if is_wrong.any():
+            e = int(np.argmax(is_wrong))
+            allowed = ", ".join(f"{count} ({kind})" for count, kind in cells.items())
+            raise InputError(
+                f"element {e + 1} of {name!r} has {counts[e]} nodes; it can have {allowed}; mesh with these"
+            )
         return locked(table, np.int64)
 
     return stored
@@ -46,12 +49,14 @@ def cell_table(cells: Mapping[int, str]) -> Store:
 class CellSet(ElementSet):
     """Cells of a mesh, possibly of several types, whose nodes all move alike."""
 
-    def layer(
-        self, corners: FloatArray, made: CellMatrices, power: int = 0, directions: Sequence[str] | None = None
-    ) -> Layer:
-        """Matrices that `made` gives on `directions` (all that the nodes move in) of each cell, type by type.
+    def matrix_term(
+        self, corners: FloatArray, matrices_of: CellMatrices, power: int = 0, directions: Sequence[str] | None = None
+    ) -> ElementMatrixTerm:
+        """Element matrix term from `matrices_of`, a function of one cell type, on `directions` of each node (all that the nodes
+        move in).
 
-        Those of smaller cells are padded with zeros.
+        `corners` are the positions of the nodes. Cells with fewer nodes are padded with zeros; `power` is that of the
+        thickness.
         """
         axes = self.moves if directions is None else directions
         counts = (self.nodes >= 0).sum(axis=1)
@@ -59,9 +64,9 @@ class CellSet(ElementSet):
         total = np.zeros((len(self.nodes), size, size))
         for count in np.unique(counts).tolist():
             rows, n = np.flatnonzero(counts == count), len(axes) * count
-            nodes, at = self.nodes[rows, :count], corners[rows, :count]
-            total[rows, :n, :n] = made(self.name, nodes, at, self.cells[count])
-        return Layer(node_codes(self.nodes, axes), total, power)
+            nodes, nodes_at = self.nodes[rows, :count], corners[rows, :count]
+            total[rows, :n, :n] = matrices_of(self.name, nodes, nodes_at, self.cells[count])
+        return ElementMatrixTerm(node_codes(self.nodes, axes), total, power)
 
 
 def cell_positions(name: str, nodes: IntArray, positions: Positions, dimensions: int) -> FloatArray:
@@ -69,22 +74,22 @@ def cell_positions(name: str, nodes: IntArray, positions: Positions, dimensions:
     size = len(next(iter(positions.values())))
     if size < dimensions:
         raise InputError(f"{name!r} needs {dimensions}-D nodes, got positions with {size} coordinates")
-    labels, place = np.unique(nodes, return_inverse=True)
+    labels, index = np.unique(nodes, return_inverse=True)
     table = np.array([positions[int(label)] if label >= 0 else np.zeros(size) for label in labels])
-    found = table[place.reshape(nodes.shape)]
+    by_cell = table[index.reshape(nodes.shape)]
     if size > dimensions:
-        _require_flat(name, nodes, found)
-    flat: FloatArray = found[..., :dimensions]
+        _require_flat(name, nodes, by_cell)
+    flat: FloatArray = by_cell[..., :dimensions]
     return flat
 
 
-def _require_flat(name: str, nodes: IntArray, found: FloatArray) -> None:
-    """Raise `InputError` at a plane cell that is not parallel to the x-y plane."""
+def _require_flat(name: str, nodes: IntArray, corners: FloatArray) -> None:
+    """Raise `InputError` if a plane cell is not parallel to the x-y plane; `corners` are positions (n_cells, n_nodes, 3)."""
     used = nodes >= 0
-    high = np.where(used, found[..., 2], -np.inf).max(axis=1)
-    low = np.where(used, found[..., 2], np.inf).min(axis=1)
-    middle = found[:, :1, :2]
-    span = np.where(used, np.linalg.norm(found[..., :2] - middle, axis=2), 0.0).max(axis=1)
+    high = np.where(used, corners[..., 2], -np.inf).max(axis=1)
+    low = np.where(used, corners[..., 2], np.inf).min(axis=1)
+    first = corners[:, :1, :2]
+    span = np.where(used, np.linalg.norm(corners[..., :2] - first, axis=2), 0.0).max(axis=1)
     tilted = high - low > 1e-9 * span
     if tilted.any():
         e = int(np.argmax(tilted))

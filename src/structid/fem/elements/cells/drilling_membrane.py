@@ -32,7 +32,7 @@ def drilling_stiffness(corners: FloatArray, law: FloatArray, poisson: float, sha
     poisson : float
         The stiffness of linear strains follows it, by (1 - 4 poisson^2) / 2, and at least 0.01.
     share : float
-        What is kept of the stiffness of linear strains; 1 is the element of the reference, exact in bending in the plane.
+        Fraction of the stiffness against linear strains; 1 is the element of the reference, exact for in-plane bending.
 
     References
     ----------
@@ -41,15 +41,19 @@ def drilling_stiffness(corners: FloatArray, law: FloatArray, poisson: float, sha
     higher = share * max(0.5 * (1 - 4 * poisson**2), _LEAST_HIGHER)
     n = corners.shape[1]
     if n == 3:
-        return _triangle(corners, law, higher)
+        return _triangle_stiffness(corners, law, higher)
     total = np.zeros((len(corners), 3 * n, 3 * n))
     for division in _DIVISIONS:
         rows = np.ravel([[3 * k, 3 * k + 1, 3 * k + 2] for k in division])
-        total[:, rows[:, None], rows] += 0.5 * _triangle(corners[:, division], law, higher)
+        total[:, rows[:, None], rows] += 0.5 * _triangle_stiffness(corners[:, division], law, higher)
     return total
 
 
-def _triangle(corners: FloatArray, law: FloatArray, higher: float) -> FloatArray:
+def _triangle_stiffness(corners: FloatArray, law: FloatArray, higher: float) -> FloatArray:
+    """Stiffness of triangles on (u, v, rotation) of each corner for unit thickness, (n_cells, 9, 9).
+
+    `law` is the plane stress-strain matrix, `higher` the factor on the stiffness against linear strains.
+    """
     area = _area(corners)
     tractions = _lumped_tractions(corners)
     basic = tractions @ law @ np.swapaxes(tractions, 1, 2) / area[:, None, None]
@@ -72,30 +76,30 @@ def _area(corners: FloatArray) -> FloatArray:
 
 
 def _lumped_tractions(corners: FloatArray) -> FloatArray:
-    """Nodal forces of unit constant stresses, (n_cells, 9, 3)."""
-    found = np.zeros((len(corners), 9, 3))
+    """Nodal forces of unit constant stresses, (n_cells, 9, 3); `corners` are (n_cells, 3, 2)."""
+    forces = np.zeros((len(corners), 9, 3))
     for k in range(3):
         before, after = corners[:, (k + 2) % 3], corners[:, (k + 1) % 3]
         x, y = (before - after).T  # of corner k: x32 and y32
         next_x, next_y = (corners[:, k] - after).T  # x12, y12
         last_x, last_y = (before - corners[:, k]).T  # x31, y31
-        found[:, 3 * k, 0] = found[:, 3 * k + 1, 2] = -y
-        found[:, 3 * k + 1, 1] = found[:, 3 * k, 2] = x
-        found[:, 3 * k + 2, 0] = -_TRACTIONS / 6 * y * (next_y - last_y)
-        found[:, 3 * k + 2, 1] = _TRACTIONS / 6 * x * (last_x - next_x)
-        found[:, 3 * k + 2, 2] = _TRACTIONS / 3 * (next_x * next_y - last_x * last_y)
-    return found / 2
+        forces[:, 3 * k, 0] = forces[:, 3 * k + 1, 2] = -y
+        forces[:, 3 * k + 1, 1] = forces[:, 3 * k, 2] = x
+        forces[:, 3 * k + 2, 0] = -_TRACTIONS / 6 * y * (next_y - last_y)
+        forces[:, 3 * k + 2, 1] = _TRACTIONS / 6 * x * (last_x - next_x)
+        forces[:, 3 * k + 2, 2] = _TRACTIONS / 3 * (next_x * next_y - last_x * last_y)
+    return forces / 2
 
 
 def _rotation_beyond_mean(corners: FloatArray, area: FloatArray) -> FloatArray:
-    """Corner rotations less the mean rotation of the straight sides, (n_cells, 3, 9)."""
-    found = np.zeros((len(corners), 3, 9))
+    """Map from corner displacements and rotations to corner rotations less the mean rotation, (n_cells, 3, 9)."""
+    maps = np.zeros((len(corners), 3, 9))
     for k in range(3):
         x, y = (corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3]).T
-        found[:, :, 3 * k] = (x / area / 4)[:, None]
-        found[:, :, 3 * k + 1] = (y / area / 4)[:, None]
-        found[:, k, 3 * k + 2] = 1.0
-    return found
+        maps[:, :, 3 * k] = (x / area / 4)[:, None]
+        maps[:, :, 3 * k + 1] = (y / area / 4)[:, None]
+        maps[:, k, 3 * k + 2] = 1.0
+    return maps
 
 
 def _side(corners: FloatArray, k: int) -> FloatArray:
@@ -104,7 +108,7 @@ def _side(corners: FloatArray, k: int) -> FloatArray:
 
 
 def _strain_from_natural(corners: FloatArray) -> FloatArray:
-    """Strains (xx, yy, engineering xy) from elongations along the sides 12, 23, 31, (n_cells, 3, 3)."""
+    """Map from elongations along the sides 12, 23, 31 to strains (xx, yy, engineering xy), (n_cells, 3, 3)."""
     rows = np.empty((len(corners), 3, 3))
     for k in range(3):
         side = _side(corners, k)
@@ -114,7 +118,7 @@ def _strain_from_natural(corners: FloatArray) -> FloatArray:
 
 
 def _natural_strains(corners: FloatArray, area: FloatArray) -> list[FloatArray]:
-    """Elongations along the sides at each corner from corner rotations, three (n_cells, 3, 3)."""
+    """Elongations along the sides at each corner due to corner rotations: three maps (n_cells, 3, 3)."""
     sides = np.stack([(_side(corners, k) ** 2).sum(axis=1) for k in range(3)], axis=1)
     scale = 2 * area[:, None, None] / 3 / sides[:, :, None]
     turned = (np.roll(_STRAINS, (k, k), axis=(0, 1)) for k in range(3))

@@ -12,7 +12,9 @@ BENDING_CELLS = ("quad", "hexahedron")
 
 
 def plane_law(poisson: float, strain: bool) -> FloatArray:
-    """Stress from strain (xx, yy, engineering xy) for unit Young's modulus: plane strain, or plane stress."""
+    """Stress-strain matrix (xx, yy, engineering xy) for unit Young's modulus, (3, 3): plane strain if `strain`, else
+    plane stress.
+    """
     if strain:
         return solid_law(poisson)[np.ix_([0, 1, 3], [0, 1, 3])]
     law = np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
@@ -20,7 +22,7 @@ def plane_law(poisson: float, strain: bool) -> FloatArray:
 
 
 def solid_law(poisson: float) -> FloatArray:
-    """Stress from strain (xx, yy, zz, engineering xy, yz, zx) for unit Young's modulus."""
+    """Stress-strain matrix (xx, yy, zz, engineering xy, yz, zx) for unit Young's modulus, (6, 6)."""
     law = np.zeros((6, 6))
     law[:3, :3] = poisson
     law[np.diag_indices(3)] = 1 - poisson
@@ -29,7 +31,7 @@ def solid_law(poisson: float) -> FloatArray:
 
 
 def strain_rows(slopes: FloatArray) -> FloatArray:
-    """Strains from nodal displacements: gradients (..., d, n_nodes) to (..., n_strains, d n_nodes), node by node."""
+    """Strain-displacement matrices from gradients (..., d, n_nodes), (..., n_strains, d n_nodes), node by node."""
     d, n = slopes.shape[-2:]
     pairs = [(0, 1)] if d == 2 else [(0, 1), (1, 2), (2, 0)]
     rows = np.zeros((*slopes.shape[:-2], d + len(pairs), n, d))
@@ -43,12 +45,12 @@ def strain_rows(slopes: FloatArray) -> FloatArray:
 def elastic_stiffness(
     name: str, nodes: IntArray, positions: FloatArray, cell: str, law: FloatArray, formulation: str
 ) -> FloatArray:
-    """Stiffness for the stress-strain `law`, (n_cells, n_local, n_local).
+    """Stiffness matrices of elastic cells for the stress-strain matrix `law`, (n_cells, n_local, n_local).
 
     Parameters
     ----------
     name : str
-        Of the element set, for messages.
+        Name of the element set, for messages.
     nodes : (n_cells, n_nodes) int array
     positions : (n_cells, n_nodes, n_dimensions) float array
         m.
@@ -77,7 +79,7 @@ def elastic_stiffness(
 
 
 def _products(left: FloatArray, law: FloatArray, right: FloatArray, measure: FloatArray) -> FloatArray:
-    """Integrals of left' law right over each cell."""
+    """Integrals of left' law right over each cell, (n_cells, n_left, n_right); `measure` are the weights (n_points, n_cells)."""
     total = np.zeros((left.shape[1], left.shape[3], right.shape[3]))
     for a, b, weight in zip(left, right, measure, strict=True):
         total += np.swapaxes(a, 1, 2) @ (law @ b * weight[:, None, None])
@@ -100,7 +102,7 @@ def _bending_slopes(
 
 
 def _with_mean_dilatation(rows: FloatArray, measure: FloatArray, d: int) -> FloatArray:
-    """Strain rows whose trace is the mean over the cell."""
+    """Strain rows (n_points, n_cells, n_strains, n_local) whose trace is the mean over the cell."""
     trace = rows[:, :, :d].sum(axis=2)
     mean = np.einsum("qe,qen->en", measure, trace) / measure.sum(axis=0)[:, None]
     changed = rows.copy()
@@ -109,7 +111,7 @@ def _with_mean_dilatation(rows: FloatArray, measure: FloatArray, d: int) -> Floa
 
 
 def unit_mass(name: str, nodes: IntArray, positions: FloatArray, cell: str) -> FloatArray:
-    """Consistent mass for unit density, (n_cells, n_local, n_local)."""
+    """Consistent mass matrices for unit density, (n_cells, n_local, n_local); `positions` are (n_cells, n_nodes, d)."""
     shape = CELLS[cell]
     d = positions.shape[2]
     _, determinant = gradients(name, nodes, positions, shape, shape.mass_points)

@@ -33,7 +33,7 @@ class Facets:
     height: FloatArray
 
     def in_space(self, local: FloatArray) -> FloatArray:
-        """Matrices on (u, v, w, rotations) of each corner in the facet's axes as matrices on the global ones.
+        """Matrices on (u, v, w, rotations) of each corner in the facet's axes, turned to global axes, (n_cells, 6 n, 6 n).
 
         Nodes out of the plane are joined to it by rigid links along the normal.
         """
@@ -51,12 +51,12 @@ class Facets:
 
 
 def facets(name: str, nodes: IntArray, positions: FloatArray) -> Facets:
-    """The `Facets` of corners in space.
+    """Flat facets of cells in space: their axes, and their corners in the plane.
 
     Parameters
     ----------
     name : str
-        Of the element set, for messages.
+        Name of the element set, for messages.
     nodes : (n_cells, 3 or 4) int array
         Labels, for messages.
     positions : (n_cells, 3 or 4, 3) float array

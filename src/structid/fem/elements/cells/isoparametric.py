@@ -81,7 +81,7 @@ def _monomial_slopes(at: FloatArray, exponents: IntArray, axis: int) -> FloatArr
 
 
 def box_rule(*orders: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss points and weights of a square or cube, `orders` points along each axis."""
+    """Gauss points (n_points, d) and weights on the reference line, square or cube, with `orders` points along each axis."""
     rules = [np.polynomial.legendre.leggauss(n) for n in orders]
     points = np.stack(np.meshgrid(*[x for x, _ in rules], indexing="ij"), axis=-1).reshape(-1, len(orders))
     weights = np.prod(np.stack(np.meshgrid(*[w for _, w in rules], indexing="ij"), axis=-1), axis=-1).ravel()
@@ -109,7 +109,8 @@ def _pyramid(order: int) -> tuple[FloatArray, FloatArray]:
     return np.stack([s * height, t * height, -height], axis=1), weights / 2 * height**2
 
 
-def _wedge(order: int, along_axis: int = 2) -> tuple[FloatArray, FloatArray]:
+def _wedge_rule(order: int, along_axis: int = 2) -> tuple[FloatArray, FloatArray]:
+    """Quadrature points (n_points, 3) and weights of the reference wedge: a triangle rule times Gauss points along its axis."""
     flat, weights = triangle_rule(order)
     along, others = np.polynomial.legendre.leggauss(along_axis)
     points = np.concatenate([np.column_stack([flat, np.full(len(flat), z)]) for z in along])
@@ -132,8 +133,8 @@ def _serendipity(dimension: int) -> list[tuple[int, ...]]:
     return [e for e in every if sum(p for p in e if p > 1) <= 2]
 
 
-def _made() -> dict[str, CellShape]:
-    """Every cell type: nodes, exponents, and the quadrature of stiffness and mass."""
+def _make_cells() -> dict[str, CellShape]:
+    """The shape of each cell type by name: nodes, exponents, quadrature of stiffness and of mass."""
     bilinear, trilinear = list(np.ndindex(2, 2)), list(np.ndindex(2, 2, 2))
     prism = [(*a, b) for a in _up_to(1, 2) for b in (0, 1)]
     prism15 = [*((*a, b) for a in _up_to(2, 2) for b in (0, 1)), *((*a, 2) for a in _up_to(1, 2))]
@@ -149,8 +150,8 @@ def _made() -> dict[str, CellShape]:
         "tetra": (_TETRAHEDRON, _up_to(1, 3), _tetrahedron(2), _tetrahedron(3)),
         "tetra10": (tetra10, _up_to(2, 3), _tetrahedron(3), _tetrahedron(4)),
         "pyramid": (_PYRAMID, [*_up_to(1, 3), (1, 1, -1)], _pyramid(2), _pyramid(3)),
-        "wedge": (_WEDGE, prism, _wedge(2), _wedge(3)),
-        "wedge15": (wedge15, prism15, _wedge(3, 3), _wedge(4, 3)),
+        "wedge": (_WEDGE, prism, _wedge_rule(2), _wedge_rule(3)),
+        "wedge15": (wedge15, prism15, _wedge_rule(3, 3), _wedge_rule(4, 3)),
         "hexahedron": (_CUBE, trilinear, box_rule(2, 2, 2), box_rule(2, 2, 2)),
         "hexahedron20": (cube20, _serendipity(3), box_rule(3, 3, 3), box_rule(3, 3, 3)),
         "hexahedron27": (cube27, list(np.ndindex(3, 3, 3)), box_rule(3, 3, 3), box_rule(3, 3, 3)),
@@ -167,7 +168,7 @@ def _made() -> dict[str, CellShape]:
 
 
 #: Every cell type by its name.
-CELLS = _made()
+CELLS = _make_cells()
 #: Cell types by number of nodes, of plane and of solid elements.
 PLANE_CELLS, SOLID_CELLS = (
     {shape.n_nodes: name for name, shape in CELLS.items() if shape.corners.shape[1] == d} for d in (2, 3)
@@ -182,7 +183,7 @@ def gradients(
     Parameters
     ----------
     name : str
-        Of the element set, for messages.
+        Name of the element set, for messages.
     nodes : (n_cells, n_nodes) int array
         Labels, for messages.
     positions : (n_cells, n_nodes, n_dimensions) float array
@@ -210,7 +211,7 @@ def gradients(
 
 
 def require_regular(name: str, nodes: IntArray, positions: FloatArray, determinant: FloatArray) -> None:
-    """Raise `InputError` at a cell without volume, turned inside out or folded; see `gradients`."""
+    """Raise `InputError` if a cell has no volume, is inverted or folded; `determinant` is (n_points, n_cells)."""
     size = np.ptp(positions, axis=1).max(axis=1) ** positions.shape[2]
     word = "area" if positions.shape[2] == 2 else "volume"
     mean = determinant.mean(axis=0)
@@ -222,7 +223,7 @@ def require_regular(name: str, nodes: IntArray, positions: FloatArray, determina
 
 
 def require_none(bad: np.ndarray, name: str, nodes: IntArray, words: str, remedy: str) -> None:
-    """Raise `InputError` at the first cell that is bad, with the number of the others."""
+    """Raise `InputError` for the first cell where `bad` is True, and say how many others there are."""
     if bad.any():
         e, others = int(np.argmax(bad)), int(bad.sum()) - 1
         more = "" if not others else ", as is 1 other" if others == 1 else f", as are {others} others"

@@ -20,12 +20,12 @@ _ROTATIONS = {"triangle": "triangle6", "quad": "quad8"}
 
 
 def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str, law: FloatArray) -> FloatArray:
-    """Stiffness for unit modulus and unit thickness cubed, (n_cells, 3 n_corners, 3 n_corners).
+    """Bending stiffness of thin plates for unit modulus and unit thickness cubed, (n_cells, 3 n_corners, 3 n_corners).
 
     Parameters
     ----------
     name : str
-        Of the element set, for messages.
+        Name of the element set, for messages.
     nodes : (n_cells, n_corners) int array
     corners : (n_cells, n_corners, 2) float array
         m.
@@ -53,34 +53,34 @@ def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str
 
 
 def _rotation_map(corners: FloatArray) -> FloatArray:
-    """Rotations (beta_x, beta_y) at corners, then mid-sides, from (w, theta_x, theta_y) at corners.
+    """Map from (w, theta_x, theta_y) at corners to (beta_x, beta_y) at corners and mid-sides, (n_cells, 4 n, 3 n).
 
     beta = -grad w without shear; theta_x = dw/dy = -beta_y and theta_y = -dw/dx = beta_x.
     """
     n_cells, n, _ = corners.shape
-    found = np.zeros((n_cells, 2 * n, 2, n, 3))
+    maps = np.zeros((n_cells, 2 * n, 2, n, 3))
     for k in range(n):
-        found[:, k, 0, k, 2] = 1.0
-        found[:, k, 1, k, 1] = -1.0
+        maps[:, k, 0, k, 2] = 1.0
+        maps[:, k, 1, k, 1] = -1.0
     sides = np.roll(corners, -1, axis=1) - corners
     length = np.linalg.norm(sides, axis=2)
     along = sides / length[:, :, None]
     for k in range(n):
         ends = (k, (k + 1) % n)
-        own = found[:, n + k]
-        mean = (found[:, ends[0]] + found[:, ends[1]]) / 2
+        at_middle = maps[:, n + k]
+        mean = (maps[:, ends[0]] + maps[:, ends[1]]) / 2
         s = along[:, k]
         # slope of the cubic at the middle: 1.5 (w2 - w1) / l - (slopes at the ends) / 4, and slope = -beta along s
         tangential = -np.einsum("ed,edkc->ekc", s, mean) / 2
         tangential[:, ends[0], 0] += 1.5 / length[:, k]
         tangential[:, ends[1], 0] -= 1.5 / length[:, k]
         across = mean - s[:, :, None, None] * np.einsum("ed,edkc->ekc", s, mean)[:, None]
-        own += across + s[:, :, None, None] * tangential[:, None]
-    return found.reshape(n_cells, 4 * n, 3 * n)
+        at_middle += across + s[:, :, None, None] * tangential[:, None]
+    return maps.reshape(n_cells, 4 * n, 3 * n)
 
 
 def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> FloatArray:
-    """Mass for unit mass per area, (n_cells, 3 n_corners, 3 n_corners), of a deflection that is cubic along the sides.
+    """Mass matrices of plates for unit mass per area, (n_cells, 3 n_corners, 3 n_corners); the deflection is cubic along sides.
 
     Triangles take the nine functions of Bazeley, Cheung, Irons and Zienkiewicz (1965), quadrilaterals the twelve of
     Melosh (1963) on the reference square. Both hold every rigid motion exactly.
@@ -91,37 +91,37 @@ def plate_mass(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> Fl
     _, determinant = gradients(name, nodes, corners, shape, points)
     functions = _triangle_functions(points) if cell == "triangle" else _square_functions(points)
     # nodal (w, dw/dxi, dw/deta) from (w, theta_x, theta_y): dw/dx = -theta_y, dw/dy = theta_x
-    turned = np.zeros((*corner_slopes.shape[:2], 3, 3))
-    turned[:, :, 0, 0] = 1.0
-    turned[:, :, 1:, 1] = corner_slopes[..., 1]
-    turned[:, :, 1:, 2] = -corner_slopes[..., 0]
-    values = np.einsum("qka,ekab->eqkb", functions, turned).reshape(len(nodes), len(points), -1)
+    slope_map = np.zeros((*corner_slopes.shape[:2], 3, 3))
+    slope_map[:, :, 0, 0] = 1.0
+    slope_map[:, :, 1:, 1] = corner_slopes[..., 1]
+    slope_map[:, :, 1:, 2] = -corner_slopes[..., 0]
+    values = np.einsum("qka,ekab->eqkb", functions, slope_map).reshape(len(nodes), len(points), -1)
     return np.swapaxes(values, 1, 2) @ (values * (weights[:, None] * determinant).T[:, :, None])
 
 
 def _square_functions(at: FloatArray) -> FloatArray:
-    """Values at `at` of the functions of (w, dw/dxi, dw/deta) at each corner of the square, (n_points, 4, 3)."""
-    found = np.empty((len(at), 4, 3))
+    """Values at points `at` (n_points, 2) of the functions of (w, dw/dxi, dw/deta) at corners of the square, (n_points, 4, 3)."""
+    values = np.empty((len(at), 4, 3))
     for k, (a, b) in enumerate(CELLS["quad"].corners):
         x, y = at[:, 0] * a, at[:, 1] * b
         both = (1 + x) * (1 + y) / 8
-        found[:, k, 0] = both * (2 + x + y - x**2 - y**2)
-        found[:, k, 1] = -a * both * (1 - x**2)
-        found[:, k, 2] = -b * both * (1 - y**2)
-    return found
+        values[:, k, 0] = both * (2 + x + y - x**2 - y**2)
+        values[:, k, 1] = -a * both * (1 - x**2)
+        values[:, k, 2] = -b * both * (1 - y**2)
+    return values
 
 
 def _triangle_functions(at: FloatArray) -> FloatArray:
-    """The same of the reference triangle, (n_points, 3, 3)."""
+    """Values at points `at` (n_points, 2) of the functions of (w, dw/dxi, dw/deta) at corners of the triangle, (n_points, 3, 3)."""
     area = np.column_stack([1 - at.sum(axis=1), at])
     corners = CELLS["triangle"].corners
     bubble = area.prod(axis=1)
-    found = np.empty((len(at), 3, 3))
+    values = np.empty((len(at), 3, 3))
     for k in range(3):
         j, m = (k + 1) % 3, (k + 2) % 3
         lk, lj, lm = area[:, k], area[:, j], area[:, m]
-        found[:, k, 0] = lk + lk**2 * (lj + lm) - lk * (lj**2 + lm**2)
+        values[:, k, 0] = lk + lk**2 * (lj + lm) - lk * (lj**2 + lm**2)
         to_j = (lk**2 * lj + bubble / 2)[:, None] * (corners[j] - corners[k])
         to_m = (lk**2 * lm + bubble / 2)[:, None] * (corners[m] - corners[k])
-        found[:, k, 1:] = to_j + to_m
-    return found
+        values[:, k, 1:] = to_j + to_m
+    return values

@@ -39,7 +39,7 @@ class Header(NamedTuple):
 
 
 def kind_of(content: bytes) -> Kind | None:
-    """How the file is written, from the length of its first record; None where it is text."""
+    """Byte order and word size of a binary OUTPUT4 file, from the length of its first record; None if it is text."""
     for order in "<>":
         for marker, word in ((24, 4), (48, 8)):
             if content[:4] == struct.pack(f"{order}i", marker):
@@ -48,21 +48,21 @@ def kind_of(content: bytes) -> Kind | None:
 
 
 def matrices(path: Path, content: bytes, kind: Kind) -> list[ImportedMatrix]:
-    """Every matrix in `content`."""
-    found: list[ImportedMatrix] = []
-    at = 0
+    """Every matrix in the bytes `content` of a binary OUTPUT4 file."""
+    read: list[ImportedMatrix] = []
+    begin = 0
     padded = content + b"\0" * (-len(content) % 4)
     view = np.frombuffer(padded, dtype=np.uint32)
-    while at < len(content):
-        header, at = _header(path, content, at, kind)
-        columns, at = _columns(path, content, at, kind, header)
-        matrix = _matrix(path, view, kind, header, columns)
-        found.append(finished(path, header.name, matrix, header.form))
-    return found
+    while begin < len(content):
+        header, begin = _read_header(path, content, begin, kind)
+        columns, begin = _read_columns(path, content, begin, kind, header)
+        matrix = _read_matrix(path, view, kind, header, columns)
+        read.append(finished(path, header.name, matrix, header.form))
+    return read
 
 
-def _record(path: Path, content: bytes, at: int, kind: Kind, what: str) -> tuple[int, int]:
-    """Where the record at `at` begins and how long it is, its two markers compared."""
+def _record_range(path: Path, content: bytes, at: int, kind: Kind, what: str) -> tuple[int, int]:
+    """First byte and length of the record at byte `at`, after its two markers were compared; `what` names it in errors."""
     if at + 4 > len(content):
         raise FileError(f"{path}: ends at byte {len(content)} before {what}; {_REMEDY}")
     (length,) = struct.unpack_from(f"{kind.order}i", content, at)
@@ -74,8 +74,9 @@ def _record(path: Path, content: bytes, at: int, kind: Kind, what: str) -> tuple
     return at + 4, length
 
 
-def _header(path: Path, content: bytes, at: int, kind: Kind) -> tuple[Header, int]:
-    start, length = _record(path, content, at, kind, "the header of a matrix")
+def _read_header(path: Path, content: bytes, at: int, kind: Kind) -> tuple[Header, int]:
+    """The header of the matrix at byte `at`, and the byte behind it."""
+    start, length = _record_range(path, content, at, kind, "the header of a matrix")
     if length != 6 * kind.word:
         raise FileError(
             f"{path}: byte {at}: the header of a matrix has {length} bytes instead of {6 * kind.word}; {_REMEDY}"
@@ -89,13 +90,13 @@ def _header(path: Path, content: bytes, at: int, kind: Kind) -> tuple[Header, in
     return Header(columns, rows, form, number, name.replace(" ", "")), start + length + 4
 
 
-def _columns(path: Path, content: bytes, at: int, kind: Kind, header: Header) -> tuple[IntArray, int]:
-    """Byte, column, row and number of words of every column record, (n_records, 4), and where the next matrix begins."""
+def _read_columns(path: Path, content: bytes, at: int, kind: Kind, header: Header) -> tuple[IntArray, int]:
+    """Byte, column, row and number of words of each column record, (n_records, 4), and the byte behind the matrix."""
     rows = []
     unpack = struct.Struct(f"{kind.order}3{kind.integer}").unpack_from
     what = f"column record of matrix {header.name!r}"
     while True:
-        start, length = _record(path, content, at, kind, f"a {what}")
+        start, length = _record_range(path, content, at, kind, f"a {what}")
         column, row, words = unpack(content, start)
         next_at = start + length + 4
         if column == header.columns + 1:
@@ -110,7 +111,8 @@ def _columns(path: Path, content: bytes, at: int, kind: Kind, header: Header) ->
     return np.array(rows, dtype=np.int64).reshape(-1, 4), next_at
 
 
-def _matrix(path: Path, view: NDArray[np.uint32], kind: Kind, header: Header, columns: IntArray) -> Any:
+def _read_matrix(path: Path, view: NDArray[np.uint32], kind: Kind, header: Header, columns: IntArray) -> Any:
+    """The sparse matrix of one header, put together from the strings in its column records."""
     is_complex = header.kind > 2
     single = header.kind % 2 == 1
     shape = (abs(header.rows), header.columns)
@@ -133,15 +135,18 @@ def _matrix(path: Path, view: NDArray[np.uint32], kind: Kind, header: Header, co
 def _string_table(
     path: Path, view: NDArray[np.uint32], kind: Kind, header: Header, columns: IntArray
 ) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-    """Byte, row, column and words of every string; the k-th strings of all columns are read together."""
+    """First byte, row, column and number of words of each string, (n_strings,) each.
+
+    The k-th strings of all columns are read together.
+    """
     start, column, row, words = columns.T
     dense = row > 0
-    found = [(start[dense], row[dense] - 1, column[dense], words[dense])]
-    at, column, left = start[~dense], column[~dense], words[~dense]
+    parts_found = [(start[dense], row[dense] - 1, column[dense], words[dense])]
+    at, column, words_left = start[~dense], column[~dense], words[~dense]
     big = header.rows < 0 or header.rows > 65535
     while True:
-        more = left > 0
-        at, column, left = at[more], column[more], left[more]
+        more = words_left > 0
+        at, column, words_left = at[more], column[more], words_left[more]
         if not at.size:
             break
         first = _integers(view, at, kind)
@@ -149,14 +154,14 @@ def _string_table(
             length, top, head = first - 1, _integers(view, at + kind.word, kind) - 1, 2
         else:
             length, top, head = (first >> 16) - 1, (first & 0xFFFF) - 1, 1
-        if ((length < 1) | (length + head > left)).any():
-            bad = int(column[np.argmax((length < 1) | (length + head > left))])
+        if ((length < 1) | (length + head > words_left)).any():
+            bad = int(column[np.argmax((length < 1) | (length + head > words_left))])
             raise FileError(
                 f"{path}: matrix {header.name!r}: a string of column {bad + 1} is longer than its record; {_REMEDY}"
             )
-        found.append((at + head * kind.word, top, column, length))
-        at, left = at + (head + length) * kind.word, left - head - length
-    parts = [np.concatenate(column_of) for column_of in zip(*found, strict=True)]
+        parts_found.append((at + head * kind.word, top, column, length))
+        at, words_left = at + (head + length) * kind.word, words_left - head - length
+    parts = [np.concatenate(column_of) for column_of in zip(*parts_found, strict=True)]
     return parts[0], parts[1], parts[2], parts[3]
 
 
@@ -172,7 +177,7 @@ def _numbers(view: NDArray[np.uint32], at: IntArray, words: int, kind: Kind) -> 
 
 
 def encoded(strings: Strings, options: Op4Options) -> bytes:
-    """One matrix as binary records."""
+    """One matrix as records of a binary OUTPUT4 file."""
     kind = Kind("<" if options.byte_order == "little" else ">", options.words // 8)
     rows = -strings.shape[0] if strings.layout == "bigmat" else strings.shape[0]
     name = strings.name.upper().ljust(2 * kind.word).encode("ascii")
@@ -188,7 +193,7 @@ def encoded(strings: Strings, options: Op4Options) -> bytes:
         body = []
         for s in range(a, b):
             data = numbers[byte[s] : byte_end[s]]
-            body.append(_string_head(int(strings.row[s]) + 1, len(data) // kind.word, strings.layout, kind) + data)
+            body.append(_pack_string_head(int(strings.row[s]) + 1, len(data) // kind.word, strings.layout, kind) + data)
         whole = b"".join(body)
         first = int(strings.row[a]) + 1 if strings.layout == "dense" else 0
         place = struct.pack(f"{kind.order}3{kind.integer}", int(strings.column[a]) + 1, first, len(whole) // kind.word)
@@ -198,7 +203,8 @@ def encoded(strings: Strings, options: Op4Options) -> bytes:
     return b"".join(parts)
 
 
-def _string_head(row: int, words: int, layout: str, kind: Kind) -> bytes:
+def _pack_string_head(row: int, words: int, layout: str, kind: Kind) -> bytes:
+    """Bytes before a string of the sparse layouts: its number of words and first row; none in the dense layout."""
     if layout == "dense":
         return b""
     if layout == "bigmat":

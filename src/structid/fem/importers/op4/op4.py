@@ -24,7 +24,7 @@ SUFFIXES: tuple[str, ...] = (".op4", ".ou1")  # the second is MYSTRAN's
 def read(path: Path) -> list[ImportedMatrix]:
     """Every matrix in the OUTPUT4 file at `path`, in order; symmetric ones complete.
 
-    ASCII or binary, byte order and 32- or 64-bit words are found out from the file.
+    ASCII or binary, byte order and 32- or 64-bit words are recognized from the file.
 
     Raises
     ------
@@ -33,14 +33,14 @@ def read(path: Path) -> list[ImportedMatrix]:
     """
     content = path.read_bytes()
     kind = op4_binary.kind_of(content)
-    found = op4_text.matrices(path, content) if kind is None else op4_binary.matrices(path, content, kind)
-    if not found:
+    matrices = op4_text.matrices(path, content) if kind is None else op4_binary.matrices(path, content, kind)
+    if not matrices:
         raise FileError(f"{path}: holds no matrix; write some with OUTPUT4")
-    return found
+    return matrices
 
 
 def file_bytes(path: Path, matrices: Sequence[ImportedMatrix], options: Op4Options) -> bytes:
-    """The bytes of an OUTPUT4 file.
+    """Content of an OUTPUT4 file of `matrices`.
 
     Raises
     ------
@@ -49,12 +49,13 @@ def file_bytes(path: Path, matrices: Sequence[ImportedMatrix], options: Op4Optio
     """
     parts = []
     for item in matrices:
-        strings = _strings(path, item, options)
+        strings = _make_strings(path, item, options)
         parts.append(op4_binary.encoded(strings, options) if options.binary else op4_text.encoded(strings, options))
     return b"".join(parts)
 
 
-def _strings(path: Path, item: ImportedMatrix, options: Op4Options) -> Strings:
+def _make_strings(path: Path, item: ImportedMatrix, options: Op4Options) -> Strings:
+    """A matrix as strings of OUTPUT4; `FileError` if its name, size or values do not fit the format."""
     if len(item.name) > 8 or not item.name.isascii() or not item.name or " " in item.name:
         raise FileError(f"{path}: the name {item.name!r} must have 1 to 8 ASCII characters; rename the matrix")
     if options.layout == "sparse" and item.matrix.shape[0] > 65535:

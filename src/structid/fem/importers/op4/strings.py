@@ -44,6 +44,7 @@ class Op4Options:
     single: bool = False
 
     def __post_init__(self) -> None:
+        """Check the layout, the byte order and the word size."""
         if self.layout not in ("bigmat", "sparse", "dense"):
             raise InputError(f"`layout` must be 'bigmat', 'sparse' or 'dense', got {self.layout!r}")
         if self.byte_order not in ("little", "big") or self.words not in (32, 64):
@@ -90,14 +91,14 @@ class Strings:
 
 
 def strings_of(name: str, matrix: sparse.csc_array, form: int, layout: Layout, single: bool) -> Strings:
-    """`matrix` as strings of entries without a gap; one a column, zeros filled in, where `layout` is dense."""
+    """`matrix` as strings (runs of entries without a gap in one column); one string a column in the dense layout."""
     matrix.sort_indices()
     matrix.eliminate_zeros()
     kind = (3 if np.iscomplexobj(matrix.data) else 1) + (0 if single else 1)
     column = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
     row, values = matrix.indices.astype(np.int64), matrix.data
     if layout == "dense":
-        row, column, values = _filled(matrix)
+        row, column, values = _fill_columns(matrix)
     begins = np.ones(len(row), dtype=bool)
     begins[1:] = (np.diff(row) != 1) | (np.diff(column) != 0)
     if layout == "sparse":  # the length of a string has 15 bits, counted in words
@@ -114,8 +115,8 @@ def _cut(begins: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
     return (at - start) % longest == 0
 
 
-def _filled(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, AnyArray]:
-    """Every entry between the first and the last of each column."""
+def _fill_columns(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, AnyArray]:
+    """Row, column and value of every entry between the first and the last of each column, zeros included."""
     used = np.flatnonzero(np.diff(matrix.indptr))
     top = matrix.indices[matrix.indptr[used]].astype(np.int64)
     count = matrix.indices[matrix.indptr[used + 1] - 1] - top + 1
@@ -125,8 +126,8 @@ def _filled(matrix: sparse.csc_array) -> tuple[IntArray, IntArray, AnyArray]:
     values = np.zeros(len(row), dtype=matrix.dtype)
     offset = np.zeros(matrix.shape[1], dtype=np.int64)
     offset[used] = before - top
-    own = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
-    values[matrix.indices + offset[own]] = matrix.data
+    column_of_entry = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
+    values[matrix.indices + offset[column_of_entry]] = matrix.data
     return row, column, values
 
 
@@ -140,7 +141,9 @@ def entries(row: IntArray, column: IntArray, length: IntArray) -> tuple[IntArray
 def assembled(
     shape: tuple[int, int], row: IntArray, column: IntArray, length: IntArray, numbers: AnyArray, is_complex: bool
 ) -> sparse.csc_array:
-    """The matrix of these strings; `numbers` hold real and imaginary parts in turn where it is complex."""
+    """The sparse matrix of strings given by first row, column and length; `numbers` alternate real and imaginary if
+    `is_complex`.
+    """
     values = np.ascontiguousarray(numbers, dtype=np.float64)
     rows, columns, _ = entries(row, column, length)
     compact = coordinates(shape, rows, columns, values.view(np.complex128) if is_complex else values)

@@ -37,7 +37,7 @@ class _Lines(NamedTuple):
     text: list[bytes]
 
     def integers(self, at: int, count: int, what: str) -> list[int]:
-        """`count` whole numbers in fields of eight columns (or wider ones between blanks) on line `at`."""
+        """`count` whole numbers on the line with index `at`, in fields of eight columns or between blanks; `what` is for errors."""
         if at >= len(self.text):
             raise FileError(f"{self.path}: ends at line {len(self.text)} before {what}; {_REMEDY}")
         line = self.text[at]
@@ -54,45 +54,47 @@ class _Lines(NamedTuple):
 
 
 def matrices(path: Path, content: bytes) -> list[ImportedMatrix]:
-    """Every matrix in `content`."""
+    """Every matrix in the text `content` of an ASCII OUTPUT4 file."""
     lines = _Lines(path, content.split(b"\n"))
     length = np.array([len(line) for line in lines.text], dtype=np.int64) + 1
     offset = np.cumsum(length) - length
     buffer = np.frombuffer(content, dtype=np.uint8)
-    found: list[ImportedMatrix] = []
-    at = 0
-    while at < len(lines.text):
-        if not lines.text[at].strip():
-            at += 1
+    read: list[ImportedMatrix] = []
+    line_index = 0
+    while line_index < len(lines.text):
+        if not lines.text[line_index].strip():
+            line_index += 1
             continue
-        title = _title(lines, at)
-        table, at = _strings(lines, at + 1, title)
+        title = _read_title(lines, line_index)
+        table, line_index = _read_strings(lines, line_index + 1, title)
         if table.size and table[-1, 0] + -(-table[-1, 1] // title.per_line) > len(lines.text):
             raise FileError(f"{path}: ends within matrix {title.name!r}; {_REMEDY}")
-        numbers = _numbers(path, buffer, offset, length, table, title)
+        numbers = _read_numbers(path, buffer, offset, length, table, title)
         is_complex = title.kind > 2
         shape = (abs(title.rows), title.columns)
         count = table[:, 1] // (2 if is_complex else 1)
         matrix = assembled(shape, table[:, 2], table[:, 3], count, numbers, is_complex)
-        found.append(finished(path, title.name, matrix, title.form))
-    return found
+        read.append(finished(path, title.name, matrix, title.form))
+    return read
 
 
-def _title(lines: _Lines, at: int) -> _Title:
+def _read_title(lines: _Lines, at: int) -> _Title:
+    """The title line of a matrix at line index `at`: sizes, form, type, name and number format."""
     line = lines.text[at]
     wide = 16 if line.rstrip().upper().endswith(b"|I16") else 0  # large dimensions have fields of sixteen columns
-    columns, rows, form, kind = _whole(lines, at, wide)
+    columns, rows, form, kind = _title_numbers(lines, at, wide)
     name = line[32 + wide : 40 + wide].decode("latin-1").replace("\0", " ").strip().upper()
-    said = _FORMAT.search(line[40 + wide :][:_LONGEST])
+    match = _FORMAT.search(line[40 + wide :][:_LONGEST])
     if columns <= 0 or rows == 0 or kind not in (1, 2, 3, 4):
         raise FileError(
             f"{lines.path}, line {at + 1}: matrix {name!r} has {rows} rows, {columns} columns and type {kind}; {_REMEDY}"
         )
-    per_line, width = (int(said[1]), int(said[2])) if said else (5, 16)
+    per_line, width = (int(match[1]), int(match[2])) if match else (5, 16)
     return _Title(columns, rows, form, kind, name.replace(" ", ""), per_line, width)
 
 
-def _whole(lines: _Lines, at: int, wide: int) -> list[int]:
+def _title_numbers(lines: _Lines, at: int, wide: int) -> list[int]:
+    """The four whole numbers of a title line; `wide` is the extra width of its first two fields."""
     line = lines.text[at]
     edges = [0, 8 + wide // 2, 16 + wide, 24 + wide, 32 + wide]
     try:
@@ -105,41 +107,41 @@ def _whole(lines: _Lines, at: int, wide: int) -> list[int]:
         ) from None
 
 
-def _strings(lines: _Lines, at: int, title: _Title) -> tuple[IntArray, int]:
-    """First line, number of real numbers, row and column of every string, and the line behind the matrix."""
-    found: list[tuple[int, int, int, int]] = []
+def _read_strings(lines: _Lines, line_index: int, title: _Title) -> tuple[IntArray, int]:
+    """First line, number of reals, row and column of each string, (n_strings, 4), and the line index behind the matrix."""
+    strings: list[tuple[int, int, int, int]] = []
     words_per_real = 1 if title.kind % 2 == 1 else 2
     big = title.rows < 0 or title.rows > 65535
     limit = abs(title.rows) * (2 if title.kind > 2 else 1)
     what = f"a column of matrix {title.name!r}"
     while True:
-        column, row, words = lines.integers(at, 3, what)
-        at += 1
+        column, row, words = lines.integers(line_index, 3, what)
+        line_index += 1
         if column > title.columns + 1 or column < 1 or row < 0 or words < 0:
             raise FileError(
-                f"{lines.path}, line {at}: says column {column} of {title.columns}, row {row} and {words} words, which is not "
-                f"possible; {_REMEDY}"
+                f"{lines.path}, line {line_index}: says column {column} of {title.columns}, row {row} and {words} words,"
+                f" which is not possible; {_REMEDY}"
             )
         if column > title.columns:
-            return np.array(found, dtype=np.int64).reshape(-1, 4), at + 1
+            return np.array(strings, dtype=np.int64).reshape(-1, 4), line_index + 1
         if row > 0:
-            _require(lines, at, column, row, words, limit)
-            found.append((at, words, row - 1, column - 1))
-            at += -(-words // title.per_line)
+            _require(lines, line_index, column, row, words, limit)
+            strings.append((line_index, words, row - 1, column - 1))
+            line_index += -(-words // title.per_line)
             continue
         while words > 0:
             if big:
-                length, top = lines.integers(at, 2, f"a string of column {column}")
+                length, top = lines.integers(line_index, 2, f"a string of column {column}")
                 length, head = length - 1, 2
             else:
-                packed = lines.integers(at, 1, f"a string of column {column}")[0]
+                packed = lines.integers(line_index, 1, f"a string of column {column}")[0]
                 length, top, head = (packed >> 16) - 1, packed & 0xFFFF, 1
             reals = length // words_per_real
-            at += 1
-            _require(lines, at, column, top, reals, limit)
-            found.append((at, reals, top - 1, column - 1))
+            line_index += 1
+            _require(lines, line_index, column, top, reals, limit)
+            strings.append((line_index, reals, top - 1, column - 1))
             words -= length + head
-            at += -(-reals // title.per_line)
+            line_index += -(-reals // title.per_line)
 
 
 def _require(lines: _Lines, at: int, column: int, row: int, reals: int, limit: int) -> None:
@@ -150,10 +152,10 @@ def _require(lines: _Lines, at: int, column: int, row: int, reals: int, limit: i
         )
 
 
-def _numbers(
+def _read_numbers(
     path: Path, buffer: NDArray[np.uint8], offset: IntArray, length: IntArray, table: IntArray, title: _Title
 ) -> FloatArray:
-    """The numbers of all strings, one after another."""
+    """The numbers of all strings, one after another; `offset` and `length` are first byte and size of each line."""
     count = table[:, 1]
     before = np.cumsum(count) - count
     within = np.arange(int(count.sum())) - np.repeat(before, count)
@@ -178,7 +180,7 @@ def _numbers(
 
 
 def encoded(strings: Strings, options: Op4Options) -> bytes:
-    """One matrix as text."""
+    """One matrix as text of an ASCII OUTPUT4 file."""
     digits, per_line = (9, 5) if options.single else (16, 3)
     width = digits + 7 if options.single else digits + 8  # a third digit of an exponent fits
     rows = -strings.shape[0] if strings.layout == "bigmat" else strings.shape[0]
@@ -203,8 +205,8 @@ def encoded(strings: Strings, options: Op4Options) -> bytes:
             elif not dense:
                 lines.append(f"{strings.row[s] + 1 + 65536 * (length + 1):12d}")
             first = int(strings.first[s]) * parts
-            own = texts[first : first + int(strings.length[s]) * parts]
-            lines.extend("".join(own[i : i + per_line]) for i in range(0, len(own), per_line))
+            number_texts = texts[first : first + int(strings.length[s]) * parts]
+            lines.extend("".join(number_texts[i : i + per_line]) for i in range(0, len(number_texts), per_line))
     lines.append(f"{strings.shape[1] + 1:8d}{1:8d}{1:8d}")
     lines.append(f"{1.0:{width}.{digits}E}")
     return "\n".join([*lines, ""]).encode("ascii")

@@ -41,12 +41,14 @@ class SmallLines:
     ) -> Iterator[tuple[slice, NumberArray]]:
         """Fields (n, n_dofs, n_loads) for stretches of lines, under all columns where no other loads are given."""
         at = self.at(physical, coefficients, loads)
-        return at.stretches(coefficients, np.arange(at.loads.shape[1]))
+        return at.solve_in_chunks(coefficients, np.arange(at.loads.shape[1]))
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
         """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
         with single_blas():
-            read = [of for _, of in self.at(physical, coefficients).stretches(coefficients, columns, self._reader)]
+            read = [
+                of for _, of in self.at(physical, coefficients).solve_in_chunks(coefficients, columns, self._reader)
+            ]
         return np.concatenate(read)
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:

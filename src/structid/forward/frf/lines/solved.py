@@ -96,4 +96,8 @@ class SolvedLines:
     def _places(self) -> tuple[IntArray, tuple[IntArray, FloatArray], tuple[IntArray, FloatArray]]:
         own = self.element
         found = own.found.lines(self.record.frequency)
-        return found, own.places(self.record.outputs, "output"), own.places(self.record.inputs, "input")
+        return (
+            found,
+            own.channel_indices(self.record.outputs, "output"),
+            own.channel_indices(self.record.inputs, "input"),
+        )

@@ -31,7 +31,7 @@ from structid.records.formats.named_channels import (
     record_of,
     scale_of_times,
 )
-from structid.records.formats.options import ReadOptions, option_words
+from structid.records.formats.options import ReadOptions, layout_words, option_words
 from structid.records.formats.selection import selected
 from structid.records.record import COHERENCE_MOST, FrfKind, FrfRecord, TimeRecord
 
@@ -42,8 +42,9 @@ _PART_WORDS = {
     "phase": "phase", "angle": "phase", "coherence": "coherence", "coh": "coherence", "std": "std",
 }  # fmt: skip
 _PAIR = re.compile(
-    r"(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)(\s*\[(?P<unit>[^\[\]]*)\])?"
-    rf"((?<=\])|[\s_])\s*\(?(?P<part>{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})\)?\.?"
+    r"(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)"
+    r"(\s*\[(?P<unit>[^\[\]]*)\]|\s*\((?P<round>[^()]*(?:\([^()]*\)[^()]*)*)\))?"
+    rf"((?<=[\])])|[\s_])\s*\(?(?P<part>{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})\)?\.?"
     r"(\s*[\[(](?P<own>[^\[\]]*)[\])])?",
     re.IGNORECASE,
 )
@@ -62,7 +63,7 @@ def _column(table: Table, j: int, error: InputError | None = None, text: str = "
 
 
 def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord | TimeRecord:
-    """The time record in `table`, its gaps treated as `options` say.
+    """The time record in a CSV table, with gaps treated as `options` state.
 
     Raises
     ------
@@ -75,29 +76,29 @@ def time_record(table: Table, options: ReadOptions | None = None) -> FrfRecord |
     numbers = tuple(range(1, count + 1))
     axis = _time_column(table, options)
     keep = [j for j in range(count) if j != axis]
-    clock = _clock(table, axis, options)
-    values, at = table.values[:, keep], clock
+    clock = _read_clock(table, axis, options)
+    values, clock_used = table.values[:, keep], clock
     if clock.uneven is not None:
-        made = resample(table.path, clock.uneven, values)
-        values, at = made.values, _Clock(made.rate, made.start, made.words)
+        resampled = resample(table.path, clock.uneven, values)
+        values, clock_used = resampled.values, _Clock(resampled.rate, resampled.start, resampled.words)
     plain = axis == 0 and is_axis(table.names[0]) and "commas, decimal points, names in line 1" in table.words
-    found = NamedChannels(
+    channels = NamedChannels(
         path=table.path,
         names=tuple(table.names[j] for j in keep),
         units=tuple(table.units[j] for j in keep),
         values=values,
-        rate=at.rate,
-        start=at.start,
+        rate=clock_used.rate,
+        start=clock_used.start,
         numbers=tuple(numbers[j] for j in keep),
         lines=(table.header_line, table.first_line),
-        words=", ".join(filter(None, (table.words, at.words))),
-        tells_all=plain and not at.words,
+        words=", ".join(filter(None, (table.words, clock_used.words))),
+        tells_all=plain and not clock_used.words,
     )
-    return record_of(found, options)
+    return record_of(channels, options)
 
 
 def _time_column(table: Table, options: ReadOptions) -> int | None:
-    """The column of the times, None where `sampling_rate` stands for it."""
+    """Index of the column of times, or None if the option `sampling_rate` replaces it."""
     if options.time_column:
         numbers = range(1, len(table.names) + 1)
         return chosen(table.path, [options.time_column], table.names, list(numbers))[0]
@@ -127,18 +128,18 @@ class _Clock(NamedTuple):
     uneven: FloatArray | None = None
 
 
-def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
-    """Sampling rate and first time, by the column of times or as given."""
-    given = options.sampling_rate
+def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
+    """Sampling rate and first time from the column `axis` of times, or from the option `sampling_rate`."""
+    stated = options.sampling_rate
     if axis is None:
-        return _Clock(given or 1.0, 0.0, "sampling rate as given")
+        return _Clock(stated or 1.0, 0.0, "sampling rate as given")
     texts = table.column(axis)
     if as_date(texts[0]) is not None:
         time, scale = _seconds(table, axis, [as_date(text) for text in texts]), 1.0
         texts = [text[11:].partition("+")[0].rstrip("Z").rpartition(":")[2] for text in texts]
     else:
-        place = f"{table.path}: line {table.header_line}, column {axis + 1} ({table.names[axis]!r})"
-        scale = scale_of_times(place, table.names[axis], table.units[axis], options)
+        where = f"{table.path}: line {table.header_line}, column {axis + 1} ({table.names[axis]!r})"
+        scale = scale_of_times(where, table.names[axis], table.units[axis], options)
         time = table.values[:, axis]
         if not np.isfinite(time).all():
             i = int(np.argmin(np.isfinite(time)))
@@ -152,23 +153,23 @@ def _clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
         return _Clock(0.0, 0.0, "", time)
     rate, error, step = even
     words = f"times rounded to {step:g} s" if error else ""
-    if given is None and error > _SURE:
+    if stated is None and error > _SURE:
         raise FileError(
             f"{table.path}: column {axis + 1} ({table.names[axis]}) is rounded to {step:g} s, so that it tells the sampling rate"
             f" {rate:.6g} Hz to {100 * error:.2g} % only; give `sampling_rate`, or write more digits"
         )
-    if given is None:
+    if stated is None:
         return _Clock(rate, float(time[0]), words)
-    if abs(given / rate - 1) > max(error, 1e-9):
+    if abs(stated / rate - 1) > max(error, 1e-9):
         raise InputError(
             f"{table.path}: column {axis + 1} ({table.names[axis]}) says sampling_rate {rate:.9g}, but `sampling_rate`"
-            f" {given:g} was given; leave it out, or correct it"
+            f" {stated:g} was given; leave it out, or correct it"
         )
-    return _Clock(given, float(time[0]), words)
+    return _Clock(stated, float(time[0]), words)
 
 
 def last_digits(texts: Sequence[str]) -> FloatArray:
-    """Size of the last digit of numbers as they are written, (n,), zeros at their ends left out or not.
+    """Size of the last digit of numbers as they are written, (n,), whether or not trailing zeros are written.
 
     Numbers of one power of ten are taken to be written to the longest of them: 10.5 stands for 10.5000 beside 10.4375.
     """
@@ -181,23 +182,23 @@ def last_digits(texts: Sequence[str]) -> FloatArray:
     least = int(powers.min(initial=0))
     longest = np.full(int(powers.max(initial=0)) - least + 1, digits.min(initial=0))
     np.maximum.at(longest, powers - least, digits[sized])
-    found = np.full(len(texts), digits.max(initial=0))  # 0 is as exact as any
-    found[sized] = longest[powers - least]
-    return 10.0 ** -found.astype(float)
+    n_digits = np.full(len(texts), digits.max(initial=0))  # 0 is as exact as any
+    n_digits[sized] = longest[powers - least]
+    return 10.0 ** -n_digits.astype(float)
 
 
 def _seconds(table: Table, axis: int, dates: Sequence[datetime | None]) -> FloatArray:
-    """Dates as s after the first."""
+    """Dates as seconds after the first one, (n_rows,)."""
     first = dates[0]
-    found = np.empty(len(dates))
+    seconds = np.empty(len(dates))
     for i, date in enumerate(dates):
         if date is None or first is None or (date.tzinfo is None) != (first.tzinfo is None):
             raise FileError(
                 f"{table.path}: line {table.first_line + i}, column {axis + 1} ({table.names[axis]}) must be a date like those"
                 " above; repair or remove the line"
             )
-        found[i] = (date - first).total_seconds()
-    return found
+        seconds[i] = (date - first).total_seconds()
+    return seconds
 
 
 def sampling_rate(
@@ -209,7 +210,7 @@ def sampling_rate(
     column: int,
     to_resample: bool = False,
 ) -> Rate | None:
-    """Samples per second of an even column of times, see `even_rate`; None where they are uneven and to be resampled.
+    """The sampling rate of a column of times (see `even_rate`); None if they are uneven and are to be resampled.
 
     Parameters
     ----------
@@ -219,7 +220,7 @@ def sampling_rate(
     texts : (n_times,) sequence of str
         The times as written, in units of `scale` s.
     first_line, column : int
-        Of the file, for messages.
+        Path of the file, for messages.
     to_resample : bool
 
     Raises
@@ -245,7 +246,7 @@ def sampling_rate(
 
 
 def _uneven_remedy(time: FloatArray, i: int) -> str:
-    """What to do about an uneven step from sample `i` to the next."""
+    """The remedy for an uneven time step after sample `i`: missing lines, or digits; `time` is in s."""
     usual = float(np.median(np.diff(time)))
     missing = (time[i + 1] - time[i]) / usual - 1 if usual > 0 else 0.0
     if missing > 0.5 and abs(missing - round(missing)) < 0.01 * (missing + 1):
@@ -279,10 +280,10 @@ class _Column(NamedTuple):
     factor: float
 
 
-def _heads(table: Table, options: ReadOptions) -> list[_Head]:
-    """The headers of all columns but the axis, in their parts; by their order where `parts` are given."""
+def _read_headers(table: Table, options: ReadOptions) -> list[_Head]:
+    """Output, input, unit and part of each column but the axis, from its header or from the option `parts`."""
     layout = options.csv or CsvLayout()
-    own = [unit or name_and_unit(name)[1] for name, unit in zip(table.names, table.units, strict=True)]
+    units = [unit or name_and_unit(name)[1] for name, unit in zip(table.names, table.units, strict=True)]
     if layout.parts:
         count = len(options.outputs) * len(options.inputs) * len(layout.parts)
         if count != len(table.names) - 1:
@@ -291,44 +292,83 @@ def _heads(table: Table, options: ReadOptions) -> list[_Head]:
                 f" {len(options.inputs)} `inputs` x {len(layout.parts)} `parts` are {count}; give what each column is by these",
                 "outputs",
             )
-        every = product(options.outputs, options.inputs, layout.parts)
-        return [_Head(a, b, own[j], part) for j, (a, b, part) in enumerate(every, start=1)]
-    found = []
+        combinations = product(options.outputs, options.inputs, layout.parts)
+        assumed = [_Head(a, b, units[j], part) for j, (a, b, part) in enumerate(combinations, start=1)]
+        _require_headers_agree(table, assumed)
+        return assumed
+    heads = []
     for j, name in enumerate(table.names[1:], start=1):
         match = _PAIR.fullmatch(name) if len(name) <= LONGEST_NAME else None
         if match is None:
             raise _column(table, j, text=(
                 "head a pair with output/input, unit and part, as in 12Z+/3Z+ [(m/s^2)/N] re (or im, magnitude, phase, std,"
-                " coherence); or say what the columns are: `outputs`, `inputs` and `unit` in [record], and"
-                ' `parts = ["re", "im"]` in [record.csv], for every output and input in this order'
+                f" coherence); or say what the columns are by {option_words(outputs=None, inputs=None, unit=None)} and"
+                f" {layout_words(parts='re,im')}, for every output and input in this order"
             ))  # fmt: skip
-        unit = match["unit"] or match["own"] or table.units[j]
+        unit = match["unit"] or match["round"] or match["own"] or table.units[j]
         part = _PART_WORDS[match["part"].lower()]
-        found.append(
+        heads.append(
             _Head(match["output"], match["input"], (match["own"] or table.units[j]) if part == "phase" else unit, part)
         )
-    return found
+    return _output_first(heads, options)
 
 
-def _called(table: Table, option: str, names: list[str], given: tuple[str, ...]) -> dict[str, str]:
-    """What each of the sensors or loads called `names` is by `given`, in their order; {} where all say it themselves."""
+def _output_first(heads: list[_Head], options: ReadOptions) -> list[_Head]:
+    """Heads of which the first name is the sensor: turned where only the other order agrees with `outputs` and `inputs`."""
+    names = [list(dict.fromkeys(pair)) for pair in zip(*((head.output, head.input) for head in heads), strict=True)]
+    counts = [len(own) for own in names]
+    if all(map(as_dof, names[0] + names[1])):
+        given = {as_dof(name) for name in options.inputs}
+        is_turned = (
+            bool(given) and given >= {as_dof(name) for name in names[0]} and not given >= set(map(as_dof, names[1]))
+        )
+    else:
+        wanted = [len(options.outputs), len(options.inputs)]
+        is_turned = 0 not in wanted and counts != wanted and counts[::-1] == wanted
+    return [head._replace(output=head.input, input=head.output) for head in heads] if is_turned else heads
+
+
+def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
+    """Raise `InputError` where the headers say another part, sensor or load of a column than its place does."""
+    meant: dict[tuple[str, str], str] = {}
+    for j, head in enumerate(assumed, start=1):
+        name = table.names[j]
+        match = _PAIR.fullmatch(name) if len(name) <= LONGEST_NAME else None
+        last = re.search(r"([A-Za-z]+)\)?\.?$", name)
+        part = match["part"] if match is not None else last[1] if last is not None else ""
+        said = _PART_WORDS.get(part.lower(), head.part)
+        told = (
+            [] if match is None else [("output", match["output"], head.output), ("input", match["input"], head.input)]
+        )
+        own = next((role for role, word, name in told if meant.setdefault((role, word), name) != name), "")
+        if said != head.part or own:
+            raise _column(
+                table,
+                j,
+                text=f"the header contradicts `parts`, `outputs` and `inputs`, by which it is {head.part} of"
+                f" {head.output}/{head.input}; leave `parts` out where headers say what columns are, or correct its order",
+            )
+
+
+def _names_by_user(table: Table, option: str, names: list[str], by_user: tuple[str, ...]) -> dict[str, str]:
+    """The user's name (`by_user`, in order) for each distinct one of `names`; {} if all of them are degrees of freedom."""
     distinct = list(dict.fromkeys(names))
-    if not given or all(map(as_dof, distinct)):
+    if not by_user or all(map(as_dof, distinct)):
         return {}
-    if len(given) != len(distinct):
+    if len(by_user) != len(distinct):
         shown = ", ".join(distinct[:8]) + (", ..." if len(distinct) > 8 else "")
         raise InputError(
             f"{table.path}: `{option}` must have {len(distinct)} entries, one for each of {shown}, in the order of the table,"
-            f" got {len(given)}",
+            f" got {len(by_user)}",
             option,
         )
-    return dict(zip(distinct, given, strict=True))
+    return dict(zip(distinct, by_user, strict=True))
 
 
-def _column_of(
+def _parse_column(
     table: Table, j: int, head: _Head, outputs: dict[str, str], inputs: dict[str, str], options: ReadOptions
 ) -> _Column:
-    """The column in structid's terms, with what its numbers are multiplied by."""
+    """Column `j` with its degrees of freedom, unit, part and factor to SI; `outputs` and `inputs` map the table's names."""
     try:
         output = parse_dof(outputs.get(head.output, head.output))
         load = parse_dof(inputs.get(head.input, head.input))
@@ -353,19 +393,19 @@ def _column_of(
 
 
 def _phase_factor(table: Table, j: int, unit: str, layout: CsvLayout) -> float:
-    """To rad: by the unit, or by numbers that are too large for rad."""
+    """Factor from the phases in column `j` to rad: by their unit, or because numbers are too large for rad."""
     factor = _PHASE_UNITS.get((unit or layout.phase_unit).strip().lower())
     if factor is None and np.abs(table.values[:, j]).max() > _MOST_RAD:
         factor = _PHASE_UNITS["deg"]
     if factor is None:
         raise InputError(
-            'does not say whether its phases are deg or rad; give `phase_unit = "deg"` or "rad" in [record.csv]'
+            f"does not say whether its phases are deg or rad; give {layout_words(phase_unit='deg')}, or rad"
         )
     return factor
 
 
 def _unit_of(text: str, output: Dof, load: Dof) -> FrfUnit:
-    """The unit in a header; without one, as 1 or -, what is headed is a ratio of one motion at two places."""
+    """The FRF unit in a header; without one, as 1 or -, the column is a ratio of one motion at two points."""
     if text.strip() not in _RATIOS:
         return parse_frf_unit(text)
     if output.is_rotation != load.is_rotation:
@@ -377,10 +417,10 @@ def _unit_of(text: str, output: Dof, load: Dof) -> FrfUnit:
 
 
 def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The FRF record in `table`; every output needs a pair with every input.
+    """The FRF record in a CSV table; each output needs a column for each input.
 
-    Sensors and loads of a table with names of its own are what `options.outputs` and `options.inputs` say, in the order of
-    the table; where its names are degrees of freedom, these choose.
+    Sensors and loads of a table with names of its own are what `options.outputs` and `options.inputs` say, in the order
+    of the table; where its names are degrees of freedom, these choose.
 
     Raises
     ------
@@ -396,10 +436,10 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
             0,
             text=f"does not say the unit of its frequencies, of Hz, kHz, rad/s or rpm; give {option_words(axis_unit='Hz')}",
         )
-    heads = _heads(table, options)
-    of_outputs = _called(table, "outputs", [head.output for head in heads], options.outputs)
-    of_inputs = _called(table, "inputs", [head.input for head in heads], options.inputs)
-    columns = [_column_of(table, j, head, of_outputs, of_inputs, options) for j, head in enumerate(heads, start=1)]
+    heads = _read_headers(table, options)
+    of_outputs = _names_by_user(table, "outputs", [head.output for head in heads], options.outputs)
+    of_inputs = _names_by_user(table, "inputs", [head.input for head in heads], options.inputs)
+    columns = [_parse_column(table, j, head, of_outputs, of_inputs, options) for j, head in enumerate(heads, start=1)]
     _require_unit(table, columns, options.unit)
     outputs = tuple(dict.fromkeys(column.output for column in columns))
     inputs = tuple(dict.fromkeys(column.input for column in columns))
@@ -407,16 +447,16 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
     for j, column in enumerate(columns, start=1):
         shape = (table.values.shape[0], len(outputs), len(inputs))
         part = parts.setdefault(column.part, np.full(shape, np.nan))
-        place = (slice(None), outputs.index(column.output), inputs.index(column.input))
-        if not np.isnan(part[place]).all():
+        position = (slice(None), outputs.index(column.output), inputs.index(column.input))
+        if not np.isnan(part[position]).all():
             raise _column(table, j, text="this pair and part is there twice; remove one")
-        part[place] = table.values[:, j] * column.factor
-    polar = "magnitude" in parts or "phase" in parts
-    _require_complete(table, parts, ("magnitude", "phase") if polar else ("re", "im"), outputs, inputs)
+        part[position] = table.values[:, j] * column.factor
+    is_polar = "magnitude" in parts or "phase" in parts
+    _require_complete(table, parts, ("magnitude", "phase") if is_polar else ("re", "im"), outputs, inputs)
     _require_sound(table, columns)
-    made = FrfRecord(
+    record = FrfRecord(
         frequency=table.values[:, 0] * to_hertz,
-        values=parts["magnitude"] * np.exp(1j * parts["phase"]) if polar else parts["re"] + 1j * parts["im"],
+        values=parts["magnitude"] * np.exp(1j * parts["phase"]) if is_polar else parts["re"] + 1j * parts["im"],
         outputs=outputs,
         inputs=inputs,
         kind=_kind(table, columns),
@@ -425,13 +465,13 @@ def frf_record(table: Table, options: ReadOptions) -> FrfRecord | TimeRecord:
         noise_source="declared" if "std" in parts else "unknown",
         source=sourced(table.path, ", ".join(f"{name} is {dof}" for name, dof in {**of_outputs, **of_inputs}.items())),
     )
-    rest = replace(
+    remaining = replace(
         options,
         outputs=() if of_outputs else options.outputs,
         inputs=() if of_inputs else options.inputs,
         axis_unit="",
     )
-    return selected(table.path, made, rest)
+    return selected(table.path, record, remaining)
 
 
 def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
@@ -445,6 +485,7 @@ def _require_unit(table: Table, columns: list[_Column], unit: str) -> None:
 
 
 def _kind(table: Table, columns: list[_Column]) -> FrfKind:
+    """The one kind of FRF that all columns have."""
     kinds = {column.unit.kind for column in columns if column.unit is not None}
     if len(kinds) != 1:
         raise FileError(
@@ -460,6 +501,7 @@ def _require_complete(
     outputs: tuple[Dof, ...],
     inputs: tuple[Dof, ...],
 ) -> None:
+    """Raise `FileError` unless each part has a column for each pair of output and input."""
     for part in (*needed, *(name for name in parts if name not in needed)):
         for a, output in enumerate(outputs):
             for b, load in enumerate(inputs):
@@ -471,7 +513,7 @@ def _require_complete(
 
 
 def _require_sound(table: Table, columns: list[_Column]) -> None:
-    """Refuse frequencies that do not increase, coherences outside of 0 to 1 and negative deviations, with their lines."""
+    """Raise `FileError` for frequencies that do not increase, coherences outside of 0 to 1 or negative deviations."""
     falls = np.diff(table.values[:, 0]) <= 0
     if falls.any():
         i = int(np.argmax(falls))
@@ -492,6 +534,7 @@ def _require_sound(table: Table, columns: list[_Column]) -> None:
 
 
 def _frf_unit(record: FrfRecord, output: Dof, load: Dof) -> str:
+    """Unit text of an FRF in SI, such as ``(m/s^2)/N``, for one output and load."""
     motion = {"receptance": "", "mobility": "/s"}.get(record.kind, "/s^2")
     above = ("rad" if output.is_rotation else "m") + motion
     if record.is_per_motion:
@@ -500,7 +543,7 @@ def _frf_unit(record: FrfRecord, output: Dof, load: Dof) -> str:
 
 
 def frf_header(record: FrfRecord) -> tuple[list[str], list[FloatArray]]:
-    """Headers and columns of an FRF record."""
+    """Headers and columns (n_frequencies,) of an FRF record for a CSV table."""
     header, columns = ["frequency_hz"], [record.frequency]
     for a, output in enumerate(record.outputs):
         for b, load in enumerate(record.inputs):

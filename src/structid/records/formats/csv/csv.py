@@ -26,10 +26,11 @@ SUFFIXES: tuple[str, ...] = (".csv", ".txt", ".tsv")
 
 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
-    """The record in the table at `path`: UTF-8 with or without a mark, comma, semicolon, tab or blanks between cells.
+    """The record in the CSV table at `path`: UTF-8, with comma, semicolon, tab or blanks between cells.
 
-    Decimal commas are understood where cells are not separated by commas, and units in a second header line. Lines without an
-    entry at the end are skipped. The record's `source` says what was understood of a table that structid did not write.
+    Decimal commas are understood where cells are not separated by commas, and units in a second header line. Lines
+    without an entry at the end are skipped. The record's `source` says what was understood of a table that structid did
+    not write.
 
     Raises
     ------
@@ -44,7 +45,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:
-    """Write `record` as a table with commas; every number in full precision.
+    """Write `record` to `path` as a CSV table with commas and all digits.
 
     Time records lose their noise variance and source, FRF records `averages`, `noise_source` and `source`.
 

@@ -60,8 +60,9 @@ class CsvLayout:
     parts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        given = self.parts.split(",") if isinstance(self.parts, str) else self.parts
-        object.__setattr__(self, "parts", tuple(str(part).strip() for part in given if str(part).strip()))
+        """Convert and check the fields."""
+        parts = self.parts.split(",") if isinstance(self.parts, str) else self.parts
+        object.__setattr__(self, "parts", tuple(str(part).strip() for part in parts if str(part).strip()))
         if self.parts and sorted(set(self.parts) & set(PARTS[:4])) not in (["im", "re"], ["magnitude", "phase"]):
             raise InputError(
                 f"`parts` must hold re and im, or magnitude and phase, got {', '.join(self.parts)}", "parts"
@@ -77,13 +78,13 @@ class CsvLayout:
                 f"`header_rows` must be 0, 1 (names) or 2 (names and units), got {self.header_rows}; leave other lines out"
                 " with `skip_rows`"
             )
-        for name, known in (
+        for name, allowed in (
             ("separator", (*SEPARATORS, "auto")),
             ("decimal", get_args(Decimal)),
             ("phase_unit", get_args(PhaseUnit)),
         ):
-            if getattr(self, name) not in known:
-                raise InputError(f"`{name}` must be one of {', '.join(known)}, got {getattr(self, name)!r}")
+            if getattr(self, name) not in allowed:
+                raise InputError(f"`{name}` must be one of {', '.join(allowed)}, got {getattr(self, name)!r}")
         if self.separator == self.decimal == "comma":
             raise InputError("`separator` and `decimal` cannot both be comma; one of them is another")
         try:

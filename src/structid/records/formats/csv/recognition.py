@@ -10,10 +10,11 @@ from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple, overload
 
-from structid.core.display import counted
+from structid.core.display import plural
 from structid.core.errors import FileError, InputError
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_time_unit, parse_unit
 from structid.records.formats.csv.layout import SEPARATORS, CsvLayout
+from structid.records.formats.options import layout_words
 
 #: Headers of times, in small letters, as structid writes them and the like.
 _TIMES = ("time_s", "time [s]", "time (s)")
@@ -96,14 +97,14 @@ def complex_parts(cell: str) -> tuple[str, str] | None:
 
 
 def frequency_factor(name: str, unit: str = "") -> float | None:
-    """What turns a column of frequencies headed so into Hz; NaN where no unit is said, None of other columns.
+    """Factor to Hz for a column with this header; NaN if it states no unit, None if it is no column of frequencies.
 
     Parameters
     ----------
     name : str
-        Such as ``Frequency [Hz]``, ``freq_hz``, ``f [kHz]`` or ``omega [rad/s]``.
+        Header, such as ``Frequency [Hz]``, ``freq_hz``, ``f [kHz]`` or ``omega [rad/s]``.
     unit : str
-        As it stands below the name.
+        Unit from a second header line.
     """
     text = name.strip()
     match = _FREQUENCY.fullmatch(text) if len(text) <= LONGEST_NAME else None
@@ -123,7 +124,7 @@ def is_axis(name: str) -> bool:
 
 
 def as_date(cell: str) -> datetime | None:
-    """The date and time in a cell as ISO 8601 writes them, None where it holds something else."""
+    """The date and time in a cell in ISO 8601, or None."""
     text = cell.strip().replace(",", ".")
     if not re.match(r"\d{4}-\d\d-\d\d[T ]\d", text):
         return None
@@ -134,7 +135,7 @@ def as_date(cell: str) -> datetime | None:
 
 
 def is_unit(cell: str) -> bool:
-    """Whether a cell is the unit of a channel, a time, a frequency or a frequency response, in brackets or not."""
+    """True if a cell is the unit of a channel, a time, a frequency or an FRF, in brackets or not."""
     text = bare_unit(cell)
     for parse in (parse_unit, parse_frf_unit, parse_time_unit, parse_frequency_unit):
         try:
@@ -159,7 +160,7 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def recognised(path: Path, text: str, layout: CsvLayout) -> Grid:
-    """The cells of a table and what heads them.
+    """Header and cells of a table, with its separator, decimal sign and header lines recognised from the text.
 
     Raises
     ------
@@ -178,22 +179,22 @@ def recognised(path: Path, text: str, layout: CsvLayout) -> Grid:
             else f"{path}: holds no header and no line of numbers; write it again"
         )
     lines = lines[layout.skip_rows : end]
-    separator = _separator(lines) if layout.separator == "auto" else SEPARATORS[layout.separator]
-    cells = _cells(path, lines, separator)
-    n_header = _header_rows(path, cells, layout)
+    separator = _guess_separator(lines) if layout.separator == "auto" else SEPARATORS[layout.separator]
+    cells = _split_cells(path, lines, separator)
+    n_header = _count_header_rows(path, cells, layout)
     rows = cells[n_header:]
     if not rows:
         raise FileError(f"{path}: has a header but no line of numbers; write it again")
     first = layout.skip_rows + n_header + 1
-    comma = _decimal_comma(path, rows, separator, layout, first)
+    comma = _has_decimal_commas(path, rows, separator, layout, first)
     name = next(word for word, sign in SEPARATORS.items() if sign == separator)
     head = {
         0: "no header",
         1: f"names in line {layout.skip_rows + 1}",
         2: f"names in line {layout.skip_rows + 1}, units in line {layout.skip_rows + 2}",
     }[n_header]
-    left = f", {counted(layout.footer_rows, 'footer line')} left out" if layout.footer_rows else ""
-    words = f"separated by {name}s, decimal {'commas' if comma else 'points'}, {head}{left}"
+    footer_words = f", {plural(layout.footer_rows, 'footer line')} left out" if layout.footer_rows else ""
+    words = f"separated by {name}s, decimal {'commas' if comma else 'points'}, {head}{footer_words}"
     return Grid(cells[:n_header], rows, layout.skip_rows + 1, first, comma, words)
 
 
@@ -203,8 +204,8 @@ def _split(line: str, separator: str) -> list[str]:
     return line.split(separator) if line else []
 
 
-def _cells(path: Path, lines: list[str], separator: str) -> Sequence[list[str]]:
-    """The cells of every line; with quotes one after the other, as a quoted cell may hold separators and ends of lines."""
+def _split_cells(path: Path, lines: list[str], separator: str) -> Sequence[list[str]]:
+    """The cells of each line; quoted cells may hold separators and line ends."""
     if separator == " " or not any('"' in line for line in lines):
         return Rows(lines, separator)
     try:
@@ -213,20 +214,20 @@ def _cells(path: Path, lines: list[str], separator: str) -> Sequence[list[str]]:
         raise FileError(f"{path}: is not a CSV table ({error}); check quotes and separators") from error
 
 
-def _separator(lines: Sequence[str]) -> str:
-    """The separator that makes most of some lines whole rows of numbers; else the one most frequent in the first line."""
+def _guess_separator(lines: Sequence[str]) -> str:
+    """The separator with which most sampled lines are whole rows of numbers, else the most frequent one in the first line."""
     step = max(1, len(lines) // _SAMPLE)
     sample = lines[-1::-step][:_SAMPLE]
-    found = {sign: _whole_rows(sample, sign) for sign in SEPARATORS.values()}
-    best = max(found, key=lambda sign: found[sign])
-    if found[best]:
+    n_rows = {sign: _count_number_rows(sample, sign) for sign in SEPARATORS.values()}
+    best = max(n_rows, key=lambda sign: n_rows[sign])
+    if n_rows[best]:
         return best
-    outside = "".join(lines[0].split('"')[::2])
-    return max((";", "\t", ","), key=outside.count)
+    unquoted = "".join(lines[0].split('"')[::2])
+    return max((";", "\t", ","), key=unquoted.count)
 
 
-def _whole_rows(sample: Sequence[str], sign: str) -> int:
-    """How many lines are rows of two numbers or more."""
+def _count_number_rows(sample: Sequence[str], sign: str) -> int:
+    """Number of sampled lines that are rows of at least two numbers when split at `sign`."""
     count = 0
     for line in sample:
         cells = line.split() if sign == " " else line.split(sign)
@@ -243,7 +244,8 @@ def _is_data(row: Sequence[str]) -> bool:
     return any(numbers) and sum(numbers) + dates == len(numbers)
 
 
-def _header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> int:
+def _count_header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> int:
+    """Number of header lines: 0, 1 (names) or 2 (names and units), as stated or recognised."""
     if layout.header_rows is not None:
         return layout.header_rows
     first = next((i for i, row in enumerate(cells[:_HEAD]) if _is_data(row)), None)
@@ -259,7 +261,7 @@ def _header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> i
         grouped = next((cell.strip() for row in cells[:_HEAD] for cell in row if _GROUPED.fullmatch(cell.strip())), "")
         raise FileError(
             f"{path}: has no line that holds only numbers in its first {min(len(cells), _HEAD)} lines; give what stands"
-            " above the numbers in `skip_rows`, or `separator` and `decimal` in [record.csv]"
+            f" above the numbers in {layout_words(skip_rows=None)}, or {layout_words(separator=None, decimal=None)}"
             + (f"; {grouped!r} looks like thousands separators: export without them" if grouped else "")
         )
     units = _are_units(cells[first - 1])
@@ -267,26 +269,27 @@ def _header_rows(path: Path, cells: Sequence[list[str]], layout: CsvLayout) -> i
     shown = ", ".join(cell.strip() for cell in cells[head][:6])
     raise FileError(
         f"{path}: lines {skip + 1} to {skip + first} stand above the numbers; where line {skip + head + 1} ({shown:.60}) names"
-        f" the columns, give `skip_rows = {skip + head}` in [record.csv]"
-        + ("" if units else ", and `header_rows` where units follow in one more line")
+        f" the columns, give {layout_words(skip_rows=skip + head)}"
+        + ("" if units else f", and {layout_words(header_rows=None)} where units follow in one more line")
     )
 
 
-def _decimal_comma(
+def _has_decimal_commas(
     path: Path, rows: Sequence[Sequence[str]], separator: str, layout: CsvLayout, first_line: int
 ) -> bool:
+    """True if numbers have decimal commas, as stated or recognised; `FileError` if both signs occur."""
     if layout.decimal != "auto":
         return layout.decimal == "comma"
     if separator == ",":
         return False
     seen: dict[bool, int] = {}
-    for at in range(0, len(rows), max(1, len(rows) // _HEAD)):
-        for cell in rows[at]:
+    for row in range(0, len(rows), max(1, len(rows) // _HEAD)):
+        for cell in rows[row]:
             if is_number(cell) and (_COMMA.search(cell) or _POINT.search(cell)):
-                seen.setdefault("," in cell, first_line + at)
+                seen.setdefault("," in cell, first_line + row)
     if len(seen) == 2:
         raise FileError(
             f"{path}: line {seen[True]} has decimal commas and line {seen[False]} decimal points; export all numbers alike, or"
-            ' give `decimal = "comma"` or "point" in [record.csv] and leave the other lines out'
+            f' give {layout_words(decimal="comma")} or "point" and leave the other lines out'
         )
     return seen.popitem()[0] if seen else False

@@ -26,6 +26,7 @@ from structid.records.formats.csv.recognition import (
     is_number,
     recognised,
 )
+from structid.records.formats.options import layout_words
 
 _FEW = 20
 
@@ -74,7 +75,7 @@ class Table(NamedTuple):
 
 
 def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "") -> Table:
-    """The table in the CSV file at `path`; `axis_unit` is that of a first column of frequencies that does not say it.
+    """The table in the CSV file at `path`; `axis_unit` is the unit of a first column of frequencies that does not state it.
 
     Raises
     ------
@@ -83,39 +84,39 @@ def read_table(path: Path, layout: CsvLayout | None = None, axis_unit: str = "")
         histories may be NaN, infinite or empty: gaps are judged by `structid.records.formats.gaps`.
     """
     path, layout = require_readable(path), layout or CsvLayout()
-    text = _text(path, layout)
+    text = _read_text(path, layout)
     grid = recognised(path, text, layout)
-    names = _names(path, grid)
+    names = _column_names(path, grid)
     units = [bare_unit(cell) for cell in grid.header[1]] if len(grid.header) > 1 else []
     below = (*units, *("" for _ in names))[: len(names)]
     to_hertz = _to_hertz(path, names[0], below[0], axis_unit)
     if to_hertz is not None:
-        grid, names, below = _complex_apart(path, grid, names, below)
+        grid, names, below = _split_complex(path, grid, names, below)
     values = _numbers(path, grid, names, to_hertz is None)
     return Table(path, names, below, values, grid.header_line, grid.first_line, grid.words, grid.rows, to_hertz)
 
 
 def _to_hertz(path: Path, name: str, unit: str, axis_unit: str) -> float | None:
-    """What a first column of frequencies is multiplied by; None where it holds something else, NaN where nothing says its unit."""
-    told = frequency_factor(name, unit)
+    """Factor from the first column to Hz; None if it holds no frequencies, NaN if nothing states their unit."""
+    by_table = frequency_factor(name, unit)
     try:
-        given = parse_frequency_unit(axis_unit) if axis_unit else None
+        by_user = parse_frequency_unit(axis_unit) if axis_unit else None
     except InputError:
-        given = None  # it is one of times, which is judged with them
-    if given is None:
-        return told
-    if told is not None and not np.isnan(told) and abs(told / given - 1) > 1e-9:
+        by_user = None  # it is one of times, which is judged with them
+    if by_user is None:
+        return by_table
+    if by_table is not None and not np.isnan(by_table) and abs(by_table / by_user - 1) > 1e-9:
         raise InputError(
             f"{path}: column 1 ({name}) says the unit of its frequencies, but `axis_unit` {axis_unit} was given; leave it out",
             "axis_unit",
         )
-    return given
+    return by_user
 
 
-def _complex_apart(
+def _split_complex(
     path: Path, grid: Grid, names: tuple[str, ...], units: tuple[str, ...]
 ) -> tuple[Grid, tuple[str, ...], tuple[str, ...]]:
-    """The table with columns of complex cells as two, headed by ``re`` and ``im``."""
+    """The table with each column of complex cells split in two, headed ``re`` and ``im``."""
     split = [complex_parts(cell) is not None for cell in grid.rows[0][: len(names)]]
     if not any(split):
         return grid, names, units
@@ -140,14 +141,15 @@ def _complex_apart(
     return grid._replace(rows=rows), tuple(double), tuple(below)
 
 
-def _text(path: Path, layout: CsvLayout) -> str:
+def _read_text(path: Path, layout: CsvLayout) -> str:
+    """Text of the file at `path` in the stated encoding; `FileError` if it cannot be decoded or looks truncated."""
     try:
         text = path.read_text(encoding=_marked(path) if layout.encoding == "utf-8" else layout.encoding)
     except UnicodeError as error:
         at = error.start if isinstance(error, UnicodeDecodeError) else 0
         raise FileError(
-            f"{path}: is not {layout.encoding.upper()} text (byte {at}); save it as CSV UTF-8, or give `encoding`, as in"
-            ' "cp1252" or "utf-16", in [record.csv]'
+            f"{path}: is not {layout.encoding.upper()} text (byte {at}); save it as CSV UTF-8, or give"
+            f" {layout_words(encoding='cp1252')} (or utf-16)"
         ) from error
     except (OSError, LookupError) as error:
         raise FileError(f"{path}: cannot be read ({error}); check the disk") from error
@@ -156,7 +158,7 @@ def _text(path: Path, layout: CsvLayout) -> str:
     if not text.endswith(("\n", "\r")) and not layout.footer_rows:
         raise FileError(
             f"{path}: its last line has no end, so it may be truncated; copy it again, end the line, or leave it out with"
-            " `footer_rows = 1` in [record.csv]"
+            f" {layout_words(footer_rows=1)}"
         )
     return text
 
@@ -168,24 +170,24 @@ def _marked(path: Path) -> str:
     return "utf-16" if begin in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "utf-8-sig"
 
 
-def _names(path: Path, grid: Grid) -> tuple[str, ...]:
-    """Of the header, or numbers where there is none."""
+def _column_names(path: Path, grid: Grid) -> tuple[str, ...]:
+    """Names of the columns from the header, or their numbers if there is none."""
     if not grid.header:
-        return tuple(str(j) for j in range(1, len(_without_end(grid.rows[0])) + 1))
-    names = _without_end([cell.strip() for cell in grid.header[0]])
+        return tuple(str(j) for j in range(1, len(_strip_empty_end(grid.rows[0])) + 1))
+    names = _strip_empty_end([cell.strip() for cell in grid.header[0]])
     if not names:
         raise FileError(f"{path}: line {grid.header_line} names no column; head each column as in 12Z+ [m/s^2]")
-    count = len(_without_end(grid.rows[0]))
+    count = len(_strip_empty_end(grid.rows[0]))
     if count > len(names) and _is_whole(grid.rows[0]):
         raise FileError(
             f"{path}: line {grid.header_line} names {len(names)} columns, but line {grid.first_line} has {count} cells: other"
             " separators in the header, decimal commas between commas, or merged cells; export all lines alike, name every"
-            " column, or give `separator`, `decimal` or `skip_rows` in [record.csv]"
+            f" column, or give {layout_words(separator=None)}, {layout_words(decimal=None)} or {layout_words(skip_rows=None)}"
         )
     if "" in names:
         raise FileError(
             f"{path}: line {grid.header_line}, column {names.index('') + 1} has no name, as where cells were merged; name every"
-            " column, or leave the line out with `skip_rows` and give `header_rows = 0` in [record.csv]"
+            f" column, or leave the line out with {layout_words(skip_rows=None, header_rows=0)}"
         )
     if len(names) < 2 and is_axis(names[0]):
         raise FileError(
@@ -194,12 +196,12 @@ def _names(path: Path, grid: Grid) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _without_end(row: Sequence[str]) -> list[str]:
-    """A row without empty cells at its end."""
-    kept = list(row)
-    while kept and not kept[-1].strip():
-        kept.pop()
-    return kept
+def _strip_empty_end(row: Sequence[str]) -> list[str]:
+    """A row without its trailing empty cells."""
+    cells = list(row)
+    while cells and not cells[-1].strip():
+        cells.pop()
+    return cells
 
 
 def _is_whole(row: Sequence[str]) -> bool:
@@ -207,15 +209,15 @@ def _is_whole(row: Sequence[str]) -> bool:
 
 
 def _numbers(path: Path, grid: Grid, names: tuple[str, ...], gaps: bool) -> FloatArray:
-    """Cells as numbers; where `gaps` are allowed, empty ones beyond the first column as NaN, and dates too."""
+    """Cells as numbers, (n_rows, n_columns); if `gaps` are allowed, empty cells beyond the first column and dates become NaN."""
     rows, count = grid.rows, len(names)
     dated = {j for j, cell in enumerate(rows[0][:count]) if as_date(cell) is not None} if gaps else set()
-    values = _at_once(rows, count, grid.decimal_comma, dated, gaps) if isinstance(rows, Rows) else None
-    return _one_by_one(path, grid, names, dated, gaps) if values is None else values
+    values = _parse_fast(rows, count, grid.decimal_comma, dated, gaps) if isinstance(rows, Rows) else None
+    return _parse_cells(path, grid, names, dated, gaps) if values is None else values
 
 
-def _at_once(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool) -> FloatArray | None:
-    """What `_one_by_one` gives, many times faster; None where a line is not plain numbers, which is told by its place there."""
+def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool) -> FloatArray | None:
+    """Cells as numbers by one call, (n_rows, n_columns); None if a line is not plain numbers, which `_parse_cells` reports."""
     lines, sign = rows.lines, rows.separator
     if comma:
         lines = [line.replace(",", ".") for line in lines]
@@ -229,14 +231,14 @@ def _at_once(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool) -
     values = np.full((len(lines), count), np.nan)
     columns = [j for j in range(count) if j not in dated]
     try:
-        found = np.loadtxt(
+        parsed = np.loadtxt(
             lines, delimiter=None if sign == " " else sign, comments=None, ndmin=2, usecols=columns if dated else None
         )
     except ValueError:
         return None
-    if found.shape != (len(lines), len(columns)) or not (gaps or np.isfinite(found).all()):
+    if parsed.shape != (len(lines), len(columns)) or not (gaps or np.isfinite(parsed).all()):
         return None
-    values[:, columns] = found
+    values[:, columns] = parsed
     return values
 
 
@@ -253,12 +255,13 @@ def _with_nan(line: str, sign: str) -> str:
     return f"{line}nan" if line.endswith(sign) else line
 
 
-def _one_by_one(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int], gaps: bool) -> FloatArray:
+def _parse_cells(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int], gaps: bool) -> FloatArray:
+    """Cells as numbers one by one, (n_rows, n_columns); `FileError` with line and column for the first that is none."""
     rows, count = grid.rows, len(names)
     values = np.empty((len(rows), count))
     for i, row in enumerate(rows):
         if len(row) < count or any(cell.strip() for cell in row[count:]):
-            raise _not_data(path, grid, i, count) or FileError(
+            raise _footer_error(path, grid, i, count) or FileError(
                 f"{path}: line {grid.first_line + i} has {len(row)} cells, but {_where(grid)} {count}; complete or remove the"
                 " line"
             )
@@ -272,7 +275,9 @@ def _one_by_one(path: Path, grid: Grid, names: tuple[str, ...], dated: set[int],
         try:
             values[i] = [float(cell) for cell in cells]
         except ValueError as error:
-            raise _not_data(path, grid, i, count) or _bad_cell(path, grid.first_line + i, row, cells, names) from error
+            raise _footer_error(path, grid, i, count) or _bad_cell_error(
+                path, grid.first_line + i, row, cells, names
+            ) from error
     if not gaps and not np.isfinite(values).all():
         i, j = np.argwhere(~np.isfinite(values))[0]
         raise FileError(
@@ -285,37 +290,38 @@ def _where(grid: Grid) -> str:
     return "the header has" if grid.header else f"line {grid.first_line} has"
 
 
-def _not_data(path: Path, grid: Grid, i: int, count: int) -> FileError | None:
-    """The error of a footer: few lines at the end, none of which is of numbers as those above."""
-    left, rest = grid.rows[i:], len(grid.rows) - i
-    while len(left) and not any(cell.strip() for cell in left[0]):
-        left = left[1:]
+def _footer_error(path: Path, grid: Grid, i: int, count: int) -> FileError | None:
+    """The error if row `i` begins a footer (few last lines that are no rows of numbers), or None."""
+    tail, n_left = grid.rows[i:], len(grid.rows) - i
+    while len(tail) and not any(cell.strip() for cell in tail[0]):
+        tail = tail[1:]
     if (
         i == 0
-        or not left
-        or len(left) > _FEW
-        or any(len(_without_end(row)) == count and _is_whole(row) for row in left)
+        or not tail
+        or len(tail) > _FEW
+        or any(len(_strip_empty_end(row)) == count and _is_whole(row) for row in tail)
     ):
         return None
-    if not any(re.search(r"[A-Za-z]", cell) and not is_number(cell) for cell in left[0]):
+    if not any(re.search(r"[A-Za-z]", cell) and not is_number(cell) for cell in tail[0]):
         return None
-    if len(left) == 1 and len(left[0]) == count and is_number(left[0][0]):
+    if len(tail) == 1 and len(tail[0]) == count and is_number(tail[0][0]):
         return None  # a line of numbers with one bad cell
-    shown = ", ".join(cell.strip() for cell in left[0][:4])
+    shown = ", ".join(cell.strip() for cell in tail[0][:4])
     return FileError(
-        f"{path}: line {grid.first_line + len(grid.rows) - len(left)} ({shown:.60}) ends the numbers: a footer? Leave it out with"
-        f" `footer_rows = {rest}` in [record.csv] (--csv-footer-rows {rest} on the command line)"
+        f"{path}: line {grid.first_line + len(grid.rows) - len(tail)} ({shown:.60}) ends the numbers: a footer? Leave it out with"
+        f" {layout_words(footer_rows=n_left)}"
     )
 
 
-def _bad_cell(path: Path, line: int, row: list[str], cells: list[str], names: tuple[str, ...]) -> FileError:
+def _bad_cell_error(path: Path, line: int, row: list[str], cells: list[str], names: tuple[str, ...]) -> FileError:
+    """The error for the first cell of a row that is no number, with a hint at the cause."""
     for j, name in enumerate(names):
         try:
             float(cells[j])
         except ValueError:
             hint = ""
             if re.fullmatch(r"[+-]?\d{1,3}([.,' ]\d{3})*[.,]\d+", row[j].strip()):
-                hint = "; export without thousands separators, or give `decimal` in [record.csv]"
+                hint = f"; export without thousands separators, or give {layout_words(decimal=None)}"
             elif re.fullmatch(r"#.*|n/?a|-+|null|none|error|over(flow|load)?", row[j].strip(), re.IGNORECASE):
                 hint = "; clear the cell where a sample is missing: gaps are told, cut or filled"
             return FileError(f"{path}: line {line}, column {j + 1} ({name}) must be a number, got {row[j]!r:.60}{hint}")

@@ -32,10 +32,10 @@ _TYPES = {17: "time", 18: "frequency", 19: "rpm", 20: "order"}
 
 
 def axis_unit(path: Path, function: Function, kind: AxisKind, options: ReadOptions) -> tuple[float, str]:
-    """What an abscissa is multiplied by to be in Hz or s, and words on it where it is in another unit; "" else.
+    """Factor from the abscissa of a function to Hz or s, and a note if it is in another unit ("" if not).
 
-    The unit is that of the label, or of the option `axis_unit`; frequencies (type 18) and times (17) without one are in Hz and
-    s, as the format has them.
+    The unit is that of the label, or of the option `axis_unit`; frequencies (type 18) and times (17) without one are in
+    Hz and s, as the format has them.
 
     Raises
     ------
@@ -47,28 +47,28 @@ def axis_unit(path: Path, function: Function, kind: AxisKind, options: ReadOptio
     axis, head = _AXES[kind], function.abscissa
     where = f"{path}: function {function.place}"
     if head.number not in (*axis.units, *axis.unsaid):
-        found = _TYPES.get(head.number, f"type {head.number}")
+        words = _TYPES.get(head.number, f"type {head.number}")
         hint = " (orders are multiples of a speed of rotation)" if head.number == 20 else ""
-        raise FileError(f"{where} has an abscissa of {found}{hint}, not of {kind}; export it over {kind}")
+        raise FileError(f"{where} has an abscissa of {words}{hint}, not of {kind}; export it over {kind}")
     try:
-        told = axis.parse(head.label) if head.label else None
+        by_label = axis.parse(head.label) if head.label else None
     except InputError as error:
         raise FileError(f"{where} has an abscissa of {kind} whose unit label cannot be used: {error}; or export it in one of"
                         " these") from error  # fmt: skip
-    if head.number == 19 and told not in (None, parse_frequency_unit("rpm")):
+    if head.number == 19 and by_label not in (None, parse_frequency_unit("rpm")):
         raise FileError(
             f"{where} has an abscissa of rpm by its type and {head.label!r} by its label; correct one of them"
         )
     if options.axis_unit:
-        given = axis.parse(options.axis_unit)
-        if told is not None and not np.isclose(told, given, rtol=1e-9):
+        by_user = axis.parse(options.axis_unit)
+        if by_label is not None and not np.isclose(by_label, by_user, rtol=1e-9):
             raise InputError(
                 f"{where} says that its {kind} are in {head.label}, but `axis_unit` {options.axis_unit} was given; leave it out",
                 "axis_unit",
             )
-        return given, f"{kind} in {options.axis_unit} as given"
-    if told is not None:
-        return told, "" if told == 1 else f"{kind} in {head.label}"
+        return by_user, f"{kind} in {options.axis_unit} as given"
+    if by_label is not None:
+        return by_label, "" if by_label == 1 else f"{kind} in {head.label}"
     if head.number in axis.units:
         unit = axis.units[head.number]
         return axis.parse(unit), f"{kind} in {unit}, as the format has them"
@@ -77,7 +77,7 @@ def axis_unit(path: Path, function: Function, kind: AxisKind, options: ReadOptio
 
 
 def one_axis_unit(path: Path, functions: list[Function], kind: AxisKind, options: ReadOptions) -> tuple[float, str]:
-    """`axis_unit` of functions that must have it in common."""
+    """The factor and note of `axis_unit` that all functions share; `FileError` if they differ."""
     units = [axis_unit(path, function, kind, options) for function in functions]
     for function, unit in zip(functions, units, strict=True):
         if unit[0] != units[0][0]:

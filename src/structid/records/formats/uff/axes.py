@@ -43,7 +43,7 @@ def in_global_axes(
     groups: Sequence[Hashable] | None = None,
     is_load: bool = False,
 ) -> GlobalAxes:
-    """Channels named by the axes of their nodes, along global axes.
+    """Channels along the axes of their nodes, expressed along global axes.
 
     A channel along a global axis gets its name and sense. The others of one node are turned together where they span as many
     global axes: all three, or the radial and the tangential one of a cylinder. What is left is refused, with the direction along
@@ -56,9 +56,9 @@ def in_global_axes(
     dofs : sequence of Dof
         One a channel; nodes that the file does not define have global axes.
     groups : sequence, optional
-        What each channel holds: only those of one kind are turned together.
+        Kind of each channel, such as its quantity: only channels of one kind are transformed together.
     is_load : bool
-        Whether they are loads.
+        True if the channels are loads.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def in_global_axes(
         parts = axes[[dof.axis % 3 for dof in local]]
         spanned = np.flatnonzero((np.abs(parts) > _ROUNDED).any(axis=0)).tolist()
         if len(spanned) != len(columns) or len({dof.axis for dof in local}) < len(local):
-            raise FileError(f"{path}: {_skewed_words(local[0], axes, is_load)}; {named}")
+            raise FileError(f"{path}: {_describe_skewed(local[0], axes, is_load)}; {named}")
         signs = np.array([dof.sign for dof in local])
         for j, axis in zip(columns, spanned, strict=True):
             matrix[j, columns] = signs * parts[:, axis]
@@ -102,8 +102,8 @@ def _global(dof: Dof, axis: int, sign: int) -> Dof:
     return Dof(dof.node, DIRECTIONS[axis + 3 * dof.is_rotation], sign)
 
 
-def _skewed_words(dof: Dof, axes: FloatArray, is_load: bool) -> str:
-    """The direction of a channel along no global axis, and how a study says it."""
+def _describe_skewed(dof: Dof, axes: FloatArray, is_load: bool) -> str:
+    """A message on a channel along no global axis, with the way to state its direction in a study."""
     way = ", ".join(f"{part:.5g}" for part in axes[dof.axis % 3])
     name = f"{'load ' if is_load else ''}{dof.place}"
     if dof.is_rotation:

@@ -48,7 +48,7 @@ def read_frfs(
     nodes: UniversalNodes | None,
     options: ReadOptions,
 ) -> tuple[FrfRecord | TimeRecord, bool]:
-    """One record of the functions `frfs`, or of the outputs and inputs among them that `options` name.
+    """One record of the functions `frfs`, or of those outputs and inputs among them that `options` name.
 
     Parameters
     ----------
@@ -64,14 +64,14 @@ def read_frfs(
     -------
     record : FrfRecord
     has_coherence : bool
-        Whether the coherences are part of it.
+        True if the record contains the coherences.
 
     Raises
     ------
     FileError
         If pairs are missing or doubled, a response is a magnitude alone, or kinds or frequencies differ.
     """
-    by_pair = _by_pair(path, frfs, options)
+    by_pair = _functions_by_pair(path, frfs, options)
     named = bool(options.columns) and bool(options.outputs or options.inputs)
     outputs = _chosen(path, "outputs", () if named else options.outputs, [pair[0] for pair in by_pair])
     inputs = _chosen(path, "inputs", () if named else options.inputs, [pair[1] for pair in by_pair])
@@ -85,13 +85,13 @@ def read_frfs(
     functions = [by_pair[pair] for pair in pairs]
     to_hertz, axis_words = one_axis_unit(path, functions, "frequencies", options)
     responses = [
-        _response(path, function, pair, to_hertz, factors, options)
+        _make_response(path, function, pair, to_hertz, factors, options)
         for function, pair in zip(functions, pairs, strict=True)
     ]
     _require_alike(path, pairs, responses)
     frequency = responses[0].frequency
     values = np.stack([response.values for response in responses], axis=1).reshape(-1, len(outputs), len(inputs))
-    coherence = _coherence(path, coherences, by_pair, outputs, inputs, frequency, to_hertz)
+    coherence = _stack_coherence(path, coherences, by_pair, outputs, inputs, frequency, to_hertz)
     turned_words = ""
     if nodes is not None and not named:
         sensors, loads = in_global_axes(path, nodes, outputs), in_global_axes(path, nodes, inputs, is_load=True)
@@ -117,7 +117,7 @@ def read_frfs(
 
 
 def _unit_words(functions: Sequence[Function], options: ReadOptions) -> str:
-    """The units of responses that are not in SI by their labels."""
+    """A phrase on the units of responses that are not in SI by their labels; "" if all are."""
     if options.unit:
         return f"in {options.unit} as given"
     labels = {(f.ordinate.label, f.denominator.label) for f in functions}
@@ -130,8 +130,8 @@ def _chosen(path: Path, name: str, texts: tuple[str, ...], present: list[Dof]) -
     return tuple(distinct[i] for i in positions(path, name, texts, distinct))
 
 
-def _by_pair(path: Path, functions: Sequence[Function], options: ReadOptions) -> dict[Pair, Function]:
-    """The functions by output and input: as the file names them, or as `options` do where they choose by number."""
+def _functions_by_pair(path: Path, functions: Sequence[Function], options: ReadOptions) -> dict[Pair, Function]:
+    """The functions by output and input, as the file names them or as `options` name those chosen by number."""
     named: dict[str, tuple[Dof, ...]] = {}
     for name in ("outputs", "inputs"):
         texts = getattr(options, name)
@@ -147,38 +147,38 @@ def _by_pair(path: Path, functions: Sequence[Function], options: ReadOptions) ->
             )
         named[name] = dofs * len(functions) if len(dofs) == 1 else dofs
     wanted = {name: {as_dof(text) for text in getattr(options, name)} for name in ("outputs", "inputs")}
-    found: dict[Pair, Function] = {}
+    by_pair: dict[Pair, Function] = {}
     for i, function in enumerate(functions):
         sides = []
-        for name, place, role in (
+        for name, node_and_direction, role in (
             ("outputs", function.response, "response"),
             ("inputs", function.reference, "reference"),
         ):
             if name in named:
                 sides.append(named[name][i])
-            elif place[1] == 0 and wanted[name]:  # a scalar that is not asked for
+            elif node_and_direction[1] == 0 and wanted[name]:  # a scalar that is not asked for
                 break
             else:
-                sides.append(dof_of(path, place, role, function.place))
+                sides.append(dof_of(path, node_and_direction, role, function.place))
         if len(sides) < 2:
             continue
         pair = (sides[0], sides[1])
-        if pair in found and not options.columns and not _is_wanted(pair, wanted):
+        if pair in by_pair and not options.columns and not _is_wanted(pair, wanted):
             continue
-        if pair in found:
+        if pair in by_pair:
             raise FileError(
-                f"{path}: has the FRF of {pair[0]}/{pair[1]} twice, as functions {found[pair].place} and {function.place}; keep one"
-                " of them, or choose functions by their numbers with `columns`"
+                f"{path}: has the FRF of {pair[0]}/{pair[1]} twice, as functions {by_pair[pair].place} and {function.place}; keep"
+                " one of them, or choose functions by their numbers with `columns`"
             )
-        found[pair] = function
-    return found
+        by_pair[pair] = function
+    return by_pair
 
 
 def _is_wanted(pair: Pair, wanted: dict[str, set[Dof | None]]) -> bool:
     return all(not dofs or dof in dofs for dof, dofs in zip(pair, wanted.values(), strict=True))
 
 
-def _response(
+def _make_response(
     path: Path,
     function: Function,
     pair: Pair,
@@ -186,6 +186,7 @@ def _response(
     factors: UnitFactors | None,
     options: ReadOptions,
 ) -> _Response:
+    """Kind, frequencies in Hz and complex values in SI of one FRF; `FileError` if it holds real numbers only."""
     values = function.values
     if not np.iscomplexobj(values) or _is_padded_magnitude(values):
         raise FileError(
@@ -209,7 +210,7 @@ def _is_padded_magnitude(values: FloatArray | ComplexArray) -> bool:
 def _frf_scale(
     path: Path, function: Function, pair: Pair, factors: UnitFactors | None, options: ReadOptions
 ) -> tuple[FrfKind, float]:
-    """Kind and factor to SI of one FRF: by the option `unit`, or by types, labels and dataset 164."""
+    """Kind and factor to SI of one FRF, from the option `unit`, or from types, labels and dataset 164."""
     if options.unit:
         unit = parse_frf_unit(options.unit)
         if unit.output_rotation == pair[0].is_rotation and unit.input_rotation == pair[1].is_rotation:
@@ -235,6 +236,7 @@ def _frf_scale(
 def _scale_by_sides(
     path: Path, above: Characteristics, below: Characteristics, pair: Pair, factors: UnitFactors | None
 ) -> tuple[FrfKind, float]:
+    """Kind and factor to SI of one FRF, from its ordinate (`above`) and denominator (`below`)."""
     quantity, above_factor = channel_scale(path, above, pair[0], factors, "unit")
     load, below_factor = channel_scale(path, below, pair[1], factors, "unit")
     if quantity == load != "force":
@@ -258,6 +260,7 @@ def _split(kind: FrfKind, above: Characteristics, below: Characteristics) -> tup
 
 
 def _require_alike(path: Path, pairs: list[Pair], responses: list[_Response]) -> None:
+    """Raise `FileError` unless all responses have the kind and the frequencies of the first."""
     first = responses[0]
     for (output, load), response in zip(pairs, responses, strict=True):
         if response.kind != first.kind:
@@ -273,7 +276,7 @@ def _require_axis(path: Path, what: str, axis: FloatArray, first: FloatArray) ->
         raise FileError(f"{path}: {what} has other frequencies than the first; export all with one setting")
 
 
-def _coherence(
+def _stack_coherence(
     path: Path,
     coherences: Sequence[Function],
     by_pair: dict[Pair, Function],
@@ -282,22 +285,22 @@ def _coherence(
     frequency: FloatArray,
     to_hertz: float,
 ) -> FloatArray | None:
-    """Coherence of every pair, (n_frequencies, n_outputs, n_inputs), or None unless the file has it for every pair."""
-    found: dict[Pair, FloatArray] = {}
+    """Coherence of all pairs, (n_frequencies, n_outputs, n_inputs), or None unless the file has it for each pair."""
+    of_pair: dict[Pair, FloatArray] = {}
     for function in coherences:
         for pair in [(output, load) for output in outputs for load in inputs]:
             if not _belongs(function, by_pair[pair]):
                 continue
-            if pair in found:
+            if pair in of_pair:
                 raise FileError(f"{path}: has the coherence of {pair[0]}/{pair[1]} twice; keep one of them")
             axis = function.axis * to_hertz
             _require_axis(path, f"the coherence of {pair[0]}/{pair[1]}", axis, frequency)
             if np.iscomplexobj(function.values) and function.values.imag.any():
                 raise FileError(f"{path}: function {function.place}, a coherence, is complex; export it again")
-            found[pair] = function.values.real.astype(float)
-    if any((output, load) not in found for output in outputs for load in inputs):
+            of_pair[pair] = function.values.real.astype(float)
+    if any((output, load) not in of_pair for output in outputs for load in inputs):
         return None
-    stacked = [[found[output, load] for load in inputs] for output in outputs]
+    stacked = [[of_pair[output, load] for load in inputs] for output in outputs]
     return np.moveaxis(np.array(stacked), -1, 0)
 
 

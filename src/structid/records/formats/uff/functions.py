@@ -87,7 +87,7 @@ class Function:
 
 
 def read_function(path: Path, block: Block, place: int) -> Function:
-    """The function of a dataset 58, the function `place` of its file.
+    """The function in a dataset 58, the `place`-th function (from 1) of its file.
 
     Raises
     ------
@@ -100,14 +100,14 @@ def read_function(path: Path, block: Block, place: int) -> Function:
     if len(lines) < HEADER_LINES - 1 + (not block.values_at):
         raise FileError(f"{where} ends within its header; the file is truncated, export it again")
     try:
-        dof = _dof(lines[_TITLES])
+        dof = _parse_record_6(lines[_TITLES])
         form = lines[_TITLES + 1]
         ordinate, points, even = (
             integers(form, _FORM_COLUMNS[:3]) if len(form.split()) < 6 else map(int, form.split()[:3])
         )
         start, step = (real_number(text) if text else 0.0 for text in _form_reals(form))
         item, per_value = ORDINATES[ordinate]
-        heads = [_characteristics(line) for line in lines[_TITLES + 2 : _TITLES + 5]]
+        heads = [_parse_characteristics(line) for line in lines[_TITLES + 2 : _TITLES + 5]]
     except (ValueError, KeyError, IndexError) as error:
         raise FileError(f"{where} has a damaged header ({error}); export it again") from error
     if points < 1 or even not in (0, 1):
@@ -145,15 +145,15 @@ class _Dof:
     reference: tuple[int, int]
 
 
-def _dof(line: str) -> _Dof:
+def _parse_record_6(line: str) -> _Dof:
     """Record 6: function type, and node and direction of response and reference."""
     words = line.split()
     if len(words) != len(_DOF_COLUMNS):  # a name is blank, or has blanks in it
-        words, at = [], 0
+        words, column = [], 0
         for width in _DOF_COLUMNS:
-            words.append(line[at : at + width].strip())
-            at += width
-            if line[at - 1 : at].strip() and line[at : at + 1].strip() and width not in (5, 10):
+            words.append(line[column : column + width].strip())
+            column += width
+            if line[column - 1 : column].strip() and line[column : column + 1].strip() and width not in (5, 10):
                 raise ValueError(f"record 6 is out of its columns: {line.rstrip()!r}")
     numbers = [int(words[i]) if words[i] else 0 for i in (0, 5, 6, 8, 9)]
     return _Dof(numbers[0], (numbers[1], numbers[2]), (numbers[3], numbers[4]))
@@ -165,9 +165,9 @@ def _form_reals(line: str) -> list[str]:
     return words[3:5] if len(words) == len(_FORM_COLUMNS) else [line[30:43].strip(), line[43:56].strip()]
 
 
-def _characteristics(line: str) -> Characteristics:
-    """One of records 8 to 10."""
-    numbers = [int(line[at : at + width] or 0) for at, width in ((0, 10), (10, 5), (15, 5))]
+def _parse_characteristics(line: str) -> Characteristics:
+    """Type, exponents and unit label in a line of record 8, 9 or 10."""
+    numbers = [int(line[column : column + width] or 0) for column, width in ((0, 10), (10, 5), (15, 5))]
     label = line[47:67].strip()
     if line[25:26].strip() or line[46:47].strip():  # a long axis label pushed the unit out of its columns
         parts = [part.strip() for part in line[25:].split("  ") if part.strip()]
@@ -176,7 +176,7 @@ def _characteristics(line: str) -> Characteristics:
 
 
 def _text_values(where: str, block: Block, points: int, columns: int) -> FloatArray:
-    """The numbers of a text, (n_points, n_columns); a last line that was filled with zeros is cut."""
+    """The numbers of an ASCII dataset, (n_points, n_columns), without zeros that fill the last line."""
     body = block.content.split(b"\n", HEADER_LINES - 1)[HEADER_LINES - 1]
     try:
         numbers = read_reals(body)
@@ -196,7 +196,7 @@ def _text_values(where: str, block: Block, points: int, columns: int) -> FloatAr
 def _binary_values(
     where: str, block: Block, points: int, per_value: int, item: int
 ) -> tuple[FloatArray | None, FloatArray]:
-    """Abscissa, where it is uneven, and the numbers of every value, (n_points, one or two), of a dataset 58b."""
+    """Abscissa (n_points,) or None if it is even, and numbers of each value (n_points, 1 or 2), of a dataset 58b."""
     words = block.head.split()
     try:
         order, floating, n_lines = (int(word) for word in words[1:4])
@@ -224,7 +224,7 @@ def _axis_bytes(block: Block, points: int, value_bytes: int) -> int:
 
 
 def _last_digits(axis: FloatArray, item: int) -> FloatArray:
-    """Size of the last digit of each number of a binary axis of `item` bytes, or of one of six digits where that is 0."""
+    """Size of the last digit of each number of an axis, (n_points,): binary with `item` bytes, or six digits if `item` is 0."""
     if item:
         return np.spacing(np.abs(axis).astype(f"f{item}")).astype(float)
     size = np.abs(axis)

@@ -24,7 +24,9 @@ _OTHERS = {2: "stress", 3: "strain", 5: "temperature", 6: "heat flux", 9: "react
 
 
 def dof_of(path: Path, place: tuple[int, int], role: str, function: int) -> Dof:
-    """The degree of freedom of a UFF node and direction (1 to 3 translations, 4 to 6 rotations, signed).
+    """The degree of freedom of a node and direction of a universal file (1 to 3 translations, 4 to 6 rotations, signed).
+
+    `role` and `function` (its number) are for errors.
 
     Raises
     ------
@@ -56,7 +58,7 @@ def _file_factor(factors: UnitFactors, quantity: str, dof: Dof) -> float:
 def channel_scale(
     path: Path, side: Characteristics, dof: Dof, factors: UnitFactors | None, option: str
 ) -> tuple[str, float]:
-    """Quantity and factor to SI of one side of a function.
+    """Quantity and factor to SI of one side (ordinate or denominator) of a function.
 
     Parameters
     ----------
@@ -65,7 +67,7 @@ def channel_scale(
     factors : UnitFactors, optional
         Units by dataset 164.
     option : str
-        That says the unit where the file does not: ``unit`` of FRFs, ``units`` of time histories.
+        Option that states the unit if the file does not: ``unit`` for FRFs, ``units`` for time histories.
 
     Raises
     ------
@@ -113,7 +115,7 @@ def _remedy(option: str) -> str:
 
 
 def _label_unit(path: Path, side: Characteristics, dof: Dof, remedy: str) -> Unit | None:
-    """The unit that a label says; None where there is no label."""
+    """The unit that the label of one side of a function states; None without a label. `remedy` ends error messages."""
     if not side.label:
         return None
     try:
@@ -132,7 +134,7 @@ def _label_unit(path: Path, side: Characteristics, dof: Dof, remedy: str) -> Uni
 
 
 def whole_unit(path: Path, numerator: Characteristics, denominator: Characteristics) -> FrfUnit | None:
-    """The unit of a whole FRF, such as `(m/s^2)/N`, where the numerator's label is of that.
+    """The unit of the whole FRF, such as `(m/s^2)/N`, if the label of the numerator states that, else None.
 
     Raises
     ------

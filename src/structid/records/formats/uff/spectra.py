@@ -11,14 +11,15 @@ from typing import cast
 import numpy as np
 
 from structid.core.arrays import ComplexArray
-from structid.core.dof import Dof
-from structid.core.errors import FileError, InputError
+from structid.core.dof import Dof, parse_dofs
+from structid.core.errors import FileError, InputError, about
 from structid.core.units import Quantity, parse_unit
 from structid.files.uff.blocks import read_blocks
 from structid.files.uff.nodes import read_nodes
 from structid.files.uff.units import UnitFactors, read_unit_factors
 from structid.records.formats.bare import channel_units
 from structid.records.formats.gaps import sourced
+from structid.records.formats.named_channels import chosen
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
@@ -39,7 +40,7 @@ _SQUARE = re.compile(
 _SPLIT_SQUARE = re.compile(r"([a-z]+)(?:\^|\*\*)?2/(s|sec)(?:\^|\*\*)?4$", re.IGNORECASE)
 #: Relative size of imaginary parts and negative values of autospectra that are rounding.
 _ROUNDED = 1e-4
-_USED = ("channels", "columns", "units", "quantities", "axis_unit", "axes", "averages", "array")
+_USED = ("channels", "columns", "units", "axis_unit", "axes", "averages")
 
 
 def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
@@ -61,15 +62,26 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
     every = [read_function(path, block, place) for place, block in enumerate(tables, 1)]
     functions = [function for function in every if function.kind in SPECTRA]
     if options.columns:
-        numbers = {str(number) for number in options.columns}
-        functions = [function for function in functions if str(function.place) in numbers]
+        numbers = [function.place for function in functions]
+        names = [f"function {number}" for number in numbers]
+        functions = [functions[row] for row in chosen(path, options.columns, names, numbers)]
     if not functions:
         raise FileError(f"{path}: holds no spectra of motion (function types 2, 3 and 9); export them, or histories")
     factors = None if options.units else read_unit_factors(path, blocks)
     to_hertz, axis_words = one_axis_unit(path, functions, "frequencies", options)
     by_pair: dict[tuple[Dof, Dof], Function] = {}
+    with about("channels"):
+        wanted = set(parse_dofs(options.channels))
+    present = {dof for function in functions for dof in _pair(path, function)}
+    if wanted - present:
+        raise InputError(
+            f"{path}: has no spectrum of {min(map(str, wanted - present))}; it has {', '.join(sorted(map(str, present)))}",
+            "channels",
+        )
     for function in functions:
         pair = _pair(path, function)
+        if wanted and not set(pair) <= wanted:
+            continue
         if pair in by_pair:
             raise FileError(
                 f"{path}: has the spectrum of {pair[0]} and {pair[1]} twice, as functions {by_pair[pair].place} and"
@@ -77,6 +89,7 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
             )
         by_pair[pair] = function
     channels, references = _complete(path, by_pair)
+    functions = list(by_pair.values())
     frequency = functions[0].axis * to_hertz
     for function in functions:
         if (
@@ -136,7 +149,7 @@ def _complete(path: Path, by_pair: dict[tuple[Dof, Dof], Function]) -> tuple[tup
 
 
 def _densities(path: Path, functions: Sequence[Function]) -> bool:
-    """Whether all spectra are densities by their labels or types."""
+    """True if all spectra are densities by their labels or types, False if none is; `FileError` if some are."""
     found = {function.kind == 9 or _is_per_hertz(function) for function in functions}
     if len(found) > 1:
         raise FileError(f"{path}: some spectra are densities and some are not; export all with one setting")
@@ -197,6 +210,9 @@ def _matrix(
 
 
 def _values(path: Path, function: Function, response: Dof, reference: Dof) -> ComplexArray:
+    """The complex values of one function, (n_lines,); `FileError` if an autospectrum is not positive or a cross-spectrum
+    is real.
+    """
     values = np.asarray(function.values, np.complex128)
     if response == reference:
         size = float(np.abs(values).max())
@@ -239,6 +255,7 @@ def _sides(path: Path, function: Function) -> tuple[str, str]:
 
 
 def _is_unit(text: str) -> bool:
+    """True if `text` names a unit."""
     try:
         parse_unit(text)
     except InputError:

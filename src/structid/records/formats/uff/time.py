@@ -37,7 +37,7 @@ def read_times(
     nodes: UniversalNodes | None,
     options: ReadOptions,
 ) -> TimeRecord:
-    """One record of the time responses `times`, or of the channels among them that `options` name.
+    """One record of the time responses `times`, or of those channels among them that `options` name.
 
     The format stores an even step with six digits only: `options.sampling_rate` may state it exactly.
 
@@ -56,16 +56,16 @@ def read_times(
     FileError
         If lengths, start or steps differ, a step is not even and not to be resampled, or nothing says a unit.
     """
-    times, channels, is_named = _chosen(path, times, options)
+    times, channels, is_named = _choose_functions(path, times, options)
     for dof, function in zip(channels, times, strict=True):
         if np.iscomplexobj(function.values):
             raise FileError(f"{path}: the time history of {dof} has complex samples; export real ones")
     to_seconds, axis_words = one_axis_unit(path, list(times), "times", options)
     clocks = [function.axis * to_seconds for function in times]
     _require_one_clock(path, channels, clocks)
-    quantities, scale = _scales(path, times, channels, factors, options)
+    quantities, scale = _quantities_and_factors(path, times, channels, factors, options)
     values = np.stack([np.asarray(function.values, float) for function in times], axis=1)
-    rate, start, values, clock_words = _on_one_raster(path, times[0], clocks[0], to_seconds, values, options)
+    rate, start, values, clock_words = _even_samples(path, times[0], clocks[0], to_seconds, values, options)
     kept = whole(path, values, channels, rate, start, options, named=False)
     values, turned_words = kept.values * scale, ""
     if nodes is not None and not is_named:
@@ -84,10 +84,10 @@ def read_times(
     )
 
 
-def _chosen(
+def _choose_functions(
     path: Path, times: Sequence[Function], options: ReadOptions
 ) -> tuple[Sequence[Function], tuple[Dof, ...], bool]:
-    """The functions that are read, what their channels are called, and whether the user called them so."""
+    """The functions to read, their channels, and True if the user named these."""
     if options.columns and options.channels:
         with about("channels"):
             channels = parse_dofs(options.channels)
@@ -103,15 +103,16 @@ def _chosen(
     whole_dofs = [f for f in times if f.response[1] != 0]
     present = tuple(dof_of(path, f.response, "response", f.place) for f in whole_dofs)
     wanted = [present[i] for i in positions(path, "channels", options.channels, present)]
-    kept = [
+    pairs = [
         (f, dof) for name in dict.fromkeys(wanted) for f, dof in zip(whole_dofs, present, strict=True) if dof == name
     ]
-    return [f for f, _ in kept], tuple(dof for _, dof in kept), False
+    return [f for f, _ in pairs], tuple(dof for _, dof in pairs), False
 
 
 def _require_distinct(
     path: Path, times: Sequence[Function], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]
 ) -> None:
+    """Raise `FileError` if two functions have the same channel and quantity."""
     seen: dict[tuple[Dof, Quantity], Function] = {}
     for function, dof, quantity in zip(times, channels, quantities, strict=True):
         other = seen.setdefault((dof, quantity), function)
@@ -123,7 +124,7 @@ def _require_distinct(
 
 
 def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
-    """The units of channels that are not in SI by their labels."""
+    """A phrase on the units of channels that are not in SI by their labels; "" if all are."""
     if options.units:
         return f"units {', '.join(dict.fromkeys(options.units))} as given"
     labels = dict.fromkeys(function.ordinate.label for function in times)
@@ -131,7 +132,7 @@ def _unit_words(times: Sequence[Function], options: ReadOptions) -> str:
 
 
 def _require_one_clock(path: Path, channels: tuple[Dof, ...], clocks: Sequence[FloatArray]) -> None:
-    """Refuse channels with sample times other than those of the first."""
+    """Raise `FileError` if a channel has other sample times than the first."""
     first = clocks[0]
     allowed = 0.01 * abs(first[-1] - first[0]) / max(first.size - 1, 1)
     for dof, axis in zip(channels, clocks, strict=True):
@@ -148,13 +149,14 @@ def _clock(axis: FloatArray) -> str:
     return f"{axis.size} samples every {step:.6g} s from {axis[0]:.6g} s on" if axis.size else "no samples"
 
 
-def _scales(
+def _quantities_and_factors(
     path: Path,
     times: Sequence[Function],
     channels: tuple[Dof, ...],
     factors: UnitFactors | None,
     options: ReadOptions,
 ) -> tuple[tuple[Quantity, ...], FloatArray]:
+    """Quantity and factor to SI, (n_channels,), of each channel, by the options or the file."""
     if options.units:
         return channel_units(path, channels, options)
     pairs = [
@@ -171,20 +173,20 @@ def _scales(
     return quantities, np.array([factor for _, factor in pairs])
 
 
-def _on_one_raster(
+def _even_samples(
     path: Path, function: Function, time: FloatArray, to_seconds: float, values: FloatArray, options: ReadOptions
 ) -> tuple[float, float, FloatArray, str]:
-    """Sampling rate, first time in s, the samples at it, and words on the clock where it is not plainly even."""
+    """Sampling rate in Hz, first time in s, evenly spaced samples, and a note if the clock is not plainly even."""
     step = float(time[-1] - time[0]) / max(time.size - 1, 1)
     if step <= 0:
         raise FileError(f"{path}: the time step is {step:g} s; it must be positive, set it in the export")
     if function.is_even:
-        return _stated(path, 1 / step, _SIX_DIGITS, options), float(time[0]), values, ""
+        return _checked_rate(path, 1 / step, _SIX_DIGITS, options), float(time[0]), values, ""
     even = even_rate(time, function.digits * to_seconds)
     if even is None:
         if options.resample:
-            made = resample(path, time, values)
-            return made.rate, made.start, made.values, made.words
+            resampled = resample(path, time, values)
+            return resampled.rate, resampled.start, resampled.values, resampled.words
         off = float(np.abs(np.diff(time) - step).max())
         raise FileError(
             f"{path}: sample times are not even: a step differs from the mean of {step:.6g} s by {off:.2g} s; {resampling_remedy()}"
@@ -195,11 +197,11 @@ def _on_one_raster(
             f" {100 * even.error:.2g} % only; give {option_words(sampling_rate=None)}"
         )
     words = f"times rounded to {even.digit:g} s" if even.error else ""
-    return _stated(path, even.rate, max(even.error, _SIX_DIGITS), options), float(time[0]), values, words
+    return _checked_rate(path, even.rate, max(even.error, _SIX_DIGITS), options), float(time[0]), values, words
 
 
-def _stated(path: Path, rate: float, error: float, options: ReadOptions) -> float:
-    """The rate of the file, or the one given where that is the same within the relative `error`."""
+def _checked_rate(path: Path, rate: float, error: float, options: ReadOptions) -> float:
+    """The rate of the file in Hz, or the option `sampling_rate` if both agree within the relative `error`."""
     if options.sampling_rate is None:
         return rate
     if abs(options.sampling_rate / rate - 1) > error:

@@ -45,10 +45,11 @@ _OF_TIMES = ("channels", "quantities", "units", "start", "stop", "longest_gap", 
 def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     """The record in the universal file at `path`, in SI units.
 
-    FRFs (function types 4 and 5) become one record of all outputs and inputs, with coherence (6) where every pair has it;
-    time responses (1) become one record of all channels; `options.columns` chooses functions by their numbers. Sensors and
-    loads are turned into global axes where their nodes (15, 2411) have coordinate systems (18, 2420) of their own. Units come
-    from labels and dataset 164; the record's `source` says what was converted, turned or left aside.
+    FRFs (function types 4 and 5) become one record of all outputs and inputs, with coherence (6) where every pair has
+    it; time responses (1) become one record of all channels; `options.columns` chooses functions by their numbers.
+    Sensors and loads are turned into global axes where their nodes (15, 2411) have coordinate systems (18, 2420) of
+    their own. Units come from labels and dataset 164; the record's `source` says what was converted, turned or left
+    aside.
 
     Raises
     ------
@@ -59,7 +60,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     blocks = read_blocks(path)
     tables = [block for block in blocks if block.number == 58]
     functions = [read_function(path, block, place) for place, block in enumerate(tables, 1)]
-    chosen_functions = _chosen(path, functions, options)
+    chosen_functions = _choose_functions(path, functions, options)
     frfs = [f for f in chosen_functions if f.kind in _RESPONSES]
     times = [f for f in chosen_functions if f.kind == _TIME]
     if frfs and times and options.array not in ("frf", "time"):
@@ -68,7 +69,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
             f'{option_words(array=None)}, "frf" or "time"'
         )
     if not frfs and not times:
-        raise _nothing_to_read(path, chosen_functions)
+        raise _no_response_error(path, chosen_functions)
     takes_units = not options.unit if frfs and options.array != "time" else not options.units
     factors = read_unit_factors(path, blocks) if takes_units else None
     nodes = None if options.axes == "named" else _nodes(path, blocks)
@@ -80,8 +81,8 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     else:
         refuse_options(path, "time histories", options, _OF_FRFS)
         record, used = read_times(path, times, factors, nodes, options), {_TIME}
-    left = Counter(f.kind for f in functions if f.kind not in used)
-    words = [f"{_name(kind)} ({n})" for kind, n in sorted(left.items())]
+    left_aside = Counter(f.kind for f in functions if f.kind not in used)
+    words = [f"{_name(kind)} ({n})" for kind, n in sorted(left_aside.items())]
     if len(chosen_functions) < len(functions) or not words:
         return record
     return replace(record, source=f"{record.source}; left aside: {', '.join(words)}")
@@ -91,8 +92,8 @@ def _name(kind: int) -> str:
     return _FUNCTIONS.get(kind, f"function type {kind}")
 
 
-def _chosen(path: Path, functions: list[Function], options: ReadOptions) -> list[Function]:
-    """The functions that `columns` asks for, by number or name; all by default."""
+def _choose_functions(path: Path, functions: list[Function], options: ReadOptions) -> list[Function]:
+    """The functions that the option `columns` names by number or name; all without it."""
     if not options.columns:
         return functions
     names = [f"{f.response[0]}{_DIRECTIONS.get(f.response[1], ' direction 0')}" for f in functions]
@@ -108,7 +109,8 @@ def _nodes(path: Path, blocks: list[Block]) -> UniversalNodes:
         raise FileError(f"{error}; or take directions as they are named: {option_words(axes='named')}") from error
 
 
-def _nothing_to_read(path: Path, functions: list[Function]) -> FileError:
+def _no_response_error(path: Path, functions: list[Function]) -> FileError:
+    """The error for a file that holds neither FRFs nor time responses, with what it holds."""
     kinds = sorted({function.kind for function in functions})
     if kinds and set(kinds) <= {*_SPECTRA, _COHERENCE}:
         names = ", ".join(map(_name, kinds))
@@ -125,7 +127,7 @@ def _nothing_to_read(path: Path, functions: list[Function]) -> FileError:
 
 
 def write(path: Path, record: FrfRecord | TimeRecord, geometry: Geometry | None = None) -> None:
-    """Write `record` as a binary universal file in double precision (58b) and SI units, with optional geometry.
+    """Write `record` to `path` as a binary universal file (58b) in double precision and SI units, with optional geometry.
 
     The file is read back and compared before it takes its place.
 

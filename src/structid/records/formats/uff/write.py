@@ -27,7 +27,7 @@ _NOTHING = f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'NONE':<20s}"
 
 
 def file_bytes(path: Path, record: FrfRecord | TimeRecord, geometry: Geometry | None) -> Iterator[bytes]:
-    """The bytes of a universal file of `record`, dataset by dataset: 164 (SI), geometry, 58b.
+    """Content of a universal file of `record`, dataset by dataset: 164 (SI), geometry, 58b.
 
     Raises
     ------
@@ -53,7 +53,7 @@ SI_UNITS = block(164, [f"{1:10d}{'SI':<20s}{1:10d}", "".join(f"{n:25.17e}" for n
 
 
 def geometry_blocks(geometry: Geometry | None) -> Iterator[bytes]:
-    """Datasets 15, 2411 and 82; none without nodes."""
+    """Datasets 15, 2411 and 82 of a geometry; none without nodes."""
     if geometry is None or not geometry.nodes:
         return
     short, full = [], []
@@ -64,7 +64,7 @@ def geometry_blocks(geometry: Geometry | None) -> Iterator[bytes]:
     yield block(15, short)
     yield block(2411, full)
     for i, line in enumerate(geometry.lines, start=1):
-        rows = [line[at : at + 8] for at in range(0, len(line), 8)]
+        rows = [line[first : first + 8] for first in range(0, len(line), 8)]
         numbers = ["".join(f"{node:10d}" for node in row) for row in rows]
         yield block(82, [f"{i:10d}{len(line):10d}{0:10d}", f"line {i}", *numbers])
 
@@ -84,8 +84,8 @@ class _Axis(NamedTuple):
     line: str
 
 
-def _axis(path: Path, points: FloatArray, step: float, data_type: int, unit: str) -> _Axis:
-    """The abscissa `points`, where `step` (of six digits or more) is what an even one would have."""
+def _make_axis(path: Path, points: FloatArray, step: float, data_type: int, unit: str) -> _Axis:
+    """The abscissa for the header; `step` is the spacing if `points` are even, `data_type` and `unit` describe it."""
     rounded_start, rounded_step = float(f"{points[0]:.5e}"), float(f"{step:.5e}")
     rebuilt = rounded_start + rounded_step * np.arange(points.size)
     even = bool(np.allclose(rebuilt, points, rtol=1e-14, atol=0)) and (points.size > 1 or rounded_step == step)
@@ -95,10 +95,10 @@ def _axis(path: Path, points: FloatArray, step: float, data_type: int, unit: str
     return _Axis(points, even, rounded_start if even else 0.0, rounded_step if even else 0.0, line)
 
 
-def _function(
+def _function_bytes(
     number: int, output: Dof, load: Dof | None, values: FloatArray | ComplexArray, axis: _Axis, text: list[str]
 ) -> bytes:
-    """One dataset 58b; `text` is five title lines, then the lines of ordinate and denominator."""
+    """One dataset 58b; `text` has five title lines, then the lines of ordinate and denominator."""
     is_complex = np.iscomplexobj(values)
     columns = [values.real, values.imag] if is_complex else [values]
     body = np.stack(columns if axis.even else [axis.points, *columns], axis=1).astype("<f8").tobytes()
@@ -124,35 +124,38 @@ def _side(quantity: str, dof: Dof) -> str:
 
 
 def _frf_blocks(path: Path, record: FrfRecord) -> Iterator[bytes]:
+    """Datasets 58b of the FRFs of a record, each followed by its coherence."""
     step = float(record.frequency[1] - record.frequency[0]) if record.frequency.size > 1 else 1.0
-    title, axis = _title(record), _axis(path, record.frequency, step, 18, "Hz")
+    title, axis = _title(record), _make_axis(path, record.frequency, step, 18, "Hz")
     for a, output in enumerate(record.outputs):
         for b, load in enumerate(record.inputs):
             above, below = _SIDES[record.kind]
             sides = [_side(above, output), _side(below, load)]
-            yield _function(4, output, load, record.values[:, a, b], axis, [*title, *sides])
+            yield _function_bytes(4, output, load, record.values[:, a, b], axis, [*title, *sides])
             if record.coherence is not None:
                 text = [*title, _NOTHING, _NOTHING]
-                yield _function(6, output, load, record.coherence[:, a, b], axis, text)
+                yield _function_bytes(6, output, load, record.coherence[:, a, b], axis, text)
 
 
 def _time_blocks(path: Path, record: TimeRecord) -> Iterator[bytes]:
-    title, axis = _title(record), _axis(path, record.time, 1 / record.sampling_rate, 17, "s")
+    title, axis = _title(record), _make_axis(path, record.time, 1 / record.sampling_rate, 17, "s")
     for i, (dof, quantity) in enumerate(zip(record.channels, record.quantities, strict=True)):
-        yield _function(1, dof, None, record.values[:, i], axis, [*title, _side(quantity, dof), _NOTHING])
+        yield _function_bytes(1, dof, None, record.values[:, i], axis, [*title, _side(quantity, dof), _NOTHING])
 
 
 def require_same(path: Path, record: FrfRecord | TimeRecord, back: FrfRecord | TimeRecord) -> None:
-    """Raise `FileError` unless `back`, read from the written file, has the values of `record` (0 and -0 are one)."""
-    same = type(back) is type(record) and np.array_equal(back.values, record.values)
+    """Raise `FileError` unless `back`, read from the written file, has the values of `record` (0 and -0 are equal)."""
+    is_same = type(back) is type(record) and np.array_equal(back.values, record.values)
     if isinstance(record, FrfRecord) and isinstance(back, FrfRecord):
-        same = same and back.outputs == record.outputs and back.inputs == record.inputs and back.kind == record.kind
-        same = same and bool(np.allclose(back.frequency, record.frequency, rtol=1e-12, atol=0))
-        same = same and (back.coherence is None) == (record.coherence is None)
+        is_same = (
+            is_same and back.outputs == record.outputs and back.inputs == record.inputs and back.kind == record.kind
+        )
+        is_same = is_same and bool(np.allclose(back.frequency, record.frequency, rtol=1e-12, atol=0))
+        is_same = is_same and (back.coherence is None) == (record.coherence is None)
     if isinstance(record, TimeRecord) and isinstance(back, TimeRecord):
-        same = same and back.channels == record.channels and back.quantities == record.quantities
-        same = same and abs(back.sampling_rate - record.sampling_rate) <= 1e-9 * record.sampling_rate
-    if not same:
+        is_same = is_same and back.channels == record.channels and back.quantities == record.quantities
+        is_same = is_same and abs(back.sampling_rate - record.sampling_rate) <= 1e-9 * record.sampling_rate
+    if not is_same:
         raise FileError(
             f"{path}: does not read back as it was written; nothing was kept, write .npz instead and report this"
         )

@@ -33,7 +33,7 @@ def deck_values(solved: Solved, problem: RecordProblem, names: Sequence[str], va
 
 
 def deck_std(solved: Solved, identification: Identification) -> dict[str, float]:
-    """The standard deviation of each parameter of the deck; 0 where the data do not determine it.
+    """Standard deviation of each parameter of the deck, by name; 0 where the data do not determine it.
 
     A deck's parameter is d'p + constant in the parameters p that are sought, so its variance is d' C d.
     """
@@ -57,36 +57,39 @@ def _property_values(problem: RecordProblem, names: Sequence[str], values: Float
 
 
 def within(solved: Solved, name: str, value: float) -> float:
-    """`value` no farther than a round may go, and within the bounds of the parameter."""
+    """`value` of the deck parameter `name`, limited to its bounds and to the farthest that one round may go."""
     at = solved.at[name]
-    low, high = next(one.limits for one in solved.solver.deck.parameters if one.name == name)
+    low, high = next(parameter.limits for parameter in solved.solver.deck.parameters if parameter.name == name)
     far = _FARTHEST * abs(at) or np.inf
     return float(np.clip(value, max(low, at - far), min(high, at + far)))
 
 
 def tables(study: Study, at: Mapping[str, float | None], step: float | None = None) -> Tables:
-    """The study's tables with other places of differences; the nominal values where it is None.
+    """The study's tables with finite differences about other values (`at`), or the nominal ones where that is None.
 
     With `step`, the differences begin with it, as a part of each value; else as the file says.
     """
-    found: Tables = deepcopy(dict(study.root.table))
+    edited: Tables = deepcopy(dict(study.root.table))
     stated = tomllib.loads(study.text)["structure"]["solver"]["parameter"]
-    own = {entry["name"]: entry["step"] for entry in stated if "step" in entry}
-    for entry in found["structure"]["solver"]["parameter"]:
+    own_steps = {entry["name"]: entry["step"] for entry in stated if "step" in entry}
+    for entry in edited["structure"]["solver"]["parameter"]:
         name = entry["name"]
-        moved = {"at": at[name], "step": step if step is not None and at[name] else own.get(name)}
-        for key, value in moved.items():
+        changes = {"at": at[name], "step": step if step is not None and at[name] else own_steps.get(name)}
+        for key, value in changes.items():
             entry.pop(key, None)
             if value is not None:
                 entry[key] = value
-    return found
+    return edited
 
 
 def about(
     study: Study, at: Mapping[str, float], known: Mapping[str, float], work: Work, step: float | None = None
 ) -> Study:
-    """The study with differences about `at`, searches beginning at the `known` values of parameters; see `tables` for `step`."""
-    moved = edited_study(study, tables(study, at, step), work)
-    pairs = zip(study.setups, moved.setups, strict=True)
+    """The study with finite differences about `at`, and searches that start at the `known` values of parameters.
+
+    See `tables` for `step`.
+    """
+    edited = edited_study(study, tables(study, at, step), work)
+    pairs = zip(study.setups, edited.setups, strict=True)
     setups = (replace(after, parameters=begun_at(before.parameters, known)) for before, after in pairs)
-    return replace(moved, setups=tuple(setups))
+    return replace(edited, setups=tuple(setups))

@@ -34,7 +34,7 @@ _OPEN = 50.0
 
 
 def about_answer(ready: Start, progress: StageProgress | None = None, work: Work = ALONE) -> Start:
-    """The study with its solver's differences taken about the answer; as it is where it has none, or exact matrices.
+    """The study with its solver's finite differences taken about the answer; unchanged without a solver or with exact matrices.
 
     Raises
     ------
@@ -52,10 +52,10 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
         ready = led_near(ready, work)
     moves: list[float] = []
     for _ in range(MOST_ROUNDS):
-        found = _answered(ready, quick, progress, work)
+        identification = _identify(ready, quick, progress, work)
         solved = ready.study.solved
         assert solved is not None
-        values, std = found_values(solved, found), deck_std(solved, found)
+        values, std = found_values(solved, identification), deck_std(solved, identification)
         goal = {name: within(solved, name, value) for name, value in values.items()}
         moves = [
             abs(goal[name] - at) / max(_OF_STD * std[name], _OF_VALUE * abs(at), np.finfo(float).tiny)
@@ -63,9 +63,9 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
         ]
         if max(moves) <= 1.0:
             return ready
-        known = dict(zip(found.estimate.names, found.estimate.values.tolist(), strict=True))
+        known = dict(zip(identification.estimate.names, identification.estimate.values.tolist(), strict=True))
         if is_led:
-            estimate = found.estimate
+            estimate = identification.estimate
             end = estimate.theta[places(estimate.names, together(ready.problems).names)]
             moved = confirmed(ready, list, end, work)
             if moved is None:
@@ -87,8 +87,8 @@ def _open_words(moves: Sequence[float]) -> str:
     )
 
 
-def _answered(ready: Start, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Identification:
-    """The answer with differences where they are."""
+def _identify(ready: Start, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Identification:
+    """Identification with the finite differences that the study has now; `NoAnswerError` if the search fails."""
     try:
         with threads_for(ready.problems):
             return identify_together(ready.setups, options, progress, work)
@@ -102,24 +102,31 @@ def _answered(ready: Start, options: IdentifyOptions, progress: StageProgress | 
 
 
 def from_nominal(result: StudyResult) -> StudyResult:
-    """The result with the study's own initial values, where the last search began at an answer before it."""
-    study, found = result.study, result.identification
+    """The result with the study's own initial values, where the last search started at an earlier answer."""
+    study, answer = result.study, result.identification
     if study.solved is None or study.solved.is_exact:
         return result
-    first = edited_study(study, tables(study, {one.name: None for one in study.solved.solver.deck.parameters}))
+    first = edited_study(
+        study, tables(study, {parameter.name: None for parameter in study.solved.solver.deck.parameters})
+    )
     known: dict[str, float] = {}
     for source in first.setups:
         known |= dict(zip(source.parameters.names, source.parameters.start.tolist(), strict=True))
-    pairs = zip(found.estimate.names, found.estimate.initial.tolist(), strict=True)
-    initial = np.array([known.get(name, own) for name, own in pairs])
-    fits = found.fits
+    pairs = zip(answer.estimate.names, answer.estimate.initial.tolist(), strict=True)
+    initial = np.array([known.get(name, value) for name, value in pairs])
+    fits = answer.fits
     if isinstance(study.solved, SolvedFrfs):  # about the answer, its model says nothing of where the search began
-        fits = tuple(_begun_at(fit, before) for fit, before in zip(fits, study_problems(first), strict=True))
-    return replace(result, identification=replace(found, estimate=replace(found.estimate, initial=initial), fits=fits))
+        fits = tuple(
+            _with_initial_responses(fit, before) for fit, before in zip(fits, study_problems(first), strict=True)
+        )
+    return replace(
+        result,
+        identification=replace(answer, estimate=replace(answer.estimate, initial=initial), fits=fits),
+    )
 
 
-def _begun_at(fit: RecordFit, before: RecordProblem) -> RecordFit:
-    """The fit with the initial responses that the solver gave."""
+def _with_initial_responses(fit: RecordFit, before: RecordProblem) -> RecordFit:
+    """The fit with initial responses from `before`, the problem at the study's own initial values."""
     assert isinstance(before, FrfProblem)
     start = before.physical(before.theta_start)
     used, judged = (
@@ -134,11 +141,11 @@ def found_values(solved: Solved, found: Identification) -> dict[str, float]:
 
 
 def with_solver(result: StudyResult, work: Work = ALONE) -> StudyResult:
-    """The result with the updated deck of its solver, which is run once more with it."""
-    solved, found = result.study.solved, result.identification
+    """The result with the updated deck of its solver, and a check by one more run with it."""
+    solved, identification = result.study.solved, result.identification
     if solved is None:
         return result
-    values = solved.solver.deck.shown(found_values(solved, found))
+    values = solved.solver.deck.shown(found_values(solved, identification))
     try:
         checked = solved.checked(values, work)
     except InputError as error:

@@ -48,30 +48,30 @@ _HALVINGS, _TINY = 4, 1e-12
 
 
 def led_near(ready: Start, work: Work) -> Start:
-    """The study about values from which a search on the FRFs themselves goes on; as it is where these are near."""
+    """The study with start values from which a search on the FRFs themselves converges; unchanged if they are near already."""
     if _is_near(ready.problems):
         return ready
     for level in (*LEVELS, 0.0):
         step = _STEP_OF_LEVEL * level or None
-        if not _staged(ready.problems, level):
+        if not _smoothed_problems(ready.problems, level):
             continue
-        ready = started(_again(ready, step, work))
+        ready = started(_with_step(ready, step, work))
         for _ in range(_ROUNDS_OF_LEVEL):
-            here = together(_staged(ready.problems, level))
-            end = minimize(here, LevenbergMarquardt()).theta
-            moved = confirmed(ready, partial(_staged, level=level), end, work, step)
+            problem = together(_smoothed_problems(ready.problems, level))
+            end = minimize(problem, LevenbergMarquardt()).theta
+            moved = confirmed(ready, partial(_smoothed_problems, level=level), end, work, step)
             if moved is None:
                 break
             theta, ready = moved
             if _is_near(ready.problems):
-                return started(_again(ready, None, work))
-            if float(np.abs(theta - here.theta_start).max()) < _SETTLED * level:
+                return started(_with_step(ready, None, work))
+            if float(np.abs(theta - problem.theta_start).max()) < _SETTLED * level:
                 break
     return ready
 
 
-def _again(ready: Start, step: float | None, work: Work) -> Study:
-    """The study about the same values, with other steps."""
+def _with_step(ready: Start, step: float | None, work: Work) -> Study:
+    """The study evaluated about its present start values, with another step of the finite differences."""
     solved = ready.study.solved
     assert solved is not None
     problem = ready.problems[0]
@@ -86,7 +86,7 @@ def confirmed(
     work: Work,
     step: float | None = None,
 ) -> tuple[FloatArray, Start] | None:
-    """The study about `end`, or as far on the way there as the solver itself fits better; None where it never does.
+    """The study moved to the free variables `end`, or as far towards them as the solver fits better; None if it never does.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def confirmed(
         Free variables that the model about the present values proposes.
     work : Work
     step : float, optional
-        Of differences there, as a part of each value.
+        Step of the finite differences there, as a part of each value.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def confirmed(
 
 
 def _is_near(problems: Sequence[RecordProblem]) -> bool:
-    """Whether resonances overlap with the measured ones, so that the FRFs themselves say how to go on."""
+    """True if the model's resonances overlap with the measured ones, so that the FRFs themselves lead the search."""
     for problem in problems:
         assert isinstance(problem, FrfProblem)
         record = problem.record
@@ -143,40 +143,42 @@ def _is_near(problems: Sequence[RecordProblem]) -> bool:
     return True
 
 
-def _staged(problems: Sequence[RecordProblem], level: float) -> list[RecordProblem]:
-    """The problems of smooth values at one level, held near their starts; none where lines are too coarse for it.
+def _smoothed_problems(problems: Sequence[RecordProblem], level: float) -> list[RecordProblem]:
+    """The problems of smoothed values at one level, with priors near their starts; empty where lines are too coarse.
 
     Level 0 stands for the FRFs themselves, by the residual that is bounded near resonances.
     """
-    found: list[RecordProblem] = []
+    problems_made: list[RecordProblem] = []
     for problem in problems:
         assert isinstance(problem, FrfProblem)
         if not level:
             own_form = replace(problem, form="pole_free", model_error=_LINE_ERROR)
-            found.append(own_form.held(own_form.theta_start, start_deviation(own_form.unknowns, _START_ERROR)))
+            problems_made.append(own_form.held(own_form.theta_start, start_deviation(own_form.unknowns, _START_ERROR)))
             continue
         record = problem.record.lines(np.flatnonzero(problem.record.frequency > 0))
-        at, weights = _averages(record.omega, level)
-        if len(at) < _USABLE_LINES:
+        omega_level, weights = _level_weights(record.omega, level)
+        if len(omega_level) < _USABLE_LINES:
             return []
         smooth = partial(_smoothed, weights)
         runs = _runs(problem)
         lines = runs.lines(record.frequency)
-        own = FrfRecord(at / (2 * np.pi), smooth(record.values), record.outputs, record.inputs, "receptance")
+        smooth_record = FrfRecord(
+            omega_level / (2 * np.pi), smooth(record.values), record.outputs, record.inputs, "receptance"
+        )
         power = np.abs(record.laplace) ** DERIVATIVES[record.kind]
-        mapped = runs.mapped(own.frequency, partial(_smoothed_lines, weights, lines, power))
-        made = _with_runs(replace(problem, record=own, form="log", model_error=_LINE_ERROR), mapped)
-        found.append(made.held(made.theta_start, start_deviation(made.unknowns, _START_ERROR)))
-    return found
+        mapped = runs.mapped(smooth_record.frequency, partial(_smoothed_lines, weights, lines, power))
+        made = _with_runs(replace(problem, record=smooth_record, form="log", model_error=_LINE_ERROR), mapped)
+        problems_made.append(made.held(made.theta_start, start_deviation(made.unknowns, _START_ERROR)))
+    return problems_made
 
 
-def _averages(omega: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
-    """Angular frequencies of a level that is wide against the lines there, and its weights of these, (n, n_lines)."""
-    at = level_frequencies(omega, level)
-    at = at[level * at > _WIDE * np.interp(at, omega, np.gradient(omega))]
-    forward, backward = poisson_weights(omega, at * (level + 1j))
+def _level_weights(omega: FloatArray, level: float) -> tuple[FloatArray, FloatArray]:
+    """Angular frequencies of a smoothing level that is wide against the line spacing, and its weights (n, n_lines)."""
+    centres = level_frequencies(omega, level)
+    centres = centres[level * centres > _WIDE * np.interp(centres, omega, np.gradient(omega))]
+    forward, backward = poisson_weights(omega, centres * (level + 1j))
     weights = forward + backward
-    return at, weights / weights.sum(axis=1, keepdims=True)
+    return centres, weights / weights.sum(axis=1, keepdims=True)
 
 
 def _smoothed(weights: FloatArray, values: ComplexArray) -> ComplexArray:

@@ -126,6 +126,7 @@ class _Reader:
     known: dict[Path, Mapping[str, ImportedMatrix]] = field(default_factory=dict)
 
     def matrices(self, name: str) -> Mapping[str, ImportedMatrix]:
+        """The matrices of the file `name` by their names; each file is read once."""
         path = self.files.folder / name
         if path not in self.known:
             self.known[path] = read_matrices(self.files.path(name))
@@ -133,7 +134,7 @@ class _Reader:
 
 
 def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
-    """Groups of matrices from files, in SI units, and the degrees of freedom that the files say are held.
+    """Groups of matrices from files, in SI units, and the degrees of freedom that the files mark as constrained.
 
     Parameters
     ----------
@@ -145,7 +146,7 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
     entries = section.sections("matrix_group")
     matrices = section.section("matrices")
     if matrices is None:
-        return _groups(entries, None, ("m", "N"), _Reader(files))
+        return _read_entries(entries, None, ("m", "N"), _Reader(files))
     given = matrices.values(_NUMBERING)
     if not entries:
         raise matrices.error("there is no [[structure.matrix_group]]; add one a group, with `name` and `stiffness`")
@@ -155,32 +156,38 @@ def read_groups(section: Section, files: InputFiles) -> tuple[list[tuple[Section
             text = given["dofs"]
             dofs = read_numbering(files.path(text)) if isinstance(text, str) else parse_dofs(text)
     units = (given.get("length_unit", "m"), given.get("force_unit", "N"))
-    return _groups(entries, dofs, units, _Reader(files))
+    return _read_entries(entries, dofs, units, _Reader(files))
 
 
-def _groups(
+def _read_entries(
     entries: list[Section], dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader
 ) -> tuple[list[tuple[Section, MatrixGroup]], list[Dof]]:
-    groups = [(entry, _group(entry, dofs, units, reader)) for entry in entries]
-    held = [item.held for found in reader.known.values() for item in found.values() if item.held is not None]
-    if not held:
+    """Matrix groups of the tables `entries` (on `dofs`, or those that the files state), and the degrees of freedom marked
+    as constrained.
+    """
+    groups = [(entry, _read_group(entry, dofs, units, reader)) for entry in entries]
+    constrained = [
+        item.held for matrices in reader.known.values() for item in matrices.values() if item.held is not None
+    ]
+    if not constrained:
         return groups, []
-    there = {dof.unsigned for _, group in groups for dof in group.dofs}
-    return groups, [dof for dof in dofs_of(np.unique(np.concatenate(held), axis=0)) if dof in there]
+    present = {dof.unsigned for _, group in groups for dof in group.dofs}
+    return groups, [dof for dof in dofs_of(np.unique(np.concatenate(constrained), axis=0)) if dof in present]
 
 
-def _group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader) -> MatrixGroup:
-    given = entry.values(_GROUP)
+def _read_group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str], reader: _Reader) -> MatrixGroup:
+    """The group of matrices that one entry describes, on `dofs` or on those of its files, in SI units."""
+    values = entry.values(_GROUP)
     parts: dict[str, list[ImportedMatrix]] = {}
     for key in _KEYS:
-        if key in given:
+        if key in values:
             with entry.located(key):
-                parts[key] = [_imported(entry, key, one, reader) for one in as_list(given[key])]
+                parts[key] = [_read_matrix(entry, key, item, reader) for item in as_list(values[key])]
     rows = dofs if dofs is not None else _own_numbering(entry, parts)
-    made = {key: _summed(entry, key, found, rows, units) for key, found in parts.items()}
+    matrices = {key: _sum_matrices(entry, key, items, rows, units) for key, items in parts.items()}
     with entry.located():
-        group = MatrixGroup(given["name"], rows, loss_factor=given.get("loss_factor", 0.0), **made)
-    if not given.get("indefinite", False):
+        group = MatrixGroup(values["name"], rows, loss_factor=values.get("loss_factor", 0.0), **matrices)
+    if not values.get("indefinite", False):
         for key, matrix in group.given.items():
             with entry.located(key):
                 require_semidefinite(key, matrix, group.dofs)
@@ -188,10 +195,10 @@ def _group(entry: Section, dofs: tuple[Dof, ...] | None, units: tuple[str, str],
 
 
 def _own_numbering(entry: Section, parts: Mapping[str, list[ImportedMatrix]]) -> tuple[Dof, ...]:
-    """The degrees of freedom of all files of a group, nodes in order."""
+    """The degrees of freedom of all files of a group, in the order of nodes."""
     tables: list[IntArray] = []
-    for key, found in parts.items():
-        for item in found:
+    for key, items in parts.items():
+        for item in items:
             if item.dofs is None:
                 raise entry.error(
                     f"the rows of {item.name!r} have no numbering of their own; add [structure.matrices] with "
@@ -205,13 +212,13 @@ def _own_numbering(entry: Section, parts: Mapping[str, list[ImportedMatrix]]) ->
         return dofs_of(tables_of(np.unique(codes_of(np.concatenate(tables)))))
 
 
-def _summed(
-    entry: Section, key: str, found: list[ImportedMatrix], dofs: tuple[Dof, ...], units: tuple[str, str]
+def _sum_matrices(
+    entry: Section, key: str, items: list[ImportedMatrix], dofs: tuple[Dof, ...], units: tuple[str, str]
 ) -> sparse.csc_array:
-    """The sum of the matrices of a key on `dofs`, in SI units."""
+    """The sum of the matrices of a key, on `dofs` and in SI units, sparse (n_dofs, n_dofs)."""
     total = sparse.csc_array((len(dofs), len(dofs)))
     with entry.located(key):
-        for item in found:
+        for item in items:
             if item.dofs is None and item.matrix.shape != total.shape:
                 raise InputError(
                     f"{item.name!r} must be {total.shape} like the degrees of freedom in `dofs`, got {item.matrix.shape}"
@@ -221,7 +228,7 @@ def _summed(
 
 
 def _signed_table(dofs: tuple[Dof, ...], item: ImportedMatrix) -> IntArray:
-    """Node and component of `dofs` as the file numbers them: scalar points of it (component 0) stand at RX."""
+    """Node and component of `dofs` (n_dofs, 2) as the file numbers them; its scalar points (component 0) stand at RX."""
     table = dof_table(dofs)
     assert item.dofs is not None
     scalar = np.isin(table[:, 0], item.dofs[item.dofs[:, 1] == 0, 0]) & (table[:, 1] == 4)
@@ -229,55 +236,60 @@ def _signed_table(dofs: tuple[Dof, ...], item: ImportedMatrix) -> IntArray:
     return table
 
 
-def _imported(entry: Section, key: str, given: Any, reader: _Reader) -> ImportedMatrix:
-    """One matrix: from a file, some of its elements, or from two exports."""
+def _read_matrix(entry: Section, key: str, given: Any, reader: _Reader) -> ImportedMatrix:
+    """One matrix of an entry: from a file, from some of its elements, or from two exports."""
     if isinstance(given, str):
-        return _real(_chosen(key, given, None, reader), given)
+        return _require_real_square(_choose_matrix(key, given, None, reader), given)
     section = Section(entry.source, (*entry.path, key), given)
     if "base" in given or "changed" in given:
-        return _from_exports(entry, key, section, reader)
+        return _read_difference(entry, key, section, reader)
     source = section.read(SourceEntry)
-    item = _real(_chosen(key, source.path, source.matrix, reader), source.path)
+    item = _require_real_square(_choose_matrix(key, source.path, source.matrix, reader), source.path)
     if source.elements is not None:
         item = of_elements(item, _labels(source.elements))
-    return _mirrored(item) if source.one_triangle else item
+    return _complete_triangle(item) if source.one_triangle else item
 
 
-def _from_exports(entry: Section, key: str, section: Section, reader: _Reader) -> ImportedMatrix:
-    given = section.read(ExportsEntry)
-    files = {"base": given.base, "changed": given.changed, "third": given.third}
-    items = {name: _imported(entry, key, file, reader) for name, file in files.items() if file is not None}
+def _read_difference(entry: Section, key: str, section: Section, reader: _Reader) -> ImportedMatrix:
+    """A group matrix as the difference of two exports, checked by a third if there is one."""
+    files_given = section.read(ExportsEntry)
+    files = {"base": files_given.base, "changed": files_given.changed, "third": files_given.third}
+    items = {name: _read_matrix(entry, key, file, reader) for name, file in files.items() if file is not None}
     base = items["base"]
     matrices = {}
     for name, item in items.items():
-        own, first = item.dofs, base.dofs
-        if (own is None) != (first is None) or (
-            own is not None and first is not None and not np.array_equal(own, first)
+        numbering, first = item.dofs, base.dofs
+        if (numbering is None) != (first is None) or (
+            numbering is not None and first is not None and not np.array_equal(numbering, first)
         ):
             raise InputError(f"`{name}` must have the numbering of `base`; export the same mesh")
         matrices[name] = item.matrix
     third = matrices.get("third")
-    group = group_from_exports(matrices["base"], matrices["changed"], given.factor, third, given.third_factor)
+    group = group_from_exports(
+        matrices["base"], matrices["changed"], files_given.factor, third, files_given.third_factor
+    )
     return ImportedMatrix(base.name, group, base.dofs)
 
 
-def _chosen(key: str, name: str, matrix: str | None, reader: _Reader) -> ImportedMatrix:
-    found = reader.matrices(name)
+def _choose_matrix(key: str, name: str, matrix: str | None, reader: _Reader) -> ImportedMatrix:
+    """The matrix of a file: the one called `matrix`, or the only one, or the one whose name fits the `key`."""
+    matrices = reader.matrices(name)
     if matrix is None:
-        own = [item for item in found.values() if item.name in _OWN_NAMES[key]]
-        if len(found) == 1 or len(own) == 1:
-            return own[0] if own else next(iter(found.values()))
+        fitting = [item for item in matrices.values() if item.name in _OWN_NAMES[key]]
+        if len(matrices) == 1 or len(fitting) == 1:
+            return fitting[0] if fitting else next(iter(matrices.values()))
         raise InputError(
-            f'{name} holds {len(found)} matrices ({", ".join(found)}); say which: {{ path = "{name}", matrix = '
-            f'"{next(iter(found))}" }}'
+            f'{name} holds {len(matrices)} matrices ({", ".join(matrices)}); say which: {{ path = "{name}", matrix = '
+            f'"{next(iter(matrices))}" }}'
         )
-    for item in found.values():
+    for item in matrices.values():
         if item.name.upper() == matrix.upper():
             return item
-    raise InputError(f"{name} holds no matrix {matrix!r}, only {', '.join(found)}; name one of these")
+    raise InputError(f"{name} holds no matrix {matrix!r}, only {', '.join(matrices)}; name one of these")
 
 
-def _real(item: ImportedMatrix, name: str) -> ImportedMatrix:
+def _require_real_square(item: ImportedMatrix, name: str) -> ImportedMatrix:
+    """`item` after a check that its matrix is real and square."""
     if np.iscomplexobj(item.matrix.data):
         raise InputError(
             f"{name}: must hold a real matrix, {item.name!r} is complex ({item.matrix.dtype}); export without structural "
@@ -288,17 +300,18 @@ def _real(item: ImportedMatrix, name: str) -> ImportedMatrix:
     return item
 
 
-def _mirrored(item: ImportedMatrix) -> ImportedMatrix:
-    """Both triangles of a matrix of which one is stored."""
+def _complete_triangle(item: ImportedMatrix) -> ImportedMatrix:
+    """A matrix of which one triangle is stored, completed to both."""
     upper, lower = sparse.triu(item.matrix, 1), sparse.tril(item.matrix, -1)
     if abs(upper).sum() > 0 and abs(lower).sum() > 0:
         raise InputError(f"{item.name!r} has entries on both sides of the diagonal; leave `one_triangle` out")
     return ImportedMatrix(item.name, completed(item.matrix, item.name), item.dofs)
 
 
-def _labels(given: Sequence[int | str] | int | str) -> set[int]:
-    found: set[int] = set()
-    for entry in as_list(given):
+def _labels(entries: Sequence[int | str] | int | str) -> set[int]:
+    """Element labels from numbers and ranges such as ``"3-8"``."""
+    labels: set[int] = set()
+    for entry in as_list(entries):
         match = _RANGE.match(str(entry))
         assert match is not None
         first, last = int(match[1]), int(match[2] or match[1])
@@ -306,5 +319,5 @@ def _labels(given: Sequence[int | str] | int | str) -> set[int]:
             raise InputError(f"elements {entry!r} must go from the lower to the higher label")
         if last - first > _MOST_LABELS:
             raise InputError(f"elements {entry!r} are more than {_MOST_LABELS}; give those that there are")
-        found.update(range(first, last + 1))
-    return found
+        labels.update(range(first, last + 1))
+    return labels

@@ -8,7 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import MeasuredComponent
@@ -53,31 +53,32 @@ def read_measured(entry: Section, files: InputFiles, known: Callable[[str], list
     named = [dof for text in as_list(given.get("interface", ())) for dof in known(text)]
     key = files.digest(given["path"]), repr(entry.table)
     if key not in files.measured:
-        files.measured[key] = _read(entry, given["name"], load_record(source), named)
+        files.measured[key] = _make_component(entry, given["name"], load_record(source), named)
     return files.measured[key]
 
 
-def _read(entry: Section, name: str, record: FrfRecord, named: list[Dof]) -> MeasuredComponent:
-    """The component of the record, at the degrees of freedom `named`, or at all sensors."""
+def _make_component(entry: Section, name: str, record: FrfRecord, named: list[Dof]) -> MeasuredComponent:
+    """The component of an FRF record, at the degrees of freedom `named`, or at all its sensors."""
     interface = tuple(dict.fromkeys(dof.unsigned for dof in named or record.outputs))
     with entry.located("interface" if named else "path"):
-        rows, columns = (_placed(record, role, interface) for role in ("outputs", "inputs"))
+        rows, columns = (_channel_indices(record, role, interface) for role in ("outputs", "inputs"))
         moving = record.lines(record.frequency > 0).as_kind("receptance")
         values = moving.values[:, rows[0][:, None], columns[0]] * np.outer(rows[1], columns[1])
         variance = None if moving.variance is None else moving.variance[:, rows[0][:, None], columns[0]]
         return MeasuredComponent(name, interface, moving.frequency, values, record.source, variance)
 
 
-def _placed(record: FrfRecord, role: str, interface: tuple[Dof, ...]) -> tuple[IntArray, FloatArray]:
-    """Where degrees of freedom are among the ``outputs`` or ``inputs`` of a record, and the senses of these."""
-    own = {"outputs": record.outputs, "inputs": record.inputs}
-    place = {dof.unsigned: index for index, dof in enumerate(own[role])}
-    missing = [dof.place for dof in interface if dof not in place]
+def _channel_indices(record: FrfRecord, role: str, interface: tuple[Dof, ...]) -> tuple[IntArray, FloatArray]:
+    """Indices of degrees of freedom among the ``outputs`` or ``inputs`` of a record, and the signs of these."""
+    channels = {"outputs": record.outputs, "inputs": record.inputs}
+    index_of = {dof.unsigned: index for index, dof in enumerate(channels[role])}
+    missing = [dof.place for dof in interface if dof not in index_of]
     if missing:
         raise InputError(
             f"{record.source} has no {role.removesuffix('s')} {', '.join(missing)}: a component needs FRFs from loads at all"
-            f" degrees of freedom of its interface to sensors at all of them, and the file has outputs {listed(record.outputs)}"
-            f" and inputs {listed(record.inputs)}; measure the rest, correct names by `relabel`, or leave some out of `interface`"
+            f" degrees of freedom of its interface to sensors at all of them, and the file has outputs {join_words(record.outputs)}"
+            f" and inputs {join_words(record.inputs)}; measure the rest, correct names by `relabel`, or leave some out of"
+            " `interface`"
         )
-    index = np.array([place[dof] for dof in interface])
-    return index, np.array([float(own[role][k].sign) for k in index])
+    index = np.array([index_of[dof] for dof in interface])
+    return index, np.array([float(channels[role][k].sign) for k in index])

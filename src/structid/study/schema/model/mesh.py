@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 from structid.core.arrays import IntArray
-from structid.core.display import listed
+from structid.core.display import join_words
 from structid.core.dof import DIRECTIONS, Dof
 from structid.fem.elements import ElementSet
 from structid.fem.importers.exports import FORCES
@@ -74,8 +74,8 @@ MESH_TABLES = {
 
 
 def read_structure_mesh(section: Section, files: InputFiles) -> Mesh | None:
-    """The mesh that `[structure]` names, checked; None where it names none."""
-    inner = _entry(section)
+    """The mesh that `[structure]` names, checked; None if it names none."""
+    inner = _mesh_section(section)
     if inner is None:
         return None
     short = isinstance(section.table["mesh"], str)
@@ -88,12 +88,14 @@ def read_structure_mesh(section: Section, files: InputFiles) -> Mesh | None:
         return require_sound(mesh, wanted.orphan_nodes == "drop", wanted.duplicate_nodes, as_list(wanted.take))
 
 
-def _entry(section: Section) -> Section | None:
-    """``[structure.mesh]``, from its path where it is only that; None where there is none."""
-    given = section.table.get("mesh")
-    if given is None:
+def _mesh_section(section: Section) -> Section | None:
+    """The section ``[structure.mesh]``, made of the path if only that is given; None if there is none."""
+    stated = section.table.get("mesh")
+    if stated is None:
         return None
-    return Section(section.source, section.path, {"path": given}) if isinstance(given, str) else section.section("mesh")
+    return (
+        Section(section.source, section.path, {"path": stated}) if isinstance(stated, str) else section.section("mesh")
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,15 +119,15 @@ class TakenParts:
 
 
 def take_parts(section: Section, mesh: Mesh | None, elements: list[ElementSet]) -> TakenParts:
-    """Element sets and ties of the parts that ``[structure.mesh]`` takes of the deck, beside the element sets of the study."""
-    inner = _entry(section)
+    """Element sets and ties from those parts of the deck that ``[structure.mesh]`` takes, and notes on the others."""
+    inner = _mesh_section(section)
     if mesh is None or inner is None:
         return TakenParts()
     wanted = inner.read(MeshEntry)
     take, leave_out = as_list(wanted.take), {name.lstrip("*").upper() for name in as_list(wanted.leave_out)}
     with inner.located("take" if take else None):
         taken = choose_parts(mesh.parts, take, mesh.source)
-        made = [element for part in taken for element in part.elements()]
+        part_elements = [element for part in taken for element in part.elements()]
     moves = tuple(d for d in DIRECTIONS if any(d in element.moves for element in elements))
     offsets = [
         part.kind
@@ -134,19 +136,19 @@ def take_parts(section: Section, mesh: Mesh | None, elements: list[ElementSet]) 
     ]
     if offsets and moves != DIRECTIONS:
         raise inner.error(
-            f"offsets of {listed(offsets)} need element sets that move in all six directions (shells, space beams), since an"
+            f"offsets of {join_words(offsets)} need element sets that move in all six directions (shells, space beams), since an"
             f" arm turns with its node; these move in {' '.join(moves)}; leave the offsets out",
             "take",
         )
     ties = [
         replace(tie, directions=moves) if isinstance(tie, MiddleNode) else tie for part in taken for tie in part.ties
     ]
-    known = [part for part in mesh.parts if part.kind not in leave_out]
-    words = describe_left_aside(known, taken, mesh.source)
+    considered = [part for part in mesh.parts if part.kind not in leave_out]
+    words = describe_left_aside(considered, taken, mesh.source)
     bare = unassigned(mesh, _assigned_tables(mesh, wanted, elements), lower=True) if mesh.cells_are_elements else None
     bars = f"{bare} of {mesh.source}, belong to no element set: add one with `group`, or name the group in `leave_out`"
     return TakenParts(
-        tuple(made),
+        tuple(part_elements),
         tuple(ties),
         (*([words] if words else []), *([bars] if bare else [])),
         tuple(f"{mesh.source}: {note}" for note in mesh.notes),
@@ -166,7 +168,7 @@ def _assigned_tables(mesh: Mesh, wanted: MeshEntry, elements: list[ElementSet]) 
 
 
 def group_table(entry: Section, kind: type[ElementSet], group: str | None, mesh: Mesh) -> IntArray:
-    """Node table of an element set on `group` of the mesh."""
+    """Node labels of an element set on `group` of the mesh, (n_elements, n_nodes)."""
     with entry.located("group" if group is not None else None):
         if kind.follows and group is not None:
             return mesh.group_nodes(group)
@@ -174,7 +176,7 @@ def group_table(entry: Section, kind: type[ElementSet], group: str | None, mesh:
 
 
 def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet]) -> None:
-    """Raise a `StudyError` where cells of the mesh belong to no element set and are not left out."""
+    """Raise `StudyError` if cells of the mesh belong to no element set and are not left out."""
     inner = section.section("mesh") if isinstance(section.table.get("mesh"), dict) else None
     wanted = inner.read(MeshEntry) if inner is not None else MeshEntry("")
     with (inner or section).located("leave_out" if wanted.leave_out else "mesh" if inner is None else None):
@@ -187,35 +189,39 @@ def require_all_assigned(section: Section, mesh: Mesh, elements: list[ElementSet
 
 
 def read_supports(section: Section, mesh: Mesh | None, nodes: Collection[int]) -> list[Dof]:
-    """Degrees of freedom that ``[[structure.support]]`` tables hold at zero."""
-    held: dict[Dof, None] = {}
+    """Degrees of freedom that the ``[[structure.support]]`` tables fix."""
+    fixed: dict[Dof, None] = {}
     for entry in section.sections("support"):
-        given = entry.read(SupportEntry)
-        directions = [d.upper() for d in as_list(given.directions)]
+        support = entry.read(SupportEntry)
+        directions = [d.upper() for d in as_list(support.directions)]
         if not set(directions) <= set(DIRECTIONS):
             raise entry.error(f"must be among {' '.join(DIRECTIONS)}, got {directions}", "directions")
-        for node in _supported(entry, given, mesh, nodes):
-            held.update(dict.fromkeys(Dof(int(node), d) for d in directions))
-    return list(held)
+        for node in _nodes_of_support(entry, support, mesh, nodes):
+            fixed.update(dict.fromkeys(Dof(int(node), d) for d in directions))
+    return list(fixed)
 
 
-def _supported(entry: Section, given: SupportEntry, mesh: Mesh | None, nodes: Collection[int]) -> list[int]:
-    """Labels of the nodes that satisfy everything that a support says."""
+def _nodes_of_support(entry: Section, support: SupportEntry, mesh: Mesh | None, nodes: Collection[int]) -> list[int]:
+    """Sorted labels of the nodes that satisfy every condition of a support."""
     chosen = set(nodes)
     if not {"group", "nodes", *_AXES} & set(entry.table):
         raise entry.error("names no nodes; add `group`, `nodes`, or a coordinate such as `x = 0.0`")
-    if given.nodes is not None:
-        named = flat(given.nodes)
+    if support.nodes is not None:
+        named = flat(support.nodes)
         if set(named) - chosen:
             raise entry.error(f"node {min(set(named) - chosen)} does not exist", "nodes")
         chosen &= set(named)
     if mesh is None and {"group", *_AXES} & set(entry.table):
         raise entry.error("`group`, `x`, `y` and `z` need a mesh; add [structure.mesh], or give `nodes`")
-    if mesh is not None and given.group is not None:
+    if mesh is not None and support.group is not None:
         with entry.located("group"):
-            chosen &= set(mesh.group_nodes(given.group).tolist())
-    places = zip(_AXES, (given.x, given.y, given.z), strict=True)
-    ends = {axis: at if isinstance(at, tuple) else (at, at) for axis, at in places if at is not None}
+            chosen &= set(mesh.group_nodes(support.group).tolist())
+    coordinates = zip(_AXES, (support.x, support.y, support.z), strict=True)
+    ends = {
+        axis: limits if isinstance(limits, tuple) else (limits, limits)
+        for axis, limits in coordinates
+        if limits is not None
+    }
     if mesh is not None and ends:
         chosen &= set(mesh.nodes_at(ends).tolist())
     if not chosen:
@@ -224,15 +230,15 @@ def _supported(entry: Section, given: SupportEntry, mesh: Mesh | None, nodes: Co
 
 
 def read_points(section: Section, mesh: Mesh | None, elements: list[ElementSet]) -> list[tuple[Section, MeshPoint]]:
-    """The ``[structure.points]``: places of sensors and loads, each at the nearest node."""
+    """The points of sensors and loads in ``[structure.points]``, each at the nearest mesh node, with its section."""
     inner = section.section("points")
     if inner is None:
         return []
     if mesh is None:
         raise inner.error("points need a mesh; add [structure.mesh], or name nodes")
-    found = []
+    points = []
     for key, position in inner.values(Table(labels=POSITION)).items():
-        place = [*map(float, as_list(position)), 0.0, 0.0][:3]
+        coordinates = [*map(float, as_list(position)), 0.0, 0.0][:3]
         with inner.located(key):
-            found.append((inner, mesh_points(mesh, elements, {int(key): place})[0]))
-    return found
+            points.append((inner, mesh_points(mesh, elements, {int(key): coordinates})[0]))
+    return points

@@ -11,11 +11,11 @@ from structid.core.dof import parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Plain
 from structid.external.confirmation import command_words, confirmation_of
-from structid.external.deck import Deck, DeckParameter, deck_texts, with_lines
+from structid.external.deck import Deck, DeckParameter, deck_texts, with_frequencies
 from structid.external.differences import solved_modes
 from structid.external.frfs.model import solved_frfs
 from structid.external.frfs.output import FrfsOut
-from structid.external.marks import CardField, DeckMark, KeywordEntry, Place, value_at, with_marks
+from structid.external.marks import CardField, DeckMark, DeckPosition, KeywordEntry, value_at, with_marks
 from structid.external.matrices import solved_matrices
 from structid.external.outputs import MatricesOut, MatrixFile, ModesOut
 from structid.external.runs import Solver
@@ -91,7 +91,7 @@ SOLVER_TABLES = {"solver": Key(SOLVER, "A finite element solver, run by structid
 
 
 def read_solver(section: Section, files: InputFiles) -> Solved | None:
-    """What the runs of ``[structure.solver]`` gave; None where there is none. Made once for all records of a study.
+    """The results of the solver runs of ``[structure.solver]``, made once for all records; None without a solver.
 
     Parameters
     ----------
@@ -109,34 +109,35 @@ def read_solver(section: Section, files: InputFiles) -> Solved | None:
     if own is None:
         return None
     if not files.solved:
-        files.solved.append(_solved(own, files))
+        files.solved.append(_run_solver(own, files))
     return files.solved[0]
 
 
-def _solved(own: Section, files: InputFiles) -> Solved:
-    given = SOLVER.defaults | own.values(SOLVER)
-    with own.located("deck"):
-        texts = deck_texts([files.path(name) for name in as_list(given["deck"])])
-    parameters, texts = _parameters(own, texts)
+def _run_solver(section: Section, files: InputFiles) -> Solved:
+    """The model that the solver's runs give: of FRFs, modes or matrices."""
+    values = SOLVER.defaults | section.values(SOLVER)
+    with section.located("deck"):
+        texts = deck_texts([files.path(name) for name in as_list(values["deck"])])
+    parameters, texts = _read_parameters(section, texts)
     stem = {"stem": Path(next(iter(texts))).stem}
-    out = _outputs(own, given, stem, files)
-    with own.located("deck"):
-        deck = Deck(with_lines(texts, out.frequency.tolist()) if isinstance(out, FrfsOut) else texts, parameters)
-    linked = {Path(name).name: files.path(name) for name in as_list(given.get("files", []))}
-    inputs = [*(files.path(name) for name in as_list(given["deck"])), *linked.values()]
-    folder = files.folder / given.get("runs", f"{own.source.path.stem}.runs")
-    with own.located("command"):
-        confirmation = confirmation_of(given["command"], files.folder, inputs)
+    out = _read_outputs(section, values, stem, files)
+    with section.located("deck"):
+        deck = Deck(with_frequencies(texts, out.frequency.tolist()) if isinstance(out, FrfsOut) else texts, parameters)
+    linked = {Path(name).name: files.path(name) for name in as_list(values.get("files", []))}
+    inputs = [*(files.path(name) for name in as_list(values["deck"])), *linked.values()]
+    folder = files.folder / values.get("runs", f"{section.source.path.stem}.runs")
+    with section.located("command"):
+        confirmation = confirmation_of(values["command"], files.folder, inputs)
     solver = Solver(
-        deck, given["command"], folder, files.folder, linked, out, given["timeout"], given["retries"], confirmation
+        deck, values["command"], folder, files.folder, linked, out, values["timeout"], values["retries"], confirmation
     )
-    name, units = given["name"], Units(given["length_unit"], given["force_unit"])
-    with own.located():
+    name, units = values["name"], Units(values["length_unit"], values["force_unit"])
+    with section.located():
         if isinstance(out, FrfsOut):
             return solved_frfs(name, solver, out, units, files.work)
         if isinstance(out, ModesOut):
             return solved_modes(name, solver, out, units, files.work)
-        return solved_matrices(name, solver, out, units, files.work, given["indefinite"])
+        return solved_matrices(name, solver, out, units, files.work, values["indefinite"])
 
 
 class SolverCommand(NamedTuple):
@@ -149,7 +150,7 @@ class SolverCommand(NamedTuple):
 
 
 def solver_command(root: Section, files: InputFiles) -> SolverCommand | None:
-    """The command that a study runs; None where it runs none. Nothing is run to know it.
+    """The command that a study runs, and what a user confirms of it; None if there is none. Nothing is run.
 
     Raises
     ------
@@ -167,108 +168,110 @@ def solver_command(root: Section, files: InputFiles) -> SolverCommand | None:
         return SolverCommand(command, words, names, confirmation_of(command, files.folder, inputs))
 
 
-def _parameters(own: Section, texts: Mapping[str, str]) -> tuple[list[DeckParameter], dict[str, str]]:
-    """The parameters, and the deck with all of them marked by their names."""
-    entries = own.sections("parameter")
+def _read_parameters(section: Section, texts: Mapping[str, str]) -> tuple[list[DeckParameter], dict[str, str]]:
+    """The parameters of the deck, and its texts with each of them marked by name."""
+    entries = section.sections("parameter")
     if not entries:
-        raise own.error(
+        raise section.error(
             "has no parameter; add [[structure.solver.parameter]] with `name` and `value`, and mark it in the deck"
         )
     parameters, marked = [], []
     for entry in entries:
         values = entry.values(_PARAMETER)
-        places = _places(entry, values.pop("mark", []), texts)
-        if not places and "value" not in values:
+        deck_positions = _find_positions(entry, values.pop("mark", []), texts)
+        if not deck_positions and "value" not in values:
             raise entry.error("`value` is missing; add the nominal value, or `mark`, where the deck holds it")
         with entry.located():
-            value = values.pop("value") if "value" in values else value_at(values["name"], places)
+            value = values.pop("value") if "value" in values else value_at(values["name"], deck_positions)
             parameters.append(DeckParameter(**values, value=value))
-        marked += [(values["name"], place) for place in places]
-    with own.located("parameter"):
+        marked += [(values["name"], position) for position in deck_positions]
+    with section.located("parameter"):
         return parameters, with_marks(texts, marked)
 
 
-def _places(entry: Section, given: Plain, texts: Mapping[str, str]) -> list[Place]:
-    """Where a parameter stands, by its `mark`."""
-    places = []
-    for k, table in enumerate(given if isinstance(given, list) else [given]):
-        path = (*entry.path, "mark", *((k,) if isinstance(given, list) else ()))
+def _find_positions(entry: Section, marks: Plain, texts: Mapping[str, str]) -> list[DeckPosition]:
+    """Positions of a parameter in the deck, by its `mark` or marks."""
+    found_positions = []
+    for k, table in enumerate(marks if isinstance(marks, list) else [marks]):
+        path = (*entry.path, "mark", *((k,) if isinstance(marks, list) else ()))
         section = Section(entry.source, path, table)
         mark: DeckMark = section.read(CardField) if "card" in table else section.read(KeywordEntry)
         with entry.located("mark"):
-            places.append(mark.place(texts))
-    return places
+            found_positions.append(mark.locate(texts))
+    return found_positions
 
 
-def _outputs(
-    own: Section, given: Given, stem: Mapping[str, str], files: InputFiles
+def _read_outputs(
+    section: Section, values: Given, stem: Mapping[str, str], files: InputFiles
 ) -> MatricesOut | ModesOut | FrfsOut:
-    """What the study says that comes out; what belongs to another kind is refused."""
-    gives = given["gives"]
+    """The output that the study expects of a run (matrices, modes or FRFs); keys of another kind are an error."""
+    gives = values["gives"]
     for kind, keys in _OF_KIND.items():
         for key in keys:
-            if kind != gives and key in own.table:
-                raise own.error(f'belongs to `gives = "{kind}"`; take it out', key)
+            if kind != gives and key in section.table:
+                raise section.error(f'belongs to `gives = "{kind}"`; take it out', key)
     if gives == "frfs":
-        if "frfs" not in given:
-            raise own.error(
+        if "frfs" not in values:
+            raise section.error(
                 '`frfs` is missing; add `frfs = "{stem}.csv"`, the file of complex FRFs that the solver writes'
             )
-        name = _named(own, "frfs", given["frfs"], stem)
+        name = _output_name(section, "frfs", values["frfs"], stem)
         is_punch = Path(name).suffix.lower() in PUNCH_SUFFIXES
         for key in ("length_unit", "force_unit", "loads"):
-            if key in own.table and not is_punch:
-                raise own.error("is for punch files; a file of FRFs says its units and loads itself; take it out", key)
-        if is_punch and "loads" not in given:
-            raise own.error('`loads` is missing; add `loads = ["3Z"]`, what acts in each subcase with a size of 1')
-        with own.located("loads"):
-            loads = parse_dofs(as_list(given.get("loads", [])))
-        units = Units(given["length_unit"], given["force_unit"])
-        return FrfsOut(name, *wanted_frfs(own, files), loads, units)
+            if key in section.table and not is_punch:
+                raise section.error(
+                    "is for punch files; a file of FRFs says its units and loads itself; take it out", key
+                )
+        if is_punch and "loads" not in values:
+            raise section.error('`loads` is missing; add `loads = ["3Z"]`, what acts in each subcase with a size of 1')
+        with section.located("loads"):
+            loads = parse_dofs(as_list(values.get("loads", [])))
+        units = Units(values["length_unit"], values["force_unit"])
+        return FrfsOut(name, *wanted_frfs(section, files), loads, units)
     if gives == "modes":
-        if "modes" not in given:
-            raise own.error('`modes` is missing; add `modes = "{stem}.frd"`, the file of frequencies and shapes')
-        return ModesOut(_named(own, "modes", given["modes"], stem))
+        if "modes" not in values:
+            raise section.error('`modes` is missing; add `modes = "{stem}.frd"`, the file of frequencies and shapes')
+        return ModesOut(_output_name(section, "modes", values["modes"], stem))
     for key in ("stiffness", "mass"):
-        if key not in given:
-            raise own.error(
+        if key not in values:
+            raise section.error(
                 f'`{key}` is missing; add `{key} = "{{stem}}.{"sti" if key == "stiffness" else "mas"}"`, the file of it'
             )
     matrices = {}
     for key in _MATRICES:
-        if key in given:
-            one = given[key] if isinstance(given[key], str) else None
+        if key in values:
+            plain_name = values[key] if isinstance(values[key], str) else None
             entry = (
-                MatrixFile(one)
-                if one is not None
-                else Section(own.source, (*own.path, key), given[key]).read(MatrixFile)
+                MatrixFile(plain_name)
+                if plain_name is not None
+                else Section(section.source, (*section.path, key), values[key]).read(MatrixFile)
             )
-            matrices[key] = MatrixFile(_named(own, key, entry.path, stem), entry.matrix)
+            matrices[key] = MatrixFile(_output_name(section, key, entry.path, stem), entry.matrix)
     numbering = None
-    if "dofs" in given:
-        text = given["dofs"]
-        with own.located("dofs"):
-            numbering = _named(own, "dofs", text, stem) if isinstance(text, str) else parse_dofs(text)
+    if "dofs" in values:
+        text = values["dofs"]
+        with section.located("dofs"):
+            numbering = _output_name(section, "dofs", text, stem) if isinstance(text, str) else parse_dofs(text)
     return MatricesOut(matrices, numbering)
 
 
-def _named(own: Section, key: str, text: str, stem: Mapping[str, str]) -> str:
-    """The name of a file in the folder of a run."""
+def _output_name(section: Section, key: str, text: str, stem: Mapping[str, str]) -> str:
+    """A file name in the folder of a run, with ``{stem}`` filled in."""
     try:
         name = text.format(**stem)
     except (KeyError, ValueError, IndexError) as error:
-        raise own.error(f"{text!r} may hold {{stem}} only, the deck's name without its suffix", key) from error
+        raise section.error(f"{text!r} may hold {{stem}} only, the deck's name without its suffix", key) from error
     if Path(name).name != name or name in ("", ".", ".."):
-        raise own.error(f"{name!r} must be the name of a file in the folder of a run, without folders", key)
+        raise section.error(f"{name!r} must be the name of a file in the folder of a run, without folders", key)
     return name
 
 
 def positions_of(solved: Solved) -> dict[int, list[float]]:
-    """Position of every node of the model, m: by the deck, where it is a mesh that structid reads; else at the origin."""
+    """Position in m of each node of the model: from the deck if structid can read its mesh, else at the origin."""
     deck = solved.solver.deck
     try:
         mesh = read_mesh(solved.solver.place(solved.at) / deck.main, solved.units.length)
-        known = {label: position.tolist() for label, position in mesh.nodes.items()}
+        positions = {label: position.tolist() for label, position in mesh.nodes.items()}
     except InputError:
-        known = {}
-    return {node: known.get(node, [0.0, 0.0, 0.0]) for node in solved.nodes}
+        positions = {}
+    return {node: positions.get(node, [0.0, 0.0, 0.0]) for node in solved.nodes}

@@ -36,7 +36,7 @@ class WantedFrfs(NamedTuple):
 
 
 def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
-    """What all records need, those lines inside the band or the evaluation band.
+    """The lines and channels that all records need from the solver; lines only inside the band or the evaluation band.
 
     Parameters
     ----------
@@ -51,8 +51,14 @@ def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
     """
     root = Section(own.source, (), own.source.table)
     structure = root.inner("structure")
-    for key in structure.table:
-        if key not in ("solver", "nodes"):
+    for key, value in structure.table.items():
+        if key == "tolerance" and value != 0:
+            raise structure.error(
+                "cannot be carried where a solver gives FRFs alone, which do not say what its model holds: leave it out, or write"
+                ' 0; the `calibration` of a [record] is carried, and `gives = "matrices"` or `"modes"` carries tolerances',
+                key,
+            )
+        if key not in ("solver", "nodes", "tolerance"):
             raise structure.error(
                 "stands beside a solver that gives FRFs alone, so that it cannot act on them; put it in the deck, or take `gives ="
                 ' "matrices"` or `"modes"`',
@@ -64,14 +70,15 @@ def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
             '`gives = "frfs"` needs a [record]: it says at which lines and places the solver is to give FRFs'
         )
     options = read_method(root.section("method"))
-    records = [_record(one, files) for one in sections]
+    records = [_read_frf_record(one, files) for one in sections]
     lines = [line for record in records for line in _lines(record, options)]
     outputs = tuple(dict.fromkeys(dof.unsigned for record in records for dof in record.outputs))
     inputs = tuple(dict.fromkeys(dof.unsigned for record in records for dof in record.inputs))
     return WantedFrfs(np.unique(lines), outputs, inputs)
 
 
-def _record(section: Section, files: InputFiles) -> FrfRecord:
+def _read_frf_record(section: Section, files: InputFiles) -> FrfRecord:
+    """The FRF record of a section; `StudyError` if it is nothing that a solver's FRFs can be compared with."""
     for key, words in _NOT_OF_FRFS.items():
         if key in section.table:
             raise section.error(f'is nothing for a solver with `gives = "frfs"`: {words}', key)

@@ -158,7 +158,7 @@ def _element_tables() -> dict[str, Key]:
 
 
 def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
-    """All keys of an element type; `on_mesh` says whether nodes may come from a mesh."""
+    """All keys of an element type; with `on_mesh` its nodes may come from a group of the mesh."""
     table = own_table(kind)
     if "nodes" not in table.keys:
         return table
@@ -168,26 +168,26 @@ def element_table(kind: type[ElementSet], on_mesh: bool = True) -> Table:
 
 
 def read_tolerances(section: Section) -> Tolerances:
-    """How well held values are known by ``[structure]``; the calibration of records is as it is by default.
+    """The tolerances of fixed values that ``[structure]`` states; the calibration of records keeps its default.
 
     Raises
     ------
     StudyError
         If it names another kind than masses, stiffnesses and dampings.
     """
-    given = section.table.get("tolerance")
-    if given is None:
+    stated = section.table.get("tolerance")
+    if stated is None:
         return Tolerances()
-    if not isinstance(given, Mapping):
-        part = float(cast(float, given))
+    if not isinstance(stated, Mapping):
+        part = float(cast(float, stated))
         return replace(EXACT, calibration=Tolerances().calibration) if part == 0 else Tolerances(part, part)
     kinds = [item.name for item in fields(Tolerances) if item.name != "calibration"]
-    for name in given:
+    for name in stated:
         if name not in kinds:
             raise section.error(
                 f"`tolerance` takes {', '.join(kinds)}, got {name!r}; state it in the element set", "tolerance"
             )
-    return Tolerances(**cast(dict[str, float], given))
+    return Tolerances(**cast(dict[str, float], stated))
 
 
 def read_structure(
@@ -211,7 +211,7 @@ def read_structure(
     groups, held = read_groups(section, files)
     mesh = read_structure_mesh(section, files)
     solved = read_solver(section, files)
-    nodes = _nodes(section, groups, mesh, solved)
+    nodes = _read_nodes(section, groups, mesh, solved)
     elements = _elements(section, nodes, mesh)
     elements.extend(groups)
     if solved is not None:
@@ -233,51 +233,54 @@ def read_structure(
     for entry, point in read_points(section, mesh, [element for _, element in elements]):
         nodes[point.label] = list(nodes[point.node])
         ties.append((entry, point))
-    fixed = _fixed(section, given.get("fixed", ()), nodes) + read_supports(section, mesh, nodes)
-    bases = [(entry, _base(entry, nodes)) for entry in section.sections("base")]
-    components = [(entry, _component(entry, nodes)) for entry in section.sections("component")]
-    measured = [(entry, _measured(entry, files, nodes)) for entry in section.sections("measured_component")]
+    fixed = _read_fixed(section, given.get("fixed", ()), nodes) + read_supports(section, mesh, nodes)
+    bases = [(entry, _read_base(entry, nodes)) for entry in section.sections("base")]
+    components = [(entry, _read_component(entry, nodes)) for entry in section.sections("component")]
+    measured = [
+        (entry, _read_measured_component(entry, files, nodes)) for entry in section.sections("measured_component")
+    ]
     if "total_mass" in given:
-        whole = _built(section, nodes, (elements, ties, [*fixed, *held], []), bases, [], given)
+        whole = _make_structure(section, nodes, (elements, ties, [*fixed, *held], []), bases, [], given)
         with section.located("total_mass"):
             require_total_mass(whole.mass_of(), given["total_mass"], "; ".join(taken.left_aside))
     if changes is not None:
-        elements, ties, fixed, measured = _changed(changes, nodes, (elements, ties, fixed, measured), mesh)
+        elements, ties, fixed, measured = _apply_changes(changes, nodes, (elements, ties, fixed, measured), mesh)
     aims = record is not None and "sensors" in record.table
     parts = elements, ties, [*fixed, *held], measured
     file_words = taken.left_aside, taken.notes
-    structure = _built(section, nodes, parts, bases, [] if aims else components, given, file_words)
+    structure = _make_structure(section, nodes, parts, bases, [] if aims else components, given, file_words)
     if record is not None and aims:
         aimed = read_sensors(record, nodes, structure)
         for entry, sensor in aimed:
             nodes.setdefault(sensor.label, nodes[sensor.node])
             ties.append((entry, sensor))
-        structure = _built(section, nodes, parts, bases, components, given, file_words)
+        structure = _make_structure(section, nodes, parts, bases, components, given, file_words)
     if structure.n_dofs == 0:
         raise section.error("no degree of freedom is free; take some out of `fixed` or add to `active`")
     return structure
 
 
-def _built(
+def _make_structure(
     section: Section,
     nodes: Positions,
     parts: Parts,
     bases: Bases,
     components: Components,
-    given: Given,
+    options: Given,
     file_words: tuple[tuple[str, ...], tuple[str, ...]] = ((), ()),
 ) -> Structure:
+    """The structure of the parts that were read; errors get the place of the part that they name."""
     elements, ties, fixed, measured = parts
-    active = as_list(given["active"]) if "active" in given else None
-    sets, links = [element for _, element in elements], [tie for _, tie in ties]
+    active = as_list(options["active"]) if "active" in options else None
+    element_sets, links = [element for _, element in elements], [tie for _, tie in ties]
     try:
-        drives, sliding = [base for _, base in bases], flat(given.get("sliding", []))
+        drives, sliding = [base for _, base in bases], flat(options.get("sliding", []))
         inner = [component for _, component in components]
-        pieces, ratio = given.get("subdivide", 1), given.get("damping_ratio")
+        pieces, ratio = options.get("subdivide", 1), options.get("damping_ratio")
         pieces = 1 if pieces == AUTO else pieces  # until the records are read
         return Structure(
             nodes,
-            sets,
+            element_sets,
             fixed,
             links,
             active,
@@ -286,29 +289,29 @@ def _built(
             sliding,
             inner,
             ratio,
-            [one for _, one in measured],
+            [component for _, component in measured],
             *file_words,
         )
     except InputError as error:
-        raise _placed(section, str(error), [*measured, *components, *elements, *ties, *bases]) from error
+        raise _error_at_part(section, str(error), [*measured, *components, *elements, *ties, *bases]) from error
 
 
-def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
-    """What one set-up makes of the structure; its own nodes are added to `nodes`."""
+def _apply_changes(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None) -> Parts:
+    """The parts of the structure as one set-up changes them; its own nodes are added to `nodes`."""
     elements, ties, fixed, measured = parts
-    given = changes.values(changes_table())
+    values = changes.values(changes_table())
     names = [element.name for _, element in elements] + [tie.name for _, tie in ties]
-    names += [one.name for _, one in measured]
-    absent = as_list(given.get("without", []))
+    names += [component.name for _, component in measured]
+    absent = as_list(values.get("without", []))
     for name in absent:
         if name not in names:
-            near = difflib.get_close_matches(name, names, 1, 0.0)
+            nearest = difflib.get_close_matches(name, names, 1, 0.0)
             raise changes.error(
-                f"there is no element set, tie or measured component {name!r}; the nearest is {near[0]!r}", "without"
+                f"there is no element set, tie or measured component {name!r}; the nearest is {nearest[0]!r}", "without"
             )
     if changes.section("nodes") is not None:
         size = len(next(iter(nodes.values())))
-        for label, position in _nodes(changes, []).items():
+        for label, position in _read_nodes(changes, []).items():
             if label in nodes:
                 raise changes.error(
                     f"node {label} is in [structure.nodes] already; take it out of one of them", "nodes"
@@ -320,19 +323,19 @@ def _changed(changes: Section, nodes: Positions, parts: Parts, mesh: Mesh | None
     ties = [pair for pair in ties if pair[1].name not in absent]
     elements += _elements(changes, nodes, mesh)
     ties += _ties(changes, nodes)
-    if "fixed" in given or "support" in changes.table:
-        fixed = _fixed(changes, given.get("fixed", ()), nodes) + read_supports(changes, mesh, nodes)
+    if "fixed" in values or "support" in changes.table:
+        fixed = _read_fixed(changes, values.get("fixed", ()), nodes) + read_supports(changes, mesh, nodes)
     return elements, ties, fixed, [pair for pair in measured if pair[1].name not in absent]
 
 
-def _placed(
+def _error_at_part(
     section: Section,
     message: str,
     named: Sequence[tuple[Section, MeasuredComponent | Component | ElementSet | Tie | Base]],
 ) -> InputError:
-    """The error with the place of what its message names, the first of them that it does."""
-    for entry, one in named:
-        if repr(one.name) in message:
+    """An error with the place of the first part that its message names, or of the key."""
+    for entry, part in named:
+        if repr(part.name) in message:
             return entry.error(message)
     for key in ("fixed", "active", "subdivide", "sliding", "damping_ratio", "nodes"):
         if f"`{key}`" in message and key in section.table:
@@ -340,34 +343,35 @@ def _placed(
     return section.error(message)
 
 
-def _nodes(
+def _read_nodes(
     section: Section,
     groups: list[tuple[Section, MatrixGroup]],
     mesh: Mesh | None = None,
     solved: Solved | None = None,
 ) -> Positions:
+    """Positions in m by node label, from ``[structure.nodes]``, the mesh, the solver or the matrix groups."""
     inner = section.section("nodes")
     if inner is None and mesh is None and solved is not None:
         return positions_of(solved)
     if mesh is not None:
         nodes = {label: position.tolist() for label, position in mesh.nodes.items()}
-        return nodes if inner is None else nodes | _besides(inner, _nodes(section, []), mesh)
+        return nodes if inner is None else nodes | _check_beside_mesh(inner, _read_nodes(section, []), mesh)
     if inner is None:
         if groups:
             return {dof.node: [0.0, 0.0, 0.0] for _, group in groups for dof in group.dofs}
         raise section.error("the structure has no nodes; add [structure.nodes] with lines such as `1 = [0.0, 0.0]`")
     if not inner.table:
         raise inner.error("holds no node; add lines such as `1 = [0.0, 0.0]`")
-    nodes = {int(key): [float(x) for x in as_list(place)] for key, place in inner.values(_POSITIONS).items()}
+    nodes = {int(key): [float(x) for x in as_list(position)] for key, position in inner.values(_POSITIONS).items()}
     usual = len(next(iter(nodes.values())))
-    for label, place in nodes.items():
-        if len(place) != usual:
-            raise inner.error(f"must have {usual} coordinates like the first node, got {len(place)}", str(label))
+    for label, position in nodes.items():
+        if len(position) != usual:
+            raise inner.error(f"must have {usual} coordinates like the first node, got {len(position)}", str(label))
     return nodes
 
 
-def _besides(inner: Section, own: Positions, mesh: Mesh) -> Positions:
-    """Nodes beside those of a mesh."""
+def _check_beside_mesh(inner: Section, own: Positions, mesh: Mesh) -> Positions:
+    """`own`, the nodes of the study, after a check that they fit beside those of a mesh."""
     for label, position in own.items():
         if label in mesh.nodes:
             raise inner.error(f"is a node of {mesh.source} already; take another number", str(label))
@@ -378,10 +382,11 @@ def _besides(inner: Section, own: Positions, mesh: Mesh) -> Positions:
 
 def _elements(section: Section, nodes: Positions, mesh: Mesh | None) -> Elements:
     entries = [(entry, kind) for name, kind in ELEMENT_TYPES.items() for entry in section.sections(name)]
-    return [(entry, _element(entry, kind, nodes, mesh)) for entry, kind in entries]
+    return [(entry, _read_element(entry, kind, nodes, mesh)) for entry, kind in entries]
 
 
-def _element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh: Mesh | None = None) -> ElementSet:
+def _read_element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh: Mesh | None = None) -> ElementSet:
+    """The element set of one entry; its nodes come from the entry or from the mesh."""
     table = element_table(kind, mesh is not None)
     if "subdivide" in entry.table and kind.is_line:
         raise entry.error(
@@ -389,21 +394,21 @@ def _element(entry: Section, kind: type[ElementSet], nodes: Positions, mesh: Mes
             " nothing would hold sideways stay whole (make a beam of a bar that is to be cut)",
             "subdivide",
         )
-    given = entry.values(table)
-    on_mesh = mesh is not None and "nodes" in table.keys and "nodes" not in given
-    group = given.pop("group", None)
+    values = entry.values(table)
+    on_mesh = mesh is not None and "nodes" in table.keys and "nodes" not in values
+    group = values.pop("group", None)
     if group is not None and not on_mesh:
         raise entry.error("needs a mesh, and no `nodes`; add [structure.mesh], or take one of them out", "group")
-    for key in given:
-        for text in as_list(given[key]) if table.keys[key].holds in (DOF, DOFS) else ():
+    for key in values:
+        for text in as_list(values[key]) if table.keys[key].holds in (DOF, DOFS) else ():
             _known_dof(entry, key, text, nodes)
-    for node in flat(given.get("nodes", [])):
+    for node in flat(values.get("nodes", [])):
         _require_node(entry, "nodes", node, nodes)
     if on_mesh:
         assert mesh is not None
-        given["nodes"] = group_table(entry, kind, group, mesh)
+        values["nodes"] = group_table(entry, kind, group, mesh)
     with entry.located():
-        return kind(**given)
+        return kind(**values)
 
 
 def _require_node(entry: Section, key: str, node: int, nodes: Collection[int]) -> None:
@@ -413,37 +418,40 @@ def _require_node(entry: Section, key: str, node: int, nodes: Collection[int]) -
 
 
 def _known_dof(entry: Section, key: str, text: str | Dof, nodes: Positions) -> Dof:
-    """`text` as a degree of freedom of a node that exists."""
+    """`text` as a degree of freedom, after a check that its node exists."""
     with entry.located(key):
         dof = parse_dof(text)
     _require_node(entry, key, dof.node, nodes)
     return dof
 
 
-def _fixed(section: Section, texts: str | tuple[str, ...], nodes: Positions) -> list[Dof]:
-    found = []
+def _read_fixed(section: Section, texts: str | tuple[str, ...], nodes: Positions) -> list[Dof]:
+    """Degrees of freedom of the texts in `fixed`, after a check that their nodes exist."""
+    dofs = []
     for text in as_list(texts):
         with section.located("fixed"):
-            held = dofs_of_text(text)
-        _require_node(section, "fixed", held[0].node, nodes)
-        found += held
-    return found
+            of_text = dofs_of_text(text)
+        _require_node(section, "fixed", of_text[0].node, nodes)
+        dofs += of_text
+    return dofs
 
 
-def _base(entry: Section, nodes: Positions) -> Base:
-    given = entry.values(_BASE)
+def _read_base(entry: Section, nodes: Positions) -> Base:
+    """The base (supports that drive the structure together) of one ``[[structure.base]]`` table."""
+    values = entry.values(_BASE)
     supports: list[str | Dof] = []
-    for text in as_list(given["supports"]):
+    for text in as_list(values["supports"]):
         with entry.located("supports"):
-            found = dofs_of_text(text)
-        supports += [_known_dof(entry, "supports", dof, nodes) for dof in found]
+            dofs = dofs_of_text(text)
+        supports += [_known_dof(entry, "supports", dof, nodes) for dof in dofs]
     with entry.located():
-        return Base(given["name"], supports)
+        return Base(values["name"], supports)
 
 
-def _component(entry: Section, nodes: Positions) -> Component:
-    given = entry.values(_COMPONENT)
-    if "up_to" not in given:
+def _read_component(entry: Section, nodes: Positions) -> Component:
+    """The component to be reduced of one entry; its frequency limit is derived from the band if not given."""
+    values = entry.values(_COMPONENT)
+    if "up_to" not in values:
         method = Section(entry.source, (), entry.source.table).inner("method")
         if "band" not in method.table:
             raise entry.error(
@@ -451,27 +459,29 @@ def _component(entry: Section, nodes: Positions) -> Component:
                 " in [method]"
             )
         band = replace(method, table={"band": method.table["band"]}).values(_BAND)["band"]
-        given["up_to"] = _UP_TO * band[1]
+        values["up_to"] = _UP_TO * band[1]
     dofs = [
         _known_dof(entry, "interface", dof, nodes)
-        for text in as_list(given.get("interface", []))
+        for text in as_list(values.get("interface", []))
         for dof in dofs_of_text(text)
     ]
     with entry.located():
-        return Component(**{**given, "interface": dofs})
+        return Component(**{**values, "interface": dofs})
 
 
-def _measured(entry: Section, files: InputFiles, nodes: Positions) -> MeasuredComponent:
+def _read_measured_component(entry: Section, files: InputFiles, nodes: Positions) -> MeasuredComponent:
+    """The measured component of one entry, with its interface checked against the nodes."""
+
     def known(text: str) -> list[Dof]:
         with entry.located("interface"):
-            found = dofs_of_text(text)
-        return [_known_dof(entry, "interface", dof, nodes) for dof in found]
+            dofs = dofs_of_text(text)
+        return [_known_dof(entry, "interface", dof, nodes) for dof in dofs]
 
     return read_measured(entry, files, known)
 
 
 def dofs_of_text(text: str) -> list[Dof]:
-    """``1X`` or ``1X-`` is one degree of freedom, ``1 X RZ`` two of node 1, ``1`` all six."""
+    """Degrees of freedom of a text: ``1X`` or ``1X-`` is one, ``1 X RZ`` two of node 1, ``1`` all six."""
     several = _SEVERAL.match(text)
     words = [several[1] + direction for direction in several[2].split()] if several else [text]
     if text.strip().isdigit():
@@ -480,27 +490,29 @@ def dofs_of_text(text: str) -> list[Dof]:
 
 
 def _ties(section: Section, nodes: Positions) -> Ties:
-    links = [(entry, _rigid_link(entry, nodes)) for entry in section.sections("rigid_link")]
-    return [*links, *((entry, _constraint(entry, nodes)) for entry in section.sections("constraint"))]
+    links = [(entry, _read_rigid_link(entry, nodes)) for entry in section.sections("rigid_link")]
+    return [*links, *((entry, _read_constraint(entry, nodes)) for entry in section.sections("constraint"))]
 
 
-def _rigid_link(entry: Section, nodes: Positions) -> Tie:
-    given = entry.values(_RIGID_LINK)
+def _read_rigid_link(entry: Section, nodes: Positions) -> Tie:
+    """The rigid link of one ``[[structure.rigid_link]]`` table."""
+    values = entry.values(_RIGID_LINK)
     for key in ("main", "dependents"):
-        for node in flat(given[key]):
+        for node in flat(values[key]):
             _require_node(entry, key, node, nodes)
     with entry.located():
         return RigidLink(
-            given["name"],
-            given["main"],
-            flat(given["dependents"]),
-            as_list(given["directions"]) if "directions" in given else None,
+            values["name"],
+            values["main"],
+            flat(values["dependents"]),
+            as_list(values["directions"]) if "directions" in values else None,
         )
 
 
-def _constraint(entry: Section, nodes: Positions) -> Tie:
-    given = entry.values(_CONSTRAINT)
-    dependent = _known_dof(entry, "dependent", given["dependent"], nodes)
-    pairs = [(_known_dof(entry, "depends_on", text, nodes), factor) for text, factor in given["depends_on"]]
+def _read_constraint(entry: Section, nodes: Positions) -> Tie:
+    """The multi-point constraint of one entry."""
+    values = entry.values(_CONSTRAINT)
+    dependent = _known_dof(entry, "dependent", values["dependent"], nodes)
+    pairs = [(_known_dof(entry, "depends_on", text, nodes), factor) for text, factor in values["depends_on"]]
     with entry.located():
-        return Constraint(given["name"], dependent, pairs)
+        return Constraint(values["name"], dependent, pairs)

@@ -56,17 +56,17 @@ class FrfSettings:
 
 
 def read_frf(section: Section, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> FrfSettings:
-    """The settings in ``[record.frf]``, with the channels that ``[record]`` names where it names none itself."""
-    given = section.values(FRF)
+    """The settings in ``[record.frf]``; its channels default to those of ``[record]``."""
+    values = section.values(FRF)
     channels = {}
     for key, outer in (("inputs", inputs), ("outputs", outputs)):
         with section.located(key):
-            channels[key] = parse_dofs(as_list(given.pop(key, list(outer))))
-    return FrfSettings(section, channels["inputs"], channels["outputs"], given)
+            channels[key] = parse_dofs(as_list(values.pop(key, list(outer))))
+    return FrfSettings(section, channels["inputs"], channels["outputs"], values)
 
 
 def spectral_frf(records: Sequence[TimeRecord], settings: FrfSettings) -> FrfRecord:
-    """Frequency response functions of one time record, or of repeats averaged.
+    """FRFs from averaged spectra of one time record, or of repeats.
 
     Raises
     ------
@@ -84,8 +84,8 @@ def spectral_frf(records: Sequence[TimeRecord], settings: FrfSettings) -> FrfRec
         motions = (wanted,) if wanted else _MOTIONS
         outputs = settings.outputs or _channels(records[0], motions)
         if wanted and not outputs:
-            own = ", ".join(dict.fromkeys(records[0].quantities))
-            raise InputError(f"no channel of the record is of {wanted}; they are of {own}", "quantity")
+            available = ", ".join(dict.fromkeys(records[0].quantities))
+            raise InputError(f"no channel of the record is of {wanted}; they are of {available}", "quantity")
         return frf_from_time(records, inputs, outputs, **settings.others)
 
 

@@ -38,7 +38,7 @@ class ModeDeviations:
     ] = ()
 
     def added_to(self, record: ModalRecord) -> ModalRecord:
-        """The record with these.
+        """The record with these standard deviations added.
 
         Raises
         ------
@@ -46,26 +46,32 @@ class ModeDeviations:
             If it has its own, or their number is not that of the modes.
         """
         n = record.n_modes
-        given = {name: self._each(name, n) for name in (item.name for item in fields(self))}
-        frequency, damping, shape = (given[name] for name in ("frequency_std", "damping_std", "shape_std"))
-        own = record.std.reshape(2, n)
-        for what, std, there, other in (
-            ("frequencies", frequency, own[0], "frequency_error"),
-            ("damping ratios", damping, own[1], "damping_error"),
+        stated = {name: self._each(name, n) for name in (item.name for item in fields(self))}
+        frequency, damping, shape = (stated[name] for name in ("frequency_std", "damping_std", "shape_std"))
+        of_record = record.std.reshape(2, n)
+        for what, std, existing, other in (
+            ("frequencies", frequency, of_record[0], "frequency_error"),
+            ("damping ratios", damping, of_record[1], "damping_error"),
         ):
-            self._require_none(f"standard deviations of {what}", std is not None and not np.isnan(there).all(), other)
+            self._require_none(
+                f"standard deviations of {what}", std is not None and not np.isnan(existing).all(), other
+            )
         if frequency is not None or damping is not None:
             stds = np.concatenate(
-                [there if std is None else std for std, there in zip((frequency, damping), own, strict=True)]
+                [
+                    existing if std is None else std
+                    for std, existing in zip((frequency, damping), of_record, strict=True)
+                ]
             )
             record = replace(record, covariance=independent_errors(stds))
         if shape is not None:
             self._require_none("standard deviations of shapes", record.shape_std is not None, "shape_error")
-            each = np.broadcast_to(shape * largest_entries(record.mode_shapes), record.mode_shapes.shape)
-            record = replace(record, shape_std=each)
+            entries = np.broadcast_to(shape * largest_entries(record.mode_shapes), record.mode_shapes.shape)
+            record = replace(record, shape_std=entries)
         return record
 
     def _each(self, name: str, n: int) -> np.ndarray | None:
+        """One value for each of `n` modes from the field `name`; None if it is empty."""
         values = getattr(self, name)
         if len(values) not in (0, 1, n):
             raise InputError(f"`{name}` must be one number or {n}, one for each mode of the file, got {len(values)}")
@@ -123,7 +129,7 @@ class ModesSource:
         return self.section.section("modes") or self.section
 
     def load(self) -> ModalRecord:
-        """The modes and sensors that are used.
+        """The modes and sensors of the file that are used, with names, directions and deviations as the study states.
 
         Raises
         ------
@@ -141,35 +147,39 @@ class ModesSource:
         with self.modes_section.located("use"):
             record = chosen_modes(record, self.use)
         if self.channels_used:
-            place = {dof.unsigned: i for i, dof in enumerate(record.channels)}
+            index_of = {dof.unsigned: i for i, dof in enumerate(record.channels)}
             for dof in self.channels_used:
-                if dof.unsigned not in place:
-                    known = ", ".join(map(str, record.channels))
-                    raise self.section.error(f"the modes have no sensor {dof}; they have {known}", "channels_used")
-            record = record.some_channels([place[dof.unsigned] for dof in self.channels_used])
+                if dof.unsigned not in index_of:
+                    names = ", ".join(map(str, record.channels))
+                    raise self.section.error(f"the modes have no sensor {dof}; they have {names}", "channels_used")
+            record = record.some_channels([index_of[dof.unsigned] for dof in self.channels_used])
         with self.section.located("sensors"):
             return replace(record, channels=renamed(record.channels, (), used_names(self.aimed, record.channels))[0])
 
 
 def read_modes_source(section: Section, table: Table, files: InputFiles, aimed: Mapping[str, str]) -> ModesSource:
-    """The source that a ``[record]`` with ``[record.modes]`` describes, its file found but not read.
+    """The source that a ``[record]`` with ``[record.modes]`` describes; its file is checked to exist but not read.
 
     `table` has the keys of such a record.
     """
-    given = section.values(table)
+    values = section.values(table)
     with section.located("path"):
-        path = files.path(given["path"])
+        path = files.path(values["path"])
     with section.located("channels_used"):
-        used = parse_dofs(as_list(given.get("channels_used", [])))
+        used = parse_dofs(as_list(values.get("channels_used", [])))
     inner = section.section("modes")
-    own = {} if inner is None else inner.values(MODES)
+    mode_values = {} if inner is None else inner.values(MODES)
     names = [item.name for item in fields(ModeDeviations)]
-    deviations = ModeDeviations(**{name: tuple(as_list(own.pop(name))) for name in names if name in own})
-    named = {item.name: own.pop(item.name) for item in fields(ModeFileOptions) if item.name in own}
+    deviations = ModeDeviations(
+        **{name: tuple(as_list(mode_values.pop(name))) for name in names if name in mode_values}
+    )
+    named = {item.name: mode_values.pop(item.name) for item in fields(ModeFileOptions) if item.name in mode_values}
     if "deck" in named:
         with (inner or section).located("deck"):
             named["deck"] = files.path(named["deck"])
     with (inner or section).located():
         file_options = ModeFileOptions(**named)
-    chosen, relabel = own.pop("use", ()), given.get("relabel", {})
-    return ModesSource(section, path, chosen, used, relabel, ModalSettings(**own), aimed, deviations, file_options)
+    chosen, relabel = mode_values.pop("use", ()), values.get("relabel", {})
+    return ModesSource(
+        section, path, chosen, used, relabel, ModalSettings(**mode_values), aimed, deviations, file_options
+    )

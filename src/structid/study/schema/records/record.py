@@ -162,9 +162,10 @@ def read_source(
     supports: frozenset[Dof] = frozenset(),
     keys: Table | None = None,
 ) -> RecordSource:
-    """The source that ``[record]`` describes, its files found but not read; see `ChannelSource` for `aimed` and `supports`.
+    """The source that ``[record]`` describes; its files are checked to exist but not read.
 
-    `keys` are those of another section that says where FRFs are, in place of the keys of a record.
+    See `ChannelSource` for `aimed` and `supports`. `keys` are those of another section that says where FRFs are, in
+    place of the keys of a record.
     """
     called = aimed or {}
     table = keys or record_table(Table())
@@ -175,46 +176,47 @@ def read_source(
         modes = read_modes_source(section, table, files, called)
         channels = ChannelSource(modes.channels_used, modes.relabel, called)
         return RecordSource(section, (modes.path,), ReadOptions(), channels, NoiseSource(), modes=modes)
-    given = section.values(table)
-    if ("path" in given) == ("repeats" in given):
+    values = section.values(table)
+    if ("path" in values) == ("repeats" in values):
         raise section.error('needs `path = "frf.npz"`, or `repeats` with two files or more, and not both')
-    key = "path" if "path" in given else "repeats"
-    names = as_list(given[key])
+    key = "path" if "path" in values else "repeats"
+    names = as_list(values[key])
     if key == "repeats" and len(names) < 2:
         raise section.error(f"noise from repeats needs at least 2 files, got {len(names)}", key)
     with section.located(key):
         paths = tuple(files.path(name) for name in names)
     with section.located("channels_used"):
-        used = parse_dofs(as_list(given.get("channels_used", [])))
+        used = parse_dofs(as_list(values.get("channels_used", [])))
     frf = None
     inner, timed = section.section("frf"), section.section("time")
     if inner is not None:
-        ends = {end: tuple(as_list(given.pop(end, []))) for end in ("inputs", "outputs")}
+        ends = {end: tuple(as_list(values.pop(end, []))) for end in ("inputs", "outputs")}
         frf = read_frf(inner, ends["inputs"], ends["outputs"])
-    own = {item.name for item in fields(ReadOptions)}
+    option_names = {item.name for item in fields(ReadOptions)}
     laid_out = section.section("csv")
     if laid_out is not None:
-        given["csv"] = laid_out.read(CsvLayout)
+        values["csv"] = laid_out.read(CsvLayout)
     with section.located():
-        options = ReadOptions(**{name: value for name, value in given.items() if name in own})
+        options = ReadOptions(**{name: value for name, value in values.items() if name in option_names})
     averaged = key == "repeats" and frf is None
     time = None if timed is None else read_time(timed)
     if time is not None and section.section("noise") is not None:
         raise section.error(
             "is of frequency responses; with [record.time], `noise` or `relative_noise` there says the noise", "noise"
         )
-    channels, noise = ChannelSource(used, given.get("relabel", {}), called, supports), _noise(section, averaged)
-    decay, leakage = given.get("window_decay"), given.get("leakage")
+    channels, noise = ChannelSource(used, values.get("relabel", {}), called, supports), _read_noise(section, averaged)
+    decay, leakage = values.get("window_decay"), values.get("leakage")
     if leakage is not None and time is not None:
         raise section.error("is of averaged segments; [record.time] fits histories as they are", "leakage")
     if leakage is not None and frf is not None and frf.others.get("window", leakage) != leakage:
         raise section.error(f"is {leakage!r}, and the window in [record.frf] is another", "leakage")
     return RecordSource(
-        section, paths, options, channels, noise, frf, decay, leakage, time, calibration=given.get("calibration")
+        section, paths, options, channels, noise, frf, decay, leakage, time, calibration=values.get("calibration")
     )
 
 
-def _noise(section: Section, repeats: bool) -> NoiseSource:
+def _read_noise(section: Section, repeats: bool) -> NoiseSource:
+    """The noise that ``[record.noise]`` declares; with `repeats` it comes from the repeats."""
     inner = section.section("noise")
     if inner is None:
         return NoiseSource()
@@ -238,7 +240,7 @@ def read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
         If a file is damaged, or holds what cannot be used.
     """
     with source.section.located("path" if "path" in source.section.table else "repeats"):
-        return _read(source)
+        return _read_files(source)
 
 
 def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
@@ -249,7 +251,7 @@ def faults(records: Sequence[FrfRecord | TimeRecord]) -> tuple[Finding, ...]:
 
 
 def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | None = None) -> FrfRecord:
-    """The frequency response functions of a source, their noise and used sensors chosen; of its files as `read`, if given.
+    """The FRF record of a source, with its noise and the used sensors; from its files as `read`, if given.
 
     Raises
     ------
@@ -257,9 +259,9 @@ def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | N
         If a file is damaged, holds what cannot be used, or lacks what the study asks for.
     """
     with source.section.located("path" if "path" in source.section.table else "repeats"):
-        record = _as_frf(_read(source) if read is None else read, source)
+        record = _make_frf_record(_read_files(source) if read is None else read, source)
     with (source.section.section("noise") or source.section).located():
-        record = _with_noise(record, source.noise)
+        record = _add_noise(record, source.noise)
     if source.window_decay is not None:
         record = replace(record, decay=np.full(len(record.frequency), source.window_decay))
     if source.leakage is not None:
@@ -268,11 +270,11 @@ def load_record(source: RecordSource, read: Sequence[FrfRecord | TimeRecord] | N
     with source.section.located("channels_used"):
         record = record.channels(as_recorded(source.channels.used, record)) if source.channels.used else record
     with source.section.located("sensors"):
-        return _relabelled(record, used_names(source.channels.aimed, (*record.outputs, *record.inputs)))
+        return _rename_record(record, used_names(source.channels.aimed, (*record.outputs, *record.inputs)))
 
 
 def _segment(record: FrfRecord) -> float:
-    """Duration of the segments behind a record, s: one over the spacing of its lines."""
+    """Duration in s of the segments behind an FRF record: one over the spacing of its lines."""
     gaps = np.diff(record.frequency)
     if not len(gaps) or np.ptp(gaps) > _EVEN * gaps.mean():
         raise InputError("the lines are not evenly spaced, so that they do not tell how long the segments were")
@@ -282,7 +284,7 @@ def _segment(record: FrfRecord) -> float:
 def load_histories(
     source: RecordSource, time: TimeSource, read: Sequence[FrfRecord | TimeRecord] | None = None
 ) -> TimeRecord:
-    """The time record of a source that is fitted itself, with its noise and the used sensors; of its files as `read`, if given.
+    """The time record of a source that is fitted itself, with its noise and the used sensors; from files as `read`, if given.
 
     Raises
     ------
@@ -290,14 +292,18 @@ def load_histories(
         As `load_record`, or if the record holds frequency response functions.
     """
     with source.section.located("path" if "path" in source.section.table else "repeats"):
-        histories = [record for record in (_read(source) if read is None else read) if isinstance(record, TimeRecord)]
+        histories = [
+            record for record in (_read_files(source) if read is None else read) if isinstance(record, TimeRecord)
+        ]
         if not histories:
             raise time.section.error("the record holds frequency response functions; leave this section out")
         record = time.with_noise(histories)
     used = [dof.unsigned for dof in source.channels.used]
     pairs = list(zip(record.channels, record.quantities, strict=True))
     keep = [i for i, (dof, kind) in enumerate(pairs) if not used or kind in LOADS or dof.unsigned in used]
-    missing = [str(dof) for dof in source.channels.used if dof.unsigned not in [own.unsigned for own, _ in pairs]]
+    missing = [
+        str(dof) for dof in source.channels.used if dof.unsigned not in [dof_there.unsigned for dof_there, _ in pairs]
+    ]
     if missing:
         raise source.section.error(f"the record has no channel {', '.join(missing)}", "channels_used")
     variance = None if record.variance is None else record.variance[keep]
@@ -309,26 +315,27 @@ def load_histories(
         variance=variance,
     )
     with source.section.located("sensors"):
-        return _relabelled(record, used_names(source.channels.aimed, record.channels))
+        return _rename_record(record, used_names(source.channels.aimed, record.channels))
 
 
 def read_histories(source: RecordSource) -> list[TimeRecord]:
     """The time histories of a source as they are in its files; none where it holds responses or modes."""
     if source.modes is not None or (source.frf is None and source.time is None):
         return []
-    return [record for record in _read(source) if isinstance(record, TimeRecord)]
+    return [record for record in _read_files(source) if isinstance(record, TimeRecord)]
 
 
-def _read(source: RecordSource) -> list[FrfRecord | TimeRecord]:
+def _read_files(source: RecordSource) -> list[FrfRecord | TimeRecord]:
+    """The records of all files of a source, relabelled, with accelerations of driven supports marked as inputs."""
     records = [read_record(path, source.options) for path in source.paths]
     with source.section.located("relabel"):
-        records = [_relabelled(record, source.channels.relabel) for record in records]
+        records = [_rename_record(record, source.channels.relabel) for record in records]
     with source.section.located("sensors"):
         for record in records:
-            _relabelled(
+            _rename_record(
                 record, source.channels.aimed
             )  # whether every channel is there; they get these names when all is chosen
-    driven = [_driven(record, source.channels.supports) for record in records]
+    driven = [_mark_support_motion(record, source.channels.supports) for record in records]
     return [
         replace(record, source=_named_shortly(record.source, path))
         for record, path in zip(driven, source.paths, strict=True)
@@ -340,10 +347,10 @@ def _named_shortly(source: str, path: Path) -> str:
     return "; ".join(filter(None, (path.name, how_read(source, path))))
 
 
-def _driven(record: FrfRecord | TimeRecord, supports: frozenset[Dof]) -> FrfRecord | TimeRecord:
+def _mark_support_motion(record: FrfRecord | TimeRecord, supports: frozenset[Dof]) -> FrfRecord | TimeRecord:
     """`record` with accelerations of supports that drive the structure as its inputs.
 
-    FRFs of accelerations per whatever a support does are transmissibilities: a force there would do nothing.
+    FRFs of accelerations per motion of a support are transmissibilities: a force there would do nothing.
     """
     if isinstance(record, FrfRecord):
         moved = record.kind == "accelerance" and all(dof.unsigned in supports for dof in record.inputs)
@@ -356,8 +363,8 @@ def _driven(record: FrfRecord | TimeRecord, supports: frozenset[Dof]) -> FrfReco
     return replace(record, quantities=tuple(kinds))
 
 
-def _relabelled(record: R, names: Mapping[str, str]) -> R:
-    """`record` with what its channels are in truth."""
+def _rename_record(record: R, names: Mapping[str, str]) -> R:
+    """`record` with its channels renamed by `names` (name in the record: true name)."""
     if not names:
         return record
     if isinstance(record, FrfRecord):
@@ -370,8 +377,8 @@ def _relabelled(record: R, names: Mapping[str, str]) -> R:
     return replace(record, channels=tuple(next(right if load else left) for load in is_load))
 
 
-def _as_frf(records: Sequence[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:
-    """One record of frequency response functions from one file or from repeats."""
+def _make_frf_record(records: Sequence[FrfRecord | TimeRecord], source: RecordSource) -> FrfRecord:
+    """One FRF record from one file or from repeats, of FRFs or of histories."""
     responses = [record for record in records if isinstance(record, FrfRecord)]
     histories = [record for record in records if isinstance(record, TimeRecord)]
     if responses and histories:
@@ -394,10 +401,11 @@ def _as_frf(records: Sequence[FrfRecord | TimeRecord], source: RecordSource) -> 
     return responses[0] if len(responses) == 1 else from_repeats(responses)
 
 
-def _with_noise(record: FrfRecord, noise: NoiseSource) -> FrfRecord:
+def _add_noise(record: FrfRecord, noise: NoiseSource) -> FrfRecord:
+    """The FRF record with variances from declared noise or from coherence; unchanged if it has its own."""
     if noise.relative + noise.absolute > 0:
         return with_declared_noise(record, noise.relative, noise.absolute)
-    known = record.coherence is not None and record.averages is not None
-    if noise.from_coherence or (record.variance is None and known):
+    has_coherence = record.coherence is not None and record.averages is not None
+    if noise.from_coherence or (record.variance is None and has_coherence):
         return with_coherence_noise(record, noise.averages)
     return record

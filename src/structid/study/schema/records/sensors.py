@@ -78,14 +78,14 @@ def read_sensors(
     moves = [d for d in DIRECTIONS[:3] if d in (structure.active or ())]
     found = []
     for channel, dof in zip(section.table, own, strict=True):
-        entry = _entry(section, channel)
+        entry = _sensor_section(section, channel)
         given = SensorEntry(**entry.values(_ENTRY))
         if dof.is_rotation or not moves:
             raise section.error("must be a translation, of a structure that has some; leave it out", channel)
         with section.located(channel):
-            node, distance = _node(given, dof.node, nodes, structure.elements)
+            node, distance = _node_of_sensor(given, dof.node, nodes, structure.elements)
             whole = unit_direction(_AXES[dof.axis] if given.direction is None else given.direction)
-            direction = _in_which_it_moves(whole, node, structure)
+            direction = _moving_direction(whole, node, structure)
         label, seen = dof.node, dof.direction
         if label in nodes or seen not in moves:
             label, seen, fresh = fresh, moves[0], fresh + 1
@@ -93,37 +93,38 @@ def read_sensors(
     return found
 
 
-def _entry(section: Section, channel: str) -> Section:
-    given = section.table[channel]
-    if not isinstance(given, dict):
+def _sensor_section(section: Section, channel: str) -> Section:
+    """The table of one channel of ``[record.sensors]``."""
+    entry = section.table[channel]
+    if not isinstance(entry, dict):
         raise section.error("must be a table, as in { node = 12, direction = [0.3, 0.95, 0.0] }", channel)
-    return Section(section.source, (*section.path, channel), given)
+    return Section(section.source, (*section.path, channel), entry)
 
 
-def _node(
-    given: SensorEntry, own: int, nodes: Mapping[int, Sequence[float]], elements: Sequence[ElementSet]
+def _node_of_sensor(
+    sensor: SensorEntry, own: int, nodes: Mapping[int, Sequence[float]], elements: Sequence[ElementSet]
 ) -> tuple[int, float]:
-    """The node that a sensor reads, and how far it is."""
-    if given.point is not None:
-        if given.node is not None:
+    """The node that a sensor reads, and its distance in m from the stated point (0 without one)."""
+    if sensor.point is not None:
+        if sensor.node is not None:
             raise InputError("has `node` and `point`; keep one of them")
-        point = given.point if isinstance(given.point, tuple) else (given.point,)
-        place = [*map(float, point), 0.0, 0.0][:3]
+        point = sensor.point if isinstance(sensor.point, tuple) else (sensor.point,)
+        coordinates = [*map(float, point), 0.0, 0.0][:3]
         used = {int(n) for element in elements for n in element.nodes.ravel()}
-        near = nearest_nodes([place], {n: np.asarray(nodes[n]) for n in nodes if n in used}, given.tolerance)
-        return near.nodes[0], float(near.distance[0])
-    node = own if given.node is None else given.node
+        nearest = nearest_nodes([coordinates], {n: np.asarray(nodes[n]) for n in nodes if n in used}, sensor.tolerance)
+        return nearest.nodes[0], float(nearest.distance[0])
+    node = own if sensor.node is None else sensor.node
     if node not in nodes:
         raise InputError(f"node {node} does not exist; give `node` of the structure, or `point = [x, y, z]` in m")
     return node, 0.0
 
 
-def _in_which_it_moves(
+def _moving_direction(
     direction: tuple[float, float, float], node: int, structure: Structure
 ) -> tuple[float, float, float]:
-    """The parts of `direction` in which elements or ties use a node."""
+    """The components of `direction` along which elements or ties move the node; `InputError` if there are none."""
     moves = structure.numbering.directions(node)
-    x, y, z = (part if one in moves else 0.0 for part, one in zip(direction, DIRECTIONS, strict=False))
+    x, y, z = (part if axis in moves else 0.0 for part, axis in zip(direction, DIRECTIONS, strict=False))
     if not (x or y or z):
         way = ", ".join(f"{part:g}" for part in direction)
         raise InputError(
@@ -139,15 +140,15 @@ def is_load(name: str) -> bool:
 
 
 def channel_names(structure: Structure) -> dict[str, str]:
-    """What channels are called in the structure, by their name in the record.
+    """Names in the structure of the channels of ``[record.sensors]``, by their names in the record.
 
     Their sense stays: a channel `3X-` of the record reads against the direction that is declared.
     """
-    found = {}
-    for one in (tie for tie in structure.ties if isinstance(tie, AimedSensor)):
-        load, own = _LOAD * is_load(one.channel), parse_dof(one.channel.removeprefix(_LOAD))
-        found[load + own.place] = one.dof.place
-    return found
+    names = {}
+    for sensor in (tie for tie in structure.ties if isinstance(tie, AimedSensor)):
+        load, dof = _LOAD * is_load(sensor.channel), parse_dof(sensor.channel.removeprefix(_LOAD))
+        names[load + dof.place] = sensor.dof.place
+    return names
 
 
 def used_names(names: Mapping[str, str], channels: Iterable[Dof]) -> dict[str, str]:

@@ -52,14 +52,14 @@ class SetupSource:
 
 
 def read_setups(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) -> tuple[SetupSource, ...]:
-    """The set-ups that ``[record]`` or several ``[[record]]`` describe; one structure for all whose tables are the same.
+    """The set-ups of ``[record]`` or several ``[[record]]``; those with the same tables share one structure.
 
     Parameters
     ----------
     root : Section
     files : InputFiles
     before : sequence of SetupSource
-        Of the same study with other tables.
+        Set-ups of the same study with other tables, reused where these are equal.
 
     Raises
     ------

@@ -41,7 +41,7 @@ class TimeSource:
     settings: TimeFit
 
     def with_noise(self, records: Sequence[TimeRecord]) -> TimeRecord:
-        """The one record with its noise.
+        """The time record with the variance of each channel from the stated noise.
 
         Raises
         ------
@@ -54,10 +54,10 @@ class TimeSource:
         with self.section.located("tones"):
             self.settings.require_heard(record)
         with self.section.located("noise"):
-            own = _each("noise", self.noise, record)
+            absolute = _each("noise", self.noise, record)
         with self.section.located("relative_noise"):
             relative = _each("relative_noise", self.relative_noise, record)
-        variance = own**2 + (relative * np.sqrt((record.values**2).mean(axis=0))) ** 2
+        variance = absolute**2 + (relative * np.sqrt((record.values**2).mean(axis=0))) ** 2
         if variance.any():
             record = replace(record, variance=variance)
         if record.variance is None:
@@ -69,25 +69,26 @@ class TimeSource:
 
 
 def _each(name: str, given: tuple[float, ...], record: TimeRecord) -> FloatArray:
+    """One value for each channel from the list `given`: one for all, or one each; 0 if it is empty."""
     count = len(record.channels)
     if len(given) not in (0, 1, count):
         raise InputError(f"`{name}` must be one number or {count}, one for each channel, got {len(given)}")
-    each = np.broadcast_to(np.asarray(given or (0.0,), dtype=np.float64), (count,))
-    if (each < 0).any():
-        i = int(np.argmax(each < 0))
-        raise InputError(f"`{name}` must not be negative, got {each[i]:g} for channel {i + 1} ({record.channels[i]})")
-    return each
+    values = np.broadcast_to(np.asarray(given or (0.0,), dtype=np.float64), (count,))
+    if (values < 0).any():
+        i = int(np.argmax(values < 0))
+        raise InputError(f"`{name}` must not be negative, got {values[i]:g} for channel {i + 1} ({record.channels[i]})")
+    return values
 
 
 def read_time(section: Section) -> TimeSource:
     """The settings in ``[record.time]``."""
-    given = section.values(TIME)
-    way = given.get("fit", "spectra")
-    for key in _OF_TIME if way == "spectra" else _OF_SPECTRA:
-        if key in given:
-            raise section.error(f"fit = {way!r} does not use it; leave it out", key)
+    values = section.values(TIME)
+    fit = values.get("fit", "spectra")
+    for key in _OF_TIME if fit == "spectra" else _OF_SPECTRA:
+        if key in values:
+            raise section.error(f"fit = {fit!r} does not use it; leave it out", key)
     lists = ("noise", "relative_noise", "tones")
-    noise, relative, tones = (tuple(map(float, as_list(given.pop(key, [])))) for key in lists)
+    noise, relative, tones = (tuple(map(float, as_list(values.pop(key, [])))) for key in lists)
     with section.located("hold"):
-        settings = TimeFit(**given, tones=tones)
+        settings = TimeFit(**values, tones=tones)
     return TimeSource(section, noise, relative, settings)

@@ -105,6 +105,28 @@ def percent(ratio: float, digits: int = 3, signed: bool = True, most_decimals: i
     return f"{'+' if signed and ratio > 0 else ''}{text} %"
 
 
+def span_digits(low: float, high: float) -> tuple[int, int]:
+    """Significant digits that show each end of an interval to a hundredth of its width, ten at most."""
+    largest = max(abs(low), abs(high))
+    if not (math.isfinite(largest) and high > low):
+        return 4, 4
+    last = math.floor(math.log10(high - low)) - 2
+    first, second = (math.floor(math.log10(abs(end))) - last + 1 if end else 1 for end in (low, high))
+    return min(max(first, 1), 10), min(max(second, 1), 10)
+
+
+def span_text(low: float, high: float) -> str:
+    """An interval, its ends to a hundredth of its width; what the data leave without a limit is told."""
+    if math.isnan(low) or math.isnan(high):
+        return NOTHING
+    if not math.isfinite(low):
+        return f"below {number(high)}, no lower limit" if math.isfinite(high) else "no limits"
+    if not math.isfinite(high):
+        return f"above {number(low)}, no upper limit"
+    first, second = span_digits(low, high)
+    return f"{number(low, first)} to {number(high, second)}"
+
+
 def unit_text(unit: str) -> str:
     """`unit` with raised powers; empty for a number without unit.
 

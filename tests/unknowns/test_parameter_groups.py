@@ -19,7 +19,7 @@ from structid import (
     parameters,
 )
 from structid.unknowns import penalty
-from structid.unknowns.families import family
+from structid.unknowns.parameter_groups import parameter_group
 
 
 def chain(n, **properties):
@@ -148,7 +148,7 @@ def test_elements_are_not_gone_through_one_by_one():
 
 
 def test_kinds_and_first_entries_of_a_family():
-    one = family(three_sets(), Unknown("stiffness", "a", each=True))
+    one = parameter_group(three_sets(), Unknown("stiffness", "a", each=True))
     assert one.n_params == 3
     assert one.kinds == ("stiffness",) * 3
     assert one.is_factor.all()

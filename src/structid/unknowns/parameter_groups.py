@@ -1,4 +1,4 @@
-"""The parameters that one declaration makes, as arrays: quick for every element of a large mesh."""
+"""Groups of parameters: all parameters that one declaration makes, as arrays, so that large meshes stay quick."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SELECTION = re.compile(r"^(?P<name>.+?):(?P<first>\d+)(?:-(?P<last>\d+))?$")
 
 
 @dataclass(frozen=True, eq=False)
-class Family:
+class ParameterGroup:
     """The parameters of one declaration; an entry is a property value of the structure that a parameter makes.
 
     Attributes
@@ -73,11 +73,11 @@ class Family:
 
     @cached_property
     def is_factor(self) -> np.ndarray:
-        """Whether each parameter multiplies nominal values, (n_params,)."""
+        """True for each parameter that multiplies nominal values, (n_params,)."""
         if self.unknown.factor is not None or self.shares is not None:
             return np.full(self.n_params, self.unknown.factor is not False)
         quantities = [item.term.property for item in self.properties]
-        number = np.array([quantities.index(one) for one in quantities])[self.item]
+        number = np.array([quantities.index(quantity) for quantity in quantities])[self.item]
         return _varies(number, self.first) | _varies(self.nominal, self.first)
 
     @property
@@ -108,8 +108,8 @@ class Family:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Between which all of them stay."""
-        lowest, highest = self._sensible
+        """Lower and upper limit of all parameters of the group, in the unit of the parameter."""
+        lowest, highest = self._property_limits
         if self.unknown.bounds is None:
             return (lowest, highest) if self.unknown.positive or np.isfinite(highest) else (-np.inf, np.inf)
         low, high = self.unknown.bounds
@@ -125,11 +125,11 @@ class Family:
     @cached_property
     def is_bounded(self) -> bool:
         """Whether they have an upper bound."""
-        return self.unknown.bounds is not None or bool(np.isfinite(self._sensible[1]))
+        return self.unknown.bounds is not None or bool(np.isfinite(self._property_limits[1]))
 
     @cached_property
-    def _sensible(self) -> tuple[float, float]:
-        """Limits of the properties themselves, of a factor in parts of the nominal values."""
+    def _property_limits(self) -> tuple[float, float]:
+        """Lower and upper limit that the properties themselves impose; relative to nominal values for factors."""
         lows, highs = [], []
         for i, item in enumerate(self.properties):
             low, high = (0.0, np.inf) if item.term.limits is None else item.term.limits
@@ -149,15 +149,15 @@ class Family:
         return _chosen([*units, "1"], np.where(self.is_factor, len(units), self.item[self.first]))
 
 
-def element_sets(one: Family) -> tuple[tuple[str, ...], ...]:
-    """Element sets of each parameter."""
-    sets = [item.element for item in one.properties]
-    number = np.array([sets.index(name) for name in sets])[one.item]
-    found = list(_chosen([(name,) for name in sets], number[one.first]))
-    for k in np.flatnonzero(_varies(number, one.first)).tolist():
-        own = number[one.owner == k].tolist()
-        found[k] = tuple(dict.fromkeys(sets[i] for i in own))
-    return tuple(found)
+def element_sets(group: ParameterGroup) -> tuple[tuple[str, ...], ...]:
+    """Names of the element sets that each parameter of the group acts on, one tuple a parameter."""
+    sets = [item.element for item in group.properties]
+    number = np.array([sets.index(name) for name in sets])[group.item]
+    names_of = list(_chosen([(name,) for name in sets], number[group.first]))
+    for k in np.flatnonzero(_varies(number, group.first)).tolist():
+        numbers = number[group.owner == k].tolist()
+        names_of[k] = tuple(dict.fromkeys(sets[i] for i in numbers))
+    return tuple(names_of)
 
 
 def _varies(numbers: np.ndarray, first: IntArray) -> np.ndarray:
@@ -180,8 +180,8 @@ def _chosen(table: Sequence[Entry], places: IntArray) -> tuple[Entry, ...]:
     return tuple([table[i] for i in places.tolist()])
 
 
-def family(structure: Structure, unknown: Unknown) -> Family:
-    """The parameters that one declaration makes.
+def parameter_group(structure: Structure, unknown: Unknown) -> ParameterGroup:
+    """The parameters that the declaration `unknown` makes on `structure`, as one group.
 
     Raises
     ------
@@ -193,48 +193,58 @@ def family(structure: Structure, unknown: Unknown) -> Family:
         raise InputError(f"unknown {unknown.property!r} names no elements")
     members = [member for text in texts for member in named_members(structure, unknown.property, text)]
     items = tuple({item.values.start: item for item, _ in members}.values())
-    place = {item.values.start: i for i, item in enumerate(items)}
+    item_of_start = {item.values.start: i for i, item in enumerate(items)}
     indices = np.concatenate([item.values.start + rows for item, rows in members])
-    item = np.concatenate([np.full(len(rows), place[own.values.start]) for own, rows in members])
+    item = np.concatenate([np.full(len(rows), item_of_start[owner_item.values.start]) for owner_item, rows in members])
     once = np.sort(np.unique(indices, return_index=True)[1])  # elements named twice take part once
     indices, item = indices[once], item[once]
     label = label_of(unknown)
     if unknown.field is not None:
-        return _field_family(structure, unknown, label, items, indices, item)
+        return _make_field_group(structure, unknown, label, items, indices, item)
     nominal = structure.values[indices]
     if not unknown.each:
-        return Family(unknown, (label,), items, indices, np.zeros_like(indices), item, nominal)
-    labels, owner = _each(unknown, items, indices, item)
+        return ParameterGroup(unknown, (label,), items, indices, np.zeros_like(indices), item, nominal)
+    labels, owner = _parameter_per_element(unknown, items, indices, item)
     order = np.argsort(owner, kind="stable")
-    return Family(unknown, labels, items, indices[order], owner[order], item[order], nominal[order])
+    return ParameterGroup(unknown, labels, items, indices[order], owner[order], item[order], nominal[order])
 
 
-def _each(
+def _parameter_per_element(
     unknown: Unknown, items: tuple[Property, ...], indices: IntArray, item: IntArray
 ) -> tuple[tuple[str, ...], IntArray]:
-    """Labels of one parameter an element, and the parameter of each entry."""
-    single = [len(own.term.values) == 1 for own in items]
-    words = [own.element if alone else unknown.name or own.element for own, alone in zip(items, single, strict=True)]
+    """Labels of the parameters when `each` is set, and the parameter index of each entry, (n_entries,).
+
+    `indices` are the entries' property values, `item` the property of each; one parameter for every `each` elements.
+    """
+    single = [len(item_property.term.values) == 1 for item_property in items]
+    words = [
+        item_property.element if alone else unknown.name or item_property.element
+        for item_property, alone in zip(items, single, strict=True)
+    ]
     kinds = list(dict.fromkeys(zip(words, single, strict=True)))
     number = np.array([kinds.index(pair) for pair in zip(words, single, strict=True)])[item]
-    row = indices - np.array([own.values.start for own in items])[item]
-    lead, last = _groups(unknown, [name for name, _ in kinds], number, row)
+    row = indices - np.array([item_property.values.start for item_property in items])[item]
+    lead, last = _neighbour_groups(unknown, [name for name, _ in kinds], number, row)
     largest = int(row.max()) + 1
     _, first, owner = np.unique(number * largest + lead, return_index=True, return_inverse=True)
     order = np.argsort(first)  # as they are named first
     named = first[order]
-    places = list(zip(number[named].tolist(), (lead[named] + 1).tolist(), (last[named] + 1).tolist(), strict=True))
+    spans = list(zip(number[named].tolist(), (lead[named] + 1).tolist(), (last[named] + 1).tolist(), strict=True))
     if unknown.each == 1:
-        labels = [kinds[k][0] if kinds[k][1] else f"{kinds[k][0]}:{element}" for k, element, _ in places]
+        labels = [kinds[k][0] if kinds[k][1] else f"{kinds[k][0]}:{element}" for k, element, _ in spans]
     else:
-        labels = [f"{kinds[k][0]}:{start}-{end}" for k, start, end in places]
+        labels = [f"{kinds[k][0]}:{start}-{end}" for k, start, end in spans]
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
     return tuple(labels), rank[owner]
 
 
-def _groups(unknown: Unknown, names: Sequence[str], number: IntArray, row: IntArray) -> tuple[IntArray, IntArray]:
-    """First and last element of the group of neighbours that shares a parameter, of each entry; its own for one each.
+def _neighbour_groups(
+    unknown: Unknown, names: Sequence[str], number: IntArray, row: IntArray
+) -> tuple[IntArray, IntArray]:
+    """First and last element row of the group of neighbours that shares a parameter, (n_entries,) each.
+
+    `number` is the element set and `row` the element row of each entry; `names` are the sets.
 
     Raises
     ------
@@ -244,10 +254,10 @@ def _groups(unknown: Unknown, names: Sequence[str], number: IntArray, row: IntAr
     size = int(unknown.each)
     if size == 1:
         return row, row
-    lead, last = np.empty_like(row), np.empty_like(row)
+    first, last = np.empty_like(row), np.empty_like(row)
     for k, name in enumerate(names):
-        here = number == k
-        chosen = np.unique(row[here])
+        of_set = number == k
+        chosen = np.unique(row[of_set])
         if len(chosen) % size:
             raise InputError(
                 f"`each` = {size} of {unknown.property}[{name}] makes no whole groups of {len(chosen)} elements; take a"
@@ -260,50 +270,56 @@ def _groups(unknown: Unknown, names: Sequence[str], number: IntArray, row: IntAr
                 f"`each` = {size} of {unknown.property}[{name}]: the group from element {apart} on is not of neighbours; give it"
                 " an [[unknown]] of its own"
             )
-        group = np.searchsorted(chosen, row[here]) // size
-        lead[here], last[here] = starts[group], ends[group]
-    return lead, last
+        group = np.searchsorted(chosen, row[of_set]) // size
+        first[of_set], last[of_set] = starts[group], ends[group]
+    return first, last
 
 
-def _field_family(
+def _make_field_group(
     structure: Structure,
     unknown: Unknown,
     label: str,
     items: tuple[Property, ...],
     indices: IntArray,
     item: IntArray,
-) -> Family:
-    """One parameter for each function of a field."""
+) -> ParameterGroup:
+    """The group of a field: one parameter for each shape function of its coarse grid."""
     assert unknown.field is not None
     if unknown.each or unknown.tied_to is not None or unknown.factor is False:
         raise InputError(
             f"{unknown.property}[{label}] is a field of factors; leave `each`, `tied_to` and `factor` out of it"
         )
-    functions, places = field_functions(unknown.field, _middles(structure, items, indices, item))
+    functions, grid_points = field_functions(unknown.field, _element_centres(structure, items, indices, item))
     functions.sort_indices()
-    at, owner = functions.indices, np.repeat(np.arange(len(places)), np.diff(functions.indptr))
-    labels = tuple(f"{label}:field {place}" for place in places)
-    nominal = structure.values[indices[at]]
-    return Family(unknown, labels, items, indices[at], owner, item[at], nominal, np.asarray(functions.data))
+    entry, owner = functions.indices, np.repeat(np.arange(len(grid_points)), np.diff(functions.indptr))
+    labels = tuple(f"{label}:field {place}" for place in grid_points)
+    nominal = structure.values[indices[entry]]
+    return ParameterGroup(
+        unknown, labels, items, indices[entry], owner, item[entry], nominal, np.asarray(functions.data)
+    )
 
 
-def _middles(structure: Structure, items: tuple[Property, ...], indices: IntArray, item: IntArray) -> FloatArray:
-    """Mean position of the nodes of each entry's element, (n_entries, n_coordinates)."""
+def _element_centres(
+    structure: Structure, items: tuple[Property, ...], indices: IntArray, item: IntArray
+) -> FloatArray:
+    """Mean position of the nodes of each entry's element, m, (n_entries, n_coordinates)."""
     tables = {element.name: element.nodes for element in structure.sets}
-    known = np.array(sorted(structure.nodes), dtype=np.int64)
-    positions = np.array([structure.nodes[label] for label in known.tolist()])
+    labels = np.array(sorted(structure.nodes), dtype=np.int64)
+    positions = np.array([structure.nodes[label] for label in labels.tolist()])
     middles = np.empty((len(indices), positions.shape[1]))
-    for k, own in enumerate(items):
-        here = item == k
-        nodes = tables[own.element][indices[here] - own.values.start]
+    for k, item_property in enumerate(items):
+        of_item = item == k
+        nodes = tables[item_property.element][indices[of_item] - item_property.values.start]
         real = nodes >= 0
-        corners = positions[np.searchsorted(known, np.where(real, nodes, known[0]))] * real[:, :, None]
-        middles[here] = corners.sum(axis=1) / real.sum(axis=1)[:, None]
+        corners = positions[np.searchsorted(labels, np.where(real, nodes, labels[0]))] * real[:, :, None]
+        middles[of_item] = corners.sum(axis=1) / real.sum(axis=1)[:, None]
     return middles
 
 
 def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Property, IntArray]]:
-    """Properties and element rows that `wanted` and one entry of `elements` name.
+    """Properties and their element rows that the property `wanted` and `text` (an entry of `elements`) select.
+
+    `text` is an element set such as ``girder``, or part of one such as ``girder:2-5``; rows count from 0.
 
     Raises
     ------
@@ -321,43 +337,43 @@ def named_members(structure: Structure, wanted: str, text: str) -> list[tuple[Pr
             " factors of the whole"
         )
     if name not in names:
-        near = difflib.get_close_matches(name, names, 1, 0.0)
-        raise InputError(f"there is no element set {name!r}" + (f"; the nearest is {near[0]!r}" if near else ""))
-    own = [p for p in structure.properties if p.element == name]
-    found = [p for p in own if p.term.property == wanted]
-    if not found and wanted == "stiffness":
-        found = [p for p in own if p.term.kind == "stiffness"]
-        used = [p for p in found if p.term.values.any()]
-        found = used or found
-    if not found:
-        have = ", ".join(dict.fromkeys(p.term.property for p in own))
+        nearest = difflib.get_close_matches(name, names, 1, 0.0)
+        raise InputError(f"there is no element set {name!r}" + (f"; the nearest is {nearest[0]!r}" if nearest else ""))
+    of_set = [p for p in structure.properties if p.element == name]
+    matches = [p for p in of_set if p.term.property == wanted]
+    if not matches and wanted == "stiffness":
+        matches = [p for p in of_set if p.term.kind == "stiffness"]
+        used = [p for p in matches if p.term.values.any()]
+        matches = used or matches
+    if not matches:
+        have = ", ".join(dict.fromkeys(p.term.property for p in of_set))
         raise InputError(f"element set {name!r} has no property {wanted!r}; it has {have}")
-    count = len(found[0].term.values)
+    count = len(matches[0].term.values)
     rows = np.arange(count)
     if selection is not None:
         first, last = int(selection["first"]), int(selection["last"] or selection["first"])
         if not 1 <= first <= last <= count:
             raise InputError(f"{text!r} asks for elements {first} to {last} of {name!r}, which has 1 to {count}")
         rows = np.arange(first - 1, last)
-    return [(p, rows) for p in found]
+    return [(p, rows) for p in matches]
 
 
-def require_distinct(families: Sequence[Family]) -> None:
-    """Raise `InputError` where two parameters have one name, or claim one value."""
-    names = [name for one in families for name in one.names]
-    claimed = [one.indices if one.shares is None else np.unique(one.indices) for one in families]
-    together = np.concatenate(claimed) if claimed else np.zeros(0, dtype=np.int64)
-    if len(set(names)) == len(names) and len(np.unique(together)) == len(together):
+def require_distinct(groups: Sequence[ParameterGroup]) -> None:
+    """Raise `InputError` if two parameters have the same name, or set the same property value."""
+    names = [name for group in groups for name in group.names]
+    claimed = [group.indices if group.shares is None else np.unique(group.indices) for group in groups]
+    all_indices = np.concatenate(claimed) if claimed else np.zeros(0, dtype=np.int64)
+    if len(set(names)) == len(names) and len(np.unique(all_indices)) == len(all_indices):
         return
     taken: set[str] = set()
-    owner: dict[int, tuple[Family, str]] = {}
-    for one in families:
-        for k, name in enumerate(one.names):
+    owner: dict[int, tuple[ParameterGroup, str]] = {}
+    for group in groups:
+        for k, name in enumerate(group.names):
             if name in taken:
                 raise InputError(f"two parameters are called {name}; give one of them a `name`")
             taken.add(name)
-            last = one.first[k + 1] if k + 1 < one.n_params else len(one.indices)
-            for index in one.indices[one.first[k] : last].tolist():
-                other, called = owner.setdefault(index, (one, name))
-                if called != name and (one.shares is None or other is not one):
-                    raise InputError(f"{called} and {name} claim the same value; take it out of one of them")
+            last = group.first[k + 1] if k + 1 < group.n_params else len(group.indices)
+            for index in group.indices[group.first[k] : last].tolist():
+                other, owner_name = owner.setdefault(index, (group, name))
+                if owner_name != name and (group.shares is None or other is not group):
+                    raise InputError(f"{owner_name} and {name} claim the same value; take it out of one of them")

@@ -81,7 +81,7 @@ class Sizes:
 
     @property
     def matrix_free_bytes(self) -> int:
-        """Of a matrix-free search: the stored Jacobian of the data with its preconditioner, or the fields."""
+        """Bytes of a matrix-free search: the stored Jacobian with its preconditioner, or the fields."""
         data = 16 * self.n_lines * self.n_channels
         if data * self.n_parameters <= STORED_BYTES:
             return 3 * data * self.n_parameters
@@ -177,7 +177,7 @@ def sizes(problems: Sequence[RecordProblem]) -> Sizes:
 
 
 def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
-    """The needs of a study, from response and Jacobian of a few lines of each record: eight of a large model.
+    """Memory and time that a study needs, from timing response and Jacobian on a few lines of each record.
 
     Raises
     ------
@@ -192,14 +192,14 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
     before = resident_bytes()
     for problem in problems:
         try:
-            once, each, scratch = _measured(problem, method)
+            analysis_once, per_line, scratch = _time_evaluation(problem, method)
         except MemoryError as error:
             raise InputError(
                 f"{study.path}: {_MEASURED_LINES} lines of {problem.structure.n_dofs} degrees of freedom do not fit in"
                 " the memory that is free; refine the mesh less, or take a machine with more memory"
             ) from error
         n_lines = len(problem.frequency)
-        analysis, seconds, peak = analysis + once, seconds + each * n_lines, max(peak, scratch * n_lines)
+        analysis, seconds, peak = analysis + analysis_once, seconds + per_line * n_lines, max(peak, scratch * n_lines)
     search = USUAL_ITERATIONS * seconds
     refits = {
         "laplace": 0,
@@ -209,11 +209,11 @@ def measured_needs(study: Study, problems: Sequence[RecordProblem]) -> Needs:
     }[options.intervals]
     grown = max(resident_bytes() - before, 0)
     dense = (_COPIES - 1) * size.jacobian_bytes + _COPIES * size.square_bytes
-    own = grown + size.record_bytes + (size.matrix_free_bytes if method.is_matrix_free else dense)
+    fixed_bytes = grown + size.record_bytes + (size.matrix_free_bytes if method.is_matrix_free else dense)
     total = sum(len(p.frequency) for p in problems)
     return Needs(
         sizes=size,
-        bytes_needed=int(own + peak),
+        bytes_needed=int(fixed_bytes + peak),
         line_seconds=seconds / total,
         analysis_seconds=analysis,
         iteration_seconds=seconds,
@@ -228,32 +228,34 @@ class _EnoughError(Exception):
 
 
 def expected(study: Study, n_workers: int = 1) -> tuple[Needs, Duration]:
-    """What a study needs, and how long a run takes: a search that takes seconds is tried, of others a few lines are timed.
+    """Memory that a study needs and how long a run takes; a search of seconds is tried, else a few lines are timed.
 
     Raises
     ------
     InputError
         If a record cannot be used, or it does not fit in memory.
     """
-    begun = time.perf_counter()
+    start = time.perf_counter()
     ready = started(study)
-    around = _AROUND * _start_seconds() + time.perf_counter() - begun
+    around = _AROUND * _start_seconds() + time.perf_counter() - start
     needs = measured_needs(study, ready.problems)
     untried = needs.search_and_intervals(n_workers)
     if needs.iteration_seconds + needs.analysis_seconds > _TRIED_SECONDS / 4:
         return needs, Duration(around, untried, False, _REFITS * _WAY_ITERATIONS * needs.iteration_seconds / n_workers)
-    tried = _Tried(time.perf_counter())
+    trial = _Tried(time.perf_counter())
     try:
-        found = identify_together(ready.setups, study.options, tried)
+        identification = identify_together(ready.setups, study.options, trial)
     except _EnoughError:
-        each = max((time.perf_counter() - tried.begun) / tried.count, needs.iteration_seconds)
-        search = max(untried, each * max(USUAL_ITERATIONS, 2 * tried.count))
-        return needs, Duration(around, search, False, _REFITS * _WAY_ITERATIONS * each / n_workers)
+        seconds_each = max((time.perf_counter() - trial.begun) / trial.count, needs.iteration_seconds)
+        search = max(untried, seconds_each * max(USUAL_ITERATIONS, 2 * trial.count))
+        return needs, Duration(around, search, False, _REFITS * _WAY_ITERATIONS * seconds_each / n_workers)
     except (StructidError, np.linalg.LinAlgError):  # which the run will tell
         return needs, Duration(around, untried, False, 0.0)
-    search = time.perf_counter() - tried.begun
-    misses = not is_sound(found) and found.estimate.chi_square_per_dof > 1 and study.structure.has_matrices
-    return needs, Duration(around, search, True, _REFITS * tried.first / n_workers if misses else 0.0)
+    search = time.perf_counter() - trial.begun
+    misses = (
+        not is_sound(identification) and identification.estimate.chi_square_per_dof > 1 and study.structure.has_matrices
+    )
+    return needs, Duration(around, search, True, _REFITS * trial.first / n_workers if misses else 0.0)
 
 
 class _Tried:
@@ -264,6 +266,9 @@ class _Tried:
         self._in_first = True
 
     def __call__(self, name: str, _: int, __: float) -> None:
+        """Count an iteration of the timed trial search, reported by its `name`; raise `_EnoughError` when the time for it
+        is over.
+        """
         now = time.perf_counter() - self.begun
         if now > _TRIED_SECONDS:
             raise _EnoughError
@@ -274,15 +279,15 @@ class _Tried:
 
 
 def _start_seconds() -> float:
-    """Of a program of Python that imports what a run does, and ends."""
+    """Seconds that a Python process takes to import what a run uses."""
     begun = time.perf_counter()
     words = "import structid.study.run.run, structid.report, structid.criticism.verdict"
     subprocess.run([sys.executable, *SAFE_FLAGS, "-c", words], check=True, cwd=NEUTRAL_FOLDER, env=child_environment())
     return time.perf_counter() - begun
 
 
-def _measured(problem: RecordProblem, method: Method) -> tuple[float, float, float]:
-    """Seconds once, seconds a line, and bytes a line of an evaluation with its derivative."""
+def _time_evaluation(problem: RecordProblem, method: Method) -> tuple[float, float, float]:
+    """Seconds once, seconds a line and bytes a line of an evaluation with its derivative."""
     most = _MEASURED_LINES if problem.is_large else _MEASURED_LINES_SMALL
     few = problem.with_lines(np.unique(np.linspace(0, len(problem.frequency) - 1, most).astype(int)))
     n_lines, theta = len(few.frequency), np.asarray(few.theta_start)
@@ -331,7 +336,7 @@ def require_room(study: Study, problems: Sequence[RecordProblem], free: int | No
 
 
 def gigabytes(count: float) -> str:
-    """Bytes in the unit that suits them."""
+    """A number of bytes as text with a suitable unit, such as ``1.5 GB``."""
     for unit, size in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
         if count >= size:
             return f"{count / size:.3g} {unit}"
@@ -350,7 +355,7 @@ def resident_bytes() -> int:
 
 
 def _group_free() -> int | None:
-    """Of the control group (a container, a batch job), with what its files hold, which it gives back when asked."""
+    """Free bytes of the control group (a container, a batch job), file caches included; None without a limit."""
     for limit, used, cache in (
         ("memory.max", "memory.current", "inactive_file"),
         ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes", "total_inactive_file"),
@@ -365,7 +370,7 @@ def _group_free() -> int | None:
 
 
 def _limit_free() -> int | None:
-    """Of the limit that was set for this process (``ulimit -v``)."""
+    """Free bytes under the address-space limit of this process (``ulimit -v``); None without a limit."""
     try:
         import resource
     except ImportError:  # Windows

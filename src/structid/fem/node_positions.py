@@ -1,0 +1,209 @@
+"""Nodes whose position along the straight line of the bars and beams that meet there is a property."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.errors import InputError
+from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Positions, Term
+
+#: Powers of its length that a matrix of a bar or beam has.
+_POWERS = range(-3, 4)
+#: How far from a straight line a node may be, and entries that are none, in parts.
+_STRAIGHT, _ROUNDING = 1e-9, 1e-11
+
+
+@dataclass(frozen=True, eq=False)
+class NodePosition:
+    """The line on which a node of variable position lies, and where on it the node is nominally.
+
+    Attributes
+    ----------
+    node : int
+    start : int
+        The neighbouring node that its position is measured from.
+    direction : (n_coordinates,) float array
+        Unit vector from `start` to the node.
+    position : float
+        Distance from `start`, m.
+    limit : float
+        Distance of the neighbour beyond, m; infinite where there is none.
+    """
+
+    node: int
+    start: int
+    direction: FloatArray
+    position: float
+    limit: float
+
+    @property
+    def name(self) -> str:
+        """The name that the position has where properties are named by element set, such as ``node 2``."""
+        return f"node {self.node}"
+
+    @property
+    def term(self) -> Term:
+        """The position as a property, m, between 0 and `limit`."""
+        return Term("position", "position", "m", locked([self.position]), limits=(0.0, self.limit))
+
+
+@dataclass(frozen=True, eq=False)
+class LengthDependence:
+    """How the lengths of the elements of a set depend on the variable positions of nodes.
+
+    Attributes
+    ----------
+    lengths : (n_elements,) float array
+        Nominal, m.
+    at : tuple of (n_elements,) int arrays
+        For each end with a variable position in some element: index of the position among the values of the structure;
+        any index in an element where that end is fixed.
+    slopes : tuple of (n_elements,) float arrays
+        Derivative of the length by that position: 1, -1, or 0 where the end is fixed.
+    nominal : tuple of (n_elements,) float arrays
+        Nominal positions, m.
+    """
+
+    lengths: FloatArray
+    at: tuple[IntArray, ...]
+    slopes: tuple[FloatArray, ...]
+    nominal: tuple[FloatArray, ...]
+
+    def ratio(self, values: FloatArray) -> FloatArray:
+        """Length of each element over its nominal length, (n_elements,), at the property `values`."""
+        ratio = np.ones_like(self.lengths)
+        for rows, slope, nominal in zip(self.at, self.slopes, self.nominal, strict=True):
+            ratio = ratio + slope * (values[rows] - nominal) / self.lengths
+        return ratio
+
+
+def node_positions(
+    nodes: Sequence[int], elements: Sequence[ElementSet], positions: Positions
+) -> tuple[NodePosition, ...]:
+    """The line and nominal position of each of the `nodes` whose position is a property, in that order, each once.
+
+    Raises
+    ------
+    InputError
+        If one is not there, has no bar or beam, is a corner of cells, or lines that meet there are not straight.
+    """
+    return tuple(_make_node_position(node, elements, positions) for node in dict.fromkeys(nodes))
+
+
+def _make_node_position(node: int, elements: Sequence[ElementSet], positions: Positions) -> NodePosition:
+    """The line along which `node` may move, from the bars and beams that end there; `InputError` if they are not on a line."""
+    if node not in positions:
+        raise InputError(f"`sliding` names node {node}, which the structure does not have")
+    for element in elements:
+        if element.cells and (element.nodes == node).any():
+            raise InputError(
+                f"node {node} of `sliding` is a corner of cells of {element.name!r}; only bars and beams let it slide"
+            )
+    rows = [row for element in elements if element.is_line for row in element.nodes.tolist() if node in row]
+    before = [row[0] for row in rows if row[1] == node]
+    others = before + [row[1] for row in rows if row[0] == node]
+    if not others:
+        raise InputError(f"node {node} of `sliding` is no end of a bar or beam; name one that is")
+    position, start = positions[node], others[0]
+    length = float(np.linalg.norm(position - positions[start]))
+    direction = (position - positions[start]) / length
+    limit = np.inf
+    for other in others:
+        away = position - positions[other]
+        along = float(away @ direction)
+        if np.linalg.norm(away - along * direction) > _STRAIGHT * np.linalg.norm(away):
+            raise InputError(
+                f"node {node} of `sliding` is where lines to nodes {start} and {other} meet at an angle; it can slide along a"
+                " straight line only"
+            )
+        if along < 0:
+            limit = min(limit, length - along)
+        elif abs(along - length) > _STRAIGHT * length:
+            raise InputError(
+                f"node {node} of `sliding` has two neighbours on one side, {start} and {other}; join it to the nearer"
+            )
+    return NodePosition(node, start, direction, length, limit)
+
+
+def split_by_length_power(
+    name: str, terms_of: Callable[[Positions], Sequence[Term]], positions: Positions
+) -> tuple[Term, ...]:
+    """Terms of bars or beams, with each matrix term split by the power of the element length that it is proportional to.
+
+    Matrices are sums of such powers; they are told apart by lengths that are all twice, four times, half as large and so on.
+
+    Parameters
+    ----------
+    name : str
+        Name of the element set.
+    terms_of : callable
+        The terms on nodes at given positions.
+    positions : mapping of int to position
+    """
+    scales = [2.0**k for k in _POWERS]
+    made = [terms_of({label: scale * place for label, place in positions.items()}) for scale in scales]
+    nominal = made[scales.index(1.0)]
+    if any(matrix_term.shear is not None for term in nominal for matrix_term in term.matrix_terms):
+        raise InputError(f"beams of {name!r} shear, so that no end of theirs can be in `sliding`; leave the shear out")
+    split: dict[int, list[ElementMatrixTerm]] = {}
+    for number, term in enumerate(nominal):
+        for place, matrix_term in enumerate(term.matrix_terms):
+            if id(matrix_term) not in split:
+                split[id(matrix_term)] = _split_by_power(
+                    matrix_term, np.array([terms[number].matrix_terms[place].local for terms in made])
+                )
+    return tuple(
+        replace(term, matrix_terms=[part for matrix_term in term.matrix_terms for part in split[id(matrix_term)]])
+        for term in nominal
+    )
+
+
+def _split_by_power(matrix_term: ElementMatrixTerm, local: FloatArray) -> list[ElementMatrixTerm]:
+    """The parts of a matrix term by powers of the length, from its matrices at every scale (n_scales, n_elements, n, n)."""
+    parts = np.einsum("pk,kenm->penm", _WEIGHTS, local)
+    least = _ROUNDING * np.abs(matrix_term.local).max(axis=(1, 2), keepdims=True)
+    cleaned = [np.where(np.abs(part) > least, part, 0.0) for part in parts]
+    return [
+        replace(matrix_term, local=part, length_power=p) for p, part in zip(_POWERS, cleaned, strict=True) if part.any()
+    ]
+
+
+def _power_weights() -> FloatArray:
+    """Weights that turn matrices at all scales into parts by powers: the inverse of 2^(k p), exact, then rounded."""
+    n = len(_POWERS)
+    rows = [[*(Fraction(2) ** (k * p) for p in _POWERS), *(Fraction(int(k == j)) for j in _POWERS)] for k in _POWERS]
+    for i in range(n):
+        pivot = next(r for r in range(i, n) if rows[r][i])
+        rows[i], rows[pivot] = rows[pivot], rows[i]
+        rows[i] = [x / rows[i][i] for x in rows[i]]
+        for r in range(n):
+            if r != i:
+                rows[r] = [x - rows[r][i] * y for x, y in zip(rows[r], rows[i], strict=True)]
+    return np.array([[float(x) for x in row[n:]] for row in rows])
+
+
+_WEIGHTS = _power_weights()
+
+
+def length_dependence(
+    element: ElementSet, position_of_node: Mapping[int, NodePosition], positions: Positions, places: Mapping[str, int]
+) -> LengthDependence:
+    """The change of lengths of a set with positions of nodes; `places` maps the name of each to the index of its value."""
+    ends = np.array([[positions[int(n)] for n in row] for row in element.nodes])
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    moving_ends = [end for end in (0, 1) if np.isin(element.nodes[:, end], list(position_of_node)).any()]
+    value_index = np.full((len(moving_ends), len(lengths)), next(iter(places.values())))
+    slope, nominal = np.zeros(value_index.shape), np.zeros(value_index.shape)
+    for k, end in enumerate(moving_ends):
+        for e, node in enumerate(element.nodes[:, end].tolist()):
+            if node in position_of_node:
+                node_position = position_of_node[node]
+                away = ends[e, end] - ends[e, 1 - end]
+                value_index[k, e], nominal[k, e] = places[node_position.name], node_position.position
+                slope[k, e] = np.sign(away @ node_position.direction)
+    return LengthDependence(lengths, tuple(value_index), tuple(slope), tuple(nominal))

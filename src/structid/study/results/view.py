@@ -1,0 +1,445 @@
+"""The results view: one answer with its verdict, as console, files, pages and Python show it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+
+from structid.core.display import Overview, Shown, join_words, plural
+from structid.core.quantities import exact, number, percent, prefixed, span_text, with_std, with_unit
+from structid.criticism.held import resting_words
+from structid.criticism.verdict import Cause, Criticism, judged
+from structid.identification.fits.record_fit import RecordFit
+from structid.identification.identified import Identification
+from structid.identification.warning_words import (
+    INCLUDES_MODEL_ERROR,
+    MAY_BE_ZERO,
+    OTHER_MINIMA,
+    estimate_warnings,
+    unidentified_warnings,
+)
+from structid.inversion import Status
+from structid.inversion.diagnostics.bounds import AtBound
+from structid.study.results.changes import largest_changes
+
+#: Parameters of a search without a Jacobian that the view lists, those that moved most.
+MOST_CHANGES = 50
+#: Lines of advice that a reader is shown at once.
+MOST_ADVICE = 5
+#: Length of a first sentence of a verdict that needs the second to say why.
+_SHORT_SENTENCE = 60
+#: Relative standard deviation beyond which a value is weakly determined.
+_WEAK = 0.5
+_BETWEEN_SENTENCES = re.compile(r"(?<=[.?!]) (?=[A-Z])")
+_NEXT_STEPS = {
+    "sound": "Use the values with their intervals.",
+    "approximate": "Use the values with their intervals, which include the model error.",
+    "wrong_model": "Find what is wrong with the model or the record before you use a value: look first at the channels that"
+    " fit worst, then at the changes that were tried.",
+    "undetermined": "Tie, fix or give a prior to what is not determined, or measure at more places and frequencies.",
+    "untested": "Measure more than there are parameters, or tie or fix some of them.",
+}
+_NOT_ALL = "Use the values with their intervals, but not those that the lines below name."
+#: What the verdict says of a value that is not to be relied on.
+_DOUBTFUL = "ot rely on"
+#: Kinds of causes that are choices of the model, which no look at the structure decides.
+_OF_THE_MODEL = ("mesh", "shear", "damping_law", "varies", "untied")
+
+
+@dataclass(frozen=True)
+class ParameterResult:
+    """One parameter as readers see it.
+
+    Attributes
+    ----------
+    name, kind, unit : str
+    initial, value, std : float
+    interval : (float, float)
+        Ends at 95 %; NaN where nothing is known.
+    std_noise, std_model_error, std_tolerances : float
+        Standard deviation from the noise alone, with model error, and from the tolerances of fixed values.
+    state : str
+        ``determined``, ``weakly determined``, ``by prior``, ``at its lower bound``, ``at its upper bound``,
+        ``not determined`` or ``ran away``.
+    identified, ran_away : bool
+    bound : AtBound, optional
+        The bound that it ended at.
+    prior_mean, prior_std, prior_share : float
+        Its own prior, and the part of its variance that stems from priors; NaN where there is none.
+    elements : tuple of str
+    is_own : bool
+        Whether it is one record's own value of a property that varies between records.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    initial: float
+    value: float
+    std: float
+    interval: tuple[float, float]
+    std_noise: float
+    std_model_error: float
+    std_tolerances: float
+    state: str
+    identified: bool
+    ran_away: bool = False
+    bound: AtBound | None = None
+    prior_mean: float = float("nan")
+    prior_std: float = float("nan")
+    prior_share: float = float("nan")
+    elements: tuple[str, ...] = ()
+    is_own: bool = False
+
+    @property
+    def scale(self) -> tuple[float, str]:
+        """A power of 1000 and the unit with its prefix, in which value and initial value have few digits."""
+        return prefixed(self.unit, self.value, self.initial)
+
+    def scaled(self, value: float) -> float:
+        """`value` in the unit with its prefix."""
+        return value / self.scale[0]
+
+    @property
+    def value_text(self) -> str:
+        """Value and standard deviation without their unit; the limit alone at a bound."""
+        if self.bound is not None:
+            return exact(self.scaled(self.value))
+        return with_std(self.scaled(self.value), self.scaled(self.std))
+
+    @property
+    def interval_text(self) -> str:
+        """Both ends of the interval without their unit."""
+        return span_text(*map(self.scaled, self.interval))
+
+    @property
+    def unit_text(self) -> str:
+        """The unit with its prefix and raised powers; empty for a number without unit."""
+        return self.scale[1]
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether nothing but the data was needed to determine it."""
+        return self.state == "determined"
+
+
+@dataclass(frozen=True)
+class ChannelFit:
+    """How well one channel is fitted: medians over its lines of the relative error of the FRF, after and before."""
+
+    record: str
+    output: str
+    input: str
+    error: float
+    initial_error: float
+    index: int
+
+    @property
+    def name(self) -> str:
+        """Sensor and load."""
+        return f"{self.output}/{self.input}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ResultsView(Shown):
+    """All that is shown of an answer, in the order in which a reader needs it.
+
+    Attributes
+    ----------
+    identification : Identification
+    criticism : Criticism
+        Verdict and causes.
+    title : str
+    headline : str
+        The verdict in one or two sentences.
+    next_step : str
+        What to do with the answer.
+    advice : tuple of str
+        What else to do, the most important first.
+    parameters : tuple of ParameterResult
+        All of them; those that moved most where there are very many.
+    channels : tuple of ChannelFit
+        Every sensor with every load of every record of responses.
+    statistics : tuple of (str, str)
+        Rank, misfit and the like: a label and a text.
+    notes : tuple of str
+        What the intervals include, and how they were found.
+    provenance : mapping
+    """
+
+    identification: Identification
+    criticism: Criticism
+    title: str
+    headline: str
+    next_step: str
+    advice: tuple[str, ...]
+    parameters: tuple[ParameterResult, ...]
+    channels: tuple[ChannelFit, ...]
+    statistics: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+    provenance: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> str:
+        """Sound, approximate, wrong_model, undetermined or untested."""
+        return self.criticism.judgement.verdict
+
+    @property
+    def listed(self) -> tuple[ParameterResult, ...]:
+        """The parameters but for the values that single records have of a property that varies."""
+        return tuple(parameter for parameter in self.parameters if not parameter.is_own)
+
+    @property
+    def misfit_ratio(self) -> float:
+        """Root mean square of the residual over what noise and tolerances make of it."""
+        return float(np.sqrt(self.identification.estimate.misfit))
+
+    @property
+    def ranked_channels(self) -> tuple[ChannelFit, ...]:
+        """The channels, the worst fitted first."""
+        return tuple(sorted(self.channels, key=lambda channel: -channel.error))
+
+    def overview(self) -> Overview:
+        """Verdict, next step and one row a parameter."""
+        rows = [
+            (one.name, with_unit(one.value_text, one.unit_text), one.interval_text, one.state) for one in self.listed
+        ]
+        return Overview(f"{self.headline}\n{self.next_step}", ("parameter", "value", "95 % interval", "state"), rows)
+
+
+def results_view(
+    identification: Identification,
+    criticism: Criticism | None = None,
+    title: str = "",
+    provenance: Mapping[str, object] | None = None,
+) -> ResultsView:
+    """An answer as console, files, pages and Python show it.
+
+    Parameters
+    ----------
+    identification : Identification
+    criticism : Criticism, optional
+        Verdict and causes; without it the verdict is made here, and no causes are looked for.
+    title : str
+        Heading.
+    provenance : mapping, optional
+        Versions, digests of input files and settings.
+
+    Returns
+    -------
+    ResultsView
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import structid as sid
+    >>> spring = sid.Spring("spring", ["0X"], ["1X"], stiffness=900.0, loss_factor=0.02)
+    >>> mass = sid.PointMass("mass", [1], 2.0)
+    >>> structure = sid.Structure({0: [0.0], 1: [1.0]}, [mass, spring], ["0X"], active=["X"])
+    >>> unknown = sid.parameters(structure, [sid.Unknown("stiffness", "spring")])
+    >>> lines = sid.FrfRecord(np.linspace(1, 6, 60), np.ones((60, 1, 1), complex), ["1X"], ["1X"], "accelerance")
+    >>> record = sid.simulated_record(structure, unknown, lines, 0.01, np.random.default_rng(1))
+    >>> view = sid.results_view(sid.identify(structure, unknown, record))
+    >>> view.verdict, view.next_step
+    ('sound', 'Use the values with their intervals.')
+    >>> [(one.name, one.state) for one in view.parameters]
+    [('stiffness[spring]', 'determined')]
+    """
+    criticism = criticism or Criticism(judged(identification))
+    sentences = _BETWEEN_SENTENCES.split(criticism.judgement.words)
+    n_headline = 2 if len(sentences[0]) < _SHORT_SENTENCE else 1
+    advice = _advice(identification, criticism, sentences[n_headline:])
+    return ResultsView(
+        identification=identification,
+        criticism=criticism,
+        title=title,
+        headline=" ".join(sentences[:n_headline]),
+        next_step=_next_step(criticism, any(_DOUBTFUL in words for words in advice)),
+        advice=advice,
+        parameters=_parameters(identification),
+        channels=tuple(channel for fit in identification.fits for channel in _channels(fit)),
+        statistics=_statistics(identification),
+        notes=(identification.assumption, *identification.intervals.notes),
+        provenance=dict(provenance or {}),
+    )
+
+
+def _next_step(criticism: Criticism, is_any_doubtful: bool) -> str:
+    verdict = criticism.judgement.verdict
+    if verdict == "wrong_model" and criticism.causes:
+        first = criticism.causes[0]
+        run = f"`structid identify {first.study}`" if first.study else ""
+        if first.kind in _OF_THE_MODEL and run:
+            return f"Run {run}, which has this change."
+        return f"Check on the structure and in the test log whether {first.words}" + (
+            f", and run {run}." if run else "."
+        )
+    return _NOT_ALL if verdict == "approximate" and is_any_doubtful else _NEXT_STEPS[verdict]
+
+
+def _advice(found: Identification, criticism: Criticism, sentences: Sequence[str]) -> tuple[str, ...]:
+    """What to do, in sentences: what the verdict says beyond its headline, causes, and warnings that ask for an act."""
+    estimate = found.estimate
+    lines = list(sentences)
+    if criticism.causes:
+        lines.extend(_alternative(cause) for cause in criticism.causes[1:3])
+    elif criticism.suggestions and criticism.suggestions[0].study:
+        first = criticism.suggestions[0]
+        lines = [f"{line.removesuffix('.')} ({first.study})." if first.words in line else line for line in lines]
+    tests = () if estimate.residual_tests is None else estimate.residual_tests.words
+    elsewhere = {*tests, *unidentified_warnings(estimate), f"{estimate.status_words} ({estimate.message})"}
+    of_estimate = set(estimate_warnings(estimate))
+    acts = [
+        words
+        for words in found.warnings
+        if words not in elsewhere
+        and not any(part in words for part in (INCLUDES_MODEL_ERROR, MAY_BE_ZERO, OTHER_MINIMA))
+    ]
+    lines.extend(sentence(words) for words in acts if words not in of_estimate)
+    flags = zip(estimate.names, estimate.identified, estimate.is_free, strict=True)
+    lost = [name for name, is_identified, is_free in flags if is_free and not is_identified]
+    if lost and estimate.uncertainty.has_matrix:
+        are = "is" if len(lost) == 1 else "are"
+        lines.append(
+            f"{join_words(lost, 4)} {are} not determined: fix or tie, give a prior, or measure where the effect shows."
+        )
+    directions = [f"the data determine {direction.words}" for direction in estimate.identifiability.directions]
+    lines.extend(sentence(words) for words in acts if words in of_estimate and words not in directions[1:])
+    if words := resting_words(criticism.held):
+        lines.append(sentence(words))
+    return tuple(dict.fromkeys(lines))
+
+
+def _alternative(cause: Cause) -> str:
+    run = f" ({cause.study})" if cause.study else ""
+    if cause.is_second:
+        return f"A second change beside the first: {cause.words}{run}."
+    if cause.is_alike:
+        return f"The data cannot distinguish the first change from this one: {cause.words}{run}."
+    return f"Less likely: {cause.words}{run}."
+
+
+def sentence(words: str) -> str:
+    """A clause as a sentence: a capital where it begins with a word, a full stop where it has none."""
+    first = words.split(" ", 1)[0]
+    start = words[0].upper() + words[1:] if first.isalpha() else words
+    return start if start.endswith((".", "?", "!")) else f"{start}."
+
+
+def _parameters(found: Identification) -> tuple[ParameterResult, ...]:
+    estimate = found.estimate
+    n_params = len(estimate.names)
+    chosen = range(n_params) if estimate.uncertainty.has_matrix else largest_changes(estimate, MOST_CHANGES)
+    shares = np.full(n_params, np.nan) if found.prior_share is None else found.prior_share
+    tolerances = np.zeros(n_params) if estimate.fixed is None else np.sqrt(np.diag(estimate.fixed.covariance))
+    bounds = {bound.index: bound for bound in estimate.at_bound}
+    parts = [problem.parameters for problem in found.problems]
+    elements = {name: tuple(own) for part in parts for name, own in zip(part.names, part.elements, strict=True)}
+    states = parameter_states(found)
+    shared = set(found.listed)
+    return tuple(
+        ParameterResult(
+            name=estimate.names[i],
+            kind=estimate.kinds[i],
+            unit=estimate.units[i],
+            initial=float(estimate.initial[i]),
+            value=float(estimate.values[i]),
+            std=float(estimate.std[i]),
+            interval=(float(found.intervals.ends[i, 0]), float(found.intervals.ends[i, 1])),
+            std_noise=float(estimate.std_noise[i]),
+            std_model_error=float(estimate.std_model_error[i]),
+            std_tolerances=float(tolerances[i]),
+            state=states[i],
+            identified=bool(estimate.identified[i]),
+            ran_away=i in found.ran_away,
+            bound=bounds.get(i),
+            prior_mean=float(found.prior_mean[i]),
+            prior_std=float(found.prior_std[i]),
+            prior_share=float(shares[i]),
+            elements=elements.get(estimate.names[i], ()),
+            is_own=i not in shared,
+        )
+        for i in chosen
+    )
+
+
+def parameter_states(found: Identification) -> tuple[str, ...]:
+    """How each parameter is determined; see `ParameterResult.state`."""
+    estimate = found.estimate
+    weak = np.zeros(len(estimate.names), dtype=bool)
+    for direction in estimate.identifiability.directions:
+        weak |= np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
+    has_prior = bool(np.isfinite(found.prior_std).any())
+    states = np.full(len(estimate.names), "determined", dtype=object)
+    states[np.abs(estimate.std) > _WEAK * np.abs(estimate.values)] = "weakly determined"
+    states[weak] = "by prior" if has_prior else "weakly determined"
+    states[list(found.by_prior)] = "by prior"
+    states[~estimate.identified] = "not determined"
+    for bound in estimate.at_bound:
+        states[bound.index] = f"at its {bound.side} bound"
+    states[list(found.ran_away)] = "ran away"
+    return tuple(states.tolist())
+
+
+def _channels(fit: RecordFit) -> list[ChannelFit]:
+    after, before = (
+        np.median(error, axis=0).ravel().tolist() for error in (fit.relative_error, fit.initial_relative_error)
+    )
+    pairs = product(map(str, fit.evaluation.outputs), map(str, fit.evaluation.inputs))
+    return [
+        ChannelFit(fit.name, output, load, error, initial, index)
+        for index, ((output, load), error, initial) in enumerate(zip(pairs, after, before, strict=True))
+    ]
+
+
+def _statistics(found: Identification) -> tuple[tuple[str, str], ...]:
+    estimate = found.estimate
+    is_converged = estimate.status is Status.CONVERGED
+    search = estimate.message if is_converged else f"{estimate.status.value.replace('_', ' ')}: {estimate.message}"
+    rows = [("Search", f"{search}, {plural(estimate.n_iterations, 'iteration')}")]
+    if estimate.uncertainty.has_matrix:
+        identifiability = estimate.identifiability
+        free = " free" if estimate.at_bound else ""
+        rows.append(
+            (
+                "Rank",
+                f"{identifiability.rank} of {identifiability.n_free}{free} parameters, condition number"
+                f" {number(identifiability.condition, 3)}",
+            )
+        )
+    else:
+        of_all = f"{number(estimate.determined, 3)} combinations of {len(estimate.names)} parameters"
+        rows.append(("Rank", f"the data determine {of_all}"))
+    rows.append(("Misfit", estimate.misfit_words.removeprefix("misfit ")))
+    if estimate.degrees_of_freedom > 0:
+        size = f"{number(estimate.chi_square, 4)} with {number(estimate.degrees_of_freedom, 5)} degrees of freedom"
+        rows.append(("Chi-square", f"{size}, probability {number(estimate.chi_square_probability, 2)}"))
+    if estimate.n_starts > 1:
+        rows.append(("Starts", f"{estimate.n_agreeing} of {estimate.n_starts} searches ended at this minimum"))
+    basis = {"noise": "the noise of the data", "model_error": "the residual, so that they include the model error"}
+    rows.append(("Standard deviations from", basis[estimate.covariance_basis]))
+    rows.extend(_fit_rows(found.fits))
+    if found.total_mass > 0:
+        rows.append(("Total mass", f"{with_std(found.total_mass, found.total_mass_std)} kg"))
+    return tuple(rows)
+
+
+def _fit_rows(fits: Sequence[RecordFit]) -> list[tuple[str, str]]:
+    """Median relative error of each record, and the lines that it is taken over."""
+    rows = []
+    for fit in fits:
+        error = percent(float(np.median(fit.relative_error)), 3, signed=False)
+        judged_lines, used_lines = len(fit.evaluation.frequency), len(fit.problem.record.frequency)
+        name = f"Relative error of the FRFs, {fit.name}" if len(fits) > 1 else "Relative error of the FRFs"
+        rows.append(
+            (
+                name,
+                f"median {error} over {judged_lines} lines ({used_lines} of them fitted),"
+                f" {plural(len(fit.evaluation.outputs), 'sensor')}, {plural(len(fit.evaluation.inputs), 'load')}",
+            )
+        )
+    return rows

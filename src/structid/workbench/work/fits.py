@@ -1,0 +1,58 @@
+"""Measured and fitted responses of a results folder, as the page overlays them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.errors import FileError
+from structid.core.json_types import Entry
+from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
+from structid.workbench.work.scene import packed
+
+_FIELDS = ("frequency", "measured", "predicted", "predicted_initial", "outputs", "inputs")
+#: Values of all channels together that are sent at most.
+_MOST_VALUES = 400_000
+
+
+def fitted_responses(folder: Path) -> dict[str, Entry]:
+    """Magnitudes of every channel of the first record, the worst fitted first; no channels where there are no responses.
+
+    Raises
+    ------
+    FileError
+        If estimate.h5 is none of structid's.
+    """
+    path = folder / "estimate.h5"
+    if not path.is_file():
+        return {"channels": []}
+    names = [f"frf/{name}" for name in _FIELDS]
+    present = hdf5_datasets(path)
+    if "frf/frequency" not in present:
+        return {"channels": []}
+    try:
+        found = hdf5_fields(path, names if present.keys() >= set(names) else ())
+        outputs, inputs = (texts_of(found[f"frf/{name}"]) for name in ("outputs", "inputs"))
+        frequency = np.asarray(found["frf/frequency"], dtype=float)
+        shape = (len(frequency), len(outputs) * len(inputs))
+        measured, fitted, initial = (np.asarray(found[f"frf/{name}"]).reshape(shape) for name in _FIELDS[1:4])
+    except (KeyError, ValueError) as error:
+        raise FileError(f"{path}: its responses cannot be used; run the study again") from error
+    size = np.maximum(np.abs(measured), np.finfo(float).tiny)
+    errors = np.median(np.abs(fitted - measured) / size, axis=0)
+    step = max(1, -(-3 * measured.size // _MOST_VALUES))
+    channels = [f"{output}/{load}" for output in outputs for load in inputs]
+    return {
+        "frequency": packed(frequency[::step], np.float64),
+        "channels": [
+            {
+                "name": channels[c],
+                "error": float(errors[c]),
+                "measured": packed(np.abs(measured[::step, c]), np.float32),
+                "fitted": packed(np.abs(fitted[::step, c]), np.float32),
+                "initial": packed(np.abs(initial[::step, c]), np.float32),
+            }
+            for c in np.argsort(-errors, kind="stable").tolist()
+        ],
+    }

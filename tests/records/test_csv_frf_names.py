@@ -1,0 +1,83 @@
+"""Tables of FRFs whose headers name sensors and loads, as a laboratory writes them."""
+
+import numpy as np
+import pytest
+
+from structid.core.errors import FileError, InputError
+from structid.core.units import STANDARD_GRAVITY
+from structid.records.formats import read_record
+from structid.records.formats.csv.layout import CsvLayout
+from structid.records.formats.options import ReadOptions, options_given_as_flags
+
+FREQUENCY = np.arange(1.0, 5.0)
+#: Response of sensor s to load l, in the file's unit.
+VALUES = {(s, load): (10 * s + load) * (1 + 0.1j * s) * FREQUENCY for s in (1, 2, 3) for load in (1, 2)}
+
+
+def table(path, heads):
+    """A table of columns headed by texts, each of (sensor, load, part)."""
+    columns = [
+        np.real(VALUES[s, load]) if part == "re" else np.imag(VALUES[s, load]) for s, load, part in heads.values()
+    ]
+    rows = np.column_stack([FREQUENCY, *columns]).tolist()
+    lines = [",".join(["Frequency [Hz]", *heads]), *(",".join(map(repr, row)) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def heads(form, order):
+    """Headers by `form`, with what their columns hold, in `order` of the loops over sensors, loads and parts."""
+    words = {"re": "Real", "im": "Imaginary"}
+    keys = [(s, load, part) for s in (1, 2, 3) for load in (1, 2) for part in ("re", "im")]
+    return {form.format(s=s, load=load, part=words[part]): (s, load, part) for s, load, part in sorted(keys, key=order)}
+
+
+ORDERS = {
+    "sensors first": lambda key: (key[0], key[1], key[2] != "re"),
+    "loads first": lambda key: (key[1], key[0], key[2] != "re"),
+    "parts first": lambda key: (key[2] != "re", key[0], key[1]),
+}
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize(
+    "form", ["A{s}/H{load} (g/N) {part}", "A{s}/H{load} [g/N] {part}", "H{load}/A{s} (g/N) {part}"]
+)
+def test_columns_are_read_by_their_names_in_any_order(tmp_path, form, order):
+    options = ReadOptions(outputs=("1X", "2X", "3X"), inputs=("1X", "2X"))
+    record = read_record(table(tmp_path / "lab.csv", heads(form, ORDERS[order])), options)
+    assert record.kind == "accelerance"
+    for (s, load), values in VALUES.items():
+        i, j = (
+            [str(dof)[0] for dof in record.outputs].index(str(s)),
+            [str(dof)[0] for dof in record.inputs].index(str(load)),
+        )
+        np.testing.assert_allclose(record.values[:, i, j], values * STANDARD_GRAVITY, rtol=1e-12)
+
+
+@pytest.mark.parametrize("order", ["loads first", "parts first"])
+def test_parts_that_contradict_the_headers_are_refused(tmp_path, order):
+    path = table(tmp_path / "lab.csv", heads("A{s}/H{load} (g/N) {part}", ORDERS[order]))
+    options = ReadOptions(
+        outputs=("1X", "2X", "3X"), inputs=("1X", "2X"), unit="g/N", csv=CsvLayout(parts=("re", "im"))
+    )
+    with pytest.raises((FileError, InputError), match="the header contradicts `parts`, `outputs` and `inputs`"):
+        read_record(path, options)
+
+
+def test_parts_that_agree_with_the_headers_are_read(tmp_path):
+    path = table(tmp_path / "lab.csv", heads("A{s}/H{load} (g/N) {part}", ORDERS["sensors first"]))
+    options = ReadOptions(
+        outputs=("1X", "2X", "3X"), inputs=("1X", "2X"), unit="g/N", csv=CsvLayout(parts=("re", "im"))
+    )
+    record = read_record(path, options)
+    np.testing.assert_allclose(record.values[:, 2, 1], VALUES[3, 2] * STANDARD_GRAVITY, rtol=1e-12)
+
+
+def test_hints_name_what_the_reader_can_give(tmp_path):
+    path = tmp_path / "lab.csv"
+    path.write_text("made by a logger\non a day\ntime_s,1X [m/s^2]\n0.0,1.0\n0.1,2.0\n", encoding="utf-8")
+    with pytest.raises(FileError, match=r"give `skip_rows = 2` in \[record.csv\]"):
+        read_record(path)
+    with options_given_as_flags(), pytest.raises(FileError, match="give --csv-skip-rows 2"):
+        read_record(path)

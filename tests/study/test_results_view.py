@@ -1,0 +1,132 @@
+"""The results view: what console, files and pages say alike."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from structid.cli.console import identification_summary
+from structid.core.json_types import json_text
+from structid.criticism.verdict import Cause, Criticism, Judgement
+from structid.report.identification.page import report_page
+from structid.study.results.folder import estimate_summary
+from structid.study.results.view import MOST_ADVICE, ParameterResult, parameter_states, results_view, sentence
+from structid.study.run.run import run_study
+from structid.study.schema.study import load_study
+from study_cases import RIGID, rigid_record, write_chain
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return run_study(load_study(write_chain(tmp_path_factory.mktemp("study"))))
+
+
+@pytest.fixture(scope="module")
+def rigid(tmp_path_factory):
+    """A chain of which only the sum of two masses is determined."""
+    return run_study(load_study(write_chain(tmp_path_factory.mktemp("rigid"), RIGID, rigid_record())))
+
+
+def texts(parts) -> str:
+    return "\n".join(getattr(part, "plain", "") for part in parts)
+
+
+def test_console_json_and_page_say_the_same(result):
+    view, summary = result.view, json.loads(json_text(estimate_summary(result)))
+    page = report_page(result.identification, criticism=view.criticism).text
+    assert summary["headline"] == view.headline
+    assert summary["next_step"] == view.next_step
+    assert view.headline in page
+    assert view.next_step in page
+    assert view.headline in texts(identification_summary(result))
+    for told, parameter in zip(summary["parameters"], view.parameters, strict=True):
+        assert told["state"] == parameter.state
+        assert told["value"] == parameter.value
+        assert parameter.value_text in page
+        assert told["text"].startswith(parameter.value_text)
+
+
+def test_values_have_their_unit_with_a_prefix_and_no_digit_beyond_their_deviation():
+    nothing = float("nan")
+    stiff = ParameterResult(
+        "k", "stiffness", "N/m", 1e5, 123456.0, 2345.0, (118859.0, 128052.0), 1.0, 1.0, 0.0, "", True
+    )
+    assert (stiff.value_text, stiff.interval_text, stiff.unit_text) == ("123.5 ± 2.3", "118.86 to 128.05", "kN/m")
+    light = replace(stiff, unit="kg", initial=0.1, value=0.125, std=nothing, interval=(0.1, np.inf))
+    assert (light.value_text, light.interval_text) == ("0.1250 ± not determined", "above 0.1000, no upper limit")
+
+
+def test_states_say_how_each_parameter_is_determined(result, rigid):
+    assert set(parameter_states(result.identification)) == {"determined"}
+    states = dict(zip(rigid.estimate.names, parameter_states(rigid.identification), strict=True))
+    lost = {name for name, known in zip(rigid.estimate.names, rigid.estimate.identified, strict=True) if not known}
+    assert lost
+    assert {name for name, state in states.items() if state == "not determined"} == lost
+    away = replace(result.identification, ran_away=(1,))
+    assert parameter_states(away)[1] == "ran away"
+
+
+def test_what_is_not_determined_is_advised_on_once(rigid):
+    told = [words for words in rigid.view.advice if "not determined" in words]
+    assert len(told) == 1
+    assert told[0].endswith("fix or tie, give a prior, or measure where the effect shows.")
+    assert sum(words.startswith("The data determine") for words in rigid.view.advice) == 1
+
+
+def judged(result, words, verdict="wrong_model", **named):
+    return results_view(result.identification, Criticism(Judgement(verdict, words), **named))
+
+
+def test_a_verdict_has_one_sentence_or_the_second_that_says_why(result):
+    view = judged(result, "Wrong model: do not use the values. The misfit is 3.4 times the noise. It is not all.")
+    assert view.headline == "Wrong model: do not use the values. The misfit is 3.4 times the noise."
+    assert view.advice[0] == "It is not all."
+    long = "Approximate: the misfit is 2.1 times the assumed noise (10 % of each value); the intervals include it."
+    assert judged(result, f"{long} Do not rely on k.", "approximate").headline == long
+
+
+def test_the_next_step_names_the_first_cause_and_its_study(result):
+    cause = Cause("support", ("9Y",), "the support 9Y is flexible", 0.99, 1.0, study="suggestions/1-support-9Y.toml")
+    other = replace(cause, words="the support 8Y is flexible", is_alike=True, study="suggestions/2-support-8Y.toml")
+    view = judged(result, "Wrong model: do not use the values. Why.", causes=(cause, other))
+    assert view.next_step == (
+        "Check on the structure and in the test log whether the support 9Y is flexible, and run"
+        " `structid identify suggestions/1-support-9Y.toml`."
+    )
+    assert "The data cannot distinguish the first change from this one: the support 8Y is flexible" in view.advice[0]
+    meshed = replace(cause, kind="mesh", words="the mesh is too coarse")
+    told = judged(result, "Wrong model: do not use the values. Why.", causes=(meshed,))
+    assert told.next_step.startswith("Run `structid identify suggestions/")
+    shown = SimpleNamespace(view=told, solver=None)
+    assert "Run `structid identify out/suggestions/" in texts(identification_summary(shown, False, "out"))
+
+
+def test_changes_that_explain_nothing_do_not_stand_under_cause(result):
+    change = Cause("appendage", ("3X",), "a local resonance acts at 3X", 0.2, 3.0, study="suggestions/1.toml")
+    words = (
+        "Approximate: the misfit is twice the noise that the record states for all its channels. A change would help."
+    )
+    criticism = Criticism(Judgement("approximate", words), suggestions=(change,), n_tried=40)
+    page = report_page(result.identification, criticism=criticism).text
+    assert "<h2>Cause</h2>" not in page
+    assert "Changes that lower the misfit without explaining it" in page
+    caused = report_page(result.identification, criticism=replace(criticism, causes=(change,), suggestions=())).text
+    assert "<h2>Cause</h2>" in caused
+
+
+def test_no_more_advice_is_printed_than_a_reader_takes_in(result):
+    words = " ".join(["Undetermined: the data do not determine every parameter of this long model.", *["Act."] * 9])
+    noted = replace(result.identification, warnings=tuple(f"note {i}" for i in range(9)))
+    view = results_view(noted, Criticism(Judgement("undetermined", words)))
+    assert len(view.advice) > MOST_ADVICE
+    printed = texts(identification_summary(SimpleNamespace(view=view, solver=None)))
+    assert printed.count("\n- ") == MOST_ADVICE
+
+
+def test_clauses_become_sentences_but_names_keep_their_letters():
+    assert sentence("the mesh is coarse") == "The mesh is coarse."
+    assert sentence("mass[a] ran away") == "mass[a] ran away."

@@ -1,0 +1,62 @@
+"""Words that a new reader does not understand are in no message, page or document."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+#: What readers stumbled over, each with what is written in its place.
+REPLACED = {
+    "half-bandwidths?": "half its resonance width",
+    "no further decrease is promised": "the search has converged",
+    "pole-free": "bounded residual",
+    "decay [0-9.]+ omega": "smoothed FRFs",
+    "condition ind(ex|ices)": "are correlated",
+    "is not white": "has an order that noise has not",
+    "swings of its own": "a local resonance that the model lacks",
+    "of its deviations": "standard deviations",
+    "family-wise": "joint risk",
+    "beside the next": "after the next",
+    "second causes": "second changes",
+    "the drive": "the force",
+    "the intervals carry": "the intervals include",
+    "not told from 0": "is not significantly different from 0",
+    "rest on\\*": "sensitivity to fixed values",
+}
+PATTERN = re.compile("|".join(f"({words})(?![a-z])" for words in REPLACED), re.IGNORECASE)
+PAGES = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "src" / "structid" / "report" / "templates").glob("*.j2")),
+    *sorted((ROOT / "src" / "structid" / "workbench" / "static").rglob("*.js")),
+]
+
+
+def messages(path: Path) -> list[str]:
+    """String constants of a module that are no docstrings."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    bodies = [node.body for node in ast.walk(tree) if isinstance(getattr(node, "body", None), list)]
+    bare = {id(line.value) for body in bodies for line in body if isinstance(line, ast.Expr)}
+    texts = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    return [node.value for node in texts if id(node) not in bare]
+
+
+def test_the_pattern_sees_them():
+    assert PATTERN.search("0.42 half-bandwidths off")
+    assert PATTERN.search("decay 0.7 omega search")
+    assert not PATTERN.search("the driver leaves")
+
+
+def test_no_message_has_them():
+    modules = sorted((ROOT / "src" / "structid").rglob("*.py"))
+    assert len(modules) > 100
+    told = [(path.name, text) for path in modules for text in messages(path) if PATTERN.search(text)]
+    assert told == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_no_page_has_them(page):
+    lines = page.read_text(encoding="utf-8").splitlines()
+    assert [line for line in lines if PATTERN.search(line)] == []
