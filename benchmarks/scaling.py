@@ -1,6 +1,6 @@
 """Time and peak memory against elements, samples, frequencies, parameters and channels, measured.
 
-    python benchmarks/scaling.py --out FOLDER [--quick] [--only LAW]
+    python benchmarks/scaling.py --out FOLDER [--quick] [--only LAW] [--points N]
 
 Every point runs in a process of its own on one thread: processor time of the work, and how far it raised the largest
 resident memory of the process over what interpreter, libraries and a tiny run of the same kind had taken. The slopes
@@ -63,6 +63,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for scaling.json and scaling.png")
     parser.add_argument("--quick", action="store_true", help="three small sizes a law")
     parser.add_argument("--only", action="append", choices=[law.name for law in LAWS], help="one law; repeatable")
+    parser.add_argument("--points", type=int, help="the first so many sizes of each law, at least two")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     begun = time.perf_counter()
@@ -71,7 +72,7 @@ def main() -> None:
     for law in LAWS:
         if given.only and law.name not in given.only:
             continue
-        results.append(result_of(law, law.quick if given.quick else law.sizes))
+        results.append(result_of(law, (law.quick if given.quick else law.sizes)[: given.points]))
     seconds = time.perf_counter() - begun
     print(f"{seconds:.0f} s")
     from all import machine  # after the runs: it loads NumPy

@@ -7,6 +7,7 @@ benchmarks/accuracy/expanded_shapes.py
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,13 +86,18 @@ def coverage(
 
 
 def main() -> None:
-    model = grid(26, 13, 10, 60)
-    print(f"{model.mass.shape[0]} degrees of freedom, 10 sensors, 4 shapes, 200 repeats")
+    """Print a row a case."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=200)
+    parser.add_argument("--nodes", type=int, nargs=2, default=(26, 13), help="nodes along and across the grid")
+    chosen = parser.parse_args()
+    model = grid(*chosen.nodes, 10, 60)
+    print(f"{model.mass.shape[0]} degrees of freedom, 10 sensors, 4 shapes, {chosen.repeats} repeats")
     for word, is_dynamic in (("SEREP", False), ("dynamic", True)):
         for noise, error in ((0.02, 0.0), (0.02, 0.01), (0.001, 0.01), (0.02, 0.02), (0.001, 0.02), (0.001, 0.03)):
             if is_dynamic and error == 0:
                 continue
-            found, std = coverage(model, 4, noise, error, is_dynamic, 200, 1)
+            found, std = coverage(model, 4, noise, error, is_dynamic, chosen.repeats, 1)
             print(
                 f"{word}: noise {100 * noise:g} %, error of the model {100 * error:g} %: {100 * found:.1f} % of the 95 % intervals"
                 f" hold the truth, median deviation {100 * std:.2g} % of the largest entry"

@@ -61,8 +61,12 @@ def main() -> None:
     parser.add_argument("--stride", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
     chosen = parser.parse_args()
-    with ProcessPoolExecutor(chosen.workers) as pool:
-        results = list(pool.map(repeat, [(seed, chosen.stride) for seed in range(chosen.repeats)]))
+    tasks = [(seed, chosen.stride) for seed in range(chosen.repeats)]
+    if chosen.workers == 1:
+        results = [repeat(task) for task in tasks]
+    else:
+        with ProcessPoolExecutor(chosen.workers) as pool:
+            results = list(pool.map(repeat, tasks))
     errors = np.array([r[0] for r in results])
     inside = np.abs(errors) <= 1.959964
     print(

@@ -12,6 +12,7 @@ model.
 
 from __future__ import annotations
 
+import argparse
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -136,11 +137,14 @@ def shares(found: sid.StudyResult) -> list[tuple[float, float]]:
 
 def main() -> None:
     """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--variants", type=int, help="the first so many updated models only")
+    chosen = parser.parse_args()
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         columns = {one.name: before(study_of(one, folder / one.name)) for one in BEFORE}
-        results = {one.name: sid.run_study(study_of(one, folder / one.name)) for one in AFTER}
+        results = {one.name: sid.run_study(study_of(one, folder / one.name)) for one in AFTER[: chosen.variants]}
     columns["updated"] = after(results["updated"])
     print(f"{'mode':<28}{'published Hz':>13}" + "".join(f"{name:>22}" for name in columns) + f"{'MAC':>7}")
     for published, name in NAMES.items():

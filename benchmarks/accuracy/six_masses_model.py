@@ -28,6 +28,7 @@ from structid.inversion.comparison.comparison import Comparison, compare_jointly
 from structid.inversion.comparison.states import LATER, states_problem
 from structid.inversion.problem import DataRows
 from structid.inversion.search.work import ALONE
+from structid.unknowns.tolerances import EXACT
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "beam_six_masses_frf" / "frf.npz"
 LENGTH, THICKNESS = 0.38, 4.75e-3
@@ -226,6 +227,15 @@ class ResonanceProblem(RecordProblem):
         return Linearization(residual, np.concatenate([rows, prior_slope * slope]))
 
 
+@dataclass(frozen=True)
+class ListOfFrequencies:
+    """What the search asks of a record besides its problem."""
+
+    name: str
+    own_estimator: str = ""
+    calibration: float = 0.0
+
+
 def problems(state: str, arrangements: Iterable[int], model: Model) -> list[ResonanceProblem]:
     """One an arrangement."""
     made = []
@@ -249,8 +259,9 @@ def fitted(state: str, arrangements: Iterable[int], model: Model) -> sid.Estimat
 
 def answer(parts: Sequence[ResonanceProblem], titles: Sequence[str]) -> Answer:
     """All of them in one fit, with what varies among them."""
-    options = sid.IdentifyOptions(restarts=0, pole_free_start=False)
-    return answered((), harmonize_shared_parameters(parts, titles), options, None, ALONE)
+    options = sid.IdentifyOptions(restarts=0, pole_free_start=False, tolerances=EXACT)
+    records = [ListOfFrequencies(title) for title in titles]
+    return answered(records, harmonize_shared_parameters(parts, titles), options, None, ALONE)
 
 
 def scatter(found: sid.Estimate, state: str, arrangements: Iterable[int], model: Model) -> np.ndarray:

@@ -43,14 +43,14 @@ def test_a_process_that_ends_within_its_answer_is_lost_and_not_waited_for(one, m
         one.submit(bytes, 50_000_000).result(60)
 
 
-def test_calls_are_shared_by_processes_and_what_has_not_begun_is_cancelled():
+def test_calls_are_shared_by_processes_and_what_has_not_begun_is_cancelled(tmp_path):
     two = PipedProcesses(2)
     before = {child.pid for child in psutil.Process().children(recursive=True)}
-    numbers = {call.result(60) for call in [two.submit(_number_later, 0.3) for _ in range(6)]}
+    numbers = {call.result(60) for call in [two.submit(_number_beside_another, tmp_path) for _ in range(6)]}
     assert len(numbers) == 2
     assert not numbers & before
-    slow, late = [two.submit(time.sleep, 600) for _ in range(2)], two.submit(abs, -1)
-    time.sleep(0.3)
+    slow, late = [two.submit(_begun, tmp_path / f"begun {k}") for k in range(2)], two.submit(abs, -1)
+    _wait_for_two(tmp_path, "begun *")
     two.shutdown(wait=True)
     for call in slow:
         with pytest.raises(ProcessLostError):
@@ -60,6 +60,20 @@ def test_calls_are_shared_by_processes_and_what_has_not_begun_is_cancelled():
     assert not any(psutil.pid_exists(number) for number in numbers)
 
 
-def _number_later(seconds):
-    time.sleep(seconds)
+def _wait_for_two(folder, pattern):
+    end = time.monotonic() + 300
+    while len(list(folder.glob(pattern))) < 2:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def _number_beside_another(folder):
+    """The number of this process, once another one has a call too."""
+    (folder / f"process {os.getpid()}").touch()
+    _wait_for_two(folder, "process *")
     return os.getpid()
+
+
+def _begun(path):
+    path.touch()
+    time.sleep(600)

@@ -247,7 +247,7 @@ def _from_next(
     explanation: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
 ) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
-    further = _beside(first, work, "beside the next, second ", budget)
+    further = _beside(first, work, "second changes beside the next, ", budget)
     return _led_by(explanation, first, further) if _is_better(further, second) else None
 
 

@@ -462,7 +462,7 @@ def _judged(
     if moving is not None:
         change, shift = moving
         words = (
-            f"Wrong model: {misfit}, and the change that lowers it most would move {shift.name} by {shift.distance:.2g} of its"
+            f"Wrong model: {misfit}, and the change that lowers it most would move {shift.name} by {shift.distance:.2g} standard"
             f" deviations: {change.words}. It removes {100 * change.share:.0f} % and leaves"
             f" {np.sqrt(change.chi_square_per_dof):.2g} times the noise, so that it is not the cause, or not alone: do not use"
             f" the values.{also}"

@@ -15,12 +15,11 @@ from structid.identification.identified import Identification
 from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.model_error import ModelError
+from structid.prediction.options import N_DRAWS
 from structid.prediction.quantities import Evaluator, Frf, Quantity
 from structid.unknowns import Parameters
 
 LEVEL = 0.95
-#: Random models behind a band.
-N_DRAWS = 400
 #: Standard deviations off at which motions are put into a basis, and how many independent errors are.
 _OFF, _MOST_POINTS = 2.0, 12
 _FEWEST = 50

@@ -9,9 +9,7 @@ import typer
 
 from structid.cli.base import say
 from structid.core.errors import FileError, InputError
-from structid.fem.importers import FORMATS as MATRIX_FORMATS
-from structid.study.results.stored_model import stored_model, stored_study
-from structid.study.run.exporting import ExportOptions, export_matrices, export_state_space
+from structid.prediction.options import ExportOptions
 
 
 def export(
@@ -40,6 +38,10 @@ def export(
       structid export beam_results --state-space beam.npz --loads 8Y --sensors 8Y --band 0.5 60 --sampling-rate 500 --draws 50
       structid export frame_results --matrices frame.op4
     """
+    from structid.fem.importers import FORMATS as MATRIX_FORMATS  # the help needs none of these
+    from structid.study.results.stored_model import stored_model, stored_study
+    from structid.study.run.exporting import export_matrices, export_state_space
+
     if state_space is None and matrices is None:
         suffixes = ", ".join(sorted({suffix for module in MATRIX_FORMATS for suffix in module.SUFFIXES}))
         raise InputError(f"say what to write: --state-space FILE (.mat, .npz, .h5) or --matrices FILE ({suffixes})")

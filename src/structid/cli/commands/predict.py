@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from structid.cli.base import Png, Report, beside_call, check_png, results_folder, say
-from structid.cli.tables import show
 from structid.core.errors import InputError
-from structid.core.json_types import json_text
-from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Change, Remove, Scale
-from structid.report.prediction import prediction_page, prediction_text
-from structid.study.results.folder import staged_folder
-from structid.study.run.predicting import (
-    PREDICTION_PAGE,
-    PredictOptions,
-    predict_study,
-    prediction_csv,
-    prediction_summary,
-)
+from structid.prediction.options import PredictOptions
+
+if TYPE_CHECKING:
+    from structid.prediction.changes import Change
 
 Results = Annotated[Path, typer.Argument(metavar="RESULTS", help="Results folder of `structid identify`.")]
 StudyOption = Annotated[
@@ -59,6 +51,12 @@ def predict(
       structid predict bridge_results --sensors 12Y --mass 500@12 --scale "bending_stiffness[deck]=1.1"
       structid predict tower_results --sensors 40X --damper 800,0.62,0.12@40X
     """
+    from structid.cli.tables import show  # the help needs none of these
+    from structid.core.json_types import json_text
+    from structid.report.prediction import prediction_page, prediction_text
+    from structid.study.results.folder import staged_folder
+    from structid.study.run.predicting import PREDICTION_PAGE, predict_study, prediction_csv, prediction_summary
+
     check_png(report, png)
     changes = _changes(mass or (), scale or (), damper or (), support or (), remove or ())
     found = predict_study(results, options, changes, study)
@@ -82,6 +80,8 @@ def _changes(
     removed: list[str] | tuple[()],
 ) -> list[Change]:
     """The changes that flags describe, in the order of their kinds."""
+    from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Remove, Scale
+
     changes: list[Change] = []
     for text in masses:
         kg, at, node = text.partition("@")

@@ -8,12 +8,8 @@ from typing import Annotated
 import typer
 
 from structid.cli.base import beside_call, results_folder, say
-from structid.cli.tables import show
-from structid.core.json_types import json_text
+from structid.prediction.options import SenseOptions
 from structid.records import ReadOptions
-from structid.report.sensing import sensing_text
-from structid.study.results.folder import staged_folder
-from structid.study.run.sensing import SenseOptions, sense_record, sensed_csv, sensed_summary
 
 
 def sense(
@@ -36,6 +32,12 @@ def sense(
       structid sense bridge_results traffic.csv --wanted 12Y,14Y --unknown 5Y,9Y --correlation-time 0.2
       structid sense tower_results wind.h5 --wanted 40X --unknown 10X,20X,30X --correlation-time 1 --leave-out 30X
     """
+    from structid.cli.tables import show  # the help needs none of these
+    from structid.core.json_types import json_text
+    from structid.report.sensing import sensing_text
+    from structid.study.results.folder import staged_folder
+    from structid.study.run.sensing import sense_record, sensed_csv, sensed_summary
+
     found = sense_record(results, record, read, options, study)
     folder = out if out is not None else beside_call(f"{results.name}_sensed")
     with staged_folder(folder, "") as staged:

@@ -2,57 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
-from structid.core.constraints import Limits, require_declared
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem.importers import ImportedMatrix, write_matrices
 from structid.files import atomic_write
 from structid.prediction.identified_model import IdentifiedModel
+from structid.prediction.options import ExportOptions
 from structid.prediction.state_space import state_space
 
 #: Names of the matrices, as programs of finite elements call those of an analysis set, and the laws that they enter by.
 _MATRICES = {"MAA": "inertia", "BAA": "viscous", "KAA": "elastic", "K4AA": "structural"}
-
-
-@dataclass(frozen=True)
-class ExportOptions:
-    """What state equations are of.
-
-    Parameters
-    ----------
-    sensors, loads : str
-        Degrees of freedom of outputs and of inputs, with commas between.
-    band : tuple of float, optional
-        Lowest and highest frequency, Hz, in which the equations hold.
-    motion : str
-        Of the outputs: displacement, velocity or acceleration.
-    order : int, optional
-        Number of states; the fewest that keep to `error` by default.
-    error : float
-        Largest error of FRFs in the band, in parts of the largest.
-    sampling_rate : float, optional
-        Equations from sample to sample; continuous time by default.
-    draws : int
-        Models within the uncertainty whose equations are written too.
-    """
-
-    sensors: str = ""
-    loads: str = ""
-    band: tuple[float, float] | None = None
-    motion: str = "acceleration"
-    order: int | None = None
-    error: Annotated[float, Limits(above=0)] = 0.01
-    sampling_rate: float | None = None
-    draws: Annotated[int, Limits(least=0)] = 0
-
-    def __post_init__(self) -> None:
-        require_declared(self)
 
 
 def export_state_space(model: IdentifiedModel, options: ExportOptions, path: Path) -> str:

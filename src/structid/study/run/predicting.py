@@ -7,78 +7,21 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
-from structid.core.constraints import Limits, require_declared
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Entry
-from structid.core.units import FrfKind
 from structid.prediction.changes import Change, changed_model
-from structid.prediction.predict import (
-    N_DRAWS,
-    PredictedChange,
-    Prediction,
-    predict,
-    predict_change,
-)
+from structid.prediction.options import PredictOptions
+from structid.prediction.predict import PredictedChange, Prediction, predict, predict_change
 from structid.prediction.quantities import Frf, History, Maxima, NaturalModes, Quantity
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.study.results.stored_model import stored_loads, stored_model, stored_study
 from structid.study.schema.study import Study
 
 PREDICTION_PAGE = "prediction.html"
-_KINDS: dict[str, FrfKind] = {"receptance": "receptance", "mobility": "mobility", "accelerance": "accelerance"}
-
-
-@dataclass(frozen=True)
-class PredictOptions:
-    """What is predicted.
-
-    Parameters
-    ----------
-    sensors : str
-        Degrees of freedom whose motion is predicted, with commas between: `401X+,12Z`.
-    loads : str
-        Degrees of freedom at which unit forces act, with commas between; those of the measured record by default.
-    kind : str
-        Of the FRFs: receptance, mobility or accelerance.
-    band : tuple of float, optional
-        Lowest and highest frequency, Hz; the fitted band by default.
-    lines : int
-        Number of frequencies.
-    history : Path, optional
-        File of measured or designed forces, as a record: the motion that they cause from rest is predicted too.
-    motion : str
-        Of that history: displacement, velocity or acceleration.
-    modes : int
-        Number of natural modes.
-    draws : int
-        Models within the uncertainty behind each band.
-    seed : int
-        Of those models.
-    """
-
-    sensors: str = ""
-    loads: str = ""
-    kind: str = "accelerance"
-    band: tuple[float, float] | None = None
-    lines: Annotated[int, Limits(least=2)] = 400
-    history: Path | None = None
-    motion: str = "acceleration"
-    modes: Annotated[int, Limits(least=1)] = 8
-    draws: Annotated[int, Limits(least=50)] = N_DRAWS
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Check each option; `InputError` for an unknown kind or a band that is none."""
-        require_declared(self)
-        if self.kind not in _KINDS:
-            raise InputError(f"`kind` must be one of {', '.join(_KINDS)}, got {self.kind!r}", "kind")
-        if self.band is not None and not 0 < self.band[0] < self.band[1]:
-            raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {self.band}", "band")
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +80,7 @@ def predict_study(
     if sensors:
         loads = parse_dofs(_texts(options.loads) or stored_loads(folder))
         band = options.band or source.options.band or _no_band(source)
-        frf = of(Frf(sensors, loads, np.linspace(*band, options.lines), _KINDS[options.kind]))
+        frf = of(Frf(sensors, loads, np.linspace(*band, options.lines), options.kind))
     if options.history is not None:
         if not sensors:
             raise InputError("`sensors` must name where the motion under `history` is wanted, got none", "sensors")

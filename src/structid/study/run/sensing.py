@@ -4,56 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from structid.core.errors import InputError
 from structid.core.json_types import Entry
+from structid.prediction.options import SenseOptions
 from structid.prediction.virtual_sensing import SensedMotion, UnknownForces, sense
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.records.record import QUANTITY_UNITS
 from structid.study.results.stored_model import stored_model, stored_study
-
-
-@dataclass(frozen=True)
-class SenseOptions:
-    """What is told from a record.
-
-    Parameters
-    ----------
-    wanted : str
-        Degrees of freedom whose motion is wanted, with commas between.
-    motion : str
-        displacement, velocity or acceleration.
-    unknown : str
-        Degrees of freedom at which forces act that were not measured, with commas between.
-    correlation_time : float, optional
-        Time, s, over which these forces forget themselves; needed with `unknown`.
-    force_std : float, optional
-        Standard deviation of these forces, N; the likeliest by default.
-    leave_out : str
-        Sensors that are not used but compared, with commas between.
-    draws : int
-        Models within the uncertainty.
-    """
-
-    wanted: str = ""
-    motion: str = "displacement"
-    unknown: str = ""
-    correlation_time: float | None = None
-    force_std: float | None = None
-    leave_out: str = ""
-    draws: int = 20
-
-    def __post_init__(self) -> None:
-        if self.unknown and self.correlation_time is None:
-            raise InputError(
-                "`correlation_time` must be given with `unknown`: the time, s, over which the forces forget themselves, such as 0.1"
-                " for traffic",
-                "correlation_time",
-            )
 
 
 def sense_record(

@@ -1,0 +1,133 @@
+"""What is predicted, sensed and exported, as the flags of the commands say it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from structid.core.constraints import Limits, require_declared
+from structid.core.errors import InputError
+
+#: Models within the uncertainty behind a band.
+N_DRAWS = 400
+
+
+@dataclass(frozen=True)
+class PredictOptions:
+    """What is predicted.
+
+    Parameters
+    ----------
+    sensors : str
+        Degrees of freedom whose motion is predicted, with commas between: `401X+,12Z`.
+    loads : str
+        Degrees of freedom at which unit forces act, with commas between; those of the measured record by default.
+    kind : str
+        Of the FRFs: receptance, mobility or accelerance.
+    band : tuple of float, optional
+        Lowest and highest frequency, Hz; the fitted band by default.
+    lines : int
+        Number of frequencies.
+    history : Path, optional
+        File of measured or designed forces, as a record: the motion that they cause from rest is predicted too.
+    motion : str
+        Of that history: displacement, velocity or acceleration.
+    modes : int
+        Number of natural modes.
+    draws : int
+        Models within the uncertainty behind each band.
+    seed : int
+        Of those models.
+    """
+
+    sensors: str = ""
+    loads: str = ""
+    kind: Literal["receptance", "mobility", "accelerance"] = "accelerance"
+    band: tuple[float, float] | None = None
+    lines: Annotated[int, Limits(least=2)] = 400
+    history: Path | None = None
+    motion: str = "acceleration"
+    modes: Annotated[int, Limits(least=1)] = 8
+    draws: Annotated[int, Limits(least=50)] = N_DRAWS
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Check each option; `InputError` for an unknown kind or a band that is none."""
+        require_declared(self)
+        if self.band is not None and not 0 < self.band[0] < self.band[1]:
+            raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {self.band}", "band")
+
+
+@dataclass(frozen=True)
+class SenseOptions:
+    """What is told from a record.
+
+    Parameters
+    ----------
+    wanted : str
+        Degrees of freedom whose motion is wanted, with commas between.
+    motion : str
+        displacement, velocity or acceleration.
+    unknown : str
+        Degrees of freedom at which forces act that were not measured, with commas between.
+    correlation_time : float, optional
+        Time, s, over which these forces forget themselves; needed with `unknown`.
+    force_std : float, optional
+        Standard deviation of these forces, N; the likeliest by default.
+    leave_out : str
+        Sensors that are not used but compared, with commas between.
+    draws : int
+        Models within the uncertainty.
+    """
+
+    wanted: str = ""
+    motion: str = "displacement"
+    unknown: str = ""
+    correlation_time: float | None = None
+    force_std: float | None = None
+    leave_out: str = ""
+    draws: int = 20
+
+    def __post_init__(self) -> None:
+        if self.unknown and self.correlation_time is None:
+            raise InputError(
+                "`correlation_time` must be given with `unknown`: the time, s, over which the forces forget themselves, such as 0.1"
+                " for traffic",
+                "correlation_time",
+            )
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What state equations are of.
+
+    Parameters
+    ----------
+    sensors, loads : str
+        Degrees of freedom of outputs and of inputs, with commas between.
+    band : tuple of float, optional
+        Lowest and highest frequency, Hz, in which the equations hold.
+    motion : str
+        Of the outputs: displacement, velocity or acceleration.
+    order : int, optional
+        Number of states; the fewest that keep to `error` by default.
+    error : float
+        Largest error of FRFs in the band, in parts of the largest.
+    sampling_rate : float, optional
+        Equations from sample to sample; continuous time by default.
+    draws : int
+        Models within the uncertainty whose equations are written too.
+    """
+
+    sensors: str = ""
+    loads: str = ""
+    band: tuple[float, float] | None = None
+    motion: str = "acceleration"
+    order: int | None = None
+    error: Annotated[float, Limits(above=0)] = 0.01
+    sampling_rate: float | None = None
+    draws: Annotated[int, Limits(least=0)] = 0
+
+    def __post_init__(self) -> None:
+        require_declared(self)
