@@ -239,7 +239,7 @@ def _from_second(explanation: Explanation, second: Explanation, work: Work, budg
         return None
     items = _begun(first.modified, [_last_change(one) for one in second.causes], both.values)
     return _led_by(
-        explanation, first, _weighed(first, _refits(first, items, work, "second causes beside it"), again.tried)
+        explanation, first, _weighed(first, _refits(first, items, work, "second changes beside it"), again.tried)
     )
 
 
@@ -247,7 +247,7 @@ def _from_next(
     explanation: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
 ) -> Explanation | None:
     """A pair with this first cause, where it explains clearly more."""
-    further = _beside(first, work, "second changes beside the next, ", budget)
+    further = _beside(first, work, "second changes after the next, ", budget)
     return _led_by(explanation, first, further) if _is_better(further, second) else None
 
 
