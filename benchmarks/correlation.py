@@ -13,7 +13,7 @@ import numpy as np
 
 from structid import ModalRecord, SpaceBeam, Structure
 from structid.core.dof import DIRECTIONS, Dof
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.modal.formats.files import write_modes
 
 N_MODES, N_SENSORS = 40, 100

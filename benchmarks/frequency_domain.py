@@ -29,11 +29,11 @@ from scipy.sparse.linalg import splu
 
 import structid as sid
 from structid.dynamics.factorization import factorizer, installed_factorizers
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.dynamics.receptance import single_blas
 from structid.dynamics.reduced_sweep import reduced_sweep
-from structid.forward.frf.lines.large import LargeLines
-from structid.forward.frf.response import Models, Response, response
+from structid.forward.frf.response import Response, ResponseCache, response
+from structid.forward.frf.solvers.sparse import SparseSolver
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "published"))
@@ -130,7 +130,7 @@ def problem(
     made = sid.parameters(structure, unknowns)
     record = replace(record, values=response(structure, made, record).values_at(made.start))
     noisy = replace(record, variance=(0.01 * np.abs(record.values)) ** 2)
-    return sid.FrfProblem(structure, made, noisy, models=Models(name))
+    return sid.FrfProblem(structure, made, noisy, cache=ResponseCache(name))
 
 
 def shapes(quick: bool) -> dict[str, tuple[int, ...]]:
@@ -217,9 +217,9 @@ def matrix_free_rows(repeats: int, quick: bool) -> Iterator[Row]:
         yield Row(f"J v + J'u without J / one forward line, {label}", (there + back) / line, bar, False, note)
 
 
-def large_lines(model: Response) -> LargeLines:
-    assert isinstance(model.lines, LargeLines)
-    return model.lines
+def sparse_solver(model: Response) -> SparseSolver:
+    assert isinstance(model.solver, SparseSolver)
+    return model.solver
 
 
 def factorizer_rows(repeats: int, quick: bool) -> Iterator[Row]:
@@ -228,7 +228,7 @@ def factorizer_rows(repeats: int, quick: bool) -> Iterator[Row]:
             continue
         at = problem(shape, 2)
         model = at.model
-        lines, right = large_lines(model), model.channels.columns.toarray()
+        lines, right = sparse_solver(model), model.channels.columns.toarray()
         entries, pattern = (
             lines.stiffness(at.unknowns.start, model.fixed_coefficients).entries(1),
             lines.pattern.indices,
@@ -259,8 +259,8 @@ def reduced_rows(repeats: int, quick: bool) -> Iterator[Row]:
     lowest = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=11).frequency
     record = empty_record(structure, np.linspace(0.3 * lowest[0], lowest[10], 50), 20)
     for name in installed_factorizers():
-        model = response(structure, at.parameters, record, models=Models(name))
-        lines, channels = large_lines(model), model.channels
+        model = response(structure, at.parameters, record, cache=ResponseCache(name))
+        lines, channels = sparse_solver(model), model.channels
         stiffness, pattern = lines.stiffness(at.unknowns.start, model.fixed_coefficients), lines.pattern.indices
         loads = channels.columns[:, np.unique(channels.inputs[0])].toarray()
         sides = [
@@ -277,7 +277,7 @@ def reduced_rows(repeats: int, quick: bool) -> Iterator[Row]:
         )
         yield Row(f"full sweep / reduced, 3-D 10k, 50 lines, 10 modes, {name}", full / reduced, 5, True, note)
         yield linearized(
-            response(structure, at.parameters, record, reduced=1e-6, models=Models(name)),
+            response(structure, at.parameters, record, reduced=1e-6, cache=ResponseCache(name)),
             model,
             at.unknowns.start,
             name,

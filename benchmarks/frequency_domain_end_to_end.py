@@ -128,7 +128,7 @@ def run_plate(given: argparse.Namespace, clock: Clock) -> None:
     )
     clock.say(f"{found.status.value}: {found.message}")
     lowest = int(found.values.argmin())
-    print(f"chi-square {found.chi_square:.0f} of {found.n_data} data")
+    print(f"chi-square {found.goodness.chi_square:.0f} of {found.goodness.n_data} data")
     print(
         f"least stiffness {found.values[lowest]:.3f} at {middle[lowest].round(2)} m; true {truth.min():.3f} at {place} m"
     )

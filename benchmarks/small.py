@@ -55,6 +55,7 @@ SMALL: dict[str, str] = {
     "accuracy/iasc_asce_frame.py": "--only c1_p0",
     "accuracy/interval_coverage.py": "--repeats 2 --only component ground",
     "accuracy/merged_setups.py": "--repeats 1 --duration 120",
+    "accuracy/merging_campaigns.py": "--campaigns 1",
     "accuracy/modal_noise.py": "--repeats 1 --decays 4 --ambient 2",
     "accuracy/planned_test.py": "--repeats 1 --candidates 6 --parts a",
     "accuracy/roller_place.py": "--repeats 3",

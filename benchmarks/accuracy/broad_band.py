@@ -73,10 +73,10 @@ def one_start(arguments: tuple[str, int, str, float, int]) -> dict[str, object]:
     if method == "continuation":
         problem = sid.FrfProblem(one.structure, start, record, start_error=START_ERROR)
         many = len(record.frequency) > MANY_LINES
-        part, plans = problem.thinned(), problem.stage_plans()
+        part, plans = problem.subsampled(), problem.schedules()
         searched, sample = (part or problem, None) if many else (problem, part)
         found = sid.estimate(searched, plans=plans, search=sid.Search(restarts=2), sample=sample)
-        searches = found.n_starts
+        searches = found.search.n_starts
         values, std, chi_square, accepted = found.values, found.std, found.chi_square_per_dof, agrees(found)
         if many and accepted:
             values, std, chi_square, accepted = polished(problem, found.theta)

@@ -95,7 +95,7 @@ def outcome(found: sid.Estimate) -> str:
     """``found``, ``alias`` or ``missed``."""
     if rms(found.values / CASE_2.actual - 1) < FOUND:
         return "found"
-    return "alias" if found.n_fitting else "missed"
+    return "alias" if found.search.n_fitting else "missed"
 
 
 def share(values: list[np.ndarray]) -> float:
@@ -110,7 +110,7 @@ def run_row(row: Row, seeds: range, plain: bool, uniqueness_starts: int) -> None
     seconds = (time.process_time() - before) / len(seeds)
     counts = Counter(outcome(found) for found in ended.values())
     rate = 100 * counts["found"] / len(seeds)
-    searches = np.mean([found.n_starts for found in ended.values()])
+    searches = np.mean([found.search.n_starts for found in ended.values()])
     text = f"{row.label:28s} {100 * row.error:3.0f} %  found {rate:5.1f} % (aim {row.aim:5s})"
     text += f"  alias {counts['alias']:2d}  missed {counts['missed']:2d}  searches {searches:.2f}  {seconds:.1f} s each"
     if plain:
@@ -120,7 +120,7 @@ def run_row(row: Row, seeds: range, plain: bool, uniqueness_starts: int) -> None
         text += f"  plain Levenberg-Marquardt {bare:.0f} %, classical iteration {classical:.0f} %"
     print(text, flush=True)
     aliases = [seed for seed, found in ended.items() if outcome(found) == "alias"]
-    told = [s for s in aliases if estimated(start_of(row.error, s), record, uniqueness_starts).n_fitting > 1]
+    told = [s for s in aliases if estimated(start_of(row.error, s), record, uniqueness_starts).search.n_fitting > 1]
     if aliases:
         print(f"    aliases: seeds {aliases}; {len(told)} of them told by {uniqueness_starts} more starts", flush=True)
     missed = [seed for seed, found in ended.items() if outcome(found) == "missed"]

@@ -27,7 +27,7 @@ import numpy as np
 
 import structid as sid
 from structid.compare.states.state import carried, unchanged_parameters
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.inversion.comparison.comparison import Comparison, compare_states
 from structid.inversion.comparison.multiple_tests import detectable
 from structid.inversion.covariance import inverse_information
@@ -82,7 +82,7 @@ def baseline_of(seed: int) -> sid.Estimate:
     record = measured(damaged(0), rng)
     start = unknown().started_at(unknown().start * np.exp(0.1 * rng.standard_normal(unknown().n_params)))
     problem = sid.FrfProblem(structure(), start, record)
-    return estimate(problem, plans=problem.stage_plans(), search=sid.Search(restarts=2, seed=seed))
+    return estimate(problem, plans=problem.schedules(), search=sid.Search(restarts=2, seed=seed))
 
 
 def state(seed: int, case: int, baseline: sid.Estimate) -> sid.Estimate:

@@ -169,7 +169,7 @@ def loss(found: sid.Estimate, basis: str) -> tuple[float, float]:
     """Mass lost and its standard deviation, kg."""
     weights = np.array([n in {f"mass[{m}]" for m in NAMES} for n in found.names], float)
     weights -= np.array([n in {f"mass[{m}]{LATER}" for m in NAMES} for n in found.names], float)
-    covariance = replace(found, covariance_basis=basis).covariance
+    covariance = replace(found, spread=replace(found.spread, covariance_basis=basis)).covariance
     return float(weights @ found.values), float(np.sqrt(weights @ covariance @ weights))
 
 
@@ -182,7 +182,7 @@ def repeat(case: Case, seed: int) -> tuple[bool, bool, bool, bool, float, float]
         value, std = loss(found, basis)
         held.append(abs(value - truth) <= 1.96 * std)
         widths.append(1.96 * std / truth)
-    return found.disagreement is not None, *held, widths[1], widths[2]
+    return found.spread.disagreement is not None, *held, widths[1], widths[2]
 
 
 def main() -> None:

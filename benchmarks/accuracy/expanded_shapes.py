@@ -18,7 +18,7 @@ from structid.compare.correlation.expansion import expand
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.dynamics import Modes
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 
 
 @dataclass(frozen=True, eq=False)

@@ -142,7 +142,7 @@ def main() -> None:
         peaks = ", ".join(f"{r.predicted:.2f}" for r in found.resonances)
         name = variant.name if estimate.status is sid.Status.CONVERGED else f"{variant.name} ({estimate.status.value})"
         lumps = "-" if hardware is None else f"{4 * hardware[0]:.2f} ± {4 * hardware[1]:.2f}"
-        total = f"{found.total_mass:.2f} ± {found.total_mass_std:.2f}"
+        total = f"{found.mass.total:.2f} ± {found.mass.std:.2f}"
         error = f"{np.median(found.relative_error):.3f}"
         print(f"| {name} | {len(estimate.names)} | {error} | {plates} | {lumps} | {total} | {peaks} |", flush=True)
         if variant.channels:

@@ -54,7 +54,7 @@ def main() -> int:
             seconds.append(time.process_time() - begun)
             sets = found.estimate.values[None] if found.alternatives is None else found.alternatives.values
             truths = all_frames(masses, frequency, 500)
-            exact, listed, searches = exact + len(truths), listed + len(sets), searches + found.estimate.n_starts
+            exact, listed, searches = exact + len(truths), listed + len(sets), searches + found.estimate.search.n_starts
             lost += sum(nearest(sets, truth) > 1e-4 for truth in truths)
         print(
             f"{storeys:7d} {count:7d} {exact:6d} {listed:7d} {lost:11d} {searches:9d}  {np.median(seconds):.2f}, {max(seconds):.2f}"

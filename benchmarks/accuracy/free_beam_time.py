@@ -124,7 +124,7 @@ def case(part: str, n_samples: int, seed: int) -> Fit:
         found = identify_time(structure(), unknown(), record, options(method))
     relative = found.values / ACTUAL - 1
     inside = np.abs(relative * ACTUAL) <= 1.959964 * found.std
-    status = "missed the noise" if found.chi_square_probability < 1e-4 else found.status.value
+    status = "missed the noise" if found.goodness.chi_square_probability < 1e-4 else found.status.value
     return Fit(relative, inside, status, found.chi_square_per_dof)
 
 

@@ -154,7 +154,7 @@ def main() -> None:
         ]
         print(f"{name:<28}{published:>13.2f}" + "".join(f"{cell:>22}" for cell in cells) + f"{mac:>7.2f}")
     print(
-        f"\nmass of the model {results['updated'].identification.total_mass:.1f} kg, published about {PUBLISHED_MASS:.0f} kg\n"
+        f"\nmass of the model {results['updated'].identification.mass.total:.1f} kg, published about {PUBLISHED_MASS:.0f} kg\n"
     )
     heads = (
         "layer in bending",

@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import structid as sid
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.intervals.bootstrap import bootstrap, bootstrap_repeats
 from structid.inversion.intervals.profile import profile
 from structid.inversion.intervals.sampling import sample
@@ -126,7 +126,10 @@ def model_error(name, sensors, gains=0.0):
         error = error + gains * rng.standard_normal((n, 1))
         found = sid.estimate(sid.FrfProblem(structure, truth, replace(record, values=record.values * (1 + error))))
         bases = {f"{name}-noise": "noise", f"{name}-model": "model_error"}
-        ends = {row: replace(found, covariance_basis=basis).interval() for row, basis in bases.items()}
+        ends = {
+            row: replace(found, spread=replace(found.spread, covariance_basis=basis)).interval()
+            for row, basis in bases.items()
+        }
         return {row: inside(part, truth.start, found) for row, part in ends.items()}
 
     return repeat
@@ -204,7 +207,20 @@ def ground(seed):
 
 
 @dataclass(frozen=True, eq=False)
-class Oscillator(BaseProblem):
+class Transformed(FreeUnknowns):
+    """Unknowns kept in their ranges by transforms, without limits for the search."""
+
+    transforms: Transforms | None = None
+
+    def physical(self, theta):
+        return self.transforms.physical(theta)
+
+    def slope(self, theta):
+        return self.transforms.slope(theta)
+
+
+@dataclass(frozen=True, eq=False)
+class Oscillator(Problem):
     """Mass (kg), damper (N s/m) and spring (N/m) from a receptance with noise of one size: a `Problem` of its own.
 
     Small and fast, for intervals that take many refits; priors are Gaussian in physical units.
@@ -217,21 +233,13 @@ class Oscillator(BaseProblem):
     prior_mean: np.ndarray | None = None
     prior_std: np.ndarray | None = None
 
-    names = ("mass", "damper", "spring")
-    kinds, units = names, ("kg", "N s/m", "N/m")
     omega = np.linspace(10.0, 60.0, 25)
-    n_data = 50
-    lines, series = np.tile(np.arange(25), 2), np.repeat([0, 1], 25)
+    rows = DataRows(np.tile(np.arange(25), 2), np.repeat([0, 1], 25))
 
     @property
-    def theta_start(self):
-        return self.transforms.free(self.start)
-
-    def physical(self, theta):
-        return self.transforms.physical(theta)
-
-    def slope(self, theta):
-        return self.transforms.slope(theta)
+    def unknowns(self):
+        names, units = ("mass", "damper", "spring"), ("kg", "N s/m", "N/m")
+        return Transformed(names, self.transforms.free(self.start), names, units, self.transforms)
 
     def residual(self, theta):
         return self.linearize(theta).residual
@@ -242,9 +250,9 @@ class Oscillator(BaseProblem):
         change = -(h**2)[:, None] * np.stack([-(self.omega**2), 1j * self.omega, np.ones_like(self.omega)], axis=1)
         data, slope = (h - self.measured) / self.sigma, change * self.slope(theta) / self.sigma
         rows, derivative = [data.real, data.imag], [slope.real, slope.imag]
-        if self.prior_mean is not None:
-            rows.append((p - self.prior_mean) / self.prior_std)
-            derivative.append(np.diag(self.slope(theta) / self.prior_std))
+        if self.priors.mean is not None:
+            rows.append((p - self.priors.mean) / self.priors.std)
+            derivative.append(np.diag(self.slope(theta) / self.priors.std))
         return Linearization(np.concatenate(rows), np.concatenate(derivative))
 
 

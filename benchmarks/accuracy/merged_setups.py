@@ -98,7 +98,7 @@ def stiffness_scores(found: sid.ModalRecord) -> np.ndarray:
     """Error over standard deviation of the stiffnesses identified from the merged modes."""
     made, unknown = structure()
     problem = ModalProblem(made, unknown, found)
-    answer = sid.estimate(problem, plans=problem.stage_plans())
+    answer = sid.estimate(problem, plans=problem.schedules())
     return (answer.values - STIFFNESS) / answer.std
 
 

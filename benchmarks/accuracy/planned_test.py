@@ -127,7 +127,9 @@ def attained(case: Case, frequency: np.ndarray, seeds: range) -> tuple[np.ndarra
         found = sid.identify(structure, unknowns(structure), record).estimate
         errors.append(found.values / case.actual - 1)
         statuses.append(found.status.value)
-        chi.append(found.chi_square / (len(frequency) - len(case.actual)))  # imaginary parts are 0 in data and model
+        chi.append(
+            found.goodness.chi_square / (len(frequency) - len(case.actual))
+        )  # imaginary parts are 0 in data and model
     return np.array(errors), statuses, np.array(chi)
 
 

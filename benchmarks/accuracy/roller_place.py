@@ -18,7 +18,7 @@ import numpy as np
 
 from structid import Beam, ModalProblem, ModalRecord, ModalSettings, Structure, Unknown, estimate, parameters
 from structid.core.arrays import FloatArray
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 
 TRUTH, START, ERROR = 1.37, 1.0, 1e-3
 

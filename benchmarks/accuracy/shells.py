@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse.linalg import spsolve
 
 import structid as sid
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 
 ALL = ("X", "Y", "Z", "RX", "RY", "RZ")
 DIAPHRAGM, ACROSS_X, ACROSS_Y, ACROSS_Z = "Y Z RX", "X RY RZ", "Y RX RZ", "Z RX RY"

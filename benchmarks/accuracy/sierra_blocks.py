@@ -23,7 +23,7 @@ from scipy.sparse.linalg import norm
 
 import structid as sid
 from structid.core.dof import parse_dofs
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem.importers import dofs_of, total_mass
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "fem" / "importers"))

@@ -45,7 +45,7 @@ MODELS = {
 
 def said(found: sid.Estimate) -> str:
     """Whether the modes ask for different values, as words that follow others."""
-    return "" if found.disagreement is None else f"\n  {found.disagreement.words}"
+    return "" if found.spread.disagreement is None else f"\n  {found.spread.disagreement.words}"
 
 
 def report_models(arrangements: Sequence[int]) -> None:
@@ -58,9 +58,8 @@ def report_models(arrangements: Sequence[int]) -> None:
         masses = [v / LENGTH for n, v in zip(found.names, found.values, strict=True) if n[5:-1] in (*MASSES, "each")]
         words = " ".join(f"{100 * m:.2f}" for m in masses)
         stiffness = found.values[0] / METAL
-        print(
-            f"  {name:44s} fit {inside} | held out {out} | chi2 {found.chi_square:6.1f}, {found.degrees_of_freedom} dof"
-        )
+        chi = f"chi2 {found.goodness.chi_square:6.1f}, {found.goodness.degrees_of_freedom} dof"
+        print(f"  {name:44s} fit {inside} | held out {out} | {chi}")
         print(
             f"  {'':44s} masses {words} % of the beam; stiffness over mass {stiffness:.3f} of a metal beam's",
             flush=True,
@@ -84,10 +83,12 @@ def report_healthy(arrangements: Sequence[int], model: Model) -> sid.Estimate:
     index = [found.names.index(f"mass[{m}]") for m in MASSES]
     print("  correlations of m1 ... m6, stiffness, tip mass")
     more = [*index, 0, found.names.index("mass[tip]")]
-    for row in found.correlation[np.ix_(more, more)]:
+    for row in found.spread.correlation[np.ix_(more, more)]:
         print("   " + " ".join(f"{x:5.2f}" for x in row))
     equal = fitted("healthy", arrangements, replace(model, equal=True))
-    print(f"  six equal masses: chi-square {equal.chi_square - found.chi_square:+.1f} for 5 parameters fewer")
+    print(
+        f"  six equal masses: chi-square {equal.goodness.chi_square - found.goodness.chi_square:+.1f} for 5 parameters fewer"
+    )
     one = fitted("healthy", [0], model)
     print(
         f"  arrangement 1 alone: {one.status.value}, rank {one.identifiability.rank} of {len(one.names)} from its data"
@@ -109,7 +110,7 @@ def report_states(arrangements: Sequence[int], model: Model) -> None:
             )
         for words, tip in (("beam and masses", False), ("beam, masses and accelerometer", True)):
             share, std, total = loss(found, tip)
-            noise = loss(found, tip, found.covariance_noise)[1]
+            noise = loss(found, tip, found.spread.covariance_noise)[1]
             print(
                 f"  lost {share:.2f} % of {words} ({total:.3f} beams), 95 % [{share - 1.96 * std:.2f},"
                 f" {share + 1.96 * std:.2f}]; std {std:.2f}, by noise alone {noise:.2f}; reference {reference:.2f} %"

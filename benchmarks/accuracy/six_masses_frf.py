@@ -121,7 +121,8 @@ def report_fit(start: sid.Estimate, arrangements: Sequence[int], hammer: float, 
     found = fit.estimate
     print(
         f"FRFs of {len(arrangements)} arrangements, {'one gain' if common else 'own gains'}: {found.status.value}, chi-square"
-        f" {found.chi_square:.0f} at errors of 10 %, {found.degrees_of_freedom} dof, std from {found.covariance_basis}"
+        f" {found.goodness.chi_square:.0f} at errors of 10 %, {found.goodness.degrees_of_freedom} dof,"
+        f" std from {found.covariance_basis}"
     )
     for name, value, std in zip(found.names, found.values, found.std, strict=True):
         if name.startswith("mass"):

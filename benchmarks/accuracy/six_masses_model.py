@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -21,14 +21,13 @@ from scipy import linalg
 
 import structid as sid
 from structid.forward import RecordProblem
-from structid.forward.record_problem import DataRows
+from structid.identification.joint_problem import harmonize_shared_parameters
 from structid.identification.search import Answer, answered
-from structid.identification.together import alike
 from structid.inversion import Linearization
 from structid.inversion.comparison.comparison import Comparison, compare_jointly
 from structid.inversion.comparison.states import LATER, states_problem
+from structid.inversion.problem import DataRows
 from structid.inversion.search.work import ALONE
-from structid.unknowns import NamedUnknowns
 from structid.unknowns.tolerances import EXACT
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "beam_six_masses_frf" / "frf.npz"
@@ -200,14 +199,7 @@ class ResonanceProblem(RecordProblem):
     @property
     def rows(self) -> DataRows:
         n = len(self.measured)
-        return DataRows(np.arange(n), np.zeros(n, dtype=int), ("frequency",))
-
-    @property
-    def quantities(self) -> np.ndarray:
-        return np.array(self.modes)
-
-    def with_parts(self, parts: Sequence[NamedUnknowns]) -> ResonanceProblem:
-        return replace(self, parameters=parts[0])
+        return DataRows(np.arange(n), np.zeros(n, dtype=int), ("frequency",), np.array(self.modes))
 
     @property
     def matrices(self) -> tuple[np.ndarray, np.ndarray]:
@@ -269,7 +261,7 @@ def answer(parts: Sequence[ResonanceProblem], titles: Sequence[str]) -> Answer:
     """All of them in one fit, with what varies among them."""
     options = sid.IdentifyOptions(restarts=0, pole_free_start=False, tolerances=EXACT)
     records = [ListOfFrequencies(title) for title in titles]
-    return answered(records, alike(parts, titles), options, None, ALONE)
+    return answered(records, harmonize_shared_parameters(parts, titles), options, None, ALONE)
 
 
 def scatter(found: sid.Estimate, state: str, arrangements: Iterable[int], model: Model) -> np.ndarray:

@@ -57,7 +57,9 @@ def predictive(found: Answer, arrangements: Sequence[int], model: Model) -> tupl
         at = part.linearize(theta)
         rows = at.jacobian[: part.n_data]
         place = [found.estimate.names.index(name) for name in part.names]
-        free = found.estimate.covariance_noise[np.ix_(place, place)] / np.outer(part.slope(theta), part.slope(theta))
+        free = found.estimate.spread.covariance_noise[np.ix_(place, place)] / np.outer(
+            part.slope(theta), part.slope(theta)
+        )
         for name, std in scatter.items():
             free[part.names.index(name), part.names.index(name)] += std**2
         covariance = rows @ free @ rows.T + np.eye(part.n_data)
@@ -114,11 +116,12 @@ def report_losses(arrangements: Sequence[int], model: Model) -> None:
         found = both(state, arrangements, model)
         share, std, _ = loss(found.estimate, accelerometer=False)
         low, high = share - 1.96 * std, share + 1.96 * std
+        varied = found.varied
         print(
             f"  {state}: lost {share:.2f} +- {std:.2f} % [{low:.2f}, {high:.2f}], reference {reference:.2f}"
             f" {'inside' if low <= reference <= high else 'OUTSIDE'}; chi2/dof {found.estimate.chi_square_per_dof:.2f},"
             f" {found.estimate.status.value}, std from {found.estimate.covariance_basis};"
-            f" {'; '.join(one.words for one in found.varied)}; {[w for one in found.varied for w in one.outlying_words]}",
+            f" {'; '.join(one.words for one in varied)}; {[w for one in varied for w in one.outlying_words]}",
             flush=True,
         )
 

@@ -83,7 +83,7 @@ def main() -> int:
     for seed in range(given.seed, given.seed + given.repeats):
         noise = np.random.default_rng(seed).standard_normal(len(exact))
         problem = rod_problem(exact * (1 + given.error * noise), given.error, given.holds)
-        found = estimate(problem, plans=problem.ways(), search=Search(restarts=2))
+        found = estimate(problem, plans=problem.continuation_paths(), search=Search(restarts=2))
         ends = found.interval()
         values.append(100 * (found.values / truth - 1))
         held.append((ends[:, 0] <= truth) & (truth <= ends[:, 1]))

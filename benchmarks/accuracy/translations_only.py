@@ -94,7 +94,7 @@ def case(n_elements: int, truths: bool, seed: int) -> Fit:
     found = identify_time(structure, begin, record, OPTIONS)
     relative = found.values / truth - 1
     inside = np.abs(relative * truth) <= 1.959964 * found.std
-    return Fit(seed, relative, bound, inside, found.status.value, found.chi_square_probability >= MISSED)
+    return Fit(seed, relative, bound, inside, found.status.value, found.goodness.chi_square_probability >= MISSED)
 
 
 def told(n_elements: int, fits: list[Fit]) -> None:

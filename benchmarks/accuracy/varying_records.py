@@ -92,7 +92,7 @@ def repeat(seed: int, n: int = 8, scatter: float = 0.05, varies: bool | float = 
     truth = dict(zip((f"stiffness[{name}]" for name in NAMES), (CLAMP, *SPRINGS), strict=True))
     held = {name: bool(ends[name][0] <= value <= ends[name][1]) for name, value in truth.items()}
     clamp = found.estimate.names.index("stiffness[clamp]")
-    one = found.varied[0] if found.varied else None
+    one = found.priors.varied[0] if found.priors.varied else None
     return Repeat(
         held["stiffness[clamp]"],
         tuple(held[f"stiffness[{name}]"] for name in NAMES[1:]),

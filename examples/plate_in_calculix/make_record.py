@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.dof import parse_dofs
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.fem.elements import Solid
 from structid.fem.meshes import read_mesh

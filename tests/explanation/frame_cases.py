@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.dof import parse_dofs
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.modal import ModalRecord
 from structid.modal.formats.files import write_modes
 from structid.modal.modal_record import independent_errors

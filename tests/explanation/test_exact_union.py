@@ -69,7 +69,7 @@ def test_likely_models_count_the_tolerances_of_held_values_once():
     same = model(estimate.names, np.log(estimate.values), estimate.covariance_of_data)
     wider = widened(answer, [same], None)
     np.testing.assert_allclose(wider.estimate.covariance, estimate.covariance, rtol=1e-9)
-    assert wider.total_mass_std == pytest.approx(0.02 * 3.5, rel=1e-9)
+    assert wider.mass.std == pytest.approx(0.02 * 3.5, rel=1e-9)
 
 
 @pytest.mark.parametrize("n_data, scale", [(200, 1.0), (5000, 3.0)])

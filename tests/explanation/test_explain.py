@@ -87,7 +87,7 @@ def test_the_cause_is_named_first_and_its_study_is_right(tmp_path, fault):
     better, _ = answered(again)
     assert better.criticism.judgement.verdict == "sound"
     # each weighed by what its own model has of noise that goes with size
-    assert better.identification.estimate.chi_square == pytest.approx(fits[0].cost, rel=3e-3)
+    assert better.identification.estimate.goodness.chi_square == pytest.approx(fits[0].cost, rel=3e-3)
     right, wide = (by_name(one.identification) for one in (better, result))
     for one in result.criticism.causes[0].moved:
         assert one.interval == pytest.approx(right[one.name], rel=1e-3)
@@ -240,11 +240,12 @@ def test_two_faults_are_both_named_and_the_first_is_not_told_as_all_of_it(tmp_pa
 def test_few_values_are_said_to_test_little(tmp_path):
     path = written_modes(tmp_path)
     found = answered(path)[0].identification
-    many = replace(found, estimate=replace(found.estimate, degrees_of_freedom=40))
-    assert "hardly test" not in judged(many).words
-    few = replace(found, estimate=replace(found.estimate, degrees_of_freedom=5))
-    assert "hardly test" in judged(few).words
-    assert judged(few).verdict == "sound"
+    estimate = found.estimate
+    for freedom, hardly in ((40, False), (5, True)):
+        goodness = replace(estimate.goodness, degrees_of_freedom=freedom)
+        other = replace(found, estimate=replace(estimate, goodness=goodness))
+        assert ("hardly test" in judged(other).words) == hardly
+    assert judged(other).verdict == "sound"
 
 
 def test_of_many_lines_some_are_named():
@@ -542,7 +543,7 @@ def test_channels_that_did_not_measure_their_motion_are_fitted_without_whatever_
     ready = started(load_study(made(tmp_path)))
     found = run_started(ready).identification
     trial = base_trial(ready.study, ready.setups, found.problems, found.estimate.theta)
-    faulty = _faulty(Fitted(trial, found.estimate.theta, found.estimate.chi_square))
+    faulty = _faulty(Fitted(trial, found.estimate.theta, found.estimate.goodness.chi_square))
     assert faulty == {("channel", (place,), 0) for place in places}
 
 

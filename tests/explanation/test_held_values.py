@@ -186,7 +186,9 @@ def test_what_likely_models_disagree_about_by_more_than_its_value_is_not_identif
     ready, result = building(tmp_path, 1)
     found = result.identification
     theta = found.estimate.theta
-    base = Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
+    base = Fitted(
+        base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.goodness.chi_square
+    )
     [one] = with_freed(base, ["stiffness[upper]"], 3).near
     assert widened(found, [one], None).estimate.identified.all()
     names = list(one.trial.target.names)

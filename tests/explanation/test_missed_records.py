@@ -39,7 +39,7 @@ def test_modes_of_another_state_are_told_beside_many_lines_that_fit(tmp_path):
     assert found.estimate.chi_square_per_dof < 1.25, "the whole misfit shows nothing"
     assert found.missed[0].what == "the frequencies of record ambient"
     assert found.missed[0].n_values == 5
-    assert found.missed[0].n_others == found.estimate.n_data - 5
+    assert found.missed[0].n_others == found.estimate.goodness.n_data - 5
     assert criticism.judgement.verdict == "wrong_model"
     assert "the frequencies of record ambient are missed by" in criticism.judgement.words
 

@@ -35,7 +35,9 @@ def fitted(folder, truth, order):
     ready = started(load_study(path))
     found = run_started(ready).identification
     theta = found.estimate.theta
-    return Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
+    return Fitted(
+        base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.goodness.chi_square
+    )
 
 
 def begun(base):

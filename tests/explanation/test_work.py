@@ -13,6 +13,7 @@ from structid.explanation.explain import Explanation, explained
 from structid.explanation.refits import Fitted, approached, likewise
 from structid.explanation.time_budget import UNLIMITED, TimeBudget, TimeUpError, map_within_budget
 from structid.explanation.trial import base_trial
+from structid.forward.polarities import decide_polarities
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.study.run.checkpoint import Checkpoint, fingerprint
@@ -36,8 +37,10 @@ def study(tmp_path_factory):
 def base(study):
     ready = started(study)
     estimate = run_started(ready).identification.estimate
-    problems = tuple(problem.decided(problem.theta_start) for problem in ready.problems)
-    return Fitted(base_trial(study, ready.setups, problems, estimate.theta), estimate.theta, estimate.chi_square)
+    problems = tuple(decide_polarities(problem, problem.theta_start) for problem in ready.problems)
+    return Fitted(
+        base_trial(study, ready.setups, problems, estimate.theta), estimate.theta, estimate.goodness.chi_square
+    )
 
 
 def causes(study, run):

@@ -13,7 +13,7 @@ import pytest
 from chain_solver import chain
 
 from structid.core.dof import parse_dof
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.fem.elements import Solid
 from structid.fem.meshes import read_mesh

@@ -177,7 +177,7 @@ def test_calculix_modes_are_read_whole_or_not_at_all(tmp_path):
     assert RUN.invoke(cli.app, ["check", str(path)]).exit_code == 0
     source = next(one.parent for one in tmp_path.glob("study.runs/*/run.json") if _is_nominal(one)) / "plate.frd"
     own = own_plate(tmp_path, 2.1e11, 0.7e11)
-    from structid.dynamics.modes import modes
+    from structid.dynamics.normal_modes import modes
 
     true, found = modes(own.matrix("inertia"), own.matrix("elastic"), n_modes=8), read_shapes(source)
     np.testing.assert_allclose(found.frequency, true.frequency, rtol=1e-8)

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.core.dof import parse_dof
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.external.deck import number_text
 from structid.external.shapes import read_shapes
 from structid.fem import SpaceBeam, Structure

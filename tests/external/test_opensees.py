@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from structid.cli import app as cli
 from structid.core.dof import parse_dof
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Beam, PointMass, Structure
 from structid.fem.importers import read_matrix, read_numbering
 from structid.modal import ModalRecord

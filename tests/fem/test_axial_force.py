@@ -5,7 +5,7 @@ import pytest
 from scipy import integrate, linalg
 
 from structid import Bar, Beam, InputError, Joint, SpaceBeam, Structure, Unknown, parameters
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.unknowns.tolerances import Tolerances, fixed_properties
 
 LENGTH, EI, MASS = 4.0, 2.1e5, 7.8

@@ -27,7 +27,7 @@ from structid import (
     Unknown,
     parameters,
 )
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem.places import AimedSensor
 from structid.forward import FrfProblem
 from structid.forward.frf.response import response

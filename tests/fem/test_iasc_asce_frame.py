@@ -9,7 +9,7 @@ import pytest
 
 from structid import Bar, InputError, PointMass, RigidLink, RotaryInertia, SpaceBeam, Structure
 from structid.core.dof import DIRECTIONS
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 
 E, G, RHO = 2e11, 2e11 / 2.6, 7800.0
 BAY, HEIGHT = 1.25, 0.9

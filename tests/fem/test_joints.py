@@ -20,7 +20,7 @@ from structid import (
     parameters,
     parse_dof,
 )
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward.motion.motion import recorded_motion
 from structid.planning.options import resolved
 

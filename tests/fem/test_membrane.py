@@ -6,7 +6,7 @@ import skfem
 from skfem.helpers import dot, grad
 
 from structid import InputError, PointMass, Structure
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import ELEMENT_TYPES, Membrane
 
 RNG = np.random.default_rng(5)

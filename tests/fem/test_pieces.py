@@ -19,7 +19,7 @@ from structid import (
     parameters,
     parse_dof,
 )
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.unknowns import Smoothness, penalty
 
 SPACE = {1: np.array([0.1, 0.0, 0.2]), 2: np.array([1.0, 0.7, -0.3]), 3: np.array([1.5, 0.2, 1.0])}

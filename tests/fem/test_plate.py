@@ -5,7 +5,7 @@ import pytest
 from cells_cases import box
 
 from structid import InputError, PointMass, Structure, Unknown, parameters
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Membrane, Plane, Plate
 from structid.fem.elements.cells.kirchhoff import _square_functions, _triangle_functions
 from structid.forward.sensitive import weight_slope

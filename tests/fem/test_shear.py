@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 from structid import Beam, FrfRecord, InputError, PointMass, RigidLink, SpaceBeam, Structure, Unknown, parameters
 from structid.core.dof import DIRECTIONS
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward.frf.response import response
 from structid.forward.sensitive import require_linear_weights, sensitive_elements, steering_values
 

@@ -6,7 +6,7 @@ from cells_cases import box
 from scipy.sparse.linalg import spsolve
 
 from structid import FrfRecord, InputError, Structure, Unknown, parameters
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Shell
 from structid.fem.elements.cells.drilling_membrane import drilling_stiffness
 from structid.fem.elements.cells.elastic import plane_law

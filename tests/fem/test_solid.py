@@ -11,7 +11,7 @@ from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from structid import InputError, Structure
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Plane, Solid
 from structid.fem.elements.cells.isoparametric import CELLS, PLANE_CELLS, SOLID_CELLS
 

@@ -17,7 +17,7 @@ from structid import (
     from_matrices,
     parse_dof,
 )
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 
 CLAMP = [f"1{d}" for d in ("X", "Y", "Z", "RX", "RY", "RZ")]
 

@@ -11,7 +11,7 @@ def require_exact_slope(problem, theta, tolerance=1e-6):
     alone = problem.residual(theta)  # found without slopes
     at = problem.linearize(theta)
     assert np.abs(at.residual - alone).max() <= 1e-9 * np.abs(alone).max()
-    assert problem.n_data == len(problem.lines) == len(problem.series)
+    assert problem.n_data == len(problem.rows.lines) == len(problem.rows.series)
     step = 1e-5
     for j, unit in enumerate(np.eye(len(theta))):
         sides = [problem.residual(theta + sign * step * unit) for sign in (1, -1)]

@@ -23,6 +23,7 @@ from structid import (
     with_declared_noise,
 )
 from structid.forward.frf.response import response
+from structid.forward.polarities import decide_polarities
 from structid.unknowns.tolerances import EXACT
 
 FREQUENCY = np.arange(0.5, 12, 0.1)
@@ -121,7 +122,7 @@ def test_predictions_are_the_textbook_inverse_with_every_error_on():
     ]
     unknown = parameters(chain(), UNKNOWNS).started_at(TRUE)
     problem = FrfProblem(chain(), unknown, data, channels=channel_errors(data, declared))
-    problem = problem.decided(problem.theta_start)
+    problem = decide_polarities(problem, problem.theta_start)
     true = dense(s, [0, 2], [2], "accelerance")[:, :, 0]
     expected = true * np.array([1.1 / 2.0, -1.8 / 2.0]) * np.exp(-s[:, None] * np.array([1e-3, -2e-3]))
     assert np.allclose(problem.predicted(problem.theta_start)[:, :, 0], expected, rtol=1e-10)

@@ -9,7 +9,7 @@ import structid as sid
 from structid.core.dof import parse_dofs
 from structid.forward.frf import continuation
 from structid.forward.frf.continuation import START_ERROR, smoothed_records, start_deviation, thinned_lines
-from structid.forward.frf.problem import continuation_plan, nearer
+from structid.forward.frf.problem import decay_continuation, tightened
 from structid.forward.frf.response import response
 
 MASS, STIFFNESS = np.array([0.9, 1.3, 1.2]), np.array([1.4, 0.7, 1.2])
@@ -70,7 +70,7 @@ def test_jacobian_at_complex_s_and_of_the_held_start_equals_differences(form):
     omega = np.array([0.4, 1.1, 3.0, 9.0])
     here = replace(record(omega), decay=0.2 * omega, variance=None)
     prior = (truth.theta_start + 0.1, np.where(np.arange(9) == 4, np.inf, 0.5))
-    problem = sid.FrfProblem(structure, started(0.2, 1), here, form, model_error=0.1).held(*prior)
+    problem = sid.FrfProblem(structure, started(0.2, 1), here, form, model_error=0.1).with_free_prior(*prior)
     theta = problem.theta_start
     at = problem.linearize(theta)
     assert len(at.residual) == problem.n_data + 8
@@ -94,15 +94,15 @@ def test_too_few_lines_make_no_plan():
     structure, truth = cantilever()
     few = record(np.array([0.5, 2.0, 5.0, 9.0, 14.0, 20.0]), 0.01)
     problem = sid.FrfProblem(structure, truth, few, start_error=0.5)
-    assert continuation_plan(problem) == ()
-    assert len(problem.stage_plans()) == 2
+    assert decay_continuation(problem) == ()
+    assert len(problem.schedules()) == 2
 
 
 def test_plans_come_from_far_first_where_the_start_error_is_given():
     structure, truth = cantilever()
     problem = sid.FrfProblem(structure, truth, record(FINE[::5], 0.01))
-    near = problem.stage_plans()
-    far = replace(problem, start_error=0.4).stage_plans()
+    near = problem.schedules()
+    far = replace(problem, start_error=0.4).schedules()
     assert near[0][0][0].startswith("bounded residual")
     assert near[-1][0][0].startswith("smoothed FRFs")
     assert far[0][0][0].startswith("smoothed FRFs")
@@ -110,7 +110,7 @@ def test_plans_come_from_far_first_where_the_start_error_is_given():
     np.testing.assert_allclose(second[1], 0.5 * first[1])
     # log parameters: masses and stiffnesses 0.4, damping at least 1
     np.testing.assert_allclose(first[1], [0.4] * 6 + [1.0] * 3)
-    assert nearer(far[0], 2.0)[0][1].unknowns.held[1][0] == pytest.approx(0.8)
+    assert tightened(far[0], 2.0)[0][1].unknowns.held[1][0] == pytest.approx(0.8)
 
 
 def test_held_start_leaves_parameters_with_a_prior_of_their_own():
@@ -128,7 +128,7 @@ def test_continuation_converges_from_half_of_every_value(seed):
     structure, truth = cantilever()
     measured = record(FINE[::2], 0.01, seed)
     problem = sid.FrfProblem(structure, started(0.5, seed), measured, start_error=START_ERROR)
-    found = sid.estimate(problem, plans=problem.stage_plans()[:1], sample=problem.thinned())
+    found = sid.estimate(problem, plans=problem.schedules()[:1], sample=problem.subsampled())
     assert found.status is sid.Status.CONVERGED
     assert found.covariance_basis == "noise"
     assert (np.abs(found.values / truth.start - 1) < 5 * found.std / truth.start).all()
@@ -145,12 +145,12 @@ def test_search_on_a_part_of_the_lines_ends_where_all_lines_lead(monkeypatch):
     structure, _ = cantilever()
     monkeypatch.setattr(continuation, "_THINNED_LINES", 400)
     problem = sid.FrfProblem(structure, started(0.05, 0), record(FINE, 0.01, 3))
-    assert len(problem.thinned().record.frequency) <= 401
-    part = sid.estimate(problem, plans=problem.stage_plans()[:1], sample=problem.thinned())
-    whole = sid.estimate(problem, plans=problem.stage_plans()[:1])
+    assert len(problem.subsampled().record.frequency) <= 401
+    part = sid.estimate(problem, plans=problem.schedules()[:1], sample=problem.subsampled())
+    whole = sid.estimate(problem, plans=problem.schedules()[:1])
     np.testing.assert_allclose(part.values, whole.values, atol=1e-3 * whole.std.min(), rtol=1e-6)
     np.testing.assert_allclose(part.std, whole.std, rtol=1e-6)
-    assert part.degrees_of_freedom == whole.degrees_of_freedom
+    assert part.goodness.degrees_of_freedom == whole.goodness.degrees_of_freedom
 
 
 def test_thinned_lines_are_spread_in_the_logarithm():
@@ -173,5 +173,5 @@ def test_identify_comes_by_continuation_where_asked():
         lambda name, iteration, cost: stages.append(name),
     ).estimate
     assert stages[0].startswith("smoothed FRFs")
-    assert found.n_starts == 1
+    assert found.search.n_starts == 1
     assert (np.abs(found.values - truth.start) < 5 * found.std).all()

@@ -59,7 +59,7 @@ def test_where_the_first_starts_end_at_wrong_minima_the_answer_is_found(seed):
     assert found.chi_square_per_dof < 1.1
     assert (np.abs(found.values - unknown.start) < 4 * found.std).all()
     assert (
-        4 <= found.n_starts <= 5
+        4 <= found.search.n_starts <= 5
     )  # the given one, two at random, and one of the two ways from this, as rounding has it
 
 
@@ -69,7 +69,7 @@ def test_a_start_that_fits_does_not_pay_for_it(monkeypatch):
 
     monkeypatch.setattr(output_error_search, "posterior_linearized", never)
     structure, unknown, record = beam(0)
-    assert identify_time(structure, off(unknown, 0.05), record).n_starts == 1
+    assert identify_time(structure, off(unknown, 0.05), record).search.n_starts == 1
 
 
 def test_without_restarts_nothing_is_linearized_by_its_posterior(monkeypatch):
@@ -81,7 +81,7 @@ def test_without_restarts_nothing_is_linearized_by_its_posterior(monkeypatch):
     start, options = unknown.theta_start, TimeOptions(restarts=0)
     problem = output_error_problem(structure, unknown, record, options)
     passed = len(output_error_search._stages(problem, options))
-    assert identify_time(structure, unknown, record, options).n_starts == 2
+    assert identify_time(structure, unknown, record, options).search.n_starts == 2
 
 
 def test_an_answer_that_another_start_missed_is_held_against_what_lies_beside_it():
@@ -108,9 +108,9 @@ def test_what_the_first_leaves_some_periods_off_is_found_from_where_it_ends():
     structure, unknown, start, record, options = long_beam(12)
     found = identify_time(structure, start, record, options)
     assert found.status is Status.CONVERGED
-    assert found.chi_square_probability > 1e-4
+    assert found.goodness.chi_square_probability > 1e-4
     assert (np.abs(found.values - unknown.start) < 4 * found.std).all()
-    assert found.n_starts > 5  # the fourth and the fifth are those of the first posterior linearization
+    assert found.search.n_starts > 5  # the fourth and the fifth are those of the first posterior linearization
 
 
 @pytest.mark.long
@@ -128,5 +128,5 @@ def test_a_wrong_model_ends_flagged_and_soon(monkeypatch):
     wrong = replace(record, values=values)
     found = identify_time(structure, off(unknown, 0.3, 0), wrong, TimeOptions(restarts=1))
     assert found.chi_square_per_dof > 5
-    assert found.chi_square_probability < 1e-4
+    assert found.goodness.chi_square_probability < 1e-4
     assert len(asked) == 3

@@ -70,11 +70,11 @@ def test_many_lines_are_added_in_twelve_stages():
 def test_it_comes_first_for_few_lines_and_not_at_all_for_many():
     few, many = problem_of(record_of((TIP,))), problem_of(record_of((TIP,), tuple(np.linspace(0.05, 1.0, 61))))
     theta = few.theta_start + 0.1
-    plans = few.ways()
-    assert len(plans) == 1 + len(few.stage_plans())
+    plans = few.continuation_paths()
+    assert len(plans) == 1 + len(few.schedules())
     assert plans[0](theta)[0][1].unknowns.held[0] == pytest.approx(theta)
-    assert not any(callable(way) for way in many.ways())
-    assert len(many.ways()) == len(many.stage_plans())
+    assert not any(callable(way) for way in many.continuation_paths())
+    assert len(many.continuation_paths()) == len(many.schedules())
 
 
 def test_equation_form_has_no_stages():
@@ -105,7 +105,7 @@ def test_an_alias_is_told():
     record = record_of((TIP,), GRID)
     told = identified(start_of(0.20, 0), record, uniqueness_starts=3)
     assert told.estimate.status is sid.Status.NOT_IDENTIFIABLE
-    assert told.estimate.n_fitting > 1
-    assert max(rms(a.values / CASE_2.actual - 1) for a in told.estimate.answers if a.fits) > 0.1
-    assert min(a.distance for a in told.estimate.answers[1:]) > 1e6
+    assert told.estimate.search.n_fitting > 1
+    assert max(rms(a.values / CASE_2.actual - 1) for a in told.estimate.search.answers if a.fits) > 0.1
+    assert min(a.distance for a in told.estimate.search.answers[1:]) > 1e6
     assert any("sets of values fit the data equally well" in w for w in told.warnings)

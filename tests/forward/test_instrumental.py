@@ -80,7 +80,7 @@ def test_covariance_is_that_of_repeats(declared):
         record = record_of(structure, unknown, sensors, n=100, rng=rng, force_noise=0.02)
         record = record if declared else replace(record, variance=None)
         found = identify_time(structure, unknown, record, replace(BY_INSTRUMENTS, first_samples=100))
-        assert bool(np.isnan(found.chi_square)) is not declared
+        assert bool(np.isnan(found.goodness.chi_square)) is not declared
         scores.append((found.values - unknown.start) / found.std)
     scores = np.array(scores)
     assert (0.75 if declared else 0.4) < (scores**2).mean() < 1.3

@@ -24,5 +24,5 @@ def test_time_histories_and_frfs_together_beat_each_alone():
     assert np.abs((together.values - truth.start) / together.std_noise).max() < 3.5
     assert all((together.std_noise < other.std_noise).all() for other in alone)
     # each fit loses its parameters and the time fit the six unknowns of its first state besides
-    assert together.degrees_of_freedom == joint.n_data - truth.n_params - 6
-    assert np.allclose(joint.sizes(truth.start), truth.start)
+    assert together.goodness.degrees_of_freedom == joint.n_data - truth.n_params - 6
+    assert np.allclose(joint.unknowns.sizes(truth.start), truth.start)

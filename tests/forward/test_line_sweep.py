@@ -14,8 +14,8 @@ import structid as sid
 from structid.core.errors import InputError
 from structid.dynamics.factorization import installed_factorizers
 from structid.forward.contraction import element_products
-from structid.forward.frf.lines.large import sweep_error
-from structid.forward.frf.response import Models, response
+from structid.forward.frf.response import ResponseCache, response
+from structid.forward.frf.solvers.sparse import sweep_error
 from structid.identification.options import IdentifyOptions
 from structid.unknowns.priors import priors_of
 
@@ -54,7 +54,7 @@ def dense_values(structure, made, record, physical):
 @pytest.mark.parametrize("name", installed_factorizers())
 @pytest.mark.parametrize("shape", list(SHAPES))
 def test_values_equal_dense_matrices(shape, name):
-    structure, made, record, at = model(shape, models=Models(name))
+    structure, made, record, at = model(shape, cache=ResponseCache(name))
     assert at.is_large
     exact = dense_values(structure, made, record, made.start)
     assert at.values_at(made.start) == pytest.approx(exact, rel=1e-9, abs=1e-10 * np.abs(exact).max())
@@ -143,8 +143,8 @@ def test_reduced_derivatives_keep_their_promise(loss):
         assert (np.abs(values - exact).max((1, 2)) <= 1e-6 * np.abs(exact).max((1, 2))).all()
         assert derivative_errors(slopes, true).max() <= 1e-5
         assert not np.array_equal(slopes, true)
-    assert at.lines.last_sweep.n_factorizations < 40
-    assert 0 < at.lines.last_sweep.n_basis < structure.n_dofs
+    assert at.solver.last_sweep.n_factorizations < 40
+    assert 0 < at.solver.last_sweep.n_basis < structure.n_dofs
 
 
 def test_reduced_values_and_derivatives_share_a_sweep_and_do_not_depend_on_what_came_before():
@@ -152,13 +152,13 @@ def test_reduced_values_and_derivatives_share_a_sweep_and_do_not_depend_on_what_
     record = empty_record(structure, np.linspace(40.0, 1500.0, 40), 4, 1)
     at, other = (response(structure, replace(made), record, reduced=1e-6) for _ in range(2))
     values = at.values_at(made.start)
-    count = at.lines.last_sweep.n_factorizations
+    count = at.solver.last_sweep.n_factorizations
     assert np.array_equal(at.derivatives_at(made.start)[0], other.derivatives_at(made.start)[0])
-    assert at.lines.last_sweep.n_factorizations == count
+    assert at.solver.last_sweep.n_factorizations == count
     other.values_at(1.2 * made.start)
     assert np.array_equal(other.values_at(made.start), values)
     assert at.derivatives_at(made.start)[0] == pytest.approx(values, rel=1e-9, abs=1e-12 * np.abs(values).max())
-    copied = pickle.loads(pickle.dumps(at.lines.last_sweep))
+    copied = pickle.loads(pickle.dumps(at.solver.last_sweep))
     assert (copied.n_factorizations, copied.n_basis, copied.readings) == (count, 0, {})
 
 
@@ -170,7 +170,7 @@ def test_reduced_fields_serve_a_search_without_a_jacobian():
     exact, found = full.linearize(full.theta_start), short.linearize_operator(short.theta_start)
     v = np.random.default_rng(3).standard_normal(made.n_params)
     assert found.product(v) == pytest.approx(exact.jacobian @ v, abs=1e-3 * np.abs(exact.jacobian @ v).max())
-    assert short.model.lines.last_sweep.n_factorizations < 20
+    assert short.model.solver.last_sweep.n_factorizations < 20
 
 
 def test_error_of_a_sweep_weighs_readings_and_derivatives():
@@ -194,18 +194,18 @@ def test_error_of_a_sweep_weighs_readings_and_derivatives():
 def test_the_factorizer_goes_with_the_models():
     structure, made, record, _ = model()
     record = replace(record, variance=np.ones(record.values.shape))
-    problem = pickle.loads(pickle.dumps(sid.FrfProblem(structure, made, record, models=Models("superlu"))))
-    assert problem.model.lines.pattern.factorizer == "superlu"
-    with pytest.raises(InputError, match=r"write models=Models\('superlu'\)"):
+    problem = pickle.loads(pickle.dumps(sid.FrfProblem(structure, made, record, cache=ResponseCache("superlu"))))
+    assert problem.model.solver.pattern.factorizer == "superlu"
+    with pytest.raises(InputError, match=r"write cache=ResponseCache\('superlu'\)"):
         sid.FrfProblem(structure, made, record, factorizer="superlu")
 
 
 def test_lines_in_use_are_shared_where_all_is_the_same():
     structure, made, record, _ = model()
-    models = Models()
+    cache = ResponseCache()
 
-    def lines(unknown=made, record=record, models=models, **options):
-        return response(structure, unknown, record, models=models, **options).lines
+    def lines(unknown=made, record=record, cache=cache, **options):
+        return response(structure, unknown, record, cache=cache, **options).solver
 
     at = lines()
     assert lines(record=replace(record, values=2 * record.values)) is at
@@ -214,9 +214,9 @@ def test_lines_in_use_are_shared_where_all_is_the_same():
     for other in (lines(reduced=1e-6), lines(record=record.lines(np.arange(2)))):
         assert other is not at
         assert other.pattern is at.pattern
-    for other in (lines(models=Models("superlu")), lines(record=record.channels(record.outputs[:2]))):
+    for other in (lines(cache=ResponseCache("superlu")), lines(record=record.channels(record.outputs[:2]))):
         assert other.pattern is not at.pattern
-    assert response(structure, made, record).lines is not at
+    assert response(structure, made, record).solver is not at
     kept = weakref.ref(at)
     del at
     gc.collect()
@@ -227,17 +227,17 @@ def test_problems_made_from_one_another_share_their_lines():
     problem = noisy("output")
     eased = replace(problem.with_parts([problem.parameters.kept_near_start(0.3)]), form="pole_free")
     few = problem.with_lines(np.arange(2))
-    assert eased.model.lines is problem.model.lines
-    assert few.model.lines.pattern is problem.model.lines.pattern
+    assert eased.model.solver is problem.model.solver
+    assert few.model.solver.pattern is problem.model.solver.pattern
     one, two = pickle.loads(pickle.dumps((problem, few)))
-    assert one.models is two.models is not problem.models
+    assert one.cache is two.cache is not problem.cache
 
 
 def test_reduction_asked_for_in_a_study_reaches_the_model():
     structure, made, record, _ = model()
     record = replace(record, variance=np.full(record.values.shape, 1e-18))
     problem = sid.Setup(structure, made, record).prepared(IdentifyOptions(reduced=1e-5)).problem
-    assert problem.model.lines.reduced == 1e-5
+    assert problem.model.solver.reduced == 1e-5
     assert problem.predicted_on(record, made.start) == pytest.approx(problem.predicted(made.theta_start), rel=1e-12)
 
 
@@ -276,16 +276,16 @@ def test_a_sweep_is_come_back_to():
     at = response(structure, made, record, reduced=1e-6)
     first = at.derivatives_at(made.start)[1]
     at.values_at(1.01 * made.start)
-    count = at.lines.last_sweep.n_factorizations
+    count = at.solver.last_sweep.n_factorizations
     assert np.array_equal(at.derivatives_at(made.start)[1], first)
-    assert at.lines.last_sweep.n_factorizations == count
+    assert at.solver.last_sweep.n_factorizations == count
     at.values_at(1.02 * made.start)
     at.values_at(1.03 * made.start)
-    count = at.lines.last_sweep.n_factorizations
+    count = at.solver.last_sweep.n_factorizations
     assert np.array_equal(at.derivatives_at(made.start * (1 + 2e-16))[1], first)
-    assert at.lines.last_sweep.n_factorizations == count
+    assert at.solver.last_sweep.n_factorizations == count
     at.derivatives_at(1.01 * made.start)
-    assert at.lines.last_sweep.n_factorizations > count
+    assert at.solver.last_sweep.n_factorizations > count
 
 
 def test_derivatives_by_the_basis_are_those_of_its_fields():
@@ -296,7 +296,7 @@ def test_derivatives_by_the_basis_are_those_of_its_fields():
     record = replace(record, inputs=(record.inputs[0], replace(record.inputs[1], sign=-1)))
     at = response(structure, made, record, reduced=1e-6)
     by_basis = at.derivatives_at(made.start)
-    assert at.lines.last_sweep.derivatives
+    assert at.solver.last_sweep.derivatives
     fields = np.concatenate([x for _, x in at.solved_at(made.start)])
     x, y = at.channels.under_loads(fields), at.channels.under_sensors(fields)
     expected = at.sensitivity_at(made.start, x, y)

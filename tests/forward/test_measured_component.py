@@ -339,11 +339,11 @@ def test_errors_of_a_component_change_the_data_rows_as_differences_do(form, own)
 
     at = problem(y, variance)
     theta = at.theta_start
-    found = at.data_changes(theta)
+    found = at.noise_law(theta).factor
     assert np.array_equal(found[: at.n_data], np.eye(at.n_data))
     jacobian = at.linearize(theta).jacobian[: at.n_data]
     expected = (found @ jacobian).T @ (found @ jacobian)
-    near(at.score_covariance(theta, jacobian), expected)
+    near(at.noise_law(theta).score_covariance(jacobian), expected)
     found = found[at.n_data :].reshape(3, 2, len(own), -1)  # entries 00, 01, 11; real and imaginary parts; own lines
     pairs, line = [(0, 0), (0, 1), (1, 1)], int(np.abs(own - FREQUENCY[42]).argmin())
     for k, (i, j) in enumerate(pairs):
@@ -355,7 +355,7 @@ def test_errors_of_a_component_change_the_data_rows_as_differences_do(form, own)
             near(found[k, part, line], (ends[0] - ends[1]) / 2e-3, 1e-5)
     assert at.has_component_errors
     assert not problem(y).has_component_errors
-    assert problem(y).data_changes(theta) is None
+    assert problem(y).noise_law(theta).factor is None
 
 
 @pytest.mark.parametrize("own", [FREQUENCY, pytest.param(np.linspace(1.0, 125.0, 400), marks=pytest.mark.long)])

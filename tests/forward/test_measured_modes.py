@@ -4,7 +4,7 @@ import numpy as np
 from modal_problem_cases import require_exact_slope
 
 from structid import ModalRecord, PointMass, Spring, Structure, Unknown, parameters
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward import ModalProblem, ModalSettings
 
 STIFFNESS = [1000.0, 700.0, 400.0]

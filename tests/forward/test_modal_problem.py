@@ -24,7 +24,7 @@ from structid import (
     parameters,
     simulated_record,
 )
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward import FrfProblem, ModalProblem, ModalSettings
 from structid.forward.modal.paired import pairing
 from structid.forward.modal.problem import of_form, pull, shape_residual
@@ -240,7 +240,7 @@ def test_modal_fit_recovers_parameters_of_clean_modes_from_a_poor_start_with_few
     true = truth.start * np.exp(0.2 * rng.standard_normal(5))
     record = measured(structure, truth.values(true), ["2X", "5X"], 3)
     problem = ModalProblem(structure, truth.started_at(1000.0 * np.exp(0.5 * rng.standard_normal(5))), record)
-    found = estimate(problem, plans=problem.stage_plans())
+    found = estimate(problem, plans=problem.schedules())
     np.testing.assert_allclose(found.values, true, rtol=1e-7)
 
 
@@ -254,7 +254,7 @@ def test_modes_that_few_sensors_tell_apart_are_fitted_without_the_way_of_wide_er
     truth = parameters(structure, [Unknown("stiffness", spring.name) for spring in springs])
     record = measured(structure, truth.values(truth.start), ["1X", "3X"], 3, np.random.default_rng(2))
     problem = ModalProblem(structure, truth.started_at(truth.start * np.array([1.02, 0.98, 1.01])), record)
-    assert [name for way in problem.stage_plans() for name, _ in way] == ["modal dynamic residual"]
+    assert [name for way in problem.schedules() for name, _ in way] == ["modal dynamic residual"]
     with pytest.raises(
         InputError, match=r"modes 1, 2, 3 are not told apart .* 2 sensors; lower `closeness` or the errors"
     ):
@@ -279,7 +279,7 @@ def test_modal_fit_takes_more_sensors_than_degrees_of_freedom(channels):
     true = truth.start * np.exp(0.2 * rng.standard_normal(3))
     record = measured(structure, truth.values(true), channels, 3, rng, 1e-7, 1e-7)
     problem = ModalProblem(structure, truth.started_at(1000.0 * np.exp(0.3 * rng.standard_normal(3))), record)
-    found = estimate(problem, plans=problem.stage_plans())
+    found = estimate(problem, plans=problem.schedules())
     np.testing.assert_allclose(found.values, true, rtol=1e-5)
     force = of_form(problem, "dynamic")
     gradient, difference = gradient_errors(force, force.theta_start)
@@ -293,7 +293,7 @@ def test_modal_fit_follows_modes_that_cross():
     record = measured(structure, truth.values(truth.start), ["1X", "2X", "1Y", "2Y"], 4)
     start = truth.started_at(truth.start * np.array([1.0, 1.0, 0.6, 0.6]))
     problem = ModalProblem(structure, start, record)
-    found = estimate(problem, plans=problem.stage_plans())
+    found = estimate(problem, plans=problem.schedules())
     np.testing.assert_allclose(found.values, truth.start, rtol=1e-7)
 
 
@@ -306,8 +306,8 @@ def test_modal_standard_deviations_are_those_of_repeated_measurements():
         record = measured(structure, truth.values(truth.start), ["1X", "2X", "3X", "4X", "5X"], 4, rng)
         found = estimate(ModalProblem(structure, truth, record))
         scores.append((found.values - truth.start) / found.std_noise)
-        chi.append(found.chi_square)
-    freedom = found.degrees_of_freedom
+        chi.append(found.goodness.chi_square)
+    freedom = found.goodness.degrees_of_freedom
     assert freedom == 4 * 5 - 6  # four frequencies and four shapes of five entries, less scale, less unknowns
     assert np.mean(chi) == pytest.approx(freedom, rel=0.15)  # standard deviation of the mean is 5 %
     assert np.mean(np.square(scores)) == pytest.approx(1.0, abs=0.25)
@@ -326,8 +326,8 @@ def test_modal_group_data_are_weighted_right(frequency_error, expected):
         record = measured(structure, truth.values(truth.start), channels, 4, rng, frequency_error)
         found = estimate(ModalProblem(structure, truth, record))
         scores.append((found.values - truth.start) / found.std_noise)
-        chi.append(found.chi_square)
-    assert found.degrees_of_freedom == 4 * 4 - 4
+        chi.append(found.goodness.chi_square)
+    assert found.goodness.degrees_of_freedom == 4 * 4 - 4
     assert np.mean(chi) == pytest.approx(expected, rel=0.16)  # standard deviation of the mean is 5 to 6 %
     assert np.mean(np.square(scores)) == pytest.approx(1.0, abs=0.35)
 
@@ -452,7 +452,7 @@ def test_what_pulls_sums_to_the_number_of_parameters():
     left, priors = np.linalg.inv(at.jacobian.T @ at.jacobian), at.jacobian[problem.n_data :]
     whole = sum(own for _, own, _ in found.values())
     assert whole + np.trace(left @ priors.T @ priors) == pytest.approx(5, rel=1e-9)
-    rows = at.jacobian[: problem.n_data][problem.series == 8]  # frequencies of three channels: 2 * 3 + 2
+    rows = at.jacobian[: problem.n_data][problem.rows.series == 8]  # frequencies of three channels: 2 * 3 + 2
     assert found["frequencies"][1] == pytest.approx(np.trace(left @ rows.T @ rows), rel=1e-9)
     assert sum(part for _, _, part in found.values()) == pytest.approx(1)
     fewer = replace(problem, record=record.some_modes(np.array([0])), parameters=stiffnesses(structure))
@@ -516,7 +516,7 @@ def test_changes_of_the_data_rows_agree_with_differences(close, damping):
     record = with_changes(record, np.random.default_rng(0))
     problem = ModalProblem(structure, unknown, record, ModalSettings(use_damping=damping and not close, closeness=0.02))
     theta = problem.theta_start * 1.02
-    found, changes = problem.data_changes(theta), record.changes
+    found, changes = problem.noise_law(theta).factor, record.changes
     step = 1e-4
     for number in (0, 7, 29):
         sides = []
@@ -553,11 +553,11 @@ def test_covariance_counts_how_modes_vary_together():
         found = estimate(ModalProblem(structure, unknown, drawn))
         assert found.covariance_basis == "noise"
         answers.append(found.values)
-        predicted.append(np.diag(found.covariance_noise))
+        predicted.append(np.diag(found.spread.covariance_noise))
     ratio = np.std(answers, axis=0) / np.sqrt(np.mean(predicted, axis=0))
     assert ratio == pytest.approx(np.ones(5), abs=0.25)  # three standard errors of 80 repeats
     independent = estimate(ModalProblem(structure, unknown, replace(clean, changes=None)))
-    assert np.abs(np.log(np.diag(independent.covariance_noise) / np.mean(predicted, axis=0))).max() > 0.5
+    assert np.abs(np.log(np.diag(independent.spread.covariance_noise) / np.mean(predicted, axis=0))).max() > 0.5
 
 
 def test_joint_problem_counts_each_record_by_its_own_errors():
@@ -566,5 +566,5 @@ def test_joint_problem_counts_each_record_by_its_own_errors():
     record = with_changes(measured(structure, structure.values, ("1X", "2X", "4X", "5X"), 4), rng)
     alone = ModalProblem(structure, unknown, record)
     twice = JointProblem((alone, ModalProblem(structure, unknown, record)))
-    one, two = (estimate(problem).covariance_noise for problem in (alone, twice))
+    one, two = (estimate(problem).spread.covariance_noise for problem in (alone, twice))
     np.testing.assert_allclose(two, one / 2, rtol=1e-6)

@@ -19,7 +19,7 @@ from structid import (
     parameters,
 )
 from structid.dynamics import harmonic_transient
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward import Motion, identify_motion, least_squares_bias
 from structid.forward.motion.equations import time_equations
 from structid.forward.motion.fit import motion_fit
@@ -109,7 +109,7 @@ def test_noisy_fit_equals_dense_least_squares(one_block, weighted, monkeypatch):
     found = fit.estimate()
     assert found.values == pytest.approx(expected, rel=1e-11)
     assert found.covariance == pytest.approx(covariance, rel=1e-8, abs=1e-14)
-    assert found.degrees_of_freedom == len(right) - 9
+    assert found.goodness.degrees_of_freedom == len(right) - 9
     assert fit.solution().condition == pytest.approx(np.linalg.cond(matrix / scale), rel=1e-9)
 
 
@@ -272,8 +272,8 @@ def test_message_says_that_least_squares_is_biased():
     found = identify_motion(structure, parameters(structure, EVERYTHING), moved(structure))
     assert "biases the values" in found.message
     assert "rank 16 of 16" in found.message
-    assert np.isnan(found.covariance_model_error).all()
-    assert np.isnan(found.chi_square)
+    assert np.isnan(found.spread.covariance_model_error).all()
+    assert np.isnan(found.goodness.chi_square)
     assert found.covariance_basis == "noise"
 
 

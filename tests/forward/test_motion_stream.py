@@ -55,7 +55,7 @@ def test_chunks_from_disk_give_the_answer_of_the_whole_record(tmp_path, work, lo
     assert found.values == pytest.approx(expected.values, rel=1e-10)
     assert found.std == pytest.approx(expected.std_noise, rel=1e-9)
     some = np.array([0, 5, 11])
-    assert found.covariance(some) == pytest.approx(expected.covariance_noise[np.ix_(some, some)], rel=1e-7)
+    assert found.covariance(some) == pytest.approx(expected.spread.covariance_noise[np.ix_(some, some)], rel=1e-7)
     assert found.status is expected.status is Status.CONVERGED
     assert told[-1] == (60, 60)
     assert ("numba" in found.message) == (work.engine == "numba")

@@ -215,7 +215,7 @@ def test_unknown_start_is_found_with_the_parameters():
     found = identify_time(structure, off(unknown, 0.1), record, FREE)
     assert found.status is Status.CONVERGED
     assert 0.8 < found.chi_square_per_dof < 1.2
-    assert found.degrees_of_freedom == 400 - 9 - 6
+    assert found.goodness.degrees_of_freedom == 400 - 9 - 6
     assert (np.abs(found.values - unknown.start) < 4 * found.std).all()
     found_start = unknown.started_at(found.values)
     wrong = identify_time(structure, found_start, record, TimeOptions(restarts=0, first_samples=100, max_iterations=10))
@@ -248,7 +248,7 @@ def test_long_coarse_record_needs_its_short_beginning():
     assert grown.chi_square_per_dof < 1.1
     assert (np.abs(grown.values - unknown.start) < 4 * grown.std).all()
     at_once = minimize(output_error_problem(structure, start, record), LevenbergMarquardt(max_iterations=15))
-    assert at_once.costs[-1] > 100 * grown.chi_square
+    assert at_once.costs[-1] > 100 * grown.goodness.chi_square
 
 
 def test_covariance_is_that_of_repeats():

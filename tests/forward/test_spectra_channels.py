@@ -9,6 +9,7 @@ from scipy import linalg
 from short_record_cases import RATE, chain, exact_motion, record, unknowns
 from structid import ChannelUnknown, IdentifyOptions, InputError, TimeRecord, channel_errors, identify_together
 from structid.forward import SpectraProblem
+from structid.forward.polarities import with_polarities
 from structid.identification.setups.time import TimeFit, TimeSetup
 from structid.records.transforms.finite_spectra import finite_spectra
 
@@ -32,7 +33,7 @@ def spectra_with(errors, decay=0.0, seed=2, **more):
 
 @pytest.mark.parametrize("decay", [0.0, 0.7])
 def test_the_likelihood_with_errors_of_channels_is_that_of_the_textbook(decay):
-    problem = spectra_with(EVERY, decay, order=2).with_polarities([-1.0])
+    problem = with_polarities(spectra_with(EVERY, decay, order=2), [-1.0])
     structure, spectra = problem.structure, problem.spectra
     values = problem.parameters.values(problem.parameters.start)
     mass, damping, stiffness = (structure.matrix(law, values).toarray() for law in ("inertia", "viscous", "elastic"))
@@ -66,8 +67,8 @@ def test_the_jacobian_gives_the_gradient_of_the_likelihood_in_gains_and_delays()
         [[np.sum(problem.residual(theta + k * step * e) ** 2) for k in (2, 1, -1, -2)] for e in np.eye(16)]
     )
     difference = costs @ [-1, 8, -8, 1] / (12 * step)
-    for kind in set(problem.kinds):  # of each kind: a second is as much as many newtons
-        own = [k for k, other in enumerate(problem.kinds) if other == kind]
+    for kind in set(problem.unknowns.kinds):  # of each kind: a second is as much as many newtons
+        own = [k for k, other in enumerate(problem.unknowns.kinds) if other == kind]
         np.testing.assert_allclose(gradient[own], difference[own], atol=1e-6 * np.abs(gradient[own]).max())
 
 

@@ -153,7 +153,7 @@ def test_a_kept_evaluation_and_a_part_of_the_lines_are_those_of_the_whole():
     for at in (kept, after):
         np.testing.assert_array_equal(at.residual, plain.residual)
         np.testing.assert_array_equal(at.jacobian, plain.jacobian)
-    assert problem.thinned() is None  # too few to be worth it
+    assert problem.subsampled() is None  # too few to be worth it
     lines = np.arange(0, len(problem.frequency), 3)
     part = problem.with_lines(lines)
     np.testing.assert_array_equal(part.frequency, problem.frequency[lines])

@@ -91,7 +91,7 @@ def test_the_gradient_of_the_dynamic_residual_agrees_with_differences():
     record = without(measured(lost=0), (0, 0), (3, 0), (2, 1), (4, 3), mode=2)
     problem = problem_of(record, form="dynamic")
     assert problem.n_data == 5 * 3 - 4
-    assert sorted(set(problem.lines.tolist())) == [0, 1, 3]
+    assert sorted(set(problem.rows.lines.tolist())) == [0, 1, 3]
     theta = problem.theta_start + 0.1
     gradient, difference = gradient_errors(problem, theta)
     assert gradient == pytest.approx(difference, abs=1e-5 * np.abs(difference).max())
@@ -100,14 +100,14 @@ def test_the_gradient_of_the_dynamic_residual_agrees_with_differences():
 def test_rows_are_those_of_known_entries_and_what_is_unknown_has_no_part():
     record = without(measured(lost=0), (1, 0), (3, 2), (4, 2))
     problem = problem_of(record)
-    shapes = problem.series < 2 * 5
+    shapes = problem.rows.series < 2 * 5
     pairs = {
         (int(mode), int(series) // 2)
-        for mode, series in zip(problem.lines[shapes], problem.series[shapes], strict=True)
+        for mode, series in zip(problem.rows.lines[shapes], problem.rows.series[shapes], strict=True)
     }
     assert pairs == {(m, c) for m in range(4) for c in range(5)} - {(0, 1), (2, 3), (2, 4)}
     assert pull(problem, problem.theta_start)["shapes"][0] == 17
-    freedom = estimate(problem).degrees_of_freedom
+    freedom = estimate(problem).goodness.degrees_of_freedom
     assert freedom == 4 + 17 - 4 - 5  # frequencies and entries, less scales, less unknowns
     noisy = problem_of(replace(record, shape_std=np.where(record.known, record.shape_std, 7.0)))
     assert np.array_equal(noisy.residual(problem.theta_start), problem.residual(problem.theta_start))
@@ -127,7 +127,7 @@ def test_a_channel_that_is_unknown_throughout_is_one_that_is_not_there(form, opt
     settings = ModalSettings(form=form, **options)
     setups = [ModalSetup(storeys(), one.parameters, each, settings) for each in (dead, less)]
     answers = [identify_together([setup]).estimate for setup in setups]
-    names = [[test.name for test in answer.residual_tests.series] for answer in answers]
+    names = [[test.name for test in answer.goodness.residual_tests.series] for answer in answers]
     assert names[0] == names[1]
     assert not any("3X" in name for name in names[0])
     assert answers[0].values == pytest.approx(answers[1].values, rel=1e-6)
@@ -138,7 +138,7 @@ def test_a_channel_that_no_group_of_modes_has_whole_has_no_row():
     problem = problem_of(record, closeness=0.5)
     assert [len(group.members) for group in problem.data.groups] == [1, 3]
     found = identify_together([ModalSetup(storeys(), problem.parameters, record, ModalSettings(closeness=0.5))])
-    named = [test.name for test in found.estimate.residual_tests.series]
+    named = [test.name for test in found.estimate.goodness.residual_tests.series]
     assert named == [*(f"shape at {c}X+" for c in (1, 2, 4, 5)), "mixing of close modes", "frequency"]
     assert pull(problem, problem.theta_start)["shapes"][0] == 4 * 4
 
@@ -165,10 +165,10 @@ def test_a_mode_without_a_shape_is_paired_by_its_frequency_and_counts_by_it():
     pairs = paired_modes(problem, problem.theta_start)
     assert pairs.number.tolist() == [0, 1, 2, 3]
     assert np.isnan(pairs.mac).tolist() == np.isnan(pairs.angle).tolist() == [False, False, True, False]
-    assert (problem.series < 2 * 5).sum() == 15
+    assert (problem.rows.series < 2 * 5).sum() == 15
     found = estimate(problem)
     assert found.status is Status.CONVERGED
-    assert found.degrees_of_freedom == 4 + 15 - 3 - 5
+    assert found.goodness.degrees_of_freedom == 4 + 15 - 3 - 5
     both = (problem, problem_of(record.some_modes([0, 1, 3])))
     more, less = (one.linearize(problem.theta_start).jacobian for one in both)
     gain = np.linalg.eigvalsh(more.T @ more - less.T @ less)
@@ -190,7 +190,7 @@ def test_close_modes_are_one_group_past_a_mode_without_a_shape():
     rng = np.random.default_rng(0)
     own = ModalChanges(*1e-3 * rng.standard_normal((2, 30, 4)), 0.01 * rng.standard_normal((30, 5, 4)))
     told = problem_of(replace(record, changes=own), closeness=0.9)
-    rows = told.data_changes(truth)[:, -4:] * told.data.frequency_std
+    rows = told.noise_law(truth).factor[:, -4:] * told.data.frequency_std
     assert rows[:, 2] == pytest.approx(-own.frequency[:, 2], rel=1e-9)
 
 
@@ -247,8 +247,8 @@ def test_changes_of_the_data_leave_out_what_is_unknown():
     dead = without(record, *((2, mode) for mode in range(4)))
     theta = problem_of(record).theta_start
     for options in ({}, {"shape_error": 0.01}):
-        own = problem_of(dead, **options).data_changes(theta)
-        other = problem_of(record.some_channels([0, 1, 3, 4]), **options).data_changes(theta)
+        own = problem_of(dead, **options).noise_law(theta).factor
+        other = problem_of(record.some_channels([0, 1, 3, 4]), **options).noise_law(theta).factor
         assert own.T @ own == pytest.approx(other.T @ other, rel=1e-9, abs=1e-9)
         assert np.isfinite(estimate(problem_of(without(dead, (0, 0)), **options)).std).all()
 

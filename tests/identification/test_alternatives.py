@@ -41,7 +41,7 @@ def test_all_frames_of_the_same_frequencies_are_listed(masses, stiffness, count)
     assert sets.is_exhaustive
     assert found.estimate.status is sid.Status.NOT_IDENTIFIABLE
     np.testing.assert_array_equal(sets.values[0], found.estimate.values)
-    assert found.estimate.n_starts < 200
+    assert found.estimate.search.n_starts < 200
 
 
 def test_what_would_decide_is_what_the_frames_predict_most_differently(three):
@@ -101,7 +101,7 @@ def test_a_combination_that_the_data_leave_open_is_not_searched_widely():
     """Two frequencies of three stiffnesses: a curve of answers, which is told by its direction and takes one search."""
     found = identify_together([frame_setup(THREE[0], frame_frequencies(*THREE)[:2])])
     assert found.estimate.status is sid.Status.NOT_IDENTIFIABLE
-    assert found.estimate.n_starts == 1
+    assert found.estimate.search.n_starts == 1
     assert found.alternatives is None
 
 

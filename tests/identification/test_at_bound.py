@@ -7,7 +7,7 @@ from chain_cases import bounded, chain, found, record
 from structid import FrfProblem, Status
 from structid.criticism.verdict import judged
 from structid.inversion import LevenbergMarquardt
-from structid.inversion.problems.wrapped import Held
+from structid.inversion.problems.wrapped import FixedVariable
 from structid.inversion.search.least_squares import minimize
 
 
@@ -15,7 +15,7 @@ def profiled(value, answer):
     """Half chi-square with the second stiffness held at a value, from bounds that leave it alone, with the answer's weights."""
     problem = FrfProblem(chain(), bounded((100.0, 2000.0)), answer.problem.record)
     theta = problem.unknowns.transforms.free(np.array([1000.0, value, 1200.0, 900.0]))
-    return minimize(Held(problem, 1, theta[1]), LevenbergMarquardt(), np.delete(theta, 1)).costs[-1] / 2
+    return minimize(FixedVariable(problem, 1, theta[1]), LevenbergMarquardt(), np.delete(theta, 1)).costs[-1] / 2
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,7 @@ def profiled(value, answer):
 )
 def test_a_bound_that_excludes_the_truth_is_named_with_its_multiplier(bounds, side, limit):
     answer = found(bounds)
-    (one,) = answer.estimate.at_bound
+    (one,) = answer.estimate.spread.at_bound
     assert (one.name, one.side, one.limit, one.index) == ("stiffness[k:2]", side, limit, 1)
     assert answer.estimate.values[1] == pytest.approx(limit, rel=1e-12)
     outward = -1.0 if side == "lower" else 1.0
@@ -41,7 +41,7 @@ def test_the_others_are_determined_and_rank_counts_the_free_ones():
     assert estimate.status is Status.CONVERGED
     assert (estimate.identifiability.rank, estimate.identifiability.n_free) == (3, 3)
     assert estimate.identifiability.directions == ()
-    assert estimate.identified.tolist() == estimate.is_free.tolist() == [True, False, True, True]
+    assert estimate.identified.tolist() == estimate.spread.is_free.tolist() == [True, False, True, True]
     assert np.isnan(estimate.std[1])
     assert np.isfinite(np.delete(estimate.std, 1)).all()
     assert estimate.status_words == (
@@ -66,7 +66,7 @@ def test_deviations_of_the_others_are_those_with_it_held():
 @pytest.mark.parametrize("bounds", [(100.0, 2000.0), (799.0, 1e12), (1.0, 800.5)])
 def test_a_bound_that_holds_nothing_changes_nothing(bounds):
     answer = found(bounds, 790.0 if bounds[1] < 1000 else 820.0)
-    assert answer.estimate.at_bound == ()
+    assert answer.estimate.spread.at_bound == ()
     assert answer.estimate.identified.all()
     assert answer.estimate.values[1] == pytest.approx(799.948, abs=0.002)
     assert answer.estimate.std_noise[1] == pytest.approx(0.109, rel=0.02)
@@ -75,8 +75,8 @@ def test_a_bound_that_holds_nothing_changes_nothing(bounds):
 
 def test_a_truth_at_the_bound_is_sound_and_one_beyond_it_is_not():
     at = found((799.952, 1200.0), 850.0)
-    assert len(at.estimate.at_bound) == 1
-    assert not at.estimate.at_bound[0].is_pushed
+    assert len(at.estimate.spread.at_bound) == 1
+    assert not at.estimate.spread.at_bound[0].is_pushed
     judgement = judged(at)
     assert judgement.verdict == "sound"
     assert "is at its lower bound 799.952 N/m" in judgement.words
@@ -101,6 +101,6 @@ def test_what_the_data_leave_open_over_its_whole_range_is_not_at_a_bound():
     structure = Structure(nodes, [*base.elements, *more], fixed=["0X"], active=["X"])
     own = [Unknown("stiffness", "k", each=True), Unknown("stiffness", "unseen", bounds=(49.0, 60.0), start=49.05)]
     answer = identify(structure, parameters(structure, own), record(chain())).estimate
-    assert answer.at_bound == ()
+    assert answer.spread.at_bound == ()
     assert answer.status is Status.NOT_IDENTIFIABLE
     assert [direction.words for direction in answer.identifiability.directions] == ["stiffness[unseen] not at all"]

@@ -112,8 +112,8 @@ def test_the_answer_follows_a_held_value_as_it_is_told():
     assert heavier.values - found.values == pytest.approx(3e-5 * found.fixed.slope[:, column], rel=0.02)
     changes = found.fixed.changes
     assert changes[:, :-1].tolist() == (found.fixed.slope * found.fixed.tolerance).tolist()
-    assert found.covariance == pytest.approx(found.of_data.matrix + changes @ changes.T)
-    assert found.covariance_noise == pytest.approx(found.of_data.matrix)
+    assert found.covariance == pytest.approx(found.spread.of_data.matrix + changes @ changes.T)
+    assert found.spread.covariance_noise == pytest.approx(found.spread.of_data.matrix)
     low, high = found.interval().T
     assert np.log(high / low) == pytest.approx(
         2 * 1.95996 * np.sqrt(np.diag(found.covariance)) / found.values, rel=1e-4
@@ -259,7 +259,7 @@ def test_as_many_values_as_parameters_test_nothing():
     judgement = judged(found)
     assert judgement.verdict == "untested"
     assert judgement.words.startswith("Untested: the data have no more values than the model has parameters (4)")
-    assert found.estimate.misfit_words == "no degree of freedom is left to test the model"
+    assert found.estimate.goodness.misfit_words == "no degree of freedom is left to test the model"
 
 
 def test_what_priors_know_is_told_from_what_the_data_say():
@@ -273,7 +273,7 @@ def test_what_priors_know_is_told_from_what_the_data_say():
     )
     found = sid.identify_together([sid.ModalSetup(structure, sid.parameters(structure, [*SOUGHT[:2], known]), one)])
     judgement = judged(found)
-    assert found.prior_share[2] > 0.5 > found.prior_share[:2].max()
+    assert found.priors.share[2] > 0.5 > found.priors.share[:2].max()
     assert judgement.verdict == "approximate"
     assert "priors, not the data, determine stiffness[k4]:" in judgement.words
 

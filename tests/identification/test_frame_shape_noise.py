@@ -25,7 +25,7 @@ def test_twelve_stiffnesses_from_three_modes_are_right_to_their_deviations():
         found = identify_together([setup]).estimate
         errors.append((found.values - true) / found.std)
         assert found.status is (Status.NOT_IDENTIFIABLE if seed == 5 else Status.CONVERGED)
-        assert found.n_fitting == (2 if seed == 5 else 1)
+        assert found.search.n_fitting == (2 if seed == 5 else 1)
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.4
 
 
@@ -50,7 +50,7 @@ def test_stages_that_end_worse_than_they_began_are_given_up(astray):
 def test_large_models_make_no_dense_matrices_for_a_stage():
     setup, _ = problem(8, 0)
     assert setup.structure.n_dofs > 600
-    plans = setup.prepared(IdentifyOptions()).problem.stage_plans()
+    plans = setup.prepared(IdentifyOptions()).problem.schedules()
     assert [[name for name, _ in way] for way in plans] == [[], ["modes in their order"]]
 
 

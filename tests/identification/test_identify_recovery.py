@@ -59,7 +59,7 @@ def test_noise_free_records_give_the_truth_back(sensors, kind):
         assert found.estimate.status is Status.CONVERGED
         assert np.abs(found.estimate.values / truth.start - 1).max() <= 1e-9
         assert found.estimate.initial == pytest.approx(start.start, rel=1e-12)
-        assert found.total_mass == pytest.approx(6.0, rel=1e-9)
+        assert found.mass.total == pytest.approx(6.0, rel=1e-9)
         assert found.modes.frequency[:3] == pytest.approx([0.0499, 0.2840, 0.8575], rel=1e-3)
 
 
@@ -98,7 +98,7 @@ def test_springs_in_series_are_refused_in_words():
     assert "reciprocals" in words
     assert np.isnan(found.estimate.std[:2]).all()
     assert np.isfinite(found.estimate.std[2])
-    assert found.total_mass_std == pytest.approx(found.estimate.std[2])
+    assert found.mass.std == pytest.approx(found.estimate.std[2])
 
 
 def test_a_prior_settles_what_the_data_cannot_and_is_named():

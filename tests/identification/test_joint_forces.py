@@ -8,7 +8,7 @@ import pytest
 import structid as sid
 from structid.core.dof import parse_dof
 from structid.fem.places import together, with_joint_forces
-from structid.forward import Models
+from structid.forward import ResponseCache
 from structid.identification.options import IdentifyOptions
 from structid.records import TimeRecord
 from structid.unknowns.tolerances import EXACT
@@ -80,7 +80,7 @@ def test_the_response_to_a_joint_force_is_that_to_its_parts():
 def test_one_shaker_on_a_diagonal_given_in_two_parts_is_identified(fit):
     structure = floors()
     start = sid.parameters(structure, [sid.Unknown("mass", "floors", each=True, start=2.5)])
-    setup = sid.TimeSetup(structure, start, record(structure), sid.TimeFit(fit), models=Models())
+    setup = sid.TimeSetup(structure, start, record(structure), sid.TimeFit(fit), cache=ResponseCache())
     options = IdentifyOptions(band=(1.0, 12.0) if fit == "spectra" else None, tolerances=EXACT)
     assert "forces at 3X+, 3Y- are never apart" in setup.words(options)
     found = sid.identify_together([setup], options)

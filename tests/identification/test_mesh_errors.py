@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from structid import Bar, Base, Beam, Joint, MatrixGroup, Plate, PointMass, Solid, SpaceBeam, Spring, Structure
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem.elements import Membrane
 from structid.identification.before.mesh import mesh_errors
 from structid.identification.before.refining import refined

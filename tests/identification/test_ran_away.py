@@ -25,7 +25,7 @@ def searched(truth, mass=(2.0,) * 4, **more):
 def test_a_rigid_connection_runs_away_no_farther_than_the_reach_and_is_no_answer():
     answer = searched(RIGID)
     found = answer.estimate
-    assert found.history.max() <= 1e6 * 900.0 * (1 + 1e-12)
+    assert found.search.history.max() <= 1e6 * 900.0 * (1 + 1e-12)
     assert answer.ran_away == (2,)
     assert np.delete(found.values, 2) == pytest.approx([1000.0, 800.0, 900.0], rel=1e-3)
     assert found.status is Status.NOT_IDENTIFIABLE

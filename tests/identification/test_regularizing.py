@@ -42,17 +42,17 @@ def test_smoothness_recovers_every_element_where_two_noisy_sensors_alone_do_not(
     found = sid.identify(structure, unknown, record, options)
     assert found.estimate.status is sid.Status.CONVERGED
     assert error(found, truth) < 0.1
-    (held,) = found.held
+    (held,) = found.priors.regularizations
     assert held.converged
     assert held.rule == ("given" if rule == 100.0 else rule)
     assert found.warnings.count(held.words) == 1
     assert f"strength {held.strengths[0]:.3g}" in held.words
-    assert ((found.prior_share >= 0) & (found.prior_share <= 1)).all()
+    assert ((found.priors.share >= 0) & (found.priors.share <= 1)).all()
     assert any("parameters are held by smoothness of bending_stiffness[beam]" in w for w in found.warnings)
     if rule == "discrepancy":
         n = found.problem.n_data
         # the strength is chosen with the noise of the measured sizes, the last fit has it of the model's
-        assert found.estimate.chi_square == pytest.approx(n + np.sqrt(2 * n), abs=0.15 * np.sqrt(2 * n))
+        assert found.estimate.goodness.chi_square == pytest.approx(n + np.sqrt(2 * n), abs=0.15 * np.sqrt(2 * n))
     elif rule == 100.0:
         assert (held.strengths == 100.0).all()
 
@@ -64,8 +64,8 @@ def test_plain_least_squares_fails_where_smoothness_recovers():
     found = sid.identify(structure, unknown, record, sid.IdentifyOptions(restarts=0))
     assert found.estimate.status is sid.Status.NOT_IDENTIFIABLE
     assert error(found, truth) > 1
-    assert found.held == ()
-    assert found.prior_share == pytest.approx(np.zeros(N))
+    assert found.priors.regularizations == ()
+    assert found.priors.share == pytest.approx(np.zeros(N))
 
 
 @pytest.mark.parametrize(("strength", "most"), [("marginal_likelihood", 4), (50.0, 9)])
@@ -80,9 +80,12 @@ def test_sparsity_locates_one_damage_with_one_noisy_sensor(strength, most):
     assert change.argmax() == 6
     assert change[6] == pytest.approx(0.15, abs=0.03)
     assert np.delete(change, 6).max() < 0.03
-    assert found.held[0].n_free <= most
-    assert f"{found.held[0].n_free} of 12 parameters leave their start" in found.held[0].words
-    assert found.held[0].converged
+    assert found.priors.regularizations[0].n_free <= most
+    assert (
+        f"{found.priors.regularizations[0].n_free} of 12 parameters leave their start"
+        in found.priors.regularizations[0].words
+    )
+    assert found.priors.regularizations[0].converged
 
 
 TERM = '[[regularization]]\nkind = "smoothness"\nproperty = "mass"\nelements = ["mass 1", "mass 2"]\nstrength = 4.0\n'

@@ -7,8 +7,8 @@ import pytest
 
 from structid import ChannelUnknown, FrfProblem, channel_errors, parameters, with_declared_noise
 from structid.fem import PointMass, Spring, Structure
+from structid.identification.joint_problem import joint_problem
 from structid.identification.search import searched
-from structid.identification.together import together
 from structid.inversion import Status
 from structid.records import FrfRecord
 from structid.unknowns import Unknown
@@ -35,11 +35,11 @@ def signs_of(problems):
 def fake_search(costs, tried):
     def search(problems):
         tried.append(signs_of(problems))
-        whole = together(problems)
+        whole = joint_problem(problems)
         return SimpleNamespace(
             names=whole.names,
             theta=np.array(whole.theta_start),
-            chi_square=costs(tried[-1]),
+            goodness=SimpleNamespace(chi_square=costs(tried[-1])),
             covariance_basis="noise" if costs(tried[-1]) < 1 else "model_error",
             status=Status.CONVERGED,
         )

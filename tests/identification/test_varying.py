@@ -20,10 +20,11 @@ from structid.explanation.screening import of_study
 from structid.explanation.suggestions import suggestion_text
 from structid.explanation.trial import base_trial
 from structid.forward import RecordProblem
-from structid.forward.record_problem import DataRows
+from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
+from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.search import answered
-from structid.identification.together import alike, together
 from structid.identification.varying import _chances
+from structid.inversion.problem import DataRows
 from structid.inversion.search.work import ALONE
 from structid.records.formats import write_record
 from structid.study.run.run import run_started
@@ -60,18 +61,15 @@ class Logs(RecordProblem):
     rows = property(lambda self: DataRows(np.arange(len(self.data)), np.zeros(len(self.data), int), ("y",)))
     frequency = property(lambda self: np.arange(1.0, len(self.data) + 1))
 
-    def with_parts(self, parts):
-        return replace(self, parameters=parts[0])
-
     def residual(self, theta):
         values = self.parameters.values(self.physical(theta))[USED]
-        return self._residual(theta, (self.design @ np.log(values) - self.data) / self.error)
+        return residual_with_priors(self.unknowns, theta, (self.design @ np.log(values) - self.data) / self.error)
 
     def linearize(self, theta):
         values = self.parameters.values(self.physical(theta))[USED]
         inner = self.parameters.design.toarray()[USED] * self.slope(theta) / values[:, None]
         data = (self.design @ np.log(values) - self.data) / self.error
-        return self._linearized(theta, data, self.design @ inner / self.error)
+        return linearization_with_priors(self.unknowns, theta, data, self.design @ inner / self.error)
 
 
 def unknown(varies):
@@ -102,7 +100,12 @@ def toy(seed, varies, scatter=0.08):
     for r in range(N_RECORDS):
         z[r * N_ROWS : (r + 1) * N_ROWS, r] = designs[r][:, 1]
     titles = [f"record {k}" for k in range(1, N_RECORDS + 1)]
-    return alike(parts, titles), (designs.reshape(-1, 3), z, np.concatenate(y), np.repeat(ERRORS, N_ROWS))
+    return harmonize_shared_parameters(parts, titles), (
+        designs.reshape(-1, 3),
+        z,
+        np.concatenate(y),
+        np.repeat(ERRORS, N_ROWS),
+    )
 
 
 def textbook(x, z, y, errors, std):
@@ -134,13 +137,13 @@ def test_a_given_scatter_is_generalized_least_squares(seed):
     estimate = found.estimate
     assert estimate.names[:3] == ("mass[m]", "stiffness[a]", "stiffness[b]")
     assert estimate.theta[:3] == pytest.approx(beta, abs=1e-7)
-    free = estimate.covariance_noise[:3, :3] / np.outer(estimate.values[:3], estimate.values[:3])
+    free = estimate.spread.covariance_noise[:3, :3] / np.outer(estimate.values[:3], estimate.values[:3])
     assert free == pytest.approx(covariance, rel=1e-6)
-    assert estimate.chi_square == pytest.approx(chi_square, rel=1e-8)
-    assert estimate.degrees_of_freedom == N_RECORDS * N_ROWS - 3
+    assert estimate.goodness.chi_square == pytest.approx(chi_square, rel=1e-8)
+    assert estimate.goodness.degrees_of_freedom == N_RECORDS * N_ROWS - 3
     assert estimate.status is sid.Status.CONVERGED
     assert estimate.identifiability.rank == len(estimate.names)
-    assert found.varied[0].rule == "given"
+    assert found.priors.varied[0].rule == "given"
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -153,7 +156,7 @@ def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
         method="bounded",
         options={"xatol": 1e-8},
     )
-    (varied,) = found.varied
+    (varied,) = found.priors.varied
     assert varied.scatter == pytest.approx(np.exp(best.x), rel=2e-3)
     # posterior of the scatter under a uniform prior, and what not knowing it adds to the common values
     grid = np.linspace(1e-4, 1.0, 4001)
@@ -167,7 +170,7 @@ def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
         (beta - mean) * weight[:, None]
     )
     estimate = found.estimate
-    free = estimate.covariance_noise[:3, :3] / np.outer(estimate.values[:3], estimate.values[:3])
+    free = estimate.spread.covariance_noise[:3, :3] / np.outer(estimate.values[:3], estimate.values[:3])
     assert np.diag(free) == pytest.approx(np.diag(mixed), rel=0.03)
 
 
@@ -178,7 +181,7 @@ def test_deviations_are_the_best_linear_predictions():
     beta = textbook(*dense, 0.08)[0]
     v = np.diag(errors**2) + 0.08**2 * z @ z.T
     predicted = 0.08**2 * z.T @ np.linalg.solve(v, y - x @ beta)
-    (varied,) = found.varied
+    (varied,) = found.priors.varied
     assert 0.08 * varied.deviations == pytest.approx(predicted, abs=1e-7)
     assert varied.records == tuple(f"record {k}" for k in range(1, N_RECORDS + 1))
     inverse = np.linalg.inv(v)
@@ -192,7 +195,9 @@ def test_the_jacobian_is_that_of_differences(benchmark):
     setups = benchmark.setups(
         benchmark.CLAMP * np.array([0.9, 1.0, 1.1]), np.random.default_rng(0), benchmark.declared(0.05)
     )
-    problem = together(alike([one.prepared(sid.IdentifyOptions()).problem for one in setups], ["a", "b", "c"]))
+    problem = joint_problem(
+        harmonize_shared_parameters([one.prepared(sid.IdentifyOptions()).problem for one in setups], ["a", "b", "c"])
+    )
     theta = problem.theta_start + 0.02 * np.arange(len(problem.names))
     steps = 1e-5 * np.eye(len(theta))
     numbers = np.stack([(problem.residual(theta + e) - problem.residual(theta - e)) / 2e-5 for e in steps], axis=1)
@@ -312,7 +317,7 @@ def test_of_changes_of_the_study_one_step_promises_most_of_a_value_of_each_recor
     ready = started(load_study(study(tmp_path, benchmark, benchmark.CLAMP * CLAMPS, "")))
     found = run_started(ready).identification
     trial = base_trial(ready.study, ready.setups, found.problems, found.estimate.theta)
-    base = Fitted(trial, found.estimate.theta, found.estimate.chi_square)
+    base = Fitted(trial, found.estimate.theta, found.estimate.goodness.chi_square)
     first = min(of_study(base, ALONE, "changes of the study"), key=lambda row: row.left)
     assert (first.candidate.kind, first.candidate.where) == ("varies", ("stiffness[clamp]",))
     assert first.left < 0.2 * base.cost
@@ -352,5 +357,5 @@ def test_one_value_for_all_is_what_a_vanishing_scatter_gives(benchmark):
     n = len(one.estimate.names)
     assert held.estimate.values[:n] == pytest.approx(one.estimate.values, rel=1e-6)
     assert held.estimate.std_noise[:n] == pytest.approx(one.estimate.std_noise, rel=1e-3)
-    assert one.varied == ()
+    assert one.priors.varied == ()
     assert judged(one).verdict == "sound"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 
 
 def straight(x, p):
@@ -41,8 +41,21 @@ def constant_slope(x, p):
     return np.ones((len(x), 1))
 
 
+@dataclass(frozen=True, eq=False)
+class Transformed(FreeUnknowns):
+    """Unknowns with a transform each: "linear", "log" or (low, high)."""
+
+    transform: tuple = ()
+
+    def physical(self, theta):
+        return np.array([_physical(t, kind)[0] for t, kind in zip(theta, self.transform, strict=True)])
+
+    def slope(self, theta):
+        return np.array([_physical(t, kind)[1] for t, kind in zip(theta, self.transform, strict=True)])
+
+
 @dataclass
-class Case(BaseProblem):
+class Case(Problem):
     """`transform`: one of "linear", "log" or (low, high) a parameter."""
 
     model: object
@@ -52,39 +65,17 @@ class Case(BaseProblem):
     start: tuple
     transform: tuple
     sigma: float = 1.0
-    series: np.ndarray = field(default=None)
-
-    def __post_init__(self):
-        if self.series is None:
-            self.series = np.zeros(len(self.x), int)
+    channel: np.ndarray = None
 
     @property
-    def names(self):
-        return tuple("abcdef"[: len(self.start)])
+    def unknowns(self):
+        start = np.array([_free(p, kind) for p, kind in zip(self.start, self.transform, strict=True)])
+        return Transformed(tuple("abcdef"[: len(start)]), start, transform=self.transform)
 
     @property
-    def kinds(self):
-        return ("test",) * len(self.start)
-
-    units = kinds
-
-    @property
-    def n_data(self):
-        return len(self.y)
-
-    @property
-    def lines(self):
-        return np.arange(len(self.y))
-
-    @property
-    def theta_start(self):
-        return np.array([_free(p, kind) for p, kind in zip(self.start, self.transform, strict=True)])
-
-    def physical(self, theta):
-        return np.array([_physical(t, kind)[0] for t, kind in zip(theta, self.transform, strict=True)])
-
-    def slope(self, theta):
-        return np.array([_physical(t, kind)[1] for t, kind in zip(theta, self.transform, strict=True)])
+    def rows(self):
+        channel = np.zeros(len(self.x), int) if self.channel is None else self.channel
+        return DataRows(np.arange(len(self.y)), channel)
 
     def residual(self, theta):
         return (self.model(self.x, self.physical(theta)) - self.y) / self.sigma

@@ -10,13 +10,13 @@ import structid as sid
 from structid.criticism.verdict import judged
 from structid.forward import ModalProblem
 from structid.identification.warning_words import estimate_warnings
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.covariance import larger_covariance, left_out_covariance, repeated_quantities
 from structid.inversion.diagnostics.agreement import agreement
 
 
 @dataclass(frozen=True, eq=False)
-class Repeated(BaseProblem):
+class Repeated(Problem):
     """design @ p = data, each row another quantity: what one record of several has."""
 
     design: np.ndarray
@@ -24,30 +24,12 @@ class Repeated(BaseProblem):
     numbers: tuple = (0, 1, 2, 3, 4)
     prior: float = 0.0
 
-    names = kinds = units = ("a", "b", "c")
-    theta_start = np.zeros(3)
+    unknowns = FreeUnknowns(("a", "b", "c"), np.zeros(3))
 
     @property
-    def n_data(self):
-        return len(self.data)
-
-    @property
-    def lines(self):
-        return np.arange(self.n_data)
-
-    @property
-    def series(self):
-        return np.zeros(self.n_data, int)
-
-    @property
-    def quantities(self):
-        return np.array(self.numbers)
-
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(3)
+    def rows(self):
+        n_data = len(self.data)
+        return DataRows(np.arange(n_data), np.zeros(n_data, int), quantities=np.array(self.numbers))
 
     def residual(self, theta):
         return self.linearize(theta).residual
@@ -94,7 +76,7 @@ def test_between_and_within_are_those_of_fits_to_each_quantity():
         own += np.linalg.lstsq(at.jacobian[rows], at.residual[rows], rcond=None)[1][0]
     test = agreement(problem, at)
     assert (test.between, test.within) == (12, 25)
-    assert test.ratio == pytest.approx((found.chi_square - own) / 12 / (own / 25), rel=1e-9)
+    assert test.ratio == pytest.approx((found.goodness.chi_square - own) / 12 / (own / 25), rel=1e-9)
     assert test.probability == pytest.approx(stats.f.sf(test.ratio, 12, 25), rel=1e-9)
 
 
@@ -113,7 +95,7 @@ def test_quantities_left_out_are_fits_without_them(prior):
         moved.append(sid.estimate(sid.JointProblem(tuple(rest))).values - found.values)
     expected = 0.8 * np.array(moved).T @ np.array(moved)
     assert left_out_covariance(at, repeated_quantities(problem)) == pytest.approx(expected, rel=1e-6)
-    widest = np.linalg.eigvalsh(found.covariance_model_error - expected)
+    widest = np.linalg.eigvalsh(found.spread.covariance_model_error - expected)
     assert widest.min() > -1e-9 * np.abs(expected).max()
 
 
@@ -121,9 +103,9 @@ def test_disagreement_makes_the_deviations_where_chi_square_shows_nothing():
     """The noise is stated so large that chi-square is below one a degree of freedom."""
     problem = records(5, size=0.05, apart=0.4)
     found = sid.estimate(problem)
-    assert found.chi_square_probability > 0.5
+    assert found.goodness.chi_square_probability > 0.5
     assert found.covariance_basis == "model_error"
-    assert found.disagreement.probability < 1e-3
+    assert found.spread.disagreement.probability < 1e-3
     assert (
         found.std
         >= np.sqrt(np.diag(left_out_covariance(problem.linearize(found.theta), np.tile(np.arange(5), 8)))) * 0.999
@@ -133,7 +115,7 @@ def test_disagreement_makes_the_deviations_where_chi_square_shows_nothing():
     assert not any("does not fit to within the noise" in one for one in warnings)
     right = sid.estimate(records(5, size=0.05))
     assert right.covariance_basis == "noise"
-    assert right.disagreement is None
+    assert right.spread.disagreement is None
 
 
 def test_only_what_several_records_repeat_is_tested():
@@ -191,7 +173,7 @@ def test_modes_that_are_each_off_in_all_records_make_an_answer_approximate(size)
     setups = [chain(k % 4, rng, bias * (1 if k % 4 < 2 else -1)) for k in range(12)]
     found = sid.identify_together(setups, sid.IdentifyOptions(restarts=0))
     assert isinstance(found.problems[0], ModalProblem)
-    assert np.array_equal(np.unique(found.problems[0].quantities), np.arange(4))
+    assert np.array_equal(np.unique(found.problems[0].rows.quantities), np.arange(4))
     verdict = judged(found)
     if size:
         assert found.estimate.covariance_basis == "model_error"
@@ -199,5 +181,5 @@ def test_modes_that_are_each_off_in_all_records_make_an_answer_approximate(size)
         assert "asks for other values" in verdict.words
         assert any("asks for other values" in one for one in found.warnings)
     else:
-        assert found.estimate.disagreement is None
+        assert found.estimate.spread.disagreement is None
         assert not any("asks for other values" in one for one in found.warnings)

@@ -93,7 +93,7 @@ def test_an_order_in_the_residual_is_model_error_where_the_size_is_that_of_few_a
     """A heavier mass, seed 3: chi-square is what 8 averages leave now and then, but signs go together."""
     found = [estimate(averaged(8, 3, lines=400, noise=0.1, heavier=h)) for h in (1.0, 1.009)]
     assert [one.covariance_basis for one in found] == ["noise", "model_error"]
-    assert found[1].chi_square_probability > 0.002
+    assert found[1].goodness.chi_square_probability > 0.002
 
 
 def test_every_kind_of_interval_knows_of_few_averages():
@@ -128,16 +128,16 @@ def test_model_error_has_the_same_intervals_by_profile_and_samples():
 def test_records_of_few_averages_beside_others():
     few, many = averaged(8, 1), averaged(200, 1, lines=20)
     joint = JointProblem((few, many))
-    assert joint.averages.tolist() == [8.0] * few.n_data + [200.0] * many.n_data
+    assert joint.rows.averages.tolist() == [8.0] * few.n_data + [200.0] * many.n_data
     expected = (few.n_data * 8 / 6 + many.n_data * 200 / 198) / joint.n_data
     assert expected_per_row(joint) == pytest.approx(expected)
-    scale, share = row_law(joint.averages)
+    scale, share = row_law(joint.rows.averages)
     assert scale * share == pytest.approx(expected)
 
 
 def test_of_too_few_averages_nothing_is_expected():
     problem = averaged(3, 0)
-    assert row_law(problem.averages) == (1.0, 1.0)
+    assert row_law(problem.rows.averages) == (1.0, 1.0)
     assert estimate(problem).covariance_basis == "model_error"
     assert expected_per_row(averaged(2, 0)) == np.inf
 
@@ -145,5 +145,5 @@ def test_of_too_few_averages_nothing_is_expected():
 def test_stated_errors_beside_the_noise_make_it_better_known():
     own = averaged(8, 0)
     mixed = sid.FrfProblem(own.structure, own.parameters, own.record, model_error=1.0)
-    assert (mixed.averages > 100).all()
-    assert (own.averages == 8).all()
+    assert (mixed.rows.averages > 100).all()
+    assert (own.rows.averages == 8).all()

@@ -33,7 +33,7 @@ def test_block_bootstrap_has_the_covariance_of_the_block_scores():
     case = line_case(2 * correlated(2, 600))
     found = estimate(case)
     at = case.linearize(found.theta)
-    [block] = error_blocks(at.residual, case.lines, case.series)
+    [block] = error_blocks(at.residual, case.rows.lines, case.rows.series)
     scores = np.array([at.jacobian[block == b].T @ at.residual[block == b] for b in range(block.max() + 1)])
     inverse = np.linalg.inv(at.jacobian.T @ at.jacobian)
     expected = np.sqrt(np.diag(inverse @ scores.T @ scores @ inverse))
@@ -48,9 +48,9 @@ def test_block_bootstrap_counts_stretches_and_channels():
     common, offsets = correlated(6, 100, 3), 0.08 * np.array([3.0, -2.0, 1.0, -4.0, 2.0])
     y = (np.random.default_rng(3).standard_normal((100, 5)) + common[:, None] + offsets).ravel()
     series = np.tile(2 * np.arange(5), 100)
-    case = Case(constant, constant_slope, y, y, (1.0,), ("linear",), series=series)
+    case = Case(constant, constant_slope, y, y, (1.0,), ("linear",), channel=series)
     found = estimate(case)
-    blocks = error_blocks(case.residual(found.theta), case.lines, case.series)
+    blocks = error_blocks(case.residual(found.theta), case.rows.lines, case.rows.series)
     assert len(blocks) == 2
     sums = [np.bincount(block, case.residual(found.theta)) for block in blocks]
     variances = [(part**2).sum() for part in sums]
@@ -79,11 +79,13 @@ def test_bootstrap_of_repeats_has_the_variance_of_a_mean():
     """The average over 300 sets of five repeats of the bootstrap variance of their mean: 1/5 within 10 %."""
     base = estimate(mean_case([1.0, 2.0]))
     variances = []
+
+    def mean(chosen):
+        return replace(base, parameters=replace(base.parameters, values=np.array([np.mean(chosen)])))
+
     for seed in range(300):
         repeats = np.random.default_rng(seed).standard_normal(5)
-        boot = bootstrap_repeats(
-            repeats, lambda chosen: replace(base, values=np.array([np.mean(chosen)])), 60, np.random.default_rng(seed)
-        )
+        boot = bootstrap_repeats(repeats, mean, 60, np.random.default_rng(seed))
         variances.append(boot.covariance[0, 0])
     assert np.mean(variances) == pytest.approx(0.2, rel=0.1)
 
@@ -118,7 +120,7 @@ def test_failures_are_counted_and_many_of_them_refuse_the_interval():
 def test_search_that_does_not_converge_is_a_failure():
     case = decay_case(9)
     found = estimate(case)
-    far = replace(found, theta=found.theta + np.array([0.0, 40.0]))
+    far = replace(found, parameters=replace(found.parameters, theta=found.theta + np.array([0.0, 40.0])))
     boot = bootstrap(case, far, "noise", 5, np.random.default_rng(0))
     assert len(boot.values) + len(boot.failures) == 5
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from structid import InputError, Status, compare_jointly, compare_states, estimate
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.comparison.multiple_tests import adjusted_p_values, detectable
-from structid.inversion.comparison.states import Renamed, states_problem
+from structid.inversion.comparison.states import states_problem
 
 #: Benjamini and Hochberg (1995), section 3.2: p-values of fifteen hypotheses on thrombolysis.
 THROMBOLYSIS = np.array([
@@ -67,27 +67,22 @@ def test_independent_states_add_their_covariances():
 
 
 @dataclass
-class Line(BaseProblem):
+class Line(Problem):
     """matrix p = data with unit noise and Gaussian priors of mean 0 on some parameters."""
 
     matrix: np.ndarray
     data: np.ndarray
-    names: tuple
+    labels: tuple
     prior: np.ndarray | None = None
     mean: np.ndarray | None = None
 
-    theta_start = property(lambda self: np.zeros(len(self.names)))
-    kinds = property(lambda self: ("test",) * len(self.names))
-    units = property(lambda self: ("1",) * len(self.names))
-    n_data = property(lambda self: len(self.data))
-    lines = property(lambda self: np.arange(len(self.data)))
-    series = property(lambda self: np.zeros(len(self.data), int))
+    @property
+    def unknowns(self):
+        return FreeUnknowns(self.labels, np.zeros(len(self.labels)))
 
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(len(theta))
+    @property
+    def rows(self):
+        return DataRows(np.arange(len(self.data)), np.zeros(len(self.data), int))
 
     def linearize(self, theta):
         residual, jacobian = self.matrix @ theta - self.data, self.matrix
@@ -177,7 +172,7 @@ def test_states_problem_counts_a_common_prior_once_and_has_the_right_derivative(
         [(problem.residual(theta + step * e) - problem.residual(theta - step * e)) / (2 * step) for e in np.eye(8)], 1
     )
     assert at.jacobian == pytest.approx(found, abs=1e-8)
-    assert isinstance(problem.problems[1], Renamed)
+    assert problem.problems == (first, second)
 
 
 REPEATS = 500

@@ -12,6 +12,7 @@ from structid.inversion import Linearization, MatrixFree, Search, minimize
 from structid.inversion.covariance import error_blocks
 from structid.inversion.estimate import estimate
 from structid.inversion.posterior_draws import error_draws, posterior_draws
+from structid.inversion.problem import DataRows
 from structid.inversion.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
 from structid.inversion.regularization.strengths import LocalModel, marginal_likelihood_strengths
 from structid.inversion.search.work import restored_minimum, stored_minimum
@@ -68,7 +69,7 @@ def test_counted_combinations_are_the_exact_trace():
     prior = found.strengths[0] * (held.matrix.T @ held.matrix).toarray()
     exact = np.trace(np.linalg.solve(jacobian.T @ jacobian + prior, jacobian.T @ jacobian)) - 1
     assert found.determined[0] == pytest.approx(exact, rel=0.35)  # eight draws, a strength from before the last change
-    assert estimate(at, MatrixFree(draws=300)).determined == pytest.approx(exact + 1, rel=0.1)
+    assert estimate(at, MatrixFree(draws=300)).spread.determined == pytest.approx(exact + 1, rel=0.1)
 
 
 def test_balance_has_equal_traces():
@@ -160,7 +161,7 @@ def test_errors_drawn_from_the_residual_have_the_block_covariance():
     assert found.covariance_basis == "model_error"
     assert "misses the noise" in found.message
     at = wrong.linearize(found.theta)
-    block = error_blocks(at.residual[:25], wrong.lines, wrong.series)[0]
+    block = error_blocks(at.residual[:25], wrong.rows.lines, wrong.rows.series)[0]
     count = block.max() + 1
     scores = np.zeros((count, 60))
     np.add.at(scores, block, at.jacobian[:25] * at.residual[:25, None])
@@ -180,8 +181,7 @@ def test_one_block_gives_no_standard_deviation():
     free = made((100.0,)).linearize_operator(np.zeros(60))
 
     class OneLine:
-        lines = np.zeros(25, int)
-        series = np.arange(25)
+        rows = DataRows(np.zeros(25, int), np.arange(25))
 
     draws, missed = posterior_draws(free, 3, np.random.default_rng(0), error_draws(OneLine(), free))
     assert missed == 3

@@ -6,6 +6,7 @@ from fit_cases import line_case
 
 from structid import estimate
 from structid.inversion.covariance import chi_square_law
+from structid.inversion.problem import RowNoise
 from structid.unknowns.priors import Coupling
 
 
@@ -15,7 +16,7 @@ def test_chi_square_has_as_many_degrees_of_freedom_as_rows_beyond_parameters():
     assert chi_square_law(problem, problem.theta_start, at) == (1.0, 10.0)
     answer = estimate(problem)
     residual = problem.residual(answer.theta)
-    assert answer.degrees_of_freedom == 10
+    assert answer.goodness.degrees_of_freedom == 10
     assert answer.chi_square_per_dof == pytest.approx(residual @ residual / 10, rel=1e-12)
 
 
@@ -24,7 +25,7 @@ def test_chi_square_of_errors_that_vary_together_has_their_mean_and_variance(n_c
     """For normal errors of covariance S past the projection P: mean tr(PS), variance 2 tr(PSPS)."""
     problem = line_case(np.zeros(12))
     changes = np.random.default_rng(1).standard_normal((n_changes, 12))
-    monkeypatch.setattr(type(problem), "data_changes", lambda self, theta: changes)
+    monkeypatch.setattr(type(problem), "noise_law", lambda self, theta: RowNoise(factor=changes))
     at = problem.linearize(problem.theta_start)
     scale, freedom = chi_square_law(problem, problem.theta_start, at)
     projection = np.eye(12) - at.jacobian @ np.linalg.pinv(at.jacobian)

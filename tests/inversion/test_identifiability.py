@@ -7,7 +7,7 @@ import pytest
 
 from structid import Status, estimate
 from structid.core.errors import SingularModelError
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.diagnostics.collinearity import collinear_groups, percent_text, variance_proportions
 from structid.inversion.diagnostics.identifiability import direction_words, identifiability
 from structid.inversion.diagnostics.refusal import Bound, bound_at, carried, refusal_words
@@ -105,27 +105,21 @@ def test_percentages_have_two_digits():
 
 
 @dataclass
-class Blurred(BaseProblem):
+class Blurred(Problem):
     """y = A p, seen with so much noise that a direction of p drowns; its derivative may change with p."""
 
     matrix: np.ndarray
     data: np.ndarray
-    theta_start: np.ndarray
+    start: np.ndarray
     dead_at: float = -np.inf
 
-    names, kinds, units = ("p", "q"), ("test",) * 2, ("1",) * 2
+    @property
+    def unknowns(self):
+        return FreeUnknowns(("p", "q"), self.start)
 
     @property
-    def n_data(self):
-        return len(self.data)
-
-    @property
-    def lines(self):
-        return np.arange(self.n_data)
-
-    @property
-    def series(self):
-        return np.zeros(self.n_data, int)
+    def rows(self):
+        return DataRows(np.arange(len(self.data)), np.zeros(len(self.data), int))
 
     def residual(self, theta):
         return self.matrix @ theta - self.data
@@ -134,12 +128,6 @@ class Blurred(BaseProblem):
         if theta[0] <= self.dead_at:
             raise SingularModelError("no model there")
         return Linearization(self.residual(theta), self.matrix)
-
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(len(theta))
 
 
 def blurred(weak, start=(1.0, 1.0), truth=(1.0, 1.0), **changes):
@@ -156,7 +144,7 @@ def test_data_that_cannot_carry_a_parameter_are_refused_with_the_bound():
     assert "at the initial values the Cramér-Rao bound is 1800 % of the value (RMS of 2 parameters), 2600 % for q" in (
         found.message
     )
-    assert found.bound_initial == pytest.approx([1 / 50, 26], rel=1e-9)
+    assert found.spread.bound_initial == pytest.approx([1 / 50, 26], rel=1e-9)
 
 
 def test_value_that_wandered_off_does_not_hide_the_refusal():
@@ -164,6 +152,15 @@ def test_value_that_wandered_off_does_not_hide_the_refusal():
     found = estimate(blurred(weak=1 / 26))
     assert found.std[1] < abs(found.values[1])
     assert not found.identified[1]
+
+
+class Exponential(FreeUnknowns):
+    """Positive unknowns; their logarithms are free."""
+
+    def physical(self, theta):
+        return np.exp(theta)
+
+    slope = physical
 
 
 @dataclass
@@ -176,11 +173,9 @@ class Logarithmic(Blurred):
     def linearize(self, theta):
         return Linearization(self.residual(theta), self.matrix * np.exp(theta))
 
-    def physical(self, theta):
-        return np.exp(theta)
-
-    def slope(self, theta):
-        return np.exp(theta)
+    @property
+    def unknowns(self):
+        return Exponential(("p", "q"), self.start)
 
 
 def test_bound_is_in_physical_units():

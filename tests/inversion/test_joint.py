@@ -26,16 +26,30 @@ from structid import (
     parameters,
     with_declared_noise,
 )
-from structid.inversion import BaseProblem, Linearization
+from structid.identification.joint_problem import joint_schedules
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.covariance import correlation_length
 from structid.unknowns.tolerances import EXACT
 
 
 @dataclass(frozen=True, eq=False)
-class Line(BaseProblem):
+class Stretched(FreeUnknowns):
+    """Unknowns whose physical values are free variables times a factor."""
+
+    factor: float = 1.0
+
+    def physical(self, theta):
+        return self.factor * np.array(theta)
+
+    def slope(self, theta):
+        return np.full(len(theta), self.factor)
+
+
+@dataclass(frozen=True, eq=False)
+class Line(Problem):
     """design @ p = data for parameters by name, some with priors; the plainest problem there is."""
 
-    names: tuple[str, ...]
+    labels: tuple[str, ...]
     design: np.ndarray
     data: np.ndarray
     priors: tuple[tuple[str, float, float], ...] = ()
@@ -43,29 +57,17 @@ class Line(BaseProblem):
     start: tuple[float, ...] = ()
     stretch: float = 1.0
 
-    def __post_init__(self):
-        object.__setattr__(self, "units", self.units or ("1",) * len(self.names))
-        object.__setattr__(self, "start", self.start or (0.5,) * len(self.names))
+    @property
+    def unknowns(self):
+        count = len(self.labels)
+        return Stretched(
+            self.labels, np.array(self.start or (0.5,) * count), ("mass",) * count, self.units, self.stretch
+        )
 
     @property
-    def kinds(self):
-        return ("mass",) * len(self.names)
-
-    @property
-    def theta_start(self):
-        return np.array(self.start)
-
-    @property
-    def n_data(self):
-        return len(self.data)
-
-    @property
-    def lines(self):
-        return np.arange(len(self.data)) // 2
-
-    @property
-    def series(self):
-        return np.arange(len(self.data)) % 2
+    def rows(self):
+        index = np.arange(len(self.data))
+        return DataRows(index // 2, index % 2)
 
     def residual(self, theta):
         return self.linearize(theta).residual
@@ -75,12 +77,6 @@ class Line(BaseProblem):
         jacobian = np.concatenate([self.design, rows.reshape(-1, len(self.names))]) * self.stretch
         target = np.concatenate([self.data, [mean / std for _, mean, std in self.priors]])
         return Linearization(jacobian @ theta - target, jacobian, n_eliminated=1)
-
-    def physical(self, theta):
-        return self.stretch * np.array(theta)
-
-    def slope(self, theta):
-        return np.full(len(theta), self.stretch)
 
 
 def two_lines(seed=0):
@@ -100,21 +96,21 @@ def test_a_joint_fit_is_the_least_squares_solution_of_all_rows_with_each_prior_o
     expected = np.linalg.lstsq(rows, target, rcond=None)[0]
     assert found.names == ("a", "b", "c")
     assert np.allclose(found.values, expected, atol=1e-8)
-    assert np.allclose(found.covariance_noise, np.linalg.inv(rows.T @ rows), rtol=1e-8)
-    assert found.degrees_of_freedom == 22 - 3 - 2  # each problem solved for one unknown inside
+    assert np.allclose(found.spread.covariance_noise, np.linalg.inv(rows.T @ rows), rtol=1e-8)
+    assert found.goodness.degrees_of_freedom == 22 - 3 - 2  # each problem solved for one unknown inside
 
 
 def test_rows_of_different_problems_are_never_neighbours_nor_one_channel():
     first, second = two_lines()
     joint = JointProblem((first, second))
-    assert np.array_equal(joint.lines, np.concatenate([first.lines, 6 + second.lines]))
-    assert np.array_equal(joint.series, np.concatenate([first.series, 2 + second.series]))
+    assert np.array_equal(joint.rows.lines, np.concatenate([first.rows.lines, 6 + second.rows.lines]))
+    assert np.array_equal(joint.rows.series, np.concatenate([first.rows.series, 2 + second.rows.series]))
     odd = JointProblem((replace(first, data=first.data[:1], design=first.design[:1]), second))
-    assert np.array_equal(odd.series // 2, [0, *[1] * 8])  # real and imaginary part of one channel stay together
+    assert np.array_equal(odd.rows.series // 2, [0, *[1] * 8])  # real and imaginary part of one channel stay together
     alternating = np.array([1.0, 1.0, -1.0, -1.0] * 3)
     residual = np.concatenate([alternating, np.zeros(8)])
-    alone = correlation_length(alternating, first.lines, first.series)
-    assert np.isclose(correlation_length(residual, joint.lines, joint.series), alone)
+    alone = correlation_length(alternating, first.rows.lines, first.rows.series)
+    assert np.isclose(correlation_length(residual, joint.rows.lines, joint.rows.series), alone)
 
 
 def test_a_joint_problem_of_one_is_that_problem():
@@ -232,7 +228,7 @@ def test_joint_jacobian_with_channel_errors_is_that_of_differences_at_every_stag
         parts.append(FrfProblem(made.structure, made.parameters, made.record, channels=channels))
     joint = JointProblem(tuple(parts))
     assert joint.names[-3:] == ("gain[g]", "delay[1X+]", "delay[2X+]")
-    plans = joint.stage_plans()
+    plans = joint_schedules(parts)
     assert len({problem.names for plan in plans for _, problem in plan}) == 1
     problems = [joint, *(plan[k][1] for plan in plans[::2] for k in (0, -1))]
     assert len(problems) > 3
@@ -284,6 +280,6 @@ def test_errors_of_joint_estimates_are_as_large_as_their_covariance_says():
         found = identify_together(setups, once).estimate
         error = found.values - [*start, gains["A"], gains["B"]]
         n_params = len(error)
-        distances.append(error @ np.linalg.solve(found.covariance_noise, error))
+        distances.append(error @ np.linalg.solve(found.spread.covariance_noise, error))
     low, high = special.chdtri(12 * n_params, [0.999, 0.001])
     assert low < sum(distances) < high

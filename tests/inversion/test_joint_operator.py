@@ -8,19 +8,16 @@ from scipy import sparse
 from test_matrix_free import field
 
 from structid.core.errors import InputError
-from structid.inversion import BaseProblem, JointProblem, MatrixFree
+from structid.inversion import JointProblem, MatrixFree, Problem
 from structid.inversion.estimate import estimate
 from structid.inversion.problems.wrapped import Wrapped
 
 
 @dataclass(frozen=True, eq=False)
-class Named(Wrapped):
-    """A field under other names, with a prior of its first parameter."""
+class WithPrior(Wrapped):
+    """A field with a prior of its first parameter."""
 
-    labels: tuple
     width: float = 0.1
-
-    names = property(lambda self: self.labels)
 
     def linearize(self, theta):
         at = self.problem.linearize(theta)
@@ -48,7 +45,7 @@ def pair(stored=False, width=0.1):
     second, _ = field(stored, seed=2)
     labels = tuple(f"p{i}" for i in range(60))
     other = (*labels[:1], *reversed(labels[2:]), "own")
-    return JointProblem((Named(first, labels), Named(second, other, width)))
+    return JointProblem((WithPrior(first), WithPrior(second, width)), labels=(labels, other))
 
 
 @pytest.mark.parametrize("stored", [False, True])
@@ -88,16 +85,14 @@ def test_standard_deviations_of_two_records_are_those_of_the_dense_covariance():
     jacobian = joint.linearize(found.theta).jacobian
     exact = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * found.values
     assert np.abs(found.std / exact - 1).max() < 4.5 / np.sqrt(800)
-    assert found.n_data == 50
+    assert found.goodness.n_data == 50
 
 
 def test_problem_without_such_a_form_is_named():
     class Dense(type(field(True)[0])):
-        linearize_operator = BaseProblem.linearize_operator
-        matrix_free_obstacle = BaseProblem.matrix_free_obstacle
+        linearize_operator = Problem.linearize_operator
 
     joint = JointProblem((field(True, seed=1)[0], Dense(**vars(field(True)[0]))))
-    assert joint.matrix_free_obstacle == BaseProblem().matrix_free_obstacle
     with pytest.raises(InputError, match="products with their Jacobian"):
         joint.linearize_operator(np.zeros(60))
 
@@ -105,6 +100,6 @@ def test_problem_without_such_a_form_is_named():
 def test_words_on_the_parameters_are_gathered_once():
     """Gathered again for every parameter, they would cost the square of their number."""
     joint = pair()
-    assert joint.units is joint.units
-    assert joint.kinds is joint.kinds
+    assert joint.unknowns.units is joint.unknowns.units
+    assert joint.unknowns.kinds is joint.unknowns.kinds
     assert joint.names is joint.names

@@ -6,54 +6,36 @@ import numpy as np
 import pytest
 
 from structid import GaussNewton, LevenbergMarquardt, Status, estimate
-from structid.inversion import BaseProblem, Linearization, minimize
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem, minimize
 from structid.inversion.covariance import correlation_length, inverse_information
 from structid.inversion.diagnostics.identifiability import direction_words, identifiability
 
 
 @dataclass
-class Fit(BaseProblem):
+class Fit(Problem):
     """y = f(x, p) with unit noise, parameters as they are."""
 
     model: object
     derivative: object
     x: np.ndarray
     y: np.ndarray
-    theta_start: np.ndarray
-    names: tuple
+    start: np.ndarray
+    labels: tuple
     sigma: float = 1.0
 
     @property
-    def kinds(self):
-        return ("test",) * len(self.names)
+    def unknowns(self):
+        return FreeUnknowns(self.labels, self.start)
 
     @property
-    def units(self):
-        return ("1",) * len(self.names)
-
-    @property
-    def n_data(self):
-        return len(self.x)
-
-    @property
-    def lines(self):
-        return np.arange(len(self.x))
-
-    @property
-    def series(self):
-        return np.zeros(len(self.x), int)
+    def rows(self):
+        return DataRows(np.arange(len(self.x)), np.zeros(len(self.x), int))
 
     def residual(self, theta):
         return (self.model(self.x, theta) - self.y) / self.sigma
 
     def linearize(self, theta):
         return Linearization(self.residual(theta), self.derivative(self.x, theta) / self.sigma)
-
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(len(theta))
 
 
 # NIST StRD, Misra1a (Misra 1978): y = b1 (1 - exp(-b2 x)); certified values and standard errors.
@@ -86,7 +68,7 @@ def test_certified_values_and_standard_errors(start, method):
     assert found.status is Status.CONVERGED
     assert found.values == pytest.approx(MISRA_VALUES, rel=1e-8)
     assert found.std_noise == pytest.approx(MISRA_STD, rel=1e-8)
-    assert found.chi_square * MISRA_SSQ / 12 == pytest.approx(MISRA_SSQ, rel=1e-9)
+    assert found.goodness.chi_square * MISRA_SSQ / 12 == pytest.approx(MISRA_SSQ, rel=1e-9)
 
 
 def line(noise, n=400, names=("a", "b")):
@@ -113,7 +95,7 @@ def test_model_error_covariance_covers_correlated_error_and_noise_covariance_doe
         rng = np.random.default_rng(seed)
         error = np.convolve(rng.standard_normal(1000 + 120), kernel, mode="valid")
         found = estimate(line(error / np.linalg.norm(kernel), 1000))
-        hits_model += abs(found.values[0] - 2.0) <= 1.96 * found.std_model_error[0]
+        hits_model += abs(found.values[0] - 2.0) <= 1.96 * found.spread.std_model_error[0]
         hits_noise += abs(found.values[0] - 2.0) <= 1.96 * found.std_noise[0]
     assert hits_model / 400 >= 0.91
     assert hits_noise / 400 <= 0.60
@@ -162,8 +144,8 @@ def test_a_parameter_that_nothing_sees_leaves_the_others_their_standard_deviatio
     fit = Fit(lambda x, p: design @ p, lambda x, p: design, x, y, np.ones(3), ("a", "b", "c"))
     found = estimate(fit)
     assert np.isfinite(found.std_noise[:2]).all()
-    assert np.isfinite(found.std_model_error[:2]).all()
-    assert np.isnan([found.std_noise[2], found.std_model_error[2]]).all()
+    assert np.isfinite(found.spread.std_model_error[:2]).all()
+    assert np.isnan([found.std_noise[2], found.spread.std_model_error[2]]).all()
 
 
 def test_weakly_seen_direction_has_its_true_standard_deviation():
@@ -187,7 +169,7 @@ def test_priors_enter_the_covariance():
     """One datum and one prior of equal weight: the mean of both, half the variance."""
 
     class WithPrior(Fit):
-        n_data = 1
+        rows = DataRows(np.zeros(1, int), np.zeros(1, int))
 
         def residual(self, theta):
             return np.array([theta[0] - 2.0, theta[0] - 1.0])
@@ -197,7 +179,7 @@ def test_priors_enter_the_covariance():
 
     found = estimate(WithPrior(None, None, np.zeros(1), np.zeros(1), np.zeros(1), ("a",)))
     assert found.values == pytest.approx([1.5])
-    assert found.covariance_noise == pytest.approx(np.array([[0.5]]))
+    assert found.spread.covariance_noise == pytest.approx(np.array([[0.5]]))
 
 
 def test_search_that_runs_out_of_iterations_says_so():

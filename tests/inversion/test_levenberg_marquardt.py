@@ -6,18 +6,27 @@ import numpy as np
 import pytest
 
 from structid.core.errors import SingularModelError
-from structid.inversion import BaseProblem, LevenbergMarquardt, Linearization, minimize
+from structid.inversion import DataRows, FreeUnknowns, LevenbergMarquardt, Linearization, Problem, minimize
 
 
 @dataclass
-class Residual(BaseProblem):
+class Residual(Problem):
     """Any residual with its Jacobian, in parameters times `unit`."""
 
     function: object
     jacobian: object
-    theta_start: np.ndarray
+    start: np.ndarray
     unit: np.ndarray = 1.0
     evaluations: list = field(default_factory=list)
+
+    @property
+    def unknowns(self):
+        return FreeUnknowns(tuple(f"p{i}" for i in range(len(self.start))), self.start)
+
+    @property
+    def rows(self):
+        n_data = len(self.function(self.start / self.unit))
+        return DataRows(np.arange(n_data), np.zeros(n_data, int))
 
     def residual(self, theta):
         self.evaluations.append(theta)
@@ -25,12 +34,6 @@ class Residual(BaseProblem):
 
     def linearize(self, theta):
         return Linearization(self.function(theta / self.unit), self.jacobian(theta / self.unit) / self.unit)
-
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(len(theta))
 
 
 def banana(steep, unit=1.0):

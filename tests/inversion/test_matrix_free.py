@@ -8,11 +8,13 @@ from scipy import sparse
 
 from structid.core.errors import InputError
 from structid.inversion import (
-    BaseProblem,
+    DataRows,
+    FreeUnknowns,
     LevenbergMarquardt,
     Linearization,
     MatrixFree,
     OperatorLinearization,
+    Problem,
     Search,
     Status,
     linearization,
@@ -26,8 +28,17 @@ from structid.inversion.search.matrix_free import dense_search_fits
 EXACT = MatrixFree(gain_tolerance=1e-13, inner_tolerance=1e-9)
 
 
+class Exponential(FreeUnknowns):
+    """Positive unknowns; their logarithms are free."""
+
+    def physical(self, theta):
+        return np.exp(theta)
+
+    slope = physical
+
+
 @dataclass(frozen=True, eq=False)
-class Field(BaseProblem):
+class Field(Problem):
     """exp(theta) along a line seen through few wide windows, smooth from one to the next."""
 
     windows: np.ndarray
@@ -35,23 +46,14 @@ class Field(BaseProblem):
     smoothness: sparse.csr_array
     stored: bool
 
-    matrix_free_obstacle = ""
+    @property
+    def unknowns(self):
+        count = self.windows.shape[1]
+        return Exponential(tuple(f"p{i}" for i in range(count)), np.zeros(count), ("stiffness",) * count)
 
     @property
-    def names(self):
-        return tuple(f"p{i}" for i in range(self.windows.shape[1]))
-
-    kinds = property(lambda self: ("stiffness",) * self.windows.shape[1])
-    units = property(lambda self: ("1",) * self.windows.shape[1])
-    theta_start = property(lambda self: np.zeros(self.windows.shape[1]))
-    n_data = property(lambda self: len(self.data))
-    lines = property(lambda self: np.arange(len(self.data)))
-    series = property(lambda self: np.zeros(len(self.data), int))
-
-    def physical(self, theta):
-        return np.exp(theta)
-
-    slope = physical
+    def rows(self):
+        return DataRows(np.arange(len(self.data)), np.zeros(len(self.data), int))
 
     def residual(self, theta):
         return np.concatenate([self.windows @ np.exp(theta) - self.data, self.smoothness @ theta])
@@ -109,13 +111,13 @@ def test_standard_deviations_equal_the_dense_covariance(stored):
     off = found.std[rest] / exact[rest] - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(800)  # 4.5 of their own standard errors
     assert found.uncertainty.std_error[[3, 5]] == pytest.approx([0.0, 1 / np.sqrt(800)])
-    draws = found.uncertainty.draws / found.slope
+    draws = found.uncertainty.draws / found.parameters.slope
     sampled = draws.T @ draws / 400
     assert np.corrcoef(sampled.ravel(), covariance.ravel())[0, 1] > 0.9
     assert found.status is Status.CONVERGED
     assert "400 posterior draws" in found.message
     assert "no covariance matrix" in found.message
-    assert found.chi_square == pytest.approx((problem.residual(found.theta)[:25] ** 2).sum())
+    assert found.goodness.chi_square == pytest.approx((problem.residual(found.theta)[:25] ** 2).sum())
 
 
 def test_without_draws_and_without_convergence_nothing_is_zero():

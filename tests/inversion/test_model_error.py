@@ -11,7 +11,7 @@ from structid.inversion.covariance import effective_blocks, error_blocks, model_
 
 def written_out(case, at):
     """Standard deviations along the lines: block sums, Student's t by effective blocks, all as loops."""
-    [block, *_] = error_blocks(at.residual[: case.n_data], case.lines, case.series)
+    [block, *_] = error_blocks(at.residual[: case.n_data], case.rows.lines, case.rows.series)
     inverse = np.linalg.inv(at.jacobian.T @ at.jacobian)
     n_blocks, n_params = block.max() + 1, at.jacobian.shape[1]
     meat, shares = np.zeros((n_params, n_params)), []
@@ -36,7 +36,7 @@ def test_one_channel_is_the_sum_written_out():
 def test_parameter_seen_alike_everywhere_rests_on_every_block():
     case = line_case(correlated(2, 600))
     at = case.linearize(estimate(case).theta)
-    n_blocks = error_blocks(at.residual, case.lines, case.series)[0].max() + 1
+    n_blocks = error_blocks(at.residual, case.rows.lines, case.rows.series)[0].max() + 1
     constant, slope = effective_blocks(case, at)
     assert constant == pytest.approx(n_blocks, rel=0.01)
     assert slope < 0.7 * n_blocks
@@ -56,9 +56,9 @@ def test_interval_allows_for_the_few_peaks_that_hold_a_parameter():
         case = peaks_case(correlated(seed, 400, 3))
         found = estimate(case)
         at = case.linearize(found.theta)
-        n_blocks = error_blocks(at.residual, case.lines, case.series)[0].max() + 1
+        n_blocks = error_blocks(at.residual, case.rows.lines, case.rows.series)[0].max() + 1
         narrower = stats.t.ppf(0.975, n_blocks - 1) / stats.t.ppf(0.975, effective_blocks(case, at)[0] - 1)
-        error = abs(found.values[0] - 2) / found.std_model_error[0]
+        error = abs(found.values[0] - 2) / found.spread.std_model_error[0]
         hits.append(error <= 1.959964)
         by_count.append(error <= 1.959964 * narrower)
     assert 0.88 <= np.mean(hits) <= 0.98
@@ -73,11 +73,11 @@ def test_error_of_whole_channels_raises_the_variance_to_theirs():
     x = np.repeat(np.arange(200.0), 5)
     y = noise.ravel()
     case = Case(
-        lambda x, p: np.full(1000, p[0]), lambda x, p: np.ones((1000, 1)), x, y, (1.0,), ("linear",), series=series
+        lambda x, p: np.full(1000, p[0]), lambda x, p: np.ones((1000, 1)), x, y, (1.0,), ("linear",), channel=series
     )
     found = estimate(case)
     means = noise.mean(axis=0)
-    assert found.std_model_error[0] == pytest.approx(means.std(ddof=1) / np.sqrt(5), rel=1e-6)
+    assert found.spread.std_model_error[0] == pytest.approx(means.std(ddof=1) / np.sqrt(5), rel=1e-6)
 
 
 def test_variance_is_never_below_that_of_independent_errors_as_large_as_the_residual():
@@ -89,7 +89,7 @@ def test_variance_is_never_below_that_of_independent_errors_as_large_as_the_resi
         at = case.linearize(found.theta)
         residual = at.residual[: case.n_data]
         least = np.linalg.inv(at.jacobian.T @ at.jacobian) * max(1.0, residual @ residual / (12 - 2))
-        ratio = found.std_model_error / np.sqrt(np.diag(least))
+        ratio = found.spread.std_model_error / np.sqrt(np.diag(least))
         assert (ratio > 1 - 1e-9).all()
         raised += (ratio < 1 + 1e-9).any()
     assert raised > 2

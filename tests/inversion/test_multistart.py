@@ -6,26 +6,26 @@ import numpy as np
 import pytest
 
 from structid import LevenbergMarquardt, Status, estimate
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 from structid.inversion.search.least_squares import LEFT, minimize
 from structid.inversion.search.multistart import Search, distinct_answers, searched_minima
 from structid.inversion.search.work import Alone
 
 
 @dataclass
-class TwoWells(BaseProblem):
+class TwoWells(Problem):
     """Data that p = 1 and p = 2 explain: (p - 1) (p - 2) = 0 twice over, the second time missed by `miss` at 2."""
 
     miss: float = 0.0
-    theta_start: np.ndarray = field(default_factory=lambda: np.array([1.4]))
+    start: tuple = (1.4,)
     weight: float = 100.0
-    n_data: int = 2
-    names: tuple = ("p",)
-    kinds: tuple = ("test",)
-    units: tuple = ("1",)
-    lines: np.ndarray = field(default_factory=lambda: np.arange(2))
-    series: np.ndarray = field(default_factory=lambda: np.zeros(2, int))
     searches: list = field(default_factory=list)
+
+    @property
+    def unknowns(self):
+        return FreeUnknowns(("p", "q")[: len(self.start)], np.array(self.start))
+
+    rows = DataRows(np.arange(2), np.zeros(2, int))
 
     def residual(self, theta):
         p = theta[0]
@@ -36,36 +36,30 @@ class TwoWells(BaseProblem):
             self.residual(theta), np.array([[self.weight * (2 * theta[0] - 3)], [self.miss]], dtype=float)
         )
 
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(len(theta))
-
 
 def test_two_exact_fits_are_found_and_refused():
     found = estimate(TwoWells(), search=Search(uniqueness_starts=8))
-    assert found.n_starts == 9
-    assert found.n_fitting == len(found.answers) == 2
-    assert sorted(float(answer.values[0]) for answer in found.answers) == pytest.approx([1.0, 2.0])
-    assert sum(answer.n_searches for answer in found.answers) == 9
+    assert found.search.n_starts == 9
+    assert found.search.n_fitting == len(found.search.answers) == 2
+    assert sorted(float(answer.values[0]) for answer in found.search.answers) == pytest.approx([1.0, 2.0])
+    assert sum(answer.n_searches for answer in found.search.answers) == 9
     assert found.status is Status.NOT_IDENTIFIABLE
 
 
 def test_distance_is_counted_in_posterior_standard_deviations():
     """The derivative is 100 at both answers, hence a standard deviation of 0.01: they are 100 of them apart."""
     found = estimate(TwoWells(), search=Search(uniqueness_starts=8))
-    assert [answer.distance for answer in found.answers] == pytest.approx([0.0, 100.0])
+    assert [answer.distance for answer in found.search.answers] == pytest.approx([0.0, 100.0])
     near = estimate(TwoWells(weight=2.0), search=Search(uniqueness_starts=8))
-    assert len(near.answers) == 1
+    assert len(near.search.answers) == 1
 
 
 @pytest.mark.parametrize(("miss", "fits"), [(2.0, 2), (5.0, 1)])
 def test_an_answer_that_the_noise_does_not_allow_does_not_count(miss, fits):
     """At p = 2 chi-square is miss^2: 4 and 25 against 10.8, the 0.1 % point of one degree of freedom."""
     found = estimate(TwoWells(miss), search=Search(uniqueness_starts=8))
-    assert len(found.answers) == 2
-    assert found.n_fitting == fits
+    assert len(found.search.answers) == 2
+    assert found.search.n_fitting == fits
     assert found.values == pytest.approx([1.0])
     assert found.status is (Status.CONVERGED if fits == 1 else Status.NOT_IDENTIFIABLE)
 
@@ -82,15 +76,15 @@ def test_an_answer_that_tolerances_of_held_values_allow_counts(least, fits):
 def test_wide_starts_end_when_no_more_minima_are_to_be_expected():
     """Two wells: Boender's rule wants 16 random searches that fit, of which 24 make as many; four more follow the answers."""
     found = estimate(TwoWells(), search=Search(wide_starts=200))
-    assert found.n_fitting == 2
-    assert found.is_exhaustive
-    assert found.n_starts == 1 + 24 + 4
-    assert not estimate(TwoWells(), search=Search(wide_starts=10)).is_exhaustive
+    assert found.search.n_fitting == 2
+    assert found.search.is_exhaustive
+    assert found.search.n_starts == 1 + 24 + 4
+    assert not estimate(TwoWells(), search=Search(wide_starts=10)).search.is_exhaustive
 
 
 def test_without_more_starts_the_first_fit_ends_the_search():
     found = estimate(TwoWells(), search=Search(restarts=5))
-    assert (found.n_starts, found.n_agreeing, len(found.answers)) == (1, 1, 1)
+    assert (found.search.n_starts, found.search.n_agreeing, len(found.search.answers)) == (1, 1, 1)
     assert found.status is Status.CONVERGED
 
 
@@ -98,9 +92,7 @@ def test_a_likelihood_ratio_rules_out_what_chi_square_alone_allows():
     """200 more residuals at their expected size: chi-square of the second answer is unremarkable, its excess of 25 is not."""
 
     class Many(TwoWells):
-        n_data = 202
-        lines = np.arange(202)
-        series = np.zeros(202, int)
+        rows = DataRows(np.arange(202), np.zeros(202, int))
 
         def residual(self, theta):
             return np.concatenate([super().residual(theta), np.ones(200)])
@@ -109,11 +101,11 @@ def test_a_likelihood_ratio_rules_out_what_chi_square_alone_allows():
             at = super().linearize(theta)
             return Linearization(self.residual(theta), np.concatenate([at.jacobian, np.zeros((200, 1))]))
 
-    problem = Many(5.0, n_data=202, lines=np.arange(202), series=np.zeros(202, int))
+    problem = Many(5.0)
     found = estimate(problem, search=Search(uniqueness_starts=8))
-    assert len(found.answers) == 2
-    assert found.answers[1].cost == pytest.approx(225.0, rel=1e-3)
-    assert found.n_fitting == 1
+    assert len(found.search.answers) == 2
+    assert found.search.answers[1].cost == pytest.approx(225.0, rel=1e-3)
+    assert found.search.n_fitting == 1
 
 
 def test_an_undetermined_direction_is_one_answer_and_not_many():
@@ -126,10 +118,10 @@ def test_an_undetermined_direction_is_one_answer_and_not_many():
         def linearize(self, theta):
             return Linearization(self.residual(theta), np.array([[100.0, 100.0], [0.0, 0.0]]))
 
-    problem = Sum(theta_start=np.array([1.0, 1.0]), names=("p", "q"), kinds=("a", "a"), units=("1", "1"))
+    problem = Sum(start=(1.0, 1.0))
     found = estimate(problem, search=Search(uniqueness_starts=4))
-    assert len(found.answers) == 1
-    assert found.answers[0].n_searches == 5
+    assert len(found.search.answers) == 1
+    assert found.search.answers[0].n_searches == 5
 
 
 def test_distance_is_the_larger_of_those_seen_from_either_end():
@@ -144,7 +136,7 @@ def test_distance_is_the_larger_of_those_seen_from_either_end():
             return Linearization(self.residual(theta), np.array([[slope], [0.0]]))
 
     found = estimate(Uneven(), search=Search(uniqueness_starts=8))
-    assert found.answers[1].distance == pytest.approx(200.0)
+    assert found.search.answers[1].distance == pytest.approx(200.0)
 
 
 def test_ways_that_are_functions_get_the_start_of_each_search():
@@ -154,7 +146,7 @@ def test_ways_that_are_functions_get_the_start_of_each_search():
     def way(number):
         return lambda theta: seen.append((number, float(theta[0]))) or ()
 
-    problem = TwoWells(miss=50.0, theta_start=np.array([1.9]))
+    problem = TwoWells(miss=50.0, start=(1.9,))
     method = LevenbergMarquardt(max_iterations=0)
     estimate(problem, method, plans=(way(1), way(2)), search=Search(restarts=3, uniqueness_starts=2))
     assert [number for number, _ in seen] == [1, 2, 1, 2, 1, 1]
@@ -188,10 +180,10 @@ def test_random_points_are_drawn_in_the_order_of_the_searches_that_count(good, n
 
 
 def test_restarts_take_the_ways_in_turn_and_then_random_starts():
-    stage = TwoWells(theta_start=np.array([1.4]))
+    stage = TwoWells(start=(1.4,))
     seen = []
     estimate(
-        TwoWells(miss=50.0, theta_start=np.array([1.9])),
+        TwoWells(miss=50.0, start=(1.9,)),
         LevenbergMarquardt(max_iterations=0),
         plans=((("first", stage),), (("second", stage),)),
         search=Search(restarts=3),
@@ -202,7 +194,7 @@ def test_restarts_take_the_ways_in_turn_and_then_random_starts():
 
 def test_the_same_seed_gives_the_same_answers():
     first, second = (estimate(TwoWells(), search=Search(uniqueness_starts=5, seed=3)) for _ in range(2))
-    assert [a.n_searches for a in first.answers] == [a.n_searches for a in second.answers]
+    assert [a.n_searches for a in first.search.answers] == [a.n_searches for a in second.search.answers]
     assert first.values == second.values
 
 
@@ -211,9 +203,7 @@ class MissedWells(TwoWells):
     """The same with a third datum that nothing explains."""
 
     miss: float = 30.0
-    n_data: int = 3
-    lines: np.ndarray = field(default_factory=lambda: np.arange(3))
-    series: np.ndarray = field(default_factory=lambda: np.zeros(3, int))
+    rows = DataRows(np.arange(3), np.zeros(3, int))
 
     def residual(self, theta):
         return np.append(super().residual(theta), 100.0)
@@ -225,7 +215,7 @@ class MissedWells(TwoWells):
 
 def test_searches_that_miss_the_noise_and_are_not_the_best_are_left_early():
     """Each search by itself goes on to its minimum; of several only the best does, to the same place."""
-    problem, method = MissedWells(theta_start=np.array([1.6])), LevenbergMarquardt()
+    problem, method = MissedWells(start=(1.6,)), LevenbergMarquardt()
     search = Search(restarts=7, seed=2)
     found = searched_minima(problem, method, (), search, lambda minimum: False).minima
     cost = np.array([minimum.costs[-1] for minimum, _ in found])

@@ -29,7 +29,7 @@ def brute_force_ends(case, j, found):
     """Ends of the likelihood-ratio interval by minimizing over the other parameter on a fine grid."""
     from scipy.optimize import brentq, minimize_scalar
 
-    least = found.chi_square
+    least = found.goodness.chi_square
 
     def deviance(value):
         def cost(other):
@@ -92,7 +92,7 @@ def test_parameter_without_an_upper_limit_says_so(seed, basis):
 def test_estimate_that_is_not_the_minimum_is_found_out():
     case = decay_case(4)
     found = estimate(case)
-    moved = replace(found, theta=locked(found.theta + np.array([0.0, 0.3])))
+    moved = replace(found, parameters=replace(found.parameters, theta=locked(found.theta + np.array([0.0, 0.3]))))
     assert "found a better fit" in profile(case, moved, "b").words
 
 
@@ -101,7 +101,7 @@ def test_profile_carries_model_error_where_the_estimate_does():
     found = estimate(case)
     assert found.covariance_basis == "model_error"
     item = profile(case, found, "a")
-    assert item.scale == pytest.approx((found.std_model_error[0] / found.std_noise[0]) ** 2)
+    assert item.scale == pytest.approx((found.spread.std_model_error[0] / found.std_noise[0]) ** 2)
     assert (item.lower, item.upper) == pytest.approx(found.interval()[0], rel=1e-3)
 
 

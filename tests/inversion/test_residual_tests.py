@@ -15,7 +15,7 @@ from structid.inversion.diagnostics.residual_tests import residual_tests, runs_t
 
 def looked_at(values, series=None):
     case = Case(
-        straight, straight_slope, np.arange(len(values), dtype=float), values, (1.0,), ("linear",), series=series
+        straight, straight_slope, np.arange(len(values), dtype=float), values, (1.0,), ("linear",), channel=series
     )
     return residual_tests(case, values, len(values))
 
@@ -98,8 +98,8 @@ def test_two_series_share_the_name_of_their_channel():
 )
 def test_size_of_the_residual_is_told_both_ways(size, words):
     found = estimate(line_case(size * np.random.default_rng(8).standard_normal(400)))
-    assert [w for w in found.residual_tests.words if words in w]
-    assert estimate(line_case(np.random.default_rng(8).standard_normal(400))).residual_tests.words == ()
+    assert [w for w in found.goodness.residual_tests.words if words in w]
+    assert estimate(line_case(np.random.default_rng(8).standard_normal(400))).goodness.residual_tests.words == ()
 
 
 def test_heavy_tails_are_told():

@@ -136,9 +136,9 @@ def test_samples_carry_model_error_where_the_estimate_does():
     found = estimate(case)
     drawn = sample(case, found, 500, rng=np.random.default_rng(5))
     assert drawn.stretched
-    assert np.sqrt(np.diag(drawn.covariance)) == pytest.approx(found.std_model_error, rel=0.08)
+    assert np.sqrt(np.diag(drawn.covariance)) == pytest.approx(found.spread.std_model_error, rel=0.08)
     kept = np.corrcoef(drawn.samples.reshape(-1, 2), rowvar=False)[0, 1]
-    assert kept == pytest.approx(found.correlation[0, 1], abs=0.08)
+    assert kept == pytest.approx(found.spread.correlation[0, 1], abs=0.08)
 
 
 def test_emcee_draws_from_the_same_posterior():
@@ -157,7 +157,7 @@ def test_emcee_draws_from_the_same_posterior():
 def test_what_cannot_be_sampled_is_told():
     case = line_case(np.random.default_rng(0).standard_normal(20))
     found = estimate(case)
-    lost = replace(found, noise=DenseCovariance(np.full((2, 2), np.nan)))
+    lost = replace(found, spread=replace(found.spread, noise=DenseCovariance(np.full((2, 2), np.nan))))
     with pytest.raises(InputError, match="finite covariance, got none for a, b"):
         sample(case, lost)
     with pytest.raises(InputError, match="`sampler` must be 'nuts' or 'emcee'"):

@@ -44,11 +44,11 @@ def test_merging_puts_clean_parts_together_whatever_their_scale_and_senses():
 def test_merging_weights_by_inverse_variances_and_states_the_spread():
     _, shapes = chain_modes()
     f = np.array([1.0, 2.0, 3.0, 4.0])
-    sure, unsure = part(SETUPS[0], f, shapes, std=0.01), part(SETUPS[1], f + 0.05, shapes, std=0.02)
+    sure, unsure = part(SETUPS[0], f, shapes, std=0.01), part(SETUPS[1], f + 0.02, shapes, std=0.02)
     found = merged_setups([sure, unsure])
-    np.testing.assert_allclose(found.modes.frequency, f + 0.05 * 0.2)
-    np.testing.assert_allclose(found.frequency_spread, 0.05 / np.sqrt(2))
-    chi_square = 0.05**2 / (0.01**2 + 0.02**2)
+    np.testing.assert_allclose(found.modes.frequency, f + 0.02 * 0.2)
+    np.testing.assert_allclose(found.frequency_spread, 0.02 / np.sqrt(2))
+    chi_square = 0.02**2 / (0.01**2 + 0.02**2)
     np.testing.assert_allclose(found.chi_square, chi_square)
     np.testing.assert_allclose(np.diag(found.modes.covariance)[:4], 1 / (1e4 + 2500))
     assert not found.modes.warnings
@@ -64,7 +64,8 @@ def test_merging_says_that_set_ups_disagree_and_widens_the_interval():
     assert "temperature" in note
     variance = np.diag(found.modes.covariance)[:4]
     np.testing.assert_allclose(variance[[0, 1, 3]], 0.5e-4)
-    np.testing.assert_allclose(variance[2], 0.5e-4 * found.chi_square[2])
+    unsure = (12.7062 / 1.95996) ** 2  # 97.5 % points of Student's t with one degree of freedom, and of the normal law
+    np.testing.assert_allclose(variance[2], 0.5e-4 * (1 + unsure * (found.chi_square[2] - 1)), rtol=1e-4)
     np.testing.assert_allclose(found.chi_square[2], 50.0)
 
 
@@ -81,8 +82,49 @@ def test_merging_leaves_out_modes_that_a_set_up_lacks_and_names_them():
     second = part(SETUPS[1], omega[[0, 1, 3]], shapes[:, [0, 1, 3]])
     found = merge_modes([part(SETUPS[0], omega, shapes), second])
     np.testing.assert_allclose(found.frequency, omega[[0, 1, 3]])
-    assert found.warnings[0].startswith("merging loses 1 of 7 modes, of 1 of 2 set-ups, since not all set-ups have")
+    assert found.warnings[0].startswith("merging leaves out 1 of 7 modes, of 1 of 2 set-ups, since no other set-up has")
     assert f"set-up 1: {omega[2]:.4g} Hz (none in set-up 2, nearest" in found.warnings[0]
+
+
+def test_merging_keeps_a_mode_that_two_of_three_set_ups_have_and_leaves_unmeasured_sensors_unknown():
+    """Mode 3 is missing in the set-up that alone has sensor 3X: unknown there, right at the others."""
+    omega, shapes = chain_modes()
+    few = [0, 1, 3]
+    lacking = part(("1X", "4X", "3X"), omega[few], shapes[:, few])
+    whole = [part(("1X", "4X", "2X"), omega, shapes, scale=scale) for scale in (1.0, -2j)]
+    for setups in ([lacking, *whole], [*whole, lacking], [whole[0], lacking, whole[1]]):
+        merging = merged_setups(setups)
+        place = [str(dof) for dof in merging.modes.channels].index("3X+")
+        assert (~merging.modes.known).nonzero() == ([place], [2])
+        assert np.isnan(merging.modes.shape_std).nonzero() == ([place], [2])
+        assert (merging.members == -1).sum() == 1
+        assert merging.members[setups.index(lacking), 2] == -1
+        np.testing.assert_allclose(merging.modes.frequency, omega)
+        known = [i for i in range(4) if i != place]
+        order = [int(str(merging.modes.channels[i])[0]) - 1 for i in known]
+        likeness = np.diag(mac(merging.modes.mode_shapes[known], shapes[order]))
+        np.testing.assert_allclose(likeness, 1.0, atol=1e-12)
+        variance = np.diag(merging.modes.covariance)[:4]
+        np.testing.assert_allclose(variance, np.array([1, 1, 1.5, 1]) * 1e-6 / 3)
+
+
+def test_scatter_between_set_ups_is_a_random_effect():
+    """Four set-ups of unequal deviations: the moment estimate of DerSimonian and Laird (1986), here by hand."""
+    _, shapes = chain_modes()
+    f, stds, moves = np.array([1.0, 2.0, 3.0, 4.0]), [0.01, 0.02, 0.01, 0.04], [0.0, 0.05, -0.03, 0.02]
+    setups = [part(SETUPS[i % 2], f + move, shapes, std=s) for i, (s, move) in enumerate(zip(stds, moves, strict=True))]
+    w, y = 1 / np.square(stds), np.array(moves)
+    q = np.sum(w * (y - w @ y / w.sum()) ** 2)
+    scatter = (q - 3) / (w.sum() - np.sum(w**2) / w.sum())
+    w = 1 / (np.square(stds) + scatter)
+    merging = merged_setups(setups)
+    np.testing.assert_allclose(merging.scatter[:4], np.sqrt(scatter))
+    np.testing.assert_allclose(merging.modes.frequency, f + w @ y / w.sum())
+    unsure = (3.18245 / 1.95996) ** 2  # Student's t with three degrees of freedom
+    squares = (w / w.sum()) ** 2
+    expected = np.sqrt(squares @ np.square(stds) + unsure * squares.sum() * scatter)
+    np.testing.assert_allclose(merging.modes.frequency_std, expected, rtol=1e-4)
+    np.testing.assert_allclose(merging.scatter[4:], 0.0)
 
 
 def without(record, *entries):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 
 #: Extended precision where there is any: the residuals of Lanczos1 are below the rounding of double precision.
 DATA = json.loads((Path(__file__).parent / "nist_strd.json").read_text(), parse_float=np.longdouble)
@@ -81,7 +81,7 @@ MODELS = {
 
 
 @dataclass
-class NistProblem(BaseProblem):
+class NistProblem(Problem):
     """One problem from one of its two starts; free variables are the parameters themselves, unit weights."""
 
     name: str
@@ -91,11 +91,16 @@ class NistProblem(BaseProblem):
         own = DATA[self.name]
         self.x = [np.array(x) for x in own["x"]]
         self.y = np.log(own["y"]) if self.name == "Nelson" else np.array(own["y"])
-        self.theta_start = np.array(own[f"start_{self.start}"], dtype=float)
-        self.n_data = len(self.y)
-        self.names = tuple(f"b{j + 1}" for j in range(len(self.theta_start)))
-        self.kinds, self.units = ("test",) * len(self.names), ("1",) * len(self.names)
-        self.lines, self.series = np.arange(self.n_data), np.zeros(self.n_data, int)
+        start = np.array(own[f"start_{self.start}"], dtype=float)
+        self.parameters = FreeUnknowns(tuple(f"b{j + 1}" for j in range(len(start))), start)
+
+    @property
+    def unknowns(self):
+        return self.parameters
+
+    @property
+    def rows(self):
+        return DataRows(np.arange(len(self.y)), np.zeros(len(self.y), int))
 
     def residual(self, theta):
         return np.asarray(MODELS[self.name](theta, *self.x) - self.y, dtype=float)
@@ -107,9 +112,3 @@ class NistProblem(BaseProblem):
             moved[j] += 1j * STEP
             columns.append(np.broadcast_to(MODELS[self.name](moved, *self.x).imag / STEP, self.y.shape))
         return Linearization(self.residual(theta), np.stack(columns, axis=1).astype(float))
-
-    def physical(self, theta):
-        return np.array(theta)
-
-    def slope(self, theta):
-        return np.ones(len(theta))

@@ -8,7 +8,7 @@ from numpy.polynomial import Polynomial, legendre
 
 from arrow_system import ArrowSystem
 from structid import Beam, FrfRecord, Structure, Unknown, parameters
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward.frf.response import response
 
 ACTUAL = np.array([0.92, 1.28, 1.17, 0.63, 1.11, 0.98, 1.38, 0.68, 1.24, 0.56, 0.76, 1.12])  # Table 4.1, case 1

@@ -80,7 +80,9 @@ def test_last_state_lost_the_first_third_and_fifth_mass(six):
         assert declared[f"mass[{mass}]"] == (mass in ("m1", "m3", "m5"))
     share, std, total = six.loss(found, accelerometer=False)
     assert (share, std, total) == pytest.approx((8.19, 0.77, 1.188), abs=0.01)
-    assert six.loss(found, accelerometer=False, covariance=found.covariance_noise)[1] == pytest.approx(0.17, abs=0.01)
+    assert six.loss(found, accelerometer=False, covariance=found.spread.covariance_noise)[1] == pytest.approx(
+        0.17, abs=0.01
+    )
 
 
 def test_modes_ask_for_different_masses_though_chi_square_is_as_it_should_be(six):
@@ -88,4 +90,4 @@ def test_modes_ask_for_different_masses_though_chi_square_is_as_it_should_be(six
     found = six.fitted("healthy", range(24), six.Model())
     assert found.chi_square_per_dof == pytest.approx(1.0, abs=0.01)
     assert found.covariance_basis == "model_error"
-    assert found.disagreement.probability < 1e-3
+    assert found.spread.disagreement.probability < 1e-3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from structid import ModalRecord, PointMass, Spring, Structure, Unknown, estimate, parameters
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward import ModalProblem, ModalSettings
 
 FRAMES = Path(__file__).parents[3] / "shared" / "data" / "smu_shear_frames"
@@ -30,7 +30,7 @@ def test_four_story_stiffnesses_are_those_published_and_predict_the_modes_left_o
     frequency = data["test_frequency_hz"]
     record = ModalRecord(frequency[:2], np.full(2, np.nan), data["test_mode"][:3, :2], ("1X", "2X", "3X"))
     problem = ModalProblem(structure, unknown, record, ModalSettings(frequency_error=0.002, shape_error=0.02))
-    found = estimate(problem, plans=problem.stage_plans())
+    found = estimate(problem, plans=problem.schedules())
     published = 10 * (1 + data["published_alpha_form1_mac"])
     np.testing.assert_allclose(found.values, published, rtol=0.01)  # asked: 5 %
     values = unknown.values(found.values)
@@ -46,7 +46,7 @@ def test_eighteen_story_frame_says_what_two_modes_at_six_floors_do_not_determine
     channels = tuple(f"{floor}X" for floor in (3, 6, 9, 12, 15, 18))
     record = ModalRecord(data["freq_hz"][:2], np.full(2, np.nan), data["mode_shape"][:, :2], channels)
     problem = ModalProblem(structure, unknown, record, ModalSettings(frequency_error=0.005, shape_error=0.02))
-    found = estimate(problem, plans=problem.stage_plans())
+    found = estimate(problem, plans=problem.schedules())
     assert found.status.value == "not_identifiable"
     # two frequencies and two shapes of six entries are twelve numbers at most: six directions of eighteen stay free
     assert found.identifiability.rank <= 12

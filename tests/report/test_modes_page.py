@@ -12,7 +12,7 @@ from structid.core.quantities import with_std
 from structid.modal import ModalRecord
 from structid.modal.survey.survey import ModesOptions, modes_of_file
 from structid.records import Geometry, write_record
-from structid.report.figures.shapes import mode_scene
+from structid.report.figures.shapes import _orbits, mode_scene
 from structid.report.figures.survey import CHOSEN, CLUSTERED, OUTSIDE, mode_labels, pole_kinds
 from structid.report.modes import mode_table, modes_page, remarks
 from structid.report.rendering.png import pictures
@@ -51,7 +51,8 @@ def test_table_of_the_page_holds_the_modes(result, page):
         assert cells[0] == str(k + 1)
         assert cells[1] == with_std(float(result.modes.frequency[k]), float(result.std[k]))
         assert cells[2] == with_std(100 * float(result.modes.damping_ratio[k]), 100 * float(result.std[3 + k]))
-        assert cells[4] == f"{result.identification.clusters[k].size} in {len(result.identification.sweep)} orders"
+        assert cells[5] == f"{min(result.identification.probability[k], 0.99):.2f}"
+        assert cells[6] == f"{result.identification.clusters[k].size} in {len(result.identification.sweep)} orders"
 
 
 def test_stabilization_diagram_holds_every_pole_and_marks_those_of_the_modes(result, drawn):
@@ -186,3 +187,23 @@ def test_numbers_of_neighbours_share_a_place(result):
     modes = replace(result.modes, frequency=np.array([2.0, 2.01, 6.0]))
     close = replace(result, identification=replace(result.identification, modes=modes))
     assert [text for _, text in mode_labels(close)] == ["1,2", "3"]
+
+
+def test_points_that_move_on_ellipses_are_drawn_with_their_paths():
+    """Node 1 runs through a circle in mode 2, at 90 degrees between X and Y; mode 1 moves to and fro."""
+    shapes = np.array([[1.0, 1.0], [0.5, 1.0j], [0.2, 0.1]])
+    modes = ModalRecord([1.0, 2.0], [0.01, 0.01], shapes, ["1X", "1Y", "2X"])
+    scene = mode_scene(modes, Geometry({1: (0.0, 0.0, 0.0), 2: (1.0, 0.0, 0.0), 3: (0.0, 0.0, 1.0)}))
+    assert _orbits(scene, 0) is None
+    path = _orbits(scene, 1)
+    first = slice(0, np.flatnonzero(np.isnan(path.x))[0])
+    radius = np.hypot(path.x[first], path.y[first])
+    np.testing.assert_allclose(radius, np.abs(scene.motion[1, 0, 0]), rtol=1e-9)
+    np.testing.assert_allclose(path.z[first], 0.0, atol=1e-12)
+
+
+def test_sensors_whose_motion_is_unknown_stand_still_and_are_named():
+    shapes = np.array([[1.0, 1.0], [0.5, np.nan]])
+    scene = mode_scene(ModalRecord([1.0, 2.0], [0.01, 0.01], shapes, ["1X", "2X"]), None)
+    assert scene.motion[1, 1, 1] == 0.0
+    assert "unknown" in scene.notes[-1]

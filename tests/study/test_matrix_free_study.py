@@ -109,10 +109,10 @@ def test_answer_is_that_of_the_dense_search_at_the_same_strength(plate, tmp_path
     off = free.estimate.std / dense.estimate.std_noise - 1
     assert np.abs(off).max() < 4.5 / np.sqrt(64)
     assert np.abs(off.mean()) < 0.06
-    assert free.held[0].rule == "given"
-    assert np.isnan(free.held[0].determined)
-    assert free.total_mass == pytest.approx(dense.total_mass)
-    assert free.total_mass_std == 0
+    assert free.priors.regularizations[0].rule == "given"
+    assert np.isnan(free.priors.regularizations[0].determined)
+    assert free.mass.total == pytest.approx(dense.mass.total)
+    assert free.mass.std == 0
 
 
 @pytest.mark.parametrize(
@@ -157,10 +157,10 @@ def test_an_estimate_without_a_covariance_matrix_says_so(plate):
     found = run_study(load_study(folder / "study.toml")).identification
     with pytest.raises(InputError, match="no covariance matrix of its 50 parameters"):
         _ = found.estimate.covariance
-    assert found.prior_share is None
+    assert found.priors.share is None
     assert found.estimate.interval().shape == (50, 2)
     assert (found.intervals.ends[:, 0] < found.estimate.values).all()
-    assert found.estimate.residual_tests.series[0].name == str(found.sensors[0])
+    assert found.estimate.goodness.residual_tests.series[0].name == str(found.sensors[0])
 
 
 @pytest.mark.long

@@ -53,8 +53,8 @@ def test_the_shaken_building_gives_every_storey(tmp_path):
 def test_the_total_mass_of_weighed_floors_is_known_as_well_as_they_are():
     """All floors are one set and err together: 1 % of what they weigh, at the start and at the end."""
     study = load_study(EXAMPLE / "study.toml")
-    assert check_study(study).total_mass_std == pytest.approx(0.01 * 2280.0, rel=1e-9)
-    assert run_study(study).identification.total_mass_std == pytest.approx(0.01 * 2280.0, rel=1e-9)
+    assert check_study(study).mass.std == pytest.approx(0.01 * 2280.0, rel=1e-9)
+    assert run_study(study).identification.mass.std == pytest.approx(0.01 * 2280.0, rel=1e-9)
 
 
 FRF = (
@@ -91,7 +91,7 @@ def test_unknown_masses_are_given_as_ratios(folder):
     result = json.loads((folder / "out" / "estimate.json").read_text())
     assert any("ratios of stiffness to mass, not kilograms" in words for words in result["warnings"])
     made = runpy.run_path(str(EXAMPLE / "make_record.py"))
-    ratios = run_study(load_study(path)).identification.ratios
+    ratios = run_study(load_study(path)).identification.mass.ratios
     assert ratios.names[0] == "stiffness[storey:1]"
     truth = np.concatenate([made["STIFFNESS"], made["DAMPING"], made["MASS"][1:]]) / made["MASS"][0]
     assert np.abs((ratios.values - truth) / ratios.std).max() < 4

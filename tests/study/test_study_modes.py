@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from structid import InputError, ModalRecord
 from structid.cli import app as cli
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.modal.formats.files import read_modes, write_modes
 from structid.records.formats import write_record
 from structid.report.identification.modal_tables import modal_facts
@@ -53,7 +53,7 @@ def test_ambient_storeys_example_gives_the_true_stiffnesses_within_their_interva
     np.testing.assert_array_less(np.abs(estimate.values - TRUTH), 4 * estimate.std)
     assert (estimate.std_noise < 0.005 * TRUTH).all()
     np.testing.assert_allclose(estimate.values[0], 2.398e6, rtol=1e-3)  # pinned
-    assert found.ratios is None
+    assert found.mass.ratios is None
     assert not found.warnings
 
 
@@ -81,7 +81,7 @@ def test_a_prior_on_the_mass_fixes_the_scale(tmp_path):
     prior = FREE.replace("\n\n[record]", "\nprior = { mean = 1.0, std = 0.05 }\n\n[record]")
     found = run_study(load_study(storeys(tmp_path, "[record]", prior))).identification
     assert found.estimate.status.value == "converged"
-    assert found.ratios is None
+    assert found.mass.ratios is None
     relative = found.estimate.std / found.estimate.values
     np.testing.assert_allclose(relative, 0.05, rtol=0.05)  # of the prior, in everything
 
@@ -174,8 +174,8 @@ def test_modes_and_responses_are_fitted_together(tmp_path):
     (tmp_path / "one.toml").write_text(CHAIN, encoding="utf-8")
     alone = run_study(load_study(tmp_path / "one.toml")).identification.estimate
     assert (found.estimate.std <= 1.001 * alone.std).all()  # more data
-    assert found.estimate.degrees_of_freedom > alone.degrees_of_freedom
-    names = [test.name for test in found.estimate.residual_tests.series]
+    assert found.estimate.goodness.degrees_of_freedom > alone.goodness.degrees_of_freedom
+    names = [test.name for test in found.estimate.goodness.residual_tests.series]
     assert "ambient: shape at 1X+" in names
     assert NOISE == 0.01
     text = report_page(found).text
@@ -214,7 +214,7 @@ def test_modes_that_are_not_used_and_sensors_left_out_change_the_fit(tmp_path):
 def test_uniqueness_starts_search_modes_more_than_once(tmp_path):
     path = storeys(tmp_path, "[record]", "[method]\nuniqueness_starts = 2\n\n[record]")
     estimate = run_study(load_study(path)).identification.estimate
-    assert (estimate.n_starts, estimate.n_agreeing) == (3, 3)
+    assert (estimate.search.n_starts, estimate.search.n_agreeing) == (3, 3)
 
 
 def test_a_measured_mode_without_a_like_in_the_model_is_named(tmp_path):
@@ -321,7 +321,7 @@ def test_eighteen_story_frame_as_a_study_says_what_is_not_determined(tmp_path):
     assert found.estimate.identifiability.rank <= 12
     told = [words for words in found.warnings if words.startswith("the data determine stiffness[story")]
     assert len(told) == 18 - found.estimate.identifiability.rank
-    assert found.ratios is None  # masses are weighed
+    assert found.mass.ratios is None  # masses are weighed
 
 
 def as_uff(folder, keys):

@@ -95,7 +95,7 @@ def test_two_records_of_two_set_ups_give_one_answer(result):
     assert [fit.name for fit in result.identification.fits] == ["as built", "loaded"]
     assert result.identification.fits[0].polarities == {"polarity[3X+]": -1}
     assert "as built: polarity[3X+] is -1" in " ".join(result.identification.warnings)
-    assert abs(result.identification.total_mass - 6.0) < 0.02  # of the first set-up, without the added mass
+    assert abs(result.identification.mass.total - 6.0) < 0.02  # of the first set-up, without the added mass
 
 
 def test_results_and_report_show_every_record(result, tmp_path):

@@ -49,7 +49,7 @@ def test_the_summary_has_every_field_with_its_value(result, folder):
     summary = strict((folder / "estimate.json").read_text())
     found = result.identification.estimate
     assert (summary["status"], summary["rank"], summary["n_parameters"]) == ("converged", 8, 8)
-    assert summary["chi_square_per_dof"] == found.chi_square / found.degrees_of_freedom
+    assert summary["chi_square_per_dof"] == found.goodness.chi_square / found.goodness.degrees_of_freedom
     assert summary["degrees_of_freedom"] == 2 * 230 * 2 - 8
     assert summary["covariance_basis"] == "noise"
     assert summary["total_mass"]["unit"] == "kg"
@@ -63,7 +63,7 @@ def test_the_summary_has_every_field_with_its_value(result, folder):
         assert entry["value"] == found.values[i]
         assert entry["std"] == found.std[i] == pytest.approx(np.hypot(entry["std_noise"], entry["std_tolerances"]))
         assert entry["std_noise"] == found.std_noise[i]
-        assert entry["std_model_error"] == found.std_model_error[i] >= entry["std_noise"] * (1 - 1e-9)
+        assert entry["std_model_error"] == found.spread.std_model_error[i] >= entry["std_noise"] * (1 - 1e-9)
         assert entry["identified"] is True
         assert entry["prior_mean"] is entry["prior_std"] is None
     assert summary["assumption"] == "± includes 1 % of the calibration"
@@ -107,9 +107,11 @@ def test_the_arrays_agree_with_the_identification(result, folder):
         names = [name.decode() for name in file["parameters/names"]]
         assert set(names) == set(TRUE)
         np.testing.assert_array_equal(file["parameters/values"], found.estimate.values)
-        np.testing.assert_array_equal(file["parameters/covariance_noise"], found.estimate.covariance_noise)
-        np.testing.assert_array_equal(file["parameters/covariance_model_error"], found.estimate.covariance_model_error)
-        np.testing.assert_array_equal(file["parameters/history"], found.estimate.history)
+        np.testing.assert_array_equal(file["parameters/covariance_noise"], found.estimate.spread.covariance_noise)
+        np.testing.assert_array_equal(
+            file["parameters/covariance_model_error"], found.estimate.spread.covariance_model_error
+        )
+        np.testing.assert_array_equal(file["parameters/history"], found.estimate.search.history)
         np.testing.assert_array_equal(file["frf/measured"], record.values)
         np.testing.assert_array_equal(file["frf/residual"], found.fits[0].predicted - record.values)
         np.testing.assert_array_equal(file["frf/predicted_initial"], found.fits[0].predicted_initial)

@@ -40,7 +40,7 @@ def test_a_study_finds_the_values_that_made_its_record(tmp_path):
         value, std = estimate[name].value, float(estimate.std_noise[estimate.names.index(name)])
         assert abs(value - true) < 5 * std, name  # 8 Gaussian parameters: a false alarm in 2e5 seeds
         assert 0 < std < 0.01 * true, name  # 1 % noise on 230 lines
-    assert result.identification.total_mass == pytest.approx(6.0, abs=5 * result.identification.total_mass_std)
+    assert result.identification.mass.total == pytest.approx(6.0, abs=5 * result.identification.mass.std)
 
 
 def physical_jacobian(values: np.ndarray, frequency: np.ndarray) -> np.ndarray:
@@ -78,8 +78,8 @@ def test_the_predicted_deviations_are_the_cramer_rao_bound(tmp_path):
     bound = np.sqrt(np.diag(np.linalg.inv(information)))
     np.testing.assert_allclose(result.std, bound, rtol=1e-6)  # differences are good to 1e-9, inversion costs 1e4
     gradient = np.array([1.0, 1, 1, 0, 0, 0, 0, 0])
-    assert result.total_mass_std == pytest.approx(np.sqrt(gradient @ np.linalg.inv(information) @ gradient), rel=1e-6)
-    assert result.total_mass == pytest.approx(6.0)
+    assert result.mass.std == pytest.approx(np.sqrt(gradient @ np.linalg.inv(information) @ gradient), rel=1e-6)
+    assert result.mass.total == pytest.approx(6.0)
     assert result.determined
 
 

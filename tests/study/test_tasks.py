@@ -181,9 +181,10 @@ def test_a_study_on_processes_has_the_bits_of_one_alone(study, processes):
     """Restarts that run ahead, a uniqueness start, and what the checkpoint keeps of them."""
     alone = run_study(study).identification.estimate
     shared = run_study(study, None, LongRun(processes)).identification.estimate
-    assert (alone.n_starts, alone.n_agreeing) == (shared.n_starts, shared.n_agreeing)
-    assert alone.n_starts > 2
-    for name in ("theta", "covariance", "history"):
+    assert (alone.search.n_starts, alone.search.n_agreeing) == (shared.search.n_starts, shared.search.n_agreeing)
+    assert alone.search.n_starts > 2
+    assert np.array_equal(alone.search.history, shared.search.history)
+    for name in ("theta", "covariance"):
         assert np.array_equal(getattr(alone, name), getattr(shared, name)), name
 
 

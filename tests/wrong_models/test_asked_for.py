@@ -63,9 +63,9 @@ def test_scores_are_those_of_normal_noise_and_steps_those_of_a_column_more(tmp_p
     ready, result, _ = answered(tmp_path)
     estimate = result.identification.estimate
     trial = base_trial(ready.study, ready.setups, result.identification.problems, estimate.theta)
-    base = Fitted(trial, estimate.theta, estimate.chi_square)
+    base = Fitted(trial, estimate.theta, estimate.goodness.chi_square)
     point = trial.looked_at(trial.seen, base.theta, np.inf)
-    assert len(point.residual) == estimate.n_data  # all lines, unlike the screen of a misfit
+    assert len(point.residual) == estimate.goodness.n_data  # all lines, unlike the screen of a misfit
     candidates = [one for one in pool(point.records, ["rail"]) if one.kind == "mass"]
     found = point.asked(candidates)
     assert len(found) > 5

@@ -7,42 +7,30 @@ Statistical Reference Datasets (Misra1a, in the public domain), whose values are
 learns how to bring a problem of one's own, and that the search ends where it should.
 """
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from matplotlib.figure import Figure
 
 import structid as sid
-from structid.inversion import BaseProblem, Linearization
+from structid.inversion import DataRows, FreeUnknowns, Linearization, Problem
 
 X = np.array([77.6, 114.9, 141.1, 190.8, 239.9, 289.0, 332.8, 378.4, 434.8, 477.3, 536.8, 593.1, 689.1, 760.0])
 Y = np.array([10.07, 14.73, 17.94, 23.93, 29.61, 35.18, 40.02, 44.82, 50.76, 55.05, 61.01, 66.40, 75.47, 81.78])
 
 
-@dataclass
-class Misra1a(BaseProblem):
+class Misra1a(Problem):
     """y = b1 (1 - exp(-b2 x)) with unit weights; the free variables are b1 and b2 themselves."""
 
-    theta_start: np.ndarray = field(default_factory=lambda: np.array([500.0, 1e-4]))
-    names, kinds, units = ("b1", "b2"), ("test", "test"), ("1", "1")
-    n_data, lines, series = len(X), np.arange(len(X)), np.zeros(len(X), int)
+    unknowns = FreeUnknowns(("b1", "b2"), np.array([500.0, 1e-4]))
+    rows = DataRows(np.arange(len(X)), np.zeros(len(X), int))
 
     def residual(self, theta):
         """Model less data."""
         return theta[0] * (1 - np.exp(-theta[1] * X)) - Y
 
     def linearize(self, theta):
-        """The same with its Jacobian."""
+        """The residual with its Jacobian."""
         decay = np.exp(-theta[1] * X)
         return Linearization(self.residual(theta), np.stack([1 - decay, theta[0] * X * decay], axis=1))
-
-    def physical(self, theta):
-        """Parameters of the free variables."""
-        return np.array(theta)
-
-    def slope(self, theta):
-        """Their derivative."""
-        return np.ones(len(theta))
 
 
 # %%

@@ -42,7 +42,9 @@ for name, structure in (("whole", whole), ("reduced", reduced)):
     begun = time.perf_counter()
     found = sid.estimate(sid.FrfProblem(structure, unknown.started_at(1.2 * exact.start), record))
     answers[name] = found
-    print(f"{name}: {time.perf_counter() - begun:.2f} s, {found.n_iterations} iterations; {found.values.round(1)} N/m")
+    print(
+        f"{name}: {time.perf_counter() - begun:.2f} s, {found.search.n_iterations} iterations; {found.values.round(1)} N/m"
+    )
 
 # %%
 # What reduction changes

@@ -10,7 +10,7 @@ happens at the buckling load.
 import numpy as np
 
 import structid as sid
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 
 LENGTH, MASS, BENDING, TENSION = 6.0, 3.55, 3.34e3, 40e3
 k = np.pi * np.arange(1, 6) / LENGTH

@@ -30,6 +30,6 @@ bounds = {1: None, 2: (900.0, 1200.0), 3: None}
 unknown = [sid.Unknown("stiffness", f"spring:{i}", bounds=bound) for i, bound in bounds.items()]
 found = sid.identify(model, sid.parameters(model, unknown), record)
 print(found.estimate)
-for one in found.estimate.at_bound:
+for one in found.estimate.spread.at_bound:
     print(found.estimate.names[one.index], "is at its", one.side, "bound; the data push by", round(one.push, 1), "std")
 figure = found.plot_frf()

@@ -40,6 +40,6 @@ for clamp in clamps:
 found = sid.identify_together(setups)
 print(found.estimate)
 print("the clamps truly have", np.round(clamps))
-for one in found.varied:
+for one in found.priors.varied:
     print(one.words)
 figure = found.plot_parameters()

@@ -83,10 +83,10 @@ def _details(view: ResultsView) -> list[RenderableType]:
     shown += map(Text, view.notes)
     shown += [
         Text(words)
-        for varied in found.varied
+        for varied in found.priors.varied
         for words in (f"{varied.words}; each record's value in the results", *varied.outlying_words)
     ]
-    shown += [Text(ON_FORCE)] if found.rests_on_force else []
+    shown += [Text(ON_FORCE)] if found.mass.rests_on_force else []
     return [
         *shown,
         *groups(found.estimate.identifiability),
@@ -170,10 +170,18 @@ def _pairs(found: Identification) -> list[RenderableType]:
                 number(float(fit.initial.mac[i]), 3),
             )
         shown.append(table)
-    if found.ratios is not None:
+    if found.mass.ratios is not None:
         table = new_table("ratio", "value", "95 % interval")
-        rows = zip(found.ratios.names, found.ratios.values, found.ratios.std, found.ratios.ends.tolist(), strict=True)
+        rows = zip(
+            found.mass.ratios.names,
+            found.mass.ratios.values,
+            found.mass.ratios.std,
+            found.mass.ratios.ends.tolist(),
+            strict=True,
+        )
         for name, value, std, ends in rows:
-            table.add_row(f"{name} / {found.ratios.reference}", with_std(float(value), float(std)), span_text(*ends))
+            table.add_row(
+                f"{name} / {found.mass.ratios.reference}", with_std(float(value), float(std)), span_text(*ends)
+            )
         shown.append(table)
     return shown

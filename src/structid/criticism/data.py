@@ -74,8 +74,8 @@ def outlying_lines(problems: Sequence[RecordProblem], residual: FloatArray) -> I
 
 def misfit_of_lines(problem: RecordProblem, residual: FloatArray) -> FloatArray:
     """Mean square of the whitened data rows (n_data,) of each line, (n_lines,)."""
-    count = np.bincount(problem.lines, minlength=len(problem.frequency))
-    found: FloatArray = np.bincount(problem.lines, residual**2, len(problem.frequency)) / np.maximum(count, 1)
+    count = np.bincount(problem.rows.lines, minlength=len(problem.frequency))
+    found: FloatArray = np.bincount(problem.rows.lines, residual**2, len(problem.frequency)) / np.maximum(count, 1)
     return found
 
 
@@ -126,13 +126,13 @@ def changed_rows(candidate: Candidate, problems: Sequence[RecordProblem]) -> np.
         elif candidate.kind == "channel":
             channels = [name.split("/")[0].removeprefix("shape at ").rstrip("+-") for name in problem.rows.names]
             is_it = np.array([channel == candidate.where[0] for channel in channels])
-            taken = is_it[np.unique(problem.series, return_inverse=True)[1]]
+            taken = is_it[np.unique(problem.rows.series, return_inverse=True)[1]]
         elif candidate.kind == "extra_mode":
-            taken = problem.lines == int(candidate.detail["mode"])
+            taken = problem.rows.lines == int(candidate.detail["mode"])
         else:
             for where in candidate.where:
                 low, high = (float(text) for text in where.removesuffix(" Hz").split(" to "))
-                taken |= ((problem.frequency >= low) & (problem.frequency <= high))[problem.lines]
+                taken |= ((problem.frequency >= low) & (problem.frequency <= high))[problem.rows.lines]
         parts.append(taken)
     return np.concatenate(parts)
 

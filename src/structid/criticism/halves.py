@@ -14,7 +14,7 @@ from structid.core.dof import Dof
 from structid.core.errors import StructidError
 from structid.forward import FrfProblem, RecordProblem
 from structid.identification.fixed_values import tolerances_of
-from structid.identification.together import together
+from structid.identification.joint_problem import joint_problem
 from structid.inversion import LevenbergMarquardt, Problem, Search
 from structid.inversion.estimate import estimate
 from structid.inversion.search.within_tolerances import FixedValues
@@ -84,7 +84,7 @@ def disagreements(
     freed : sequence of RecordProblem
         The problems with what their models hold among the unknowns: what all parts owe to it alike is no difference.
     """
-    place = {name: i for i, name in enumerate(together(problems).names)}
+    place = {name: i for i, name in enumerate(joint_problem(problems).names)}
     by_sensors = all(isinstance(p, FrfProblem) and len(p.record.outputs) > 3 and p.channels is None for p in problems)
     pairs = list(_pairs(problems, by_sensors))
     parts = [part for pair in pairs for _, part in pair]
@@ -135,7 +135,7 @@ def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
     except (StructidError, np.linalg.LinAlgError):
         return {}
     changes = np.zeros((len(start), 1)) if found.fixed is None else found.fixed.changes
-    return {"values": found.values, "std": found.of_data.std, "changes": changes}
+    return {"values": found.values, "std": found.spread.of_data.std, "changes": changes}
 
 
 def is_damping(name: str) -> bool:
@@ -162,7 +162,7 @@ def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tupl
     if by_sensors:
         parts = [[_sensors(p, p.record.outputs[k::2]) for p in frfs] for k in (0, 1)]
         words = [", ".join(str(dof).rstrip("+") for dof in one[0].record.outputs) for one in parts]
-        yield (words[0], together(parts[0])), (words[1], together(parts[1]))
+        yield (words[0], joint_problem(parts[0])), (words[1], joint_problem(parts[1]))
 
 
 def _sensors(problem: FrfProblem, outputs: tuple[Dof, ...]) -> FrfProblem:
@@ -174,7 +174,7 @@ def _sensors(problem: FrfProblem, outputs: tuple[Dof, ...]) -> FrfProblem:
 
 
 def _whole(parts: Sequence[RecordProblem | None]) -> Problem:
-    return together([part for part in parts if part is not None])
+    return joint_problem([part for part in parts if part is not None])
 
 
 def _lines(problem: RecordProblem, keep: np.ndarray) -> RecordProblem | None:

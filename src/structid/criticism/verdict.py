@@ -190,17 +190,17 @@ class Criticism:
 
 def noise_ratio(found: Identification) -> float | None:
     """The noise in parts of what the fit takes, where only it is wrong: the residual has no order in it, but another size."""
-    tests = found.estimate.residual_tests
+    tests = found.estimate.goodness.residual_tests
     is_normal = tests is not None and tests.normality_probability >= _DOUBT
     if tests is None or tests.not_white or tests.one_sided:
         return None
-    ratio = found.estimate.misfit
+    ratio = found.estimate.goodness.misfit
     is_of_size = tests.chi_square_probability >= _DOUBT and 1 - tests.chi_square_probability >= _DOUBT
     if is_of_size or 1 / _TOLERANCE < ratio < _TOLERANCE:
         return 1.0
     return (
-        float(np.sqrt(found.estimate.least_per_dof))
-        if found.fits and is_normal and found.estimate.n_data >= _MANY
+        float(np.sqrt(found.estimate.goodness.least_per_dof))
+        if found.fits and is_normal and found.estimate.goodness.n_data >= _MANY
         else None
     )
 
@@ -210,7 +210,7 @@ def fits_noise(found: Identification) -> bool:
     fixed = found.estimate.fixed
     if found.missed or (fixed is not None and fixed.beyond):
         return False
-    tests = found.estimate.residual_tests
+    tests = found.estimate.goodness.residual_tests
     if tests is None:
         return found.estimate.covariance_basis == "noise"
     return noise_ratio(found) == 1.0
@@ -228,7 +228,7 @@ def _is_quiet(found: Identification) -> bool:
 
 def _is_unforced(found: Identification) -> bool:
     """Whether the search ended in a place where nothing is at a bound that the data push at, or has run away."""
-    forced = found.ran_away or any(one.is_pushed for one in found.estimate.at_bound)
+    forced = found.ran_away or any(one.is_pushed for one in found.estimate.spread.at_bound)
     return found.estimate.status is Status.CONVERGED and not forced
 
 
@@ -323,7 +323,9 @@ def judged(
         given = replace(
             given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
         )
-    return replace(given, reasons=(*given.reasons, *(words for one in found.varied for words in one.outlying_words)))
+    return replace(
+        given, reasons=(*given.reasons, *(words for one in found.priors.varied for words in one.outlying_words))
+    )
 
 
 def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
@@ -350,11 +352,11 @@ def _judged(
     estimate = found.estimate
     if found.alternatives is not None:
         return _several(found.alternatives)
-    is_untested = not estimate.degrees_of_freedom > 0 and estimate.covariance_basis == "noise"
+    is_untested = not estimate.goodness.degrees_of_freedom > 0 and estimate.covariance_basis == "noise"
     if found.target is not None and is_untested and not causes:
         return _untested(found)
-    if estimate.disagreement is not None and not causes and (is_sound(found) or _is_quiet(found)):
-        said = estimate.disagreement.words
+    if estimate.spread.disagreement is not None and not causes and (is_sound(found) or _is_quiet(found)):
+        said = estimate.spread.disagreement.words
         words = (
             f"Approximate: the misfit is no larger than the noise was stated, but {said}; {_INTERVALS['model_error']}."
         )
@@ -377,7 +379,7 @@ def _judged(
         return Judgement("approximate", words, (words,))
     if is_sound(found) and not causes:
         words = "Sound: the model explains the record to within its noise, and the data determine every"
-        at_bound = "; ".join(one.words for one in estimate.at_bound)
+        at_bound = "; ".join(one.words for one in estimate.spread.at_bound)
         if rank < n_free and estimate.uncertainty.has_matrix:
             words = (
                 "Sound: the model explains the record to within its noise, and data and regularization together determine every"
@@ -385,14 +387,12 @@ def _judged(
             )
             return Judgement("sound", words)
         words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
-        if estimate.degrees_of_freedom < _FEW:
-            words += (
-                f" But {plural(estimate.n_data, 'value')} hardly test {plural(len(estimate.names), 'parameter')}: a wrong model"
-                " may fit as well."
-            )
+        if estimate.goodness.degrees_of_freedom < _FEW:
+            values, parameters = plural(estimate.goodness.n_data, "value"), plural(len(estimate.names), "parameter")
+            words += f" But {values} hardly test {parameters}: a wrong model may fit as well."
         return Judgement("sound", words)
     away = tuple(ran_away_words(estimate, index) for index in found.ran_away)
-    pushed = tuple(one.words for one in estimate.at_bound if one.is_pushed)
+    pushed = tuple(one.words for one in estimate.spread.at_bound if one.is_pushed)
     also = f" But {pushed[0]}." if pushed else ""
     misfit = _misfit_words(found)
     cut = tuple(one.warning for one in found.truncations if one.warning)
@@ -405,7 +405,9 @@ def _judged(
         return Judgement("approximate", words, (causes[0].words,))
     if causes and not is_noise:
         best = causes[0]
-        is_small = best.share < _MOST and best.chi_square_per_dof < _TOLERANCE * found.estimate.expected_per_dof
+        is_small = (
+            best.share < _MOST and best.chi_square_per_dof < _TOLERANCE * found.estimate.goodness.expected_per_dof
+        )
         words = (
             f"Wrong model: do not use the values. {misfit[0].upper()}{misfit[1:]}, and one change removes"
             f" {'what goes beyond the noise' if is_small else f'{100 * best.share:.0f} % of it'}: {best.words}"
@@ -415,12 +417,12 @@ def _judged(
                 else "."
             )
         )
-        if best.chi_square_per_dof > _LEAVES * found.estimate.expected_per_dof:
+        if best.chi_square_per_dof > _LEAVES * found.estimate.goodness.expected_per_dof:
             words += f" It is not all: it leaves {np.sqrt(best.chi_square_per_dof):.2g} times the noise."
             words += _with_second(found, causes)
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(found) else _off(found)
-    is_far = estimate.misfit > FAR_BEYOND
+    is_far = estimate.goodness.misfit > FAR_BEYOND
     if away:
         if estimate.status is Status.CONVERGED or off or is_far:
             words = f"Wrong model: {misfit}, and {away[0]}: do not use the values. {_searched(n_tried)}"
@@ -530,7 +532,7 @@ def not_found(found: Identification, reached: float) -> Judgement:
 def _misfit_words(found: Identification) -> str:
     if found.missed and (found.missed[0].is_far or noise_ratio(found) == 1.0):
         return found.missed[0].words
-    size = float(np.sqrt(found.estimate.least_per_dof))
+    size = float(np.sqrt(found.estimate.goodness.least_per_dof))
     fixed = found.estimate.fixed
     if fixed is not None and fixed.beyond and size < _SHOWS:
         i = fixed.beyond[0]
@@ -552,7 +554,7 @@ def _misfit_words(found: Identification) -> str:
 
 def _is_below_noise(found: Identification) -> bool:
     """Whether what the model misses is less than the noise that is stated."""
-    return not found.missed and found.estimate.least_per_dof <= 1 / _SHOWS**2
+    return not found.missed and found.estimate.goodness.least_per_dof <= 1 / _SHOWS**2
 
 
 def _searched(n_tried: int) -> str:
@@ -569,7 +571,7 @@ def _apart(one: Disagreement) -> str:
 
 def _with_second(found: Identification, causes: Sequence[Cause]) -> str:
     """The second cause, where noise explains what both leave."""
-    second = _completing(causes, found.estimate.expected_per_dof)
+    second = _completing(causes, found.estimate.goodness.expected_per_dof)
     return "" if second is None else f" With a second change, noise explains the rest: {second.words}."
 
 

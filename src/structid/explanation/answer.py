@@ -33,7 +33,7 @@ from structid.explanation.trial import are_small, base_trial
 from structid.explanation.union import intervals_of, widened
 from structid.explanation.words import cause_kind, cause_words
 from structid.forward import FrfProblem
-from structid.forward.frf.lines.solved import NO_MATRICES
+from structid.forward.frf.solvers.tabulated import NO_MATRICES
 from structid.identification.identified import Identification
 from structid.inversion.search.work import ALONE, Work
 from structid.study.results.result import StudyResult
@@ -107,9 +107,9 @@ def _criticized(
         return replace(result, criticism=Criticism(judged(found, work=work))), ()
     ratio = noise_ratio(found)
     if ratio is not None and ratio != 1.0 and not explain:
-        causes = (_noise_level(found.estimate.least_per_dof, ratio),)
+        causes = (_noise_level(found.estimate.goodness.least_per_dof, ratio),)
         return replace(result, criticism=Criticism(judged(found, causes, work=work), causes)), ()
-    if found.estimate.least_per_dof <= 1 and not found.missed and not explain and not held:
+    if found.estimate.goodness.least_per_dof <= 1 and not found.missed and not explain and not held:
         return replace(result, criticism=Criticism(judged(found, work=work))), ()
     if explain is False or found.target is None or not found.estimate.uncertainty.has_matrix:
         return _without_causes(result, NOT_TRIED if explain is False else _NO_MATRIX, work)
@@ -124,12 +124,14 @@ def _criticized(
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         return _without_causes(result, f"causes could not be looked for: {error}", work)
     if explanation.better is not None:
-        reached = explanation.better.cost / max(found.estimate.degrees_of_freedom, 1)
+        reached = explanation.better.cost / max(found.estimate.goodness.degrees_of_freedom, 1)
         judgement = not_found(found, reached)
         return replace(result, criticism=Criticism(judgement)), ()
-    tests = found.estimate.residual_tests
+    tests = found.estimate.goodness.residual_tests
     if not explanation.causes and tests is not None and not tests.words[1:] and found.modal_fits and not held:
-        causes = (_noise_level(found.estimate.least_per_dof, float(np.sqrt(found.estimate.least_per_dof))),)
+        causes = (
+            _noise_level(found.estimate.goodness.least_per_dof, float(np.sqrt(found.estimate.goodness.least_per_dof))),
+        )
         wider = _wider(ready, result, explanation.likely)
         judgement = judged(found, causes, work=work)
         return replace(wider, criticism=Criticism(judgement, causes, n_tried=explanation.tried)), ()
@@ -138,7 +140,9 @@ def _criticized(
 
 def _base(ready: Start, found: Identification) -> Fitted:
     theta = found.estimate.theta
-    return Fitted(base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.chi_square)
+    return Fitted(
+        base_trial(ready.study, ready.setups, found.problems, theta), theta, found.estimate.goodness.chi_square
+    )
 
 
 def _sound(
@@ -187,7 +191,7 @@ def _told(
     ranked = _ranked(explanation)
     made = tuple(_cause(result, explanation, one, k, is_alike) for k, (one, is_alike) in enumerate(ranked, 1))
     made = (*made[:1], *(_like_damper(made[0]) if made else ()), *made[1:])
-    misfit, expected = found.estimate.chi_square_per_dof, found.estimate.expected_per_dof
+    misfit, expected = found.estimate.chi_square_per_dof, found.estimate.goodness.expected_per_dof
     is_accepted = is_search and are_causes(made, misfit, expected, bool(found.missed))
     accepted, lowering = (made, made[:0]) if is_accepted else (made[:0], made)
     is_asked = not is_search and not doubted(held)
@@ -257,7 +261,9 @@ def _cause(result: StudyResult, explanation: Explanation, fitted: Fitted, number
     base, before, after, target = explanation.base, explanation.base.values, fitted.values, fitted.trial.target
     candidate, _ = fitted.trial.changes[-1]
     added = tuple(
-        (name, after[name], unit) for name, unit in zip(target.names, target.units, strict=True) if name not in before
+        (name, after[name], unit)
+        for name, unit in zip(target.names, target.unknowns.units, strict=True)
+        if name not in before
     )
     changes = fitted.trial.changes
     first = base if len(changes) == 1 else explanation.causes[0]
@@ -287,7 +293,7 @@ def _moved(result: StudyResult, base: Fitted, fitted: Fitted) -> tuple[Moved, ..
     std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))
     moved = (
         Moved(name, unit, before[name], after[name], ends[name], _distance(after[name] - before[name], std[name]))
-        for name, unit in zip(target.names, target.units, strict=True)
+        for name, unit in zip(target.names, target.unknowns.units, strict=True)
         if name in before
     )
     return tuple(sorted(moved, key=lambda one: -one.distance))

@@ -18,7 +18,7 @@ from structid.explanation.edits import edit
 from structid.explanation.trial import read_study, started_at, weighed_like
 from structid.forward.scatter import scatter_problems
 from structid.identification.identified import Identification
-from structid.identification.together import together
+from structid.identification.joint_problem import joint_problem
 from structid.inversion import Problem
 from structid.inversion.uncertainty import relative_steps
 from structid.study.run.start import Start
@@ -49,13 +49,13 @@ def held_values(ready: Start, found: Identification) -> tuple[HeldValue, ...]:
     theta = target.theta_start
     at = target.linearize(theta)
     place = {name: i for i, name in enumerate(target.names)}
-    free = [name for name, is_free in zip(found.estimate.names, found.estimate.is_free, strict=True) if is_free]
+    free = [name for name, is_free in zip(found.estimate.names, found.estimate.spread.is_free, strict=True) if is_free]
     names = [name for name in target.names if name not in known]
     columns = [place[name] for name in (*free, *names)]
     estimate = found.estimate
     scale = 1.0 if fits_noise(found) else np.nan  # what a wrong model pulls at says nothing of a held value
-    std = (estimate.std / target.sizes(target.physical(theta))[[place[name] for name in estimate.names]])[
-        estimate.is_free
+    std = (estimate.std / target.unknowns.sizes(target.physical(theta))[[place[name] for name in estimate.names]])[
+        estimate.spread.is_free
     ]
     fixed = estimate.fixed
     tolerances = {} if fixed is None else dict(zip(fixed.names, fixed.tolerance.tolist(), strict=True))
@@ -73,6 +73,6 @@ def _freed(ready: Start, found: Identification, held: Sequence[Candidate], known
             edit(tables, candidate, 1.0)
         problems, _, _ = read_study(ready.study, tables, before)
         problems = weighed_like(problems, found.problems, scatter_problems(found.problems))
-        return together([started_at(one, known) for one in problems])
+        return joint_problem([started_at(one, known) for one in problems])
     except (StructidError, np.linalg.LinAlgError):
         return None  # some property has no place among the unknowns

@@ -16,7 +16,7 @@ from structid.explanation.time_budget import time_limit_callback
 from structid.explanation.trial import FINAL, Trial
 from structid.explanation.words import unit_of
 from structid.forward import FrfProblem, SpectraProblem
-from structid.identification.together import places, together
+from structid.identification.joint_problem import indices_of, joint_problem
 from structid.inversion import Problem
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.minimum import Minimum
@@ -72,7 +72,7 @@ class Fitted:
     def covariance(self) -> FloatArray:
         """Of the physical values, (n_params, n_params): from noise, or where that is missed from model error."""
         target = self.trial.target
-        return dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT).covariance
+        return dense_uncertainty(target, self.theta, target.linearize(self.theta), True, MISFIT).spread.covariance
 
 
 class Fit(TypedDict, total=False):
@@ -162,7 +162,10 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
     assert candidate.record is not None
     own = base.trial.problems[candidate.record]
     found = minimize(
-        own, FINAL, base.theta[places(base.trial.target.names, own.names)], time_limit_callback(base.trial.fit_seconds)
+        own,
+        FINAL,
+        base.theta[indices_of(base.trial.target.names, own.names)],
+        time_limit_callback(base.trial.fit_seconds),
     )
     return float(found.costs[-1]) < _OF_ITS_OWN * max(own.n_data - len(own.names), 1)
 
@@ -253,5 +256,5 @@ def _left_out(base: Fitted, trial: Trial, theta: FloatArray, is_near: bool = Fal
         return 0.0
     problems = base.trial.anchored_problems() if is_near else base.trial.problems
     rows = changed_rows(candidate, problems)
-    residual = _seen_from(base, trial, theta, together(problems))[: len(rows)]
+    residual = _seen_from(base, trial, theta, joint_problem(problems))[: len(rows)]
     return scaled_misfit(float(residual[rows] @ residual[rows]), int(rows.sum()))

@@ -21,13 +21,14 @@ from structid.criticism.views import View, views
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.explanation.edits import edit
 from structid.explanation.time_budget import time_limit_callback
-from structid.forward import FrfProblem, ModalProblem, Models, RecordProblem
+from structid.forward import FrfProblem, ModalProblem, RecordProblem, ResponseCache
 from structid.forward.frf.continuation import LEVELS
 from structid.forward.frf.problem import smooth_stage
+from structid.forward.polarities import decide_polarities
 from structid.forward.scatter import ScatterProblem, scatter_problems
+from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
-from structid.identification.together import alike, together
 from structid.identification.varying import with_scatters
 from structid.inversion import JointProblem, LevenbergMarquardt, Problem
 from structid.inversion.search.least_squares import minimize
@@ -83,7 +84,7 @@ class Trial:
     @cached_property
     def target(self) -> Problem:
         """All problems as one."""
-        return together(self.problems)
+        return joint_problem(self.problems)
 
     def changed(self, candidate: Candidate, strength: float) -> Trial:
         """The study with one change more.
@@ -111,7 +112,7 @@ class Trial:
 
     def theta_of(self, known: Mapping[str, float]) -> FloatArray:
         """Free variables with physical values by name, the study's starts for those not known."""
-        return together([started_at(problem, known) for problem in self.problems]).theta_start
+        return joint_problem([started_at(problem, known) for problem in self.problems]).theta_start
 
     @property
     def is_large(self) -> bool:
@@ -230,12 +231,12 @@ def read_study(
 ) -> tuple[tuple[RecordProblem, ...], tuple[AnySetup, ...], Study]:
     """The study with other tables; records whose tables are as before are not read again."""
     edited = edited_study(study, tables)
-    setups, models = [], Models()
+    setups, cache = [], ResponseCache()
     for source, (table, measured) in zip(edited.setups, before, strict=True):
         is_same = _of_record(source.section.table) == _of_record(table)
-        setups.append(loaded(source, models, measured if is_same else None))
-    problems = alike([setup.prepared(edited.options).problem for setup in setups], titles(setups))
-    return tuple(problem.decided(problem.theta_start) for problem in problems), tuple(setups), edited
+        setups.append(loaded(source, cache, measured if is_same else None))
+    problems = harmonize_shared_parameters([setup.prepared(edited.options).problem for setup in setups], titles(setups))
+    return tuple(decide_polarities(problem, problem.theta_start) for problem in problems), tuple(setups), edited
 
 
 def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:

@@ -66,20 +66,24 @@ def widened(found: Identification, likely: Sequence[Fitted], direction: str | No
     many = "one change" if len(likely) == 1 else f"{len(likely)} changes"
     words = f"intervals and deviations hold with the model as it is and with {many} that would explain the misfit about as well"
     union = DenseCovariance(np.mean(squares, axis=0))
-    known = estimate.identified & ~(union.std > found.target.sizes(estimate.values))
+    known = estimate.identified & ~(union.std > found.target.unknowns.sizes(estimate.values))
     lost = [
         name for name, before, now in zip(estimate.names, estimate.identified, known, strict=True) if before and not now
     ]
     notes = (
         (words, f"these disagree by more than the value about {join_words(lost)}: not identified") if lost else (words,)
     )
-    wider = replace(estimate, model_error=union, covariance_basis="model_error", identified=known)
+    wider = replace(
+        estimate,
+        spread=replace(estimate.spread, model_error=union, covariance_basis="model_error", identified=known),
+    )
     before, now = estimate_warnings(estimate), estimate_warnings(wider)
     kept = [one for one in found.warnings if one in now or one not in before]
+    _, std = total_mass(found.problems[0], wider, direction, found.freed[0] if found.freed else None)
     return replace(
         found,
         estimate=wider,
         warnings=(*(one for one in now if one not in kept), *kept),
         intervals=replace(own, ends=ends, notes=(*own.notes, *notes)),
-        total_mass_std=total_mass(found.problems[0], wider, direction, found.freed[0] if found.freed else None)[1],
+        mass=replace(found.mass, std=std),
     )

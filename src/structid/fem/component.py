@@ -14,7 +14,7 @@ from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.dynamics.factorization import SingularMatrixError, factorizer
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem.elements import MatrixGroup
 from structid.fem.elements.element import ElementMatrixTerm, Power, Term, dof_code, dof_of_code, joined_codes
 from structid.fem.matrices.contribution import Property, weighed

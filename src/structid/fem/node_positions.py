@@ -16,6 +16,9 @@ from structid.fem.elements.element import ElementMatrixTerm, ElementSet, Positio
 _POWERS = range(-3, 4)
 #: How far from a straight line a node may be, and entries that are none, in parts.
 _STRAIGHT, _ROUNDING = 1e-9, 1e-11
+#: Least length of an element beside a node that slides, in parts of the distance of its neighbours: in a beam of ten
+#: elements rounding of the stiffness matrix then stays below 1e-7 of a frequency and of FRFs; it goes with the third power.
+_SHORTEST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +51,11 @@ class NodePosition:
 
     @property
     def term(self) -> Term:
-        """The position as a property, m, between 0 and `limit`."""
-        return Term("position", "position", "m", locked([self.position]), limits=(0.0, self.limit))
+        """The position as a property, m, no nearer to its neighbours than an element can be short."""
+        beyond = self.limit - self.position
+        shortest = _SHORTEST * (self.limit if np.isfinite(self.limit) else self.position)
+        limits = min(shortest, 0.5 * self.position), self.limit - min(shortest, 0.5 * beyond)
+        return Term("position", "position", "m", locked([self.position]), limits=limits)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from structid.fem.elements.element import TRANSLATIONS, dof_code, dof_of_code, j
 from structid.fem.elements.matrix_group import GroupMatrices
 from structid.fem.matrices.blocks import Pattern, pattern
 from structid.fem.matrices.contribution import Contribution, Property, rigid_mass, weighed
+from structid.fem.matrices.strains import strain_operator
 from structid.fem.measured import MeasuredComponent
 from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
 from structid.fem.node_positions import LengthDependence, NodePosition, length_dependence, node_positions
@@ -369,6 +370,13 @@ class Structure(Shown, StructurePlots):
         for part in own:
             total = total + part.blocks.assemble(part.weights(given))
         return total
+
+    def strain_operator(self, values: FloatArray | None = None) -> sparse.csr_array | None:
+        """The matrix B with stiffness K = B'B, (n_strains, n_dofs): what elements are strained by.
+
+        None where an element matrix is not a sum of squares, or where groups of matrices make up the stiffness.
+        """
+        return strain_operator(self.contributions, self.values if values is None else values, self.n_dofs)
 
     def dense_matrices(self, laws: Sequence[str], values: FloatArray) -> FloatArray:
         """`matrix` for each of several laws as dense arrays, (n_laws, n_dofs, n_dofs), at the property `values`."""

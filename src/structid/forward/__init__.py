@@ -5,7 +5,7 @@ from structid.forward.channel_unknowns import ChannelUnknown, channel_errors
 from structid.forward.frf.equations import measures_everything, one_step_values
 from structid.forward.frf.forms import Form
 from structid.forward.frf.problem import FrfProblem, frequency_continuation
-from structid.forward.frf.response import Models, Response, response
+from structid.forward.frf.response import Response, ResponseCache, response
 from structid.forward.frf.simulation import simulated_record
 from structid.forward.modal.problem import ModalProblem
 from structid.forward.modal.settings import ModalForm, ModalSettings, ShapeForm
@@ -18,7 +18,7 @@ from structid.forward.motion.stream import (
     motion_solution,
     reduced_by_chunks,
 )
-from structid.forward.record_problem import ParameterProblem, RecordProblem
+from structid.forward.record_problem import RecordProblem
 from structid.forward.time.identify_time import identify_time
 from structid.forward.time.options import Oscillation, TimeOptions
 from structid.forward.time.output_error import OutputErrorProblem
@@ -34,15 +34,14 @@ __all__ = [
     "ModalForm",
     "ModalProblem",
     "ModalSettings",
-    "Models",
     "Motion",
     "MotionSolution",
     "Oscillation",
     "OutputErrorProblem",
-    "ParameterProblem",
     "RecordProblem",
     "RecursiveMotionFit",
     "Response",
+    "ResponseCache",
     "ShapeForm",
     "SpectraProblem",
     "TimeOptions",

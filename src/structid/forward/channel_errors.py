@@ -1,4 +1,4 @@
-"""What errors of sensors and load cells make of responses: gain, delay, polarity, and the decay of a window."""
+"""Errors of sensors and load cells in responses: gain, delay, polarity, and the decay of a window."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from structid.unknowns.named_unknowns import NamedUnknowns
 
 
 class Measured(Protocol):
-    """What errors of channels are declared on: the sensors, loads and lines of a record of any kind."""
+    """Sensors, loads and lines of a record of any kind, on which errors of channels are declared."""
 
     @property
     def outputs(self) -> tuple[Dof, ...]: ...
@@ -67,7 +67,7 @@ class ChannelErrors(NamedUnknowns):
         return members
 
     def seen_by(self, record: Measured) -> ChannelErrors:
-        """The same parameters beside another record of the same test, which may lack channels."""
+        """A copy for another record of the same test, which may lack channels."""
         outputs, inputs = (_places(own, other) for own, other in
                            ((self.outputs, record.outputs), (self.inputs, record.inputs)))  # fmt: skip
         return replace(
@@ -81,7 +81,7 @@ class ChannelErrors(NamedUnknowns):
         return np.array([i for i, own in enumerate(self.kinds) if own == kind], dtype=int)
 
     def readings(self, physical: FloatArray, laplace: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """What sensors, and what load cells, read over the truth, (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
+        """Readings of sensors and of load cells over the truth, (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class ChannelErrors(NamedUnknowns):
         return output, input_
 
     def factor(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
-        """What the channels make of every FRF, (n_frequencies, n_outputs, n_inputs); see `readings`."""
+        """Factor of the channel errors on every FRF, (n_frequencies, n_outputs, n_inputs); see `readings`."""
         output, input_ = self.readings(physical, laplace)
         return output[:, :, None] / input_[:, None, :]
 
@@ -117,7 +117,7 @@ class ChannelErrors(NamedUnknowns):
         return np.einsum("fk,koi->foik", self._each_slope(physical, laplace), self.exponents)
 
     def output_slopes(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
-        """The same of the logarithm of what the sensors read, (n_frequencies, n_outputs, n_params)."""
+        """Derivative of the logarithm of the sensors' readings, (n_frequencies, n_outputs, n_params)."""
         return np.einsum("fk,ko->fok", self._each_slope(physical, laplace), self.of_outputs)
 
     def _each_slope(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
@@ -133,7 +133,7 @@ class ChannelErrors(NamedUnknowns):
         return float(physical[rows[0]]) if len(rows) else None
 
     def decided(self, measured: ComplexArray, predicted: ComplexArray) -> ChannelErrors:
-        """The same with the polarities by which model and measurement agree best in phase.
+        """A copy with the polarities by which model and measurement agree best in phase.
 
         Each line of each FRF has one vote, so that resonances do not outweigh the rest; one polarity is decided after
         another until none changes.

@@ -170,7 +170,7 @@ def _force_maps(
 
 
 def _matrix_entries(part: WeightedElements, n_dofs: int) -> tuple[IntArray, IntArray, FloatArray]:
-    """Of d(sum of weights B_e)/dp: parameter times n_dofs plus row, column and value of every entry."""
+    """Entries of d(sum of weights B_e)/dp: parameter times n_dofs plus row, column and value."""
     joined = _joined(part.blocks.entries(), part.slope, n_dofs)
     pieces = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)), *((k, c, v) for k, c, _, v in joined)]
     key, column, value = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
@@ -232,7 +232,7 @@ class DenseForces:
 
 @dataclass(frozen=True, eq=False)
 class DenseSlopes:
-    """How the matrices of a small model change with each parameter, for any values; made by `dense_slopes`.
+    """Derivatives of the matrices of a small model with respect to each parameter, for any values; made by `dense_slopes`.
 
     All entries of the maps of `DenseForces` are linear in the slopes of the weights of element matrices, which are the
     only things that change with the values.
@@ -314,7 +314,7 @@ def dense_slopes(structure: Structure, laws: Sequence[str], design: sparse.sparr
 def _weighed_entries(
     members: Sequence[Contribution], laws: Sequence[str], n_dofs: int
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Of all entries of element matrices: row, column plus `n_dofs` times the number of the law, number of the weight, value."""
+    """All entries of element matrices: row, column plus `n_dofs` times the number of the law, number of the weight, value."""
     known = {id(item.blocks): item.blocks.entries() for item in members}
     none: IntArray = np.zeros(0, dtype=np.int64)
     found: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]

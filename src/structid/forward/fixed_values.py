@@ -9,9 +9,9 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import locked
-from structid.forward.channel_errors import ChannelErrors
+from structid.forward.channel_errors import ChannelErrors, Measured
 from structid.forward.channel_unknowns import ChannelUnknown, channel_errors
-from structid.forward.record_problem import RecordProblem, ResponseProblem
+from structid.forward.record_problem import RecordProblem
 from structid.inversion.fixed_values import FIXED
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import N, NamedUnknowns, joined
@@ -42,9 +42,9 @@ def with_fixed_values(
         held = fixed_properties(problem.structure, problem.parameters, tolerances)
         problem = problem.with_parameters(append_fixed_factors(problem.parameters, held))
     gain = tolerances.calibration if calibration is None else calibration
-    if gain == 0 or not isinstance(problem, ResponseProblem):
+    if gain == 0 or problem.measured_responses is None:
         return problem
-    return problem.with_errors(_with_gain(problem, gain, record))
+    return problem.with_channels(_with_gain(problem, problem.measured_responses, gain, record))
 
 
 def append_fixed_factors(parameters: Parameters, held: tuple[FixedProperty, ...]) -> Parameters:
@@ -59,10 +59,10 @@ def append_fixed_factors(parameters: Parameters, held: tuple[FixedProperty, ...]
     )
 
 
-def _with_gain(problem: ResponseProblem, tolerance: float, record: str) -> ChannelErrors:
+def _with_gain(problem: RecordProblem, measured: Measured, tolerance: float, record: str) -> ChannelErrors:
     """The channel errors of a problem followed by a gain of all its sensors."""
-    common = channel_errors(problem.measured, [ChannelUnknown("gain", "all", name="all")])
-    own = channel_errors(problem.measured, []) if problem.channels is None else problem.channels
+    common = channel_errors(measured, [ChannelUnknown("gain", "all", name="all")])
+    own = channel_errors(measured, []) if problem.channels is None else problem.channels
     return replace(
         _append_unknowns(own, _unit_factors([f"calibration[{record}]"], ["gain"], [tolerance])),
         of_outputs=locked(np.concatenate([own.of_outputs, common.of_outputs]), bool),

@@ -6,16 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
-from structid.core.arrays import FloatArray, IntArray, locked
-from structid.forward.record_problem import NamedProblem, RecordProblem
+from structid.core.arrays import FloatArray, locked
+from structid.forward.prior_rows import linearization_with_priors, residual_with_priors, sparse_prior_rows
+from structid.forward.record_problem import RecordProblem
 from structid.inversion.linearization import Linearization
+from structid.inversion.problem import DataRows, Problem
 from structid.unknowns import Coupling, NamedUnknowns, Transforms
 from structid.unknowns.priors import no_priors
 
 
 @dataclass(frozen=True, eq=False)
-class ScatterProblem(NamedProblem):
+class ScatterProblem(Problem):
     """log(own / common) / std of every record's value, whose expectation is 0 and variance 1.
 
     These rows count as data: with them the minimum over the own values is the generalized least squares of the common
@@ -44,35 +47,28 @@ class ScatterProblem(NamedProblem):
 
     @property
     def name(self) -> str:
-        """Of the scatter."""
+        """Name of the scatter."""
         return self.coupling.name
 
     @property
-    def n_data(self) -> int:
-        return len(self.coupling.target)
-
-    @property
-    def lines(self) -> IntArray:
-        return np.arange(self.n_data)
-
-    @property
-    def series(self) -> IntArray:
-        return np.zeros(self.n_data, dtype=int)
-
-    @property
-    def matrix_free_obstacle(self) -> str:
-        return "takes no unknown that varies from record to record"
+    def rows(self) -> DataRows:
+        n_data = len(self.coupling.target)
+        return DataRows(np.arange(n_data), np.zeros(n_data, dtype=int))
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        return self._residual(theta, self.coupling.residual(self.physical(theta)) / self.std)
+        return residual_with_priors(self.unknowns, theta, self.coupling.residual(self.physical(theta)) / self.std)
 
     def linearize(self, theta: FloatArray) -> Linearization:
         residual, change = self.coupling.rows(self.physical(theta))
-        return self._linearized(theta, residual / self.std, change * self.slope(theta) / self.std)
+        rows = change * self.slope(theta) / self.std
+        return linearization_with_priors(self.unknowns, theta, residual / self.std, rows)
+
+    def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
+        return sparse_prior_rows(self.unknowns, theta)
 
 
 def scatter_problems(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ...]:
-    """One for each scatter of the problems' parameters, over all records that have it."""
+    """A problem for each scatter of the parameters, over all records that have it."""
     members: dict[str, list[RecordProblem]] = {}
     for problem in problems:
         for scatter in problem.parameters.scatters:

@@ -111,7 +111,7 @@ class WeightedParts:
     variable: tuple[FloatArray, ...]
 
     def same_slopes(self, other: WeightedParts) -> bool:
-        """Whether what may change is the same."""
+        """True where the part that may change is equal in both."""
         if [part.kind for part in self.parts] != [part.kind for part in other.parts]:
             return False
         return all(np.array_equal(a, b) for a, b in zip(self.variable, other.variable, strict=True))

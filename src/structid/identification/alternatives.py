@@ -13,7 +13,7 @@ from structid.core.dof import Dof
 from structid.dynamics import Modes
 from structid.forward import ModalProblem, RecordProblem
 from structid.identification.fits.model_modes import structure_modes
-from structid.identification.together import places
+from structid.identification.joint_problem import indices_of
 from structid.inversion import Estimate
 
 #: Differences that a test resolves with ease: of a frequency in parts of it, of the angle of a pair of shape entries in rad.
@@ -100,7 +100,7 @@ class Alternatives:
 
 def alternatives(found: Estimate, problems: Sequence[RecordProblem]) -> Alternatives | None:
     """The sets of values that the data allow; None where there is one only."""
-    fitting = [answer for answer in found.answers if answer.fits]
+    fitting = [answer for answer in found.search.answers if answer.fits]
     if len(fitting) < 2:
         return None
     start = np.asarray(found.initial)
@@ -112,7 +112,7 @@ def alternatives(found: Estimate, problems: Sequence[RecordProblem]) -> Alternat
         values=locked(values),
         cost=locked([answer.cost for answer in (fitting[0], *others)]),
         n_searches=tuple(answer.n_searches for answer in (fitting[0], *others)),
-        is_exhaustive=found.is_exhaustive,
+        is_exhaustive=found.search.is_exhaustive,
         measured=_measured_words(problems),
         deciding=deciding_measurement(found.names, values, problems[0]),
     )
@@ -146,7 +146,7 @@ def deciding_measurement(
     """
     if not problem.structure.has_modes:
         return None
-    own = values[:, places(names, problem.names)]
+    own = values[:, indices_of(names, problem.names)]
     n_measured = problem.data.measured.size if isinstance(problem, ModalProblem) else 0
     count = max(n_measured, 1) + _MODES_BEYOND
     sets = [structure_modes(problem.structure, problem.property_values(each), count) for each in own]

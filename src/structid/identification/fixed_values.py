@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from structid.forward import RecordProblem
 from structid.forward.fixed_values import with_fixed_values
+from structid.identification.joint_problem import joint_problem, joint_sample
 from structid.identification.setups.setup import AnySetup, titles
-from structid.identification.together import together
 from structid.inversion.fixed_values import FIXED
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.unknowns.tolerances import Tolerances
@@ -31,4 +31,4 @@ def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
 def fixed_values(freed: Sequence[RecordProblem]) -> FixedValues | None:
     """What `freed` problems have free that their models hold, the same in all records; None where that is nothing."""
     known = tolerances_of(freed)
-    return FixedValues(together(freed), known) if known else None
+    return FixedValues(joint_problem(freed), known, joint_sample(freed)) if known else None

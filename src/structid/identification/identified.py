@@ -1,4 +1,4 @@
-"""What an identification gives: an estimate, and each record beside its model."""
+"""The result of an identification: an estimate, and each record beside its model."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.ratios import Ratios
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.fits.resonances import Resonance
+from structid.identification.joint_problem import indices_of
 from structid.identification.regularizing import Held
-from structid.identification.together import places
 from structid.identification.varying import Varied
 from structid.inversion import Estimate, Problem
 from structid.inversion.intervals.intervals import Intervals
@@ -29,24 +29,110 @@ from structid.plotting import IdentificationPlots
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
 
-#: Part of a variance from which on it is owed to priors, and of a direction's largest entry from which on a parameter is in it.
-_MOSTLY, _TAKES_PART = 0.5, 0.1
+#: Part of a parameter's variance from which on it is owed to priors.
+_MOSTLY = 0.5
+#: Part of the largest entry of a direction from which on a parameter takes part in it.
+_TAKES_PART = 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Fits:
-    """Each record beside the model; what is told of one record is told of the first.
+class PriorSummary:
+    """Knowledge of the parameters beside the data.
 
     Attributes
     ----------
-    fits : tuple of RecordFit
-        One a record of responses.
-    modal_fits : tuple of ModalFit
-        One a record of modes.
+    mean, std : (n_params,) float arrays
+        Prior of each parameter alone, physical units; NaN where there is none.
+    share : (n_params,) float array or None
+        Part of each parameter's variance that stems from priors and regularization instead of data; None of a
+        matrix-free search.
+    regularizations : tuple of Held
+        Regularizations and their strengths.
+    varied : tuple of Varied
+        Parameters that differ from record to record, and by how much.
     """
 
+    mean: FloatArray
+    std: FloatArray
+    share: FloatArray | None = None
+    regularizations: tuple[Held, ...] = ()
+    varied: tuple[Varied, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MassEstimate:
+    """The total mass, and the common scale of masses and stiffnesses.
+
+    Attributes
+    ----------
+    total, std : float
+        Total mass of the first set-up's structure and its standard deviation, kg; NaN where the structure has no mass property
+        in kg.
+    ratios : Ratios or None
+        Ratios of parameters where the data leave the scale free.
+    rests_on_force : bool
+        Whether the scale is the force's alone; see `ratios.rests_on_force`.
+    """
+
+    total: float
+    std: float
+    ratios: Ratios | None = None
+    rests_on_force: bool = False
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Identification(Shown, IdentificationPlots):
+    """An estimate with what it was made from and what it predicts.
+
+    Properties that concern one record are those of the first.
+
+    Attributes
+    ----------
+    estimate : Estimate
+        All parameters: those of the structure, then those of the records' channels.
+    priors : PriorSummary
+    mass : MassEstimate
+    fits : tuple of RecordFit
+        Each record of responses beside the model.
+    modal_fits : tuple of ModalFit
+        Each record of modes beside the model.
+    problems : tuple of RecordProblem
+        Problem of each record, with the polarities that were found.
+    target : Problem or None
+        The problem that was minimized; None by an estimator of time histories that minimizes nothing of many records.
+    warnings : tuple of str
+        Warnings, the most important first.
+    intervals : Intervals
+        95 % intervals of all parameters, and how they were found.
+    ran_away : tuple of int
+        Indices of parameters that ended far from their starts for no reason; see `warning_words.ran_away`.
+    truncations : tuple of Truncation
+        Changes at the answer by the reduction of components, as each record sees them.
+    missed : tuple of Missed
+        Records, or kinds of values of modes, that the answer misses beyond their errors, the worst first.
+    freed : tuple of RecordProblem
+        The problems with the fixed values of their models among the unknowns, within tolerances; () where these are exact.
+    alternatives : Alternatives or None
+        Sets of values that fit the data equally well; None where one only was found.
+    mesh : str
+        Into how many pieces beams were cut by what the mesh moves values by, in words; "" where the study says the number.
+    """
+
+    estimate: Estimate
+    priors: PriorSummary
+    mass: MassEstimate
+    problems: tuple[RecordProblem, ...]
+    target: Problem | None
+    warnings: tuple[str, ...]
+    intervals: Intervals
     fits: tuple[RecordFit, ...] = ()
     modal_fits: tuple[ModalFit, ...] = ()
+    ran_away: tuple[int, ...] = ()
+    truncations: tuple[Truncation, ...] = ()
+    missed: tuple[Missed, ...] = ()
+    freed: tuple[RecordProblem, ...] = ()
+    alternatives: Alternatives | None = None
+    mesh: str = ""
 
     @property
     def first(self) -> RecordFit | ModalFit:
@@ -67,7 +153,7 @@ class Fits:
 
     @property
     def loads(self) -> tuple[Dof, ...]:
-        """Modes have none."""
+        """Loads of the first record; modes have none."""
         return self.fits[0].problem.record.inputs if self.fits else ()
 
     @property
@@ -89,7 +175,7 @@ class Fits:
 
     @property
     def evaluation(self) -> FrfRecord:
-        """Those on which the fit is judged."""
+        """Lines of the first record on which the fit is judged."""
         return self.fits[0].evaluation
 
     @property
@@ -101,96 +187,9 @@ class Fits:
     def resonances(self) -> tuple[Resonance, ...]:
         return self.fits[0].resonances if self.fits else ()
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Known:
-    """What was known of the parameters beside the data.
-
-    Attributes
-    ----------
-    prior_mean, prior_std : (n_params,) float arrays
-        Own prior of each parameter, physical units; NaN where there is none.
-    prior_share : (n_params,) float array or None
-        Part of each parameter's variance that stems from priors and regularization instead of data; None of a
-        matrix-free search.
-    held : tuple of Held
-        Regularizations and their strengths.
-    varied : tuple of Varied
-        What differs from record to record, and by how much.
-    """
-
-    prior_mean: FloatArray
-    prior_std: FloatArray
-    prior_share: FloatArray | None = None
-    held: tuple[Held, ...] = ()
-    varied: tuple[Varied, ...] = ()
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Scale:
-    """What is known of the common scale of masses and stiffnesses.
-
-    Attributes
-    ----------
-    total_mass, total_mass_std : float
-        Of the first set-up's structure, kg; NaN where the structure has no mass property in kg.
-    ratios : Ratios or None
-        What remains where the data leave the scale free.
-    rests_on_force : bool
-        Whether it is the force's alone; see `ratios.rests_on_force`.
-    """
-
-    total_mass: float
-    total_mass_std: float
-    ratios: Ratios | None = None
-    rests_on_force: bool = False
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
-    """An estimate with what it was made from and what it predicts; see `Fits`, `Known` and `Scale` for its parts.
-
-    Attributes
-    ----------
-    estimate : Estimate
-        Of all parameters: those of the structure, then those of the records' channels.
-    problems : tuple of RecordProblem
-        Of each record, with the polarities that were found.
-    target : Problem or None
-        What was minimized; None by an estimator of time histories that minimizes nothing of many records.
-    warnings : tuple of str
-        What the reader should know first.
-    intervals : Intervals
-        95 % intervals of all parameters, and how they were found.
-    ran_away : tuple of int
-        Positions of parameters that ended far from their starts for no reason; see `warning_words.ran_away`.
-    truncations : tuple of Truncation
-        What reduction of components changes at the answer, as each record sees it.
-    missed : tuple of Missed
-        Records, or kinds of values of modes, that the answer misses beyond their errors, the worst first.
-    freed : tuple of RecordProblem
-        The problems with what their models hold among the unknowns, within its tolerances; () where that is taken as exact.
-    alternatives : Alternatives or None
-        Sets of values that fit the data equally well; None where one only was found.
-    mesh : str
-        Into how many pieces beams were cut by what the mesh moves values by, in words; "" where the study says the number.
-    """
-
-    estimate: Estimate
-    problems: tuple[RecordProblem, ...]
-    target: Problem | None
-    warnings: tuple[str, ...]
-    intervals: Intervals
-    ran_away: tuple[int, ...] = ()
-    truncations: tuple[Truncation, ...] = ()
-    missed: tuple[Missed, ...] = ()
-    freed: tuple[RecordProblem, ...] = ()
-    alternatives: Alternatives | None = None
-    mesh: str = ""
-
     @property
     def assumption(self) -> str:
-        """What standard deviations and intervals allow the model's values to be wrong by, and how its mesh was chosen, in words."""
+        """The errors of fixed values that standard deviations and intervals include, and the choice of the mesh, in words."""
         return "; ".join(words for words in (self._assumed, self.mesh) if words)
 
     @property
@@ -204,7 +203,7 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
         )
 
     def overview(self) -> Overview:
-        """What its estimate shows."""
+        """Overview of the estimate."""
         return self.estimate.overview()
 
     def summary(self) -> str:
@@ -214,27 +213,27 @@ class Identification(Shown, IdentificationPlots, Scale, Known, Fits):
 
     @property
     def listed(self) -> tuple[int, ...]:
-        """Positions of all parameters but the values that single records have of what varies."""
-        own = {name for one in self.varied for name in one.own}
+        """Indices of all parameters but the values of single records of what varies."""
+        own = {name for one in self.priors.varied for name in one.own}
         return tuple(i for i, name in enumerate(self.estimate.names) if name not in own)
 
     def seen_from(self, number: int) -> Identification:
-        """The same with the record of responses at position `number` (from 0) as the only one."""
+        """A copy with the record of responses at position `number` (from 0) as the only one."""
         return replace(self, fits=(self.fits[number],))
 
     @property
     def by_prior(self) -> tuple[int, ...]:
-        """Positions of the parameters that their own priors tell more of than the data, alone or in an unseen combination."""
-        if self.prior_share is None:
+        """Indices of parameters that their priors determine more than the data, alone or in a combination the data do not see."""
+        if self.priors.share is None:
             return ()
-        is_open = np.zeros(len(self.prior_share), dtype=bool)
+        is_open = np.zeros(len(self.priors.share), dtype=bool)
         for direction in self.estimate.identifiability.directions:
             size = np.abs(direction.vector)
             is_open |= size > _TAKES_PART * size.max()
-        is_by_prior = np.isfinite(self.prior_std) & ((self.prior_share > _MOSTLY) | is_open)
+        is_by_prior = np.isfinite(self.priors.std) & ((self.priors.share > _MOSTLY) | is_open)
         return tuple(np.flatnonzero(is_by_prior).tolist())
 
     @property
     def own_index(self) -> IntArray:
-        """Positions of `parameters` among all."""
-        return places(self.estimate.names, self.parameters.names)
+        """Indices of `parameters` among all."""
+        return indices_of(self.estimate.names, self.parameters.names)

@@ -17,13 +17,13 @@ from structid.identification.fits.missed import missed_parts
 from structid.identification.fits.ratios import ratios, rests_on_force
 from structid.identification.fits.record_fit import Own
 from structid.identification.fixed_values import freed_problems
-from structid.identification.identified import Identification
+from structid.identification.identified import Identification, MassEstimate, PriorSummary
+from structid.identification.joint_problem import first_values, harmonize_shared_parameters, indices_of
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import answered
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.setup import AnySetup, prefixes, prepared_warnings, titles
-from structid.identification.together import alike, by_name, places
 from structid.identification.warning_words import estimate_warnings, ran_away, ran_away_words, unused_damping
 from structid.inversion import Covariance, Estimate
 from structid.inversion.fixed_values import FIXED, FixedValueInfluence
@@ -107,15 +107,16 @@ def identify_together(
     if not setups:
         raise InputError("`setups` must hold at least one set-up, got none; give one for each record")
     prepared = [setup.prepared(chosen) for setup in setups]
-    problems = initial = alike([ready.problem for ready in prepared], titles(setups))
+    problems = initial = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
     if len(setups) == 1:
         problems = (setups[0].begun(problems[0]),)
     answer = answered(setups, problems, chosen, progress, work)
     problems, target = answer.problems, answer.target
     freed = () if answer.estimate.fixed is None else freed_problems(setups, problems, chosen.tolerances)
-    found = replace(answer.estimate, initial=by_name(answer.estimate.names, initial, lambda part: part.start))
-    if found.residual_tests is not None and target is not None:
-        found = replace(found, residual_tests=found.residual_tests.named(_series_names(setups, problems)))
+    found = answer.estimate.with_initial(first_values(answer.estimate.names, initial, lambda part: part.start))
+    if found.goodness.residual_tests is not None and target is not None:
+        tests = found.goodness.residual_tests.named(_series_names(setups, problems))
+        found = replace(found, goodness=replace(found.goodness, residual_tests=tests))
     ends = intervals(target or problems[0], found, chosen.intervals, seed=chosen.seed, work=work)
     seen = list(zip(setups, titles(setups), problems, [_own(problem, found) for problem in problems], strict=True))
     fits = [setup.response_fit(title, problem, own, chosen) for setup, title, problem, own in seen]
@@ -142,23 +143,28 @@ def identify_together(
     warnings += unused_damping(problems, found.names, found.kinds, found.identified)
     warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
     mass, std = total_mass(problems[0], found, chosen.direction, freed[0] if freed else None)
+    priors = PriorSummary(
+        mean=first_values(found.names, problems, lambda part: part.priors.mean),
+        std=first_values(found.names, problems, lambda part: part.priors.std),
+        share=share,
+        regularizations=answer.held,
+        varied=answer.varied,
+    )
     return Identification(
         estimate=found,
         fits=tuple(fit for fit in fits if fit is not None),
         modal_fits=tuple(fit for fit in modal_fits if fit is not None),
         problems=problems,
         target=target,
-        prior_mean=by_name(found.names, problems, lambda part: part.priors.mean),
-        prior_std=by_name(found.names, problems, lambda part: part.priors.std),
-        prior_share=share,
-        held=answer.held,
-        varied=answer.varied,
-        total_mass=mass,
-        total_mass_std=std,
+        priors=priors,
+        mass=MassEstimate(
+            total=mass,
+            std=std,
+            ratios=scale_free,
+            rests_on_force=target is not None and rests_on_force(problems, found),
+        ),
         warnings=tuple(warnings),
         intervals=ends,
-        ratios=scale_free,
-        rests_on_force=target is not None and rests_on_force(problems, found),
         ran_away=away,
         truncations=truncations,
         missed=missed_parts(titles(setups) if len(setups) > 1 else [""], problems, found, freed),
@@ -168,15 +174,15 @@ def identify_together(
 
 
 def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem]) -> list[str]:
-    """What each channel of the residual is called, with its record where there are several."""
+    """Name of each channel of the residual, with its record where there are several."""
     pairs = zip(prefixes(setups), problems, strict=True)
     own = [prefix + name for prefix, problem in pairs for name in problem.rows.names]
     return own + [f"scatter of {one.name}" for one in scatter_problems(problems)]
 
 
 def _own(problem: RecordProblem, found: Estimate) -> Own:
-    """What was found of the problem's own parameters."""
-    place = places(found.names, problem.names)
+    """Values of the problem's own parameters in the estimate."""
+    place = indices_of(found.names, problem.names)
     return Own(found.theta[place], found.values[place], found.initial[place])
 
 
@@ -194,7 +200,7 @@ def total_mass(
         The problem with what its model holds among the unknowns; masses that are held err within their tolerances then.
     """
     unknown, row = problem.parameters, np.zeros((1, len(found.names)))
-    index = places(found.names, unknown.names)
+    index = indices_of(found.names, unknown.names)
     values = unknown.values(found.values[index])
     gradient = problem.structure.mass_gradient(direction, values)
     row[0, index] = gradient @ unknown.design

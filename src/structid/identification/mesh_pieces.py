@@ -10,9 +10,9 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.errors import SingularModelError
 from structid.identification.identified import Identification
+from structid.identification.joint_problem import harmonize_shared_parameters, indices_of, joint_problem
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
-from structid.identification.together import alike, places, together
 from structid.inversion import Problem
 from structid.inversion.covariance import inverse_information
 
@@ -90,7 +90,7 @@ def judge_pieces(setups: Sequence[AnySetup], found: Identification, options: Ide
         )
     finer = _finer_problem(setups, options, 2 * count)
     try:
-        change = finer.residual(theta[places(found.estimate.names, finer.names)]) - problem.residual(theta)
+        change = finer.residual(theta[indices_of(found.estimate.names, finer.names)]) - problem.residual(theta)
     except SingularModelError as error:
         return MeshPieces(count, obstacle=f"with pieces half as long the model cannot be evaluated ({error})")
     shift = _shift(problem.linearize(theta).jacobian, change) * problem.slope(theta)
@@ -113,7 +113,9 @@ def _finer_problem(setups: Sequence[AnySetup], options: IdentifyOptions, count: 
         )
         for setup in setups
     ]
-    return together(alike([setup.prepared(options).problem for setup in cut], titles(setups)))
+    return joint_problem(
+        harmonize_shared_parameters([setup.prepared(options).problem for setup in cut], titles(setups))
+    )
 
 
 def _finer(setup: AnySetup, count: int) -> int:

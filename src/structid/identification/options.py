@@ -15,8 +15,8 @@ from structid.unknowns.tolerances import Tolerances
 
 
 @dataclass(frozen=True, kw_only=True)
-class LineOptions:
-    """Which lines count.
+class IdentifyOptions:
+    """Options of an identification: which lines count, what is minimized, how it is searched for, and what is shown.
 
     Parameters
     ----------
@@ -29,20 +29,6 @@ class LineOptions:
         does on lines that had no part in the fit.
     every : int
         Only every so many of the remaining lines is used: 4 leaves a quarter of a long record, for a first look.
-    """
-
-    band: tuple[float, float] | None = None
-    exclude: Sequence[tuple[float, float]] = ()
-    evaluation_band: tuple[float, float] | None = None
-    every: Count = 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class ResidualOptions:
-    """What is minimized.
-
-    Parameters
-    ----------
     residual : Form
         Residual of the last stage; see `FrfProblem`.
     model_error : float
@@ -53,25 +39,11 @@ class ResidualOptions:
         of 20 lines or more; 0 solves for every line.
     regularization : sequence of Smoothness or Sparsity
         What holds parameters that the data alone do not determine.
-    """
-
-    residual: Literal["output", "log", "pole_free"] = "output"
-    model_error: NotNegative = 0.0
-    reduced: Annotated[float, Limits(least=0, most=0.01)] | None = None
-    regularization: Sequence[Regularization] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class SearchOptions:
-    """How the minimum is searched for.
-
-    Parameters
-    ----------
     pole_free_start : bool
         Whether a search on easier forms of the residual comes first, for starts far from the answer.
     start : {"near", "continuation"}
         Which way the search comes first: by easier forms of the residual, for initial values that are near, or by
-        continuation from the right half-plane, which carries further (see `continuation_plan`). The other ways
+        continuation from the right half-plane, which carries further (see `decay_continuation`). The other ways
         follow in `restarts`.
     start_error : float
         Expected error of the initial values in the logarithm, for the continuation: 0.5 is a factor of 1.65.
@@ -88,30 +60,11 @@ class SearchOptions:
         as well is listed. By default up to 200 for modes of small models where no shape is known or where there are fewer values
         than twice the parameters, else none.
     seed : int
-        Of those starts, and of posterior draws.
+        Seed of random starts and of posterior draws.
     method : Method
         Search of the last stage.
     matrix_free : bool, optional
         Whether the parameters are searched for without a Jacobian; by default where one is too large.
-    """
-
-    pole_free_start: bool = True
-    start: Literal["near", "continuation"] = "near"
-    start_error: Positive = START_ERROR
-    restarts: int = 2
-    uniqueness_starts: int = 0
-    wide_starts: Annotated[int, Limits(least=0)] | None = None
-    seed: int = 0
-    method: Method = field(default_factory=LevenbergMarquardt)
-    matrix_free: bool | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class IdentifyOptions(SearchOptions, ResidualOptions, LineOptions):
-    """How an identification is done; further options are those of `LineOptions`, `ResidualOptions` and `SearchOptions`.
-
-    Parameters
-    ----------
     intervals : {"laplace", "profile", "bootstrap", "sampling"}
         How the 95 % interval of each parameter is found, in rising order of cost; see
         `structid.inversion.intervals.intervals`.
@@ -124,6 +77,23 @@ class IdentifyOptions(SearchOptions, ResidualOptions, LineOptions):
         simulated ones. Intervals and verdicts allow for them.
     """
 
+    band: tuple[float, float] | None = None
+    exclude: Sequence[tuple[float, float]] = ()
+    evaluation_band: tuple[float, float] | None = None
+    every: Count = 1
+    residual: Literal["output", "log", "pole_free"] = "output"
+    model_error: NotNegative = 0.0
+    reduced: Annotated[float, Limits(least=0, most=0.01)] | None = None
+    regularization: Sequence[Regularization] = ()
+    pole_free_start: bool = True
+    start: Literal["near", "continuation"] = "near"
+    start_error: Positive = START_ERROR
+    restarts: int = 2
+    uniqueness_starts: int = 0
+    wide_starts: Annotated[int, Limits(least=0)] | None = None
+    seed: int = 0
+    method: Method = field(default_factory=LevenbergMarquardt)
+    matrix_free: bool | None = None
     intervals: IntervalKind = "laplace"
     direction: Literal["X", "Y", "Z"] | None = None
     n_modes: Count = 12

@@ -12,9 +12,10 @@ from scipy import sparse
 from structid.core.arrays import FloatArray, locked
 from structid.core.display import join_words
 from structid.forward import RecordProblem
+from structid.forward.polarities import decide_polarities
 from structid.forward.scatter import ScatterProblem, scatter_problems
+from structid.identification.joint_problem import indices_of, joint_problem, joint_schedules
 from structid.identification.options import IdentifyOptions
-from structid.identification.together import places, together
 from structid.identification.varying import FoundScatter, found_scatter, free_scatters, with_scatters
 from structid.inversion import Estimate, JointProblem, Linearization, Method, Problem
 from structid.inversion.regularization.drawn_strengths import Differences, balanced_strengths, settled_strengths
@@ -39,7 +40,7 @@ _SMOOTHING = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """One regularization as it was used.
+    """A regularization with the strength that was used.
 
     Attributes
     ----------
@@ -65,7 +66,7 @@ class Held:
 
     @property
     def words(self) -> str:
-        """What it is and how strong, in one sentence."""
+        """The regularization and its strength, in one sentence."""
         how = "as given" if self.rule == "given" else f"chosen by {self.rule.replace('_', ' ')}"
         if self.n_free is not None:
             text = f"{self.name}, {how}: {self.n_free} of {len(self.strengths)} parameters leave their start"
@@ -131,7 +132,7 @@ def regularized(
 
 
 def takes_matrix_free(terms: Sequence[Regularization]) -> str:
-    """What a matrix-free search cannot do with these terms; "" where nothing stands in its way."""
+    """Obstacle of these terms to a matrix-free search, in words; "" where there is none."""
     for term in terms:
         if term.is_sparse:
             return f"takes smoothness as the only regularization, got {term_name(term)}"
@@ -166,7 +167,7 @@ def _by_draws(
         return coupled(problems, [c.scaled(s) for c, s in zip(unit, strengths, strict=True)])
 
     def made(strengths: Sequence[float]) -> Problem:
-        return together(held_by(strengths))
+        return joint_problem(held_by(strengths))
 
     given = tuple(term.given for term in terms)
     unheld = made([1.0] * len(terms))
@@ -177,7 +178,7 @@ def _by_draws(
         held = [_held(term, part.target, s, True) for term, part, s in zip(terms, unit, strengths, strict=True)]
         return Regularized(held_by(strengths), tuple(held))
     if options.pole_free_start:
-        theta = _staged(made(strengths), method, theta, progress, work)
+        theta = _staged(held_by(strengths), method, theta, progress, work)
     told = named(progress, "strength of smoothness")
     found = settled_strengths(made, differences, given, strengths, theta, options.seed, told, work.minimize)
     held = [
@@ -195,11 +196,11 @@ def _by_local_models(
     work: Work,
 ) -> Regularized:
     """Strengths by fits and exact local models in turn; see `settled`."""
-    begun = tuple(problem.decided(problem.theta_start) for problem in problems)
+    begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
     if options.pole_free_start:
-        theta = _staged(search.with_strengths(search.start), method, theta, progress, work)
+        theta = _staged(search.held_by(begun, search.start), method, theta, progress, work)
     found = settled(search.refit, search.model, search.choose, theta, search.start)
     n_terms = len(search.terms)
     held = tuple(
@@ -216,10 +217,10 @@ def _by_local_models(
 
 
 def _staged(
-    problem: Problem, method: Method, theta: FloatArray, progress: StageProgress | None, work: Work
+    problems: Sequence[RecordProblem], method: Method, theta: FloatArray, progress: StageProgress | None, work: Work
 ) -> FloatArray:
-    """Where the easier forms of a problem lead to."""
-    for name, stage in next(iter(problem.stage_plans()), ()):
+    """Free variables at the end of the first schedule of the joint problem, from `theta`."""
+    for name, stage in next(iter(joint_schedules(problems)), ()):
         theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
     return theta
 
@@ -246,7 +247,7 @@ def _held(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What `settled` needs of problems with terms."""
+    """Fits and local models of problems with regularization terms, as `settled` needs them."""
 
     problems: tuple[RecordProblem, ...]
     terms: tuple[Regularization, ...]
@@ -255,7 +256,7 @@ class _Search:
 
     @cached_property
     def scatters(self) -> tuple[ScatterProblem, ...]:
-        """Those from record to record whose size the data choose."""
+        """Scatters from record to record whose size the data choose."""
         return free_scatters(self.problems)
 
     @cached_property
@@ -276,7 +277,7 @@ class _Search:
         names = self.problem.names
         return (
             *(coupling.among(len(names), 0) for coupling in self.unit),
-            *(one.coupling.at(places(names, one.names), len(names)) for one in self.scatters),
+            *(one.coupling.at(indices_of(names, one.names), len(names)) for one in self.scatters),
         )
 
     @cached_property
@@ -294,7 +295,7 @@ class _Search:
         return coupled(made, [c.scaled(s) for c, s in zip(self.unit, strengths[:n_terms], strict=True)])
 
     def with_strengths(self, strengths: Strengths) -> Problem:
-        return together(self.held_by(self.problems, strengths))
+        return joint_problem(self.held_by(self.problems, strengths))
 
     def refit(self, strengths: Strengths, theta: FloatArray) -> FloatArray:
         return self.work.minimize(self.with_strengths(strengths), self.method, theta).theta
@@ -359,7 +360,7 @@ def shares(problem: Problem | None, found: Estimate) -> FloatArray | None:
 def regularization_warnings(
     problems: Sequence[RecordProblem], found: Estimate, held: Sequence[Held], share: FloatArray | None
 ) -> tuple[str, ...]:
-    """What was used, and which parameters owe more than half of their variance to priors."""
+    """Warnings on the regularizations used, and on parameters that owe more than half of their variance to priors."""
     warnings = [item.words for item in held]
     owing = [] if share is None else [name for name, part in zip(found.names, share, strict=True) if part > 0.5]
     if owing:

@@ -12,11 +12,19 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.forward import ModalProblem, RecordProblem
+from structid.forward.polarities import decide_polarities, polarities, with_polarities
 from structid.identification.fixed_values import fixed_values, freed_problems
+from structid.identification.joint_problem import (
+    indices_of,
+    joint_obstacle,
+    joint_paths,
+    joint_problem,
+    joint_sample,
+    joint_schedules,
+)
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import Held, regularized, takes_matrix_free
 from structid.identification.setups.setup import AnySetup
-from structid.identification.together import places, together
 from structid.identification.varying import Varied, varied, widened_estimate
 from structid.inversion import Estimate, MatrixFree, Method, Problem, Search, Status
 from structid.inversion.estimate import estimate
@@ -38,7 +46,7 @@ _GAIN_TOLERANCE = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a search gave.
+    """Result of the search over the problems of all records.
 
     Attributes
     ----------
@@ -67,7 +75,7 @@ def answered(
     progress: StageProgress | None,
     work: Work,
 ) -> Answer:
-    """The answer of the search that the set-ups ask for.
+    """Search for the parameters by the method that set-ups and options ask for.
 
     Raises
     ------
@@ -110,16 +118,15 @@ def answered(
         search = Search(seed=options.seed, start=regular.theta)
 
     def found(current: tuple[RecordProblem, ...]) -> Estimate:
-        problem = together(current)
-        plans = problem.stage_plans()[:1] if method.is_matrix_free else problem.ways()
+        paths = joint_schedules(current)[:1] if method.is_matrix_free else joint_paths(current)
         staged = options.pole_free_start and regular.theta is None and not local
         return estimate(
-            problem,
+            joint_problem(current),
             method,
-            plans if staged else (),
+            paths if staged else (),
             search,
             progress=progress,
-            sample=problem.thinned(),
+            sample=joint_sample(current),
             work=work,
             fixed=fixed_values(freed_problems(setups, current, options.tolerances)),
         )
@@ -127,12 +134,12 @@ def answered(
     def found_near(current: tuple[RecordProblem, ...], theta: FloatArray) -> Estimate:
         near = Search(seed=options.seed, start=theta)
         fixed = fixed_values(freed_problems(setups, current, options.tolerances))
-        return estimate(together(current), method, (), near, progress=progress, work=work, fixed=fixed)
+        return estimate(joint_problem(current), method, (), near, progress=progress, work=work, fixed=fixed)
 
     best, problems = reweighted(*searched(regular.problems, found), found_near)
     differing = varied(problems, best, regular.scatters)
     best = widened_estimate(best, tuple(regular.scatters.values()))
-    return Answer(best, problems, together(problems), regular.held, differing)
+    return Answer(best, problems, joint_problem(problems), regular.held, differing)
 
 
 def wide_starts(problems: Sequence[RecordProblem]) -> int:
@@ -154,10 +161,10 @@ def wide_starts(problems: Sequence[RecordProblem]) -> int:
 
 def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Problem:
     """All of `problems` as one, with modes that are paired in their order at `theta` in their order everywhere."""
-    names = together(problems).names
-    return together(
+    names = joint_problem(problems).names
+    return joint_problem(
         [
-            one.keeping_order(theta[places(names, one.names)]) if isinstance(one, ModalProblem) else one
+            one.keeping_order(theta[indices_of(names, one.names)]) if isinstance(one, ModalProblem) else one
             for one in problems
         ]
     )
@@ -179,15 +186,15 @@ def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -
     obstacle = matrix_free_obstacle(problems, options)
     if obstacle and options.matrix_free:
         raise InputError(f"search 'matrix_free' {obstacle}; leave it out, or choose 'levenberg_marquardt'")
-    whole = together(problems)
+    whole = joint_problem(problems)
     if not options.matrix_free and (obstacle or dense_search_fits(len(whole.names), whole.n_data)[0]):
         return dense
     return MatrixFree(max_iterations=options.method.max_iterations, gain_tolerance=_GAIN_TOLERANCE)
 
 
 def matrix_free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOptions) -> str:
-    """What a matrix-free search cannot do of this study; "" where nothing stands in its way."""
-    obstacle = together(problems).matrix_free_obstacle
+    """Obstacle to a matrix-free search of this study, in words; "" where there is none."""
+    obstacle = joint_obstacle(problems)
     if not obstacle and options.intervals != "laplace":
         return f"takes intervals 'laplace', got {options.intervals!r}"
     return obstacle or takes_matrix_free(options.regularization)
@@ -207,11 +214,11 @@ def searched(
     search : callable
         The estimate of such problems as one.
     """
-    current = tuple(problem.decided(problem.theta_start) for problem in problems)
+    current = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     found = search(current)
     tried = {_polarities(current): (found, current)}
     while True:
-        current = tuple(p.decided(found.theta[places(found.names, p.names)]) for p in current)
+        current = tuple(decide_polarities(p, found.theta[indices_of(found.names, p.names)]) for p in current)
         if _polarities(current) in tried:
             break
         found = search(current)
@@ -222,7 +229,7 @@ def searched(
             if signs not in tried:
                 current = _with_polarities(current, signs)
                 tried[signs] = (search(current), current)
-    return min(tried.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].chi_square))
+    return min(tried.values(), key=lambda pair: (pair[0].status is Status.NOT_CONVERGED, pair[0].goodness.chi_square))
 
 
 def reweighted(
@@ -236,9 +243,9 @@ def reweighted(
     regularizations stay as they were chosen.
     """
     for _ in range(_REWEIGHTED):
-        if not best.misfit < _REWEIGHTED_BELOW:
+        if not best.goodness.misfit < _REWEIGHTED_BELOW:
             break
-        current = tuple(p.reweighted(best.theta[places(best.names, p.names)]) for p in problems)
+        current = tuple(p.reweighted(best.theta[indices_of(best.names, p.names)]) for p in problems)
         if all(one is other for one, other in zip(current, problems, strict=True)):
             break
         again = search(current, best.theta)
@@ -251,23 +258,21 @@ def reweighted(
 
 def _as_searched(again: Estimate, first: Estimate) -> Estimate:
     """A fit that went on from another, with the story of both searches."""
-    return replace(
-        again,
-        status=again.status if first.n_fitting < 2 else first.status,
-        n_iterations=first.n_iterations + again.n_iterations,
-        n_starts=first.n_starts,
-        n_agreeing=first.n_agreeing,
-        answers=first.answers,
-        is_exhaustive=first.is_exhaustive,
-        history=np.concatenate([first.history, again.history[1:]]),
+    search = replace(
+        first.search,
+        n_iterations=first.search.n_iterations + again.search.n_iterations,
+        history=np.concatenate([first.search.history, again.search.history[1:]]),
     )
+    return replace(again, search=search, status=again.status if first.search.n_fitting < 2 else first.status)
 
 
 def _polarities(problems: Sequence[RecordProblem]) -> tuple[float, ...]:
-    return tuple(float(sign) for problem in problems for sign in problem.polarities)
+    """Polarities of the channels of all records, +1 or -1."""
+    return tuple(sign for problem in problems for sign in polarities(problem))
 
 
 def _with_polarities(problems: Sequence[RecordProblem], signs: Sequence[float]) -> tuple[RecordProblem, ...]:
-    ends = np.cumsum([len(problem.polarities) for problem in problems])[:-1]
+    """Copies of the problems with the polarities `signs` of all records, one after another."""
+    ends = np.cumsum([len(polarities(problem)) for problem in problems])[:-1]
     parts = np.split(np.asarray(signs), ends)
-    return tuple(problem.with_polarities(own.tolist()) for problem, own in zip(problems, parts, strict=True))
+    return tuple(with_polarities(problem, part.tolist()) for problem, part in zip(problems, parts, strict=True))

@@ -78,7 +78,7 @@ class Varied:
 
     @property
     def words(self) -> str:
-        """How much it differs, in a sentence."""
+        """The scatter in a sentence."""
         many = len(dict.fromkeys(self.records))
         size = f"{100 * self.scatter:.2g} %"
         if self.rule == "given":
@@ -148,13 +148,13 @@ def with_scatters(problems: Sequence[RecordProblem], std: Mapping[str, float]) -
 
 
 def free_scatters(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ...]:
-    """Those whose size the data choose."""
+    """Scatters whose size the data choose."""
     given = {scatter.name for p in problems for scatter in p.parameters.scatters if scatter.given is not None}
     return tuple(one for one in scatter_problems(problems) if one.name not in given)
 
 
 def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> FoundScatter:
-    """What the data say of the scatter whose rows are penalty `index`, near the answer.
+    """Scatter that the data choose near the answer, for the rows of penalty `index`.
 
     The restricted likelihood of the scatter times a uniform prior on it, on a grid; the mean and covariance of the free
     variables at each of its points give what not knowing it adds.
@@ -183,18 +183,20 @@ def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> 
 
 def widened_estimate(found: Estimate, more: Sequence[FoundScatter]) -> Estimate:
     """The estimate with the covariance that not knowing scatters exactly adds."""
-    if not more or found.slope is None:
+    slope, spread = found.parameters.slope, found.spread
+    if not more or slope is None:
         return found
-    added = np.sum([one.more for one in more], axis=0) * np.outer(found.slope, found.slope)
-    return replace(
-        found,
-        noise=DenseCovariance(found.noise.matrix + added),
-        model_error=DenseCovariance(found.model_error.matrix + added),
+    added = np.sum([one.more for one in more], axis=0) * np.outer(slope, slope)
+    widened = replace(
+        spread,
+        noise=DenseCovariance(spread.noise.matrix + added),
+        model_error=DenseCovariance(spread.model_error.matrix + added),
     )
+    return replace(found, spread=widened)
 
 
 def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str, FoundScatter]) -> tuple[Varied, ...]:
-    """What differs from record to record, with the records that stand out.
+    """Parameters that differ from record to record, with the records that stand out.
 
     A value's deviation over its standard deviation under the scatter is Student's t once the scatter is that of the
     others (Grubbs, 1950, Eq. (1)); the p-values of all values are corrected together.
@@ -215,7 +217,7 @@ def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str
     for group in groups:
         used = np.array([place[name] for name in group.names])
         residual, rows = group.coupling.rows(found.values[used])
-        covariance = found.covariance_noise[np.ix_(used, used)]
+        covariance = found.spread.covariance_noise[np.ix_(used, used)]
         left = np.einsum("kp,pq,kq->k", rows, covariance, rows)
         chances.append(_chances(residual, group.std, left, is_known=group.name not in more))
         own = [group.names[int(np.argmax(row))] for row in group.coupling.matrix]

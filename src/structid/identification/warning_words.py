@@ -1,4 +1,4 @@
-"""What the reader of an identification should know first, in sentences."""
+"""Warnings of an identification, in sentences."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from structid.core.display import join_words
 from structid.forward import RecordProblem
-from structid.identification.together import by_name
+from structid.identification.joint_problem import first_values
 from structid.inversion import Estimate, Status
 from structid.unknowns.named_unknowns import DAMPING, MAY_VANISH
 
@@ -22,7 +22,7 @@ INCLUDES_MODEL_ERROR = "standard deviations include the model error"
 
 
 def _scale_warnings(found: Estimate) -> list[str]:
-    """Whether a gain leaves the absolute size of masses and stiffnesses open."""
+    """True where a gain leaves the absolute size of masses and stiffnesses open."""
     kinds = np.array(found.kinds)
     for direction in found.identifiability.directions:
         part = np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
@@ -37,7 +37,7 @@ def _scale_warnings(found: Estimate) -> list[str]:
 
 def unidentified_warnings(found: Estimate) -> list[str]:
     """Each parameter that is not identified; very many of them together."""
-    lost = np.flatnonzero(~found.identified & found.is_free)
+    lost = np.flatnonzero(~found.identified & found.spread.is_free)
     if not found.uncertainty.has_matrix:
         words = (
             f"{len(lost)} of {len(found.names)} parameters are not identified: their standard deviations are larger than"
@@ -54,7 +54,7 @@ def unidentified_warnings(found: Estimate) -> list[str]:
 def unused_damping(
     problems: Sequence[RecordProblem], names: Sequence[str], kinds: Sequence[str], is_determined: np.ndarray
 ) -> list[str]:
-    """That measured damping ratios are left out, where dampings are not determined."""
+    """Warning that measured damping ratios are left out, where dampings are not determined."""
     open_ones = np.flatnonzero(~is_determined & np.isin(kinds, DAMPING)).tolist()
     if not open_ones or not any(problem.facts.leaves_damping_out for problem in problems):
         return []
@@ -66,33 +66,35 @@ def unused_damping(
 
 
 def estimate_warnings(found: Estimate) -> tuple[str, ...]:
-    """What the estimate gives to warn of, the most important first."""
+    """Warnings of an estimate, the most important first."""
     warnings = []
     if found.status is not Status.CONVERGED:
         warnings.append(f"{found.status_words} ({found.message})")
-    warnings.extend(one.words for one in sorted(found.at_bound, key=lambda one: -one.push))
+    warnings.extend(one.words for one in sorted(found.spread.at_bound, key=lambda one: -one.push))
     warnings.extend(f"the data determine {direction.words}" for direction in found.identifiability.directions)
     warnings.extend(_scale_warnings(found))
     warnings.extend(unidentified_warnings(found))
     absent = found.may_be_absent()
-    for i in np.flatnonzero(absent & found.is_free).tolist():
+    for i in np.flatnonzero(absent & found.spread.is_free).tolist():
         unit = "" if found.units[i] == "1" else f" {found.units[i]}"
         warnings.append(f"{found.names[i]} {MAY_BE_ZERO} (95 % interval up to {found.interval()[i, 1]:.2g}{unit})")
-    tests = () if found.residual_tests is None else found.residual_tests.words
+    tests = () if found.goodness.residual_tests is None else found.goodness.residual_tests.words
     too_large = [w for w in tests if "larger than the noise allows" in w]  # told below, with what is done about it
     warnings.extend(w for w in tests if w not in too_large)
-    is_open = found.n_fitting < 2 and found.n_starts > 1 and found.n_agreeing < found.n_starts
-    if is_open and not found.is_exhaustive:
+    is_open = (
+        found.search.n_fitting < 2 and found.search.n_starts > 1 and found.search.n_agreeing < found.search.n_starts
+    )
+    if is_open and not found.search.is_exhaustive:
         warnings.append(
-            f"{found.n_agreeing} of {found.n_starts} {OTHER_MINIMA}, the others at worse ones:"
+            f"{found.search.n_agreeing} of {found.search.n_starts} {OTHER_MINIMA}, the others at worse ones:"
             " there may be a better one still; start closer, or try more `restarts`"
         )
-    if found.disagreement is not None:
-        warnings.append(f"{found.disagreement.words}: {INCLUDES_MODEL_ERROR}, each mode left out in turn")
-    if found.covariance_basis == "model_error" and (too_large or found.disagreement is None):
+    if found.spread.disagreement is not None:
+        warnings.append(f"{found.spread.disagreement.words}: {INCLUDES_MODEL_ERROR}, each mode left out in turn")
+    if found.covariance_basis == "model_error" and (too_large or found.spread.disagreement is None):
         warnings.append(
-            f"the model does not fit to within the noise ({found.misfit_words}, residual correlated over"
-            f" {found.residual_correlation:.0f} lines): {INCLUDES_MODEL_ERROR}"
+            f"the model does not fit to within the noise ({found.goodness.misfit_words}, residual correlated over"
+            f" {found.goodness.residual_correlation:.0f} lines): {INCLUDES_MODEL_ERROR}"
         )
     return tuple(warnings)
 
@@ -103,8 +105,8 @@ def ran_away(found: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, .
     Those that the data determine in a fit to within the noise were only started far off, and a damping that goes to nothing
     is absent; these have not run away.
     """
-    has_prior = by_name(found.names, problems, lambda part: part.priors.stated)
-    positive = by_name(found.names, problems, lambda part: np.array(part.transforms.kinds, dtype=object) == "log")
+    has_prior = first_values(found.names, problems, lambda part: part.priors.stated)
+    positive = first_values(found.names, problems, lambda part: np.array(part.transforms.kinds, dtype=object) == "log")
     unsure = ~found.identified | (found.covariance_basis == "model_error")
     candidates = positive.astype(bool) & ~has_prior.astype(bool) & unsure & (found.initial > 0)
     ratio = np.divide(found.values, found.initial, out=np.ones(len(candidates)), where=candidates)

@@ -9,7 +9,7 @@ from structid.inversion.intervals.intervals import Intervals, intervals
 from structid.inversion.intervals.profile import Profile, profile, profiles
 from structid.inversion.intervals.sampling import Samples, sample
 from structid.inversion.linearization import Linearization, OperatorLinearization
-from structid.inversion.problem import BaseProblem, Problem
+from structid.inversion.problem import DataRows, FreeUnknowns, Problem
 from structid.inversion.problems.joint import JointProblem
 from structid.inversion.search.gauss_newton import GaussNewton
 from structid.inversion.search.least_squares import Method, minimize
@@ -21,12 +21,13 @@ from structid.inversion.uncertainty import Covariance, DenseCovariance
 
 __all__ = [
     "Answer",
-    "BaseProblem",
     "Bootstrap",
     "Covariance",
+    "DataRows",
     "DenseCovariance",
     "Direction",
     "Estimate",
+    "FreeUnknowns",
     "GaussNewton",
     "Identifiability",
     "Intervals",

@@ -1,4 +1,4 @@
-"""What noise leaves where its size comes from few averages: the variance that whitens a value is then itself uncertain."""
+"""Law of whitened errors whose variance was estimated from few averages, and is itself uncertain."""
 
 from __future__ import annotations
 

@@ -38,14 +38,14 @@ def inverse_information(jacobian: FloatArray) -> FloatArray:
 
 
 def noise_covariance(problem: Problem, theta: FloatArray, at: Linearization) -> FloatArray:
-    """Of the free variables, from the noise alone: A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, P the priors' rows.
+    """Covariance of the free variables from the noise alone: A^-1 (J' Sigma J + P'P) A^-1 with A = J'J + P'P, P the priors' rows.
 
     With rows of independent unit errors it is A^-1; where n averages tell their variances, Sigma is n / (n - 3). NaN where the
     data do not tell.
     """
     bread, rows = inverse_information(at.jacobian), problem.n_data
     seen = np.isfinite(np.diag(bread))
-    scores = problem.score_covariance(theta, at.jacobian[:rows])
+    scores = problem.noise_law(theta).score_covariance(at.jacobian[:rows])
     if scores is None or not seen.any():
         return bread
     inner, prior = np.ix_(seen, seen), at.jacobian[rows:, seen]
@@ -63,9 +63,9 @@ def chi_square_law(problem: Problem, theta: FloatArray, at: Linearization) -> tu
     times chi-square (Satterthwaite 1946, Biometrics Bull. 2, 110-114).
     """
     freedom = float(max(len(at.residual) - at.n_params - at.n_eliminated, 0))
-    changes = problem.data_changes(theta)
+    changes = problem.noise_law(theta).factor
     if changes is None or freedom == 0:
-        scale, share = row_law(problem.averages)
+        scale, share = row_law(problem.rows.averages)
         return scale, share * freedom
     basis = np.linalg.qr(at.jacobian[: problem.n_data])[0]
     left = changes - (changes @ basis) @ basis.T
@@ -82,7 +82,7 @@ def row_law(averages: FloatArray | None) -> tuple[float, float]:
     Parameters
     ----------
     averages : (n_data,) float array or None
-        See `Problem.averages`.
+        See `DataRows`.
     """
     few = few_averages(averages)
     if few is None:
@@ -97,7 +97,7 @@ def fit_covariance(problem: Problem, theta: FloatArray) -> FloatArray:
 
 
 def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) -> float:
-    """How many neighbouring lines a residual stays correlated over: 1 + 2 sum of its autocorrelations.
+    """Correlation length of a residual in lines: 1 + 2 sum of its autocorrelations.
 
     The sum runs over lags up to the first autocorrelation below 0.05, on the mean over all channels.
     """
@@ -147,7 +147,8 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
         return covariance
     root, known = bread[inner], prior[:, seen].T @ prior[:, seen]
     sums = [
-        _block_scores(jacobian[:, seen], residual, b) for b in error_blocks(residual, problem.lines, problem.series)
+        _block_scores(jacobian[:, seen], residual, b)
+        for b in error_blocks(residual, problem.rows.lines, problem.rows.series)
     ]
     along = root @ (sums[0] + known) @ root
     freedom = effective_blocks(problem, at)[seen] - 1
@@ -169,12 +170,12 @@ def repeated_quantities(problem: Problem) -> IntArray | None:
 
     None where there are fewer than four, or where one is measured at one line only, which is a block already.
     """
-    numbers = problem.quantities
+    numbers = problem.rows.quantities
     if numbers is None:
         return None
     found, block = np.unique(numbers, return_inverse=True)
     block = block - int(np.count_nonzero(found < 0))
-    pairs = np.unique(np.stack([block, problem.lines])[:, block >= 0], axis=1)
+    pairs = np.unique(np.stack([block, problem.rows.lines])[:, block >= 0], axis=1)
     if len(found[found >= 0]) < _FEWEST_CHANNELS or (np.bincount(pairs[0]) < 2).any():
         return None
     return np.maximum(block, -1)
@@ -241,12 +242,12 @@ def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tup
 
 
 def effective_blocks(problem: Problem, at: Linearization) -> FloatArray:
-    """How many stretches of lines each parameter rests on, (n_params,): (sum a)^2 / sum a^2 of their shares a.
+    """Effective number of blocks of lines that determine each parameter, (n_params,): (sum a)^2 / sum a^2 of their shares a.
 
     The share of a block in the variance of parameter j is (A^-1 J_b' J_b A^-1)_jj; NaN where it is not seen.
     """
     rows = problem.n_data
-    block = error_blocks(at.residual[:rows], problem.lines, problem.series)[0]
+    block = error_blocks(at.residual[:rows], problem.rows.lines, problem.rows.series)[0]
     influence = at.jacobian[:rows] @ np.nan_to_num(inverse_information(at.jacobian))
     shares = np.zeros((int(block.max(initial=0)) + 1, influence.shape[1]))
     np.add.at(shares, block, influence**2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,16 +15,25 @@ from structid.core.display import Overview, Shown, data_frame, format_number, jo
 from structid.core.errors import InputError
 from structid.inversion.averaging import expected_square
 from structid.inversion.covariance import correlation_length
+from structid.inversion.diagnostics.identifiability import Identifiability
 from structid.inversion.diagnostics.residual_tests import ResidualTests, residual_tests
-from structid.inversion.fixed_values import FitWithinTolerances
-from structid.inversion.problem import Problem, Way
+from structid.inversion.fixed_values import FitWithinTolerances, FixedValueInfluence
+from structid.inversion.problem import ContinuationPath, Problem
 from structid.inversion.search.least_squares import Method
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import Minimum, squared
-from structid.inversion.search.multistart import Answer, Search, cost_rank, distinct_answers, named, searched_minima
+from structid.inversion.search.multistart import (
+    Answer,
+    Search,
+    cost_rank,
+    distinct_answers,
+    ends_at_other,
+    named,
+    searched_minima,
+)
 from structid.inversion.search.within_tolerances import FixedValues
 from structid.inversion.search.work import ALONE, StageProgress, Work
-from structid.inversion.uncertainty import Spread
+from structid.inversion.uncertainty import Covariance, Spread, Uncertainty
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,7 +44,7 @@ _DOUBTFUL = 0.3
 
 
 class Status(Enum):
-    """How an identification ended; the value is what files and reports show."""
+    """End of an identification; files and reports show its value."""
 
     CONVERGED = "converged"
     NOT_CONVERGED = "not_converged"
@@ -43,7 +52,7 @@ class Status(Enum):
 
     @property
     def words(self) -> str:
-        """What happened, and what helps."""
+        """The status in a sentence, with remedies."""
         return _STATUS_WORDS[self]
 
 
@@ -68,21 +77,21 @@ _WORDS_WITH_PRIORS = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ParameterValues:
-    """Where the parameters are.
+    """Names and values of the parameters.
 
     Attributes
     ----------
     names, kinds, units : tuple of str
     initial, values : (n_params,) float arrays
-        Physical values before and after.
+        Physical values at the start and at the answer.
     theta : (n_params,) float array
-        Free variables at the end.
+        Free variables at the answer.
     slope : (n_params,) float array or None
         Derivative of each physical value with respect to its free variable at `theta`; ones where None.
     to_physical : callable
-        Physical values of free variables, each of its own (`Problem.physical`).
+        Physical values as a function of the free variables (`Problem.physical`).
     scale : (n_params,) float array or None
-        Of those that may vanish the size that their deviation is held against then, else 0.
+        Size that the deviation of a parameter that may vanish is compared with; 0 for the others.
     """
 
     names: tuple[str, ...]
@@ -98,7 +107,7 @@ class ParameterValues:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Goodness:
-    """How well the answer fits.
+    """Goodness of the fit.
 
     Attributes
     ----------
@@ -110,12 +119,12 @@ class Goodness:
     residual_correlation : float
         Correlation length of the residual in lines; about 1 for noise.
     residual_tests : ResidualTests or None
-        Whether the residual looks like noise; None where there is no residual to test. That of the fit with held values free within
-        their tolerances, where noise alone does not explain the other.
+        Tests whether the residual looks like noise; None where there is no residual to test. They are of the fit with fixed values
+        free within their tolerances where noise alone does not explain the other.
     expected_per_dof : float
         Chi-square per degree of freedom where all is right: 1, and more where few averages tell the noise.
     least_chi_square : float
-        The smallest chi-square that held values within their tolerances leave, their squares included; NaN where noise explains
+        The smallest chi-square with fixed values within their tolerances, their squares included; NaN where noise explains
         `chi_square`.
     """
 
@@ -129,18 +138,18 @@ class Goodness:
 
     @property
     def misfit(self) -> float:
-        """Chi-square over what is expected of it where all is right, held values within their tolerances; NaN without freedom."""
+        """Chi-square over its expectation for a right model with fixed values within their tolerances; NaN without freedom."""
         return self.least_per_dof / self.expected_per_dof
 
     @property
     def least_per_dof(self) -> float:
-        """The smallest chi-square per degree of freedom that held values within their tolerances leave; NaN without freedom."""
+        """The smallest chi-square per degree of freedom with fixed values within their tolerances; NaN without freedom."""
         least = self.least_chi_square if np.isfinite(self.least_chi_square) else self.chi_square
         return least / self.degrees_of_freedom if self.degrees_of_freedom > 0 else float("nan")
 
     @property
     def misfit_words(self) -> str:
-        """The misfit in the one scale of all that shows it: root mean square over what is expected of noise and tolerances."""
+        """The misfit in words, as root mean square over its expectation from noise and tolerances."""
         if not self.degrees_of_freedom > 0:
             return "no degree of freedom is left to test the model"
         return f"misfit {format_number(float(np.sqrt(self.misfit)), 3)} times what is expected"
@@ -161,15 +170,15 @@ class Goodness:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SearchRecord:
-    """How the answer was found.
+    """Searches that led to the answer.
 
     Attributes
     ----------
     n_iterations : int
     n_starts, n_agreeing : int
-        How many searches were tried, and how many of them ended at this minimum.
+        Number of searches, and number of those that ended at this minimum.
     history : (n_iterations + 1, n_params) float array
-        Physical values along the way of the last stage.
+        Physical values at each iteration of the last stage.
     answers : tuple of Answer
         The distinct minima that the searches found, best first; where a sample was searched, those of the sample.
     is_exhaustive : bool
@@ -185,7 +194,7 @@ class SearchRecord:
 
     @property
     def n_fitting(self) -> int:
-        """How many distinct parameter sets among `answers` the data allow."""
+        """Number of distinct parameter sets among `answers` that the data allow."""
         return sum(answer.fits for answer in self.answers)
 
 
@@ -197,33 +206,133 @@ class Value(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
+class Estimate(Shown):
     """Identified parameters with their uncertainty.
 
-    Its parts are documented as `ParameterValues`, `Spread`, `Goodness` and `SearchRecord`.
+    The quantities that are asked for most are properties of the estimate itself; its parts have all of them.
 
     Attributes
     ----------
+    parameters : ParameterValues
+    spread : Spread
+        Covariances, identifiability and influence of fixed values.
+    goodness : Goodness
+        Chi-square and tests of the residual.
+    search : SearchRecord
+        Searches and the distinct answers that they found.
     status : Status
     message : str
         What ended the search, and the Cramer-Rao bound where the data do not determine every parameter.
     """
 
+    parameters: ParameterValues
+    spread: Spread
+    goodness: Goodness
+    search: SearchRecord
     status: Status
     message: str
 
     @property
+    def names(self) -> tuple[str, ...]:
+        return self.parameters.names
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        return self.parameters.kinds
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        return self.parameters.units
+
+    @property
+    def initial(self) -> FloatArray:
+        """Initial physical values, (n_params,)."""
+        return self.parameters.initial
+
+    @property
+    def values(self) -> FloatArray:
+        """Identified physical values, (n_params,)."""
+        return self.parameters.values
+
+    @property
+    def theta(self) -> FloatArray:
+        """Free variables of the identified values, (n_params,)."""
+        return self.parameters.theta
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations in physical units from `uncertainty`, (n_params,)."""
+        return self.spread.std
+
+    @property
+    def std_noise(self) -> FloatArray:
+        """Standard deviations from the noise of the data alone, (n_params,)."""
+        return self.spread.noise.std
+
+    @property
+    def uncertainty(self) -> Covariance:
+        """Covariance of the parameters, with what the tolerances of fixed values add; see `Spread.uncertainty`."""
+        return self.spread.uncertainty
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance matrix, physical units, (n_params, n_params); a matrix-free search gives none."""
+        return self.spread.covariance
+
+    @property
+    def covariance_of_data(self) -> FloatArray:
+        """Covariance matrix without the tolerances of fixed values, (n_params, n_params)."""
+        return self.spread.covariance_of_data
+
+    @property
+    def covariance_basis(self) -> str:
+        """``"noise"`` or ``"model_error"``: the source of `covariance`."""
+        return self.spread.covariance_basis
+
+    @property
+    def identified(self) -> np.ndarray:
+        """Mask of the parameters that the data determine, (n_params,) bool."""
+        return self.spread.identified
+
+    @property
+    def identifiability(self) -> Identifiability:
+        """Rank, condition and undetermined directions; see `Spread`."""
+        return self.spread.identifiability
+
+    @property
+    def fixed(self) -> FixedValueInfluence | None:
+        """Influence of the values that the model fixes; None where these are taken as exact."""
+        return self.spread.fixed
+
+    @property
+    def chi_square_per_dof(self) -> float:
+        return self.goodness.chi_square_per_dof
+
+    def with_initial(self, initial: FloatArray) -> Estimate:
+        """A copy whose initial physical values are `initial`, (n_params,)."""
+        return replace(self, parameters=replace(self.parameters, initial=initial))
+
+    def with_transform(self, to_physical: Callable[[FloatArray], FloatArray]) -> Estimate:
+        """A copy that takes free variables to physical values by `to_physical`."""
+        return replace(self, parameters=replace(self.parameters, to_physical=to_physical))
+
+    def without_fixed_values(self) -> Estimate:
+        """A copy that takes the values that the model fixes as exact."""
+        return replace(self, spread=replace(self.spread, fixed=None))
+
+    @property
     def status_words(self) -> str:
-        """What happened, and what helps."""
+        """The status in a sentence, with remedies."""
         few = self.uncertainty.has_matrix
-        is_known = bool((self.identified | ~self.is_free).all())
-        if self.n_fitting > 1 and self.status is Status.NOT_IDENTIFIABLE and is_known:
+        spread, n_fitting = self.spread, self.search.n_fitting
+        is_known = bool((self.identified | ~spread.is_free).all())
+        if n_fitting > 1 and self.status is Status.NOT_IDENTIFIABLE and is_known:
             return (
-                f"the search converged, but {self.n_fitting} sets of values fit the data equally well; measure what tells them"
+                f"the search converged, but {n_fitting} sets of values fit the data equally well; measure what tells them"
                 " apart, or give a prior"
             )
-        if self.status is Status.CONVERGED and self.at_bound:
-            at_bound = ", ".join(one.name for one in self.at_bound)
+        if self.status is Status.CONVERGED and spread.at_bound:
+            at_bound = ", ".join(one.name for one in spread.at_bound)
             return f"the search converged with {at_bound} at a bound, and the data determine every other parameter"
         if self.status is Status.CONVERGED and few and not self.identified.all():
             lost = join_words([name for name, known in zip(self.names, self.identified, strict=True) if not known])
@@ -233,9 +342,10 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
     @property
     def std_free(self) -> FloatArray:
         """Standard deviations of the free variables, from `uncertainty`: of the logarithm for a log parameter."""
-        if self.slope is None:
+        slope = self.parameters.slope
+        if slope is None:
             return self.std
-        return np.divide(self.std, np.abs(self.slope), out=np.full(len(self.std), np.nan), where=self.slope != 0)
+        return np.divide(self.std, np.abs(slope), out=np.full(len(self.std), np.nan), where=slope != 0)
 
     @property
     def distance(self) -> FloatArray:
@@ -268,19 +378,19 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         quantile = float(special.ndtri(0.5 + level / 2))
         half = quantile * self.std_free
         with np.errstate(over="ignore"):
-            ends = np.stack([self.to_physical(self.theta - half), self.to_physical(self.theta + half)], axis=1)
+            ends = np.stack([self.parameters.to_physical(self.theta + sign * half) for sign in (-1, 1)], axis=1)
         absent = self.may_be_absent(level)
         ends[absent] = np.stack([np.zeros(absent.sum()), (self.values + quantile * self.std)[absent]], axis=1)
         return ends
 
     def may_be_absent(self, level: float = 0.95) -> np.ndarray:
         """Which positive parameters the data determine, and do not tell from 0, (n_params,) bool."""
-        if self.scale is None:
+        if self.parameters.scale is None:
             return np.zeros(len(self.names), dtype=bool)
         quantile = float(special.ndtri(0.5 + level / 2))
         with np.errstate(invalid="ignore", over="ignore"):
-            is_positive = self.to_physical(self.theta - quantile * self.std_free) >= 0
-            return is_positive & (self.scale > 0) & self.identified & (self.values < quantile * self.std)
+            is_positive = self.parameters.to_physical(self.theta - quantile * self.std_free) >= 0
+            return is_positive & (self.parameters.scale > 0) & self.identified & (self.values < quantile * self.std)
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
         """Draws in physical units, (1, n_draws, n_params), of which `interval` holds the ends: normal in the free variables.
@@ -289,13 +399,13 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         """
         if not self.uncertainty.has_matrix:
             return (self.values + self.uncertainty.draws)[None]
-        slope = np.ones(len(self.values)) if self.slope is None else np.abs(self.slope)
+        slope = np.ones(len(self.values)) if self.parameters.slope is None else np.abs(self.parameters.slope)
         known = np.isfinite(self.std_free)
         free = self.covariance[np.ix_(known, known)] / np.outer(slope[known], slope[known])
         theta = np.full((n_draws, len(self.values)), np.nan)
         theta[:, known] = rng.multivariate_normal(self.theta[known], free, n_draws, method="eigh")
         with np.errstate(over="ignore"):
-            found = np.stack([self.to_physical(one) for one in theta])
+            found = np.stack([self.parameters.to_physical(one) for one in theta])
         absent = self.may_be_absent()
         found[:, absent] = np.maximum(self.values + slope * (theta - self.theta), 0.0)[:, absent]
         return found[None]
@@ -316,8 +426,8 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
     def overview(self) -> Overview:
         """Status and fit, and one row a parameter."""
         words = (
-            f"{self.status.value}, {plural(len(self.names), 'parameter')} from {self.n_data} data,"
-            f" {self.misfit_words};"
+            f"{self.status.value}, {plural(len(self.names), 'parameter')} from {self.goodness.n_data} data,"
+            f" {self.goodness.misfit_words};"
             f" standard deviations from {self.covariance_basis.replace('_', ' ')}"
         )
         rows = [
@@ -334,7 +444,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
         return data_frame(
             {
                 "parameter": self.names, "value": self.values, "std": self.std, "low": low, "high": high,
-                "initial": self.initial, "std_noise": self.std_noise, "std_model_error": self.std_model_error,
+                "initial": self.initial, "std_noise": self.std_noise, "std_model_error": self.spread.std_model_error,
                 "unit": self.units, "identified": self.identified,
             },
             "parameter",
@@ -343,7 +453,7 @@ class Estimate(Shown, SearchRecord, Goodness, Spread, ParameterValues):
 
 def expected_per_row(problem: Problem) -> float:
     """Mean square of the whitened data rows where all is right: 1, and n / (n - 2) where n averages tell the noise."""
-    averages = problem.averages
+    averages = problem.rows.averages
     return 1.0 if averages is None else float(expected_square(averages).mean())
 
 
@@ -356,7 +466,7 @@ def require_level(level: float) -> None:
 def estimate(
     problem: Problem,
     method: Method | None = None,
-    plans: Sequence[Way] = (),
+    plans: Sequence[ContinuationPath] = (),
     search: Search | None = None,
     misfit_probability: float = 1e-3,
     progress: StageProgress | None = None,
@@ -399,30 +509,39 @@ def estimate(
     searched, chosen, search = sample or problem, method or LevenbergMarquardt(), search or Search()
 
     fixed = None if chosen.is_matrix_free else fixed
-    held = fixed.thinned() if fixed is not None and sample is not None else fixed
+    sampled = fixed.on_sample() if fixed is not None and sample is not None else fixed
 
     refits: dict[int, FitWithinTolerances] = {}
+    accepted: list[tuple[Minimum, FloatArray]] = []
 
     def refit(minimum: Minimum) -> FitWithinTolerances | None:
         """The fit with held values free within their tolerances, where noise alone does not explain a minimum."""
-        if held is None or not chosen.misfits(searched, minimum, misfit_probability):
+        if sampled is None or not chosen.misfits(searched, minimum, misfit_probability):
             return None
         if id(minimum) not in refits:
-            refits[id(minimum)] = held.refit(searched.names, minimum.theta)
+            refits[id(minimum)] = sampled.refit(searched.names, minimum.theta)
         return refits[id(minimum)]
 
     def fits(minimum: Minimum) -> bool:
         within = refit(minimum)
         if within is None:
-            return not chosen.misfits(searched, minimum, misfit_probability)
-        return not within.misfits(misfit_probability)
+            is_fitting, end = not chosen.misfits(searched, minimum, misfit_probability), minimum.theta
+        else:
+            is_fitting, end = not within.misfits(misfit_probability), within.parameters
+        if is_fitting and any(ends_at_other(searched, minimum, end, *one) for one in accepted):
+            return (
+                False  # free within their tolerances, held values only let the search go on to an answer that is known
+            )
+        if is_fitting:
+            accepted.append((minimum, end))
+        return is_fitting
 
     def least_cost(minimum: Minimum) -> float:
         within = refit(minimum)
         return float(minimum.costs[-1]) if within is None else squared(within.at.residual)
 
-    searches = searched_minima(searched, chosen, plans, search, fits, progress, work)
-    minima = searches.minima
+    found = searched_minima(searched, chosen, plans, search, fits, progress, work)
+    minima = found.minima
     answers = distinct_answers(searched, [minimum for minimum, _ in minima], fits, least_cost, misfit_probability)
     best, n_iterations = min(
         minima, key=lambda m: (not m[0].converged, cost_rank(m[0]) if search.wide_starts else float(m[0].costs[-1]))
@@ -433,52 +552,53 @@ def estimate(
     columns = None
     if fixed is not None:
         columns = fixed.sensitivities_at(problem.names, best.theta, chosen.misfits(problem, best, _DOUBTFUL))
-    found = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
+    uncertainty = chosen.uncertainty(problem, best, misfit_probability, search.seed, columns)
     within = None if columns is None else columns.within
-    is_known = bool((found.identified | ~found.is_free).all())
-    if not best.converged and found.carried.all() and (found.misfit or is_known):
-        status = Status.NOT_CONVERGED  # one that fits the noise, and leaves a parameter open, need not go on
-    elif not is_known or sum(answer.fits for answer in answers) > 1:
-        status = Status.NOT_IDENTIFIABLE
-    else:
-        status = Status.CONVERGED
     theta, residual = best.theta, best.linearization.residual
     data = residual[: problem.n_data]
-    return Estimate(
+    parameters = ParameterValues(
         names=problem.names,
-        kinds=problem.kinds,
-        units=problem.units,
+        kinds=problem.unknowns.kinds,
+        units=problem.unknowns.units,
         initial=locked(problem.physical(np.asarray(problem.theta_start))),
         values=locked(problem.physical(theta)),
         theta=locked(theta),
         slope=locked(problem.slope(theta)),
         to_physical=problem.physical,
-        scale=locked(problem.sizes(np.zeros(len(theta)))),
-        noise=found.noise,
-        model_error=found.model_error,
-        covariance_basis=found.covariance_basis,
-        identified=locked(found.identified),
-        identifiability=found.identifiability,
-        determined=found.determined,
-        bound_initial=found.bound_initial,
-        at_bound=found.at_bound,
-        disagreement=found.disagreement,
+        scale=locked(problem.unknowns.sizes(np.zeros(len(theta)))),
+    )
+    tested = (problem, residual) if within is None else (within.problem, within.at.residual)
+    goodness = Goodness(
         chi_square=float(data @ data),
         n_data=problem.n_data,
-        degrees_of_freedom=found.freedom,
-        residual_correlation=correlation_length(data, problem.lines, problem.series),
-        residual_tests=residual_tests(problem, residual, found.freedom)
-        if within is None
-        else residual_tests(within.problem, within.at.residual, found.freedom),
+        degrees_of_freedom=uncertainty.freedom,
+        residual_correlation=correlation_length(data, problem.rows.lines, problem.rows.series),
+        residual_tests=residual_tests(*tested, uncertainty.freedom),
         expected_per_dof=expected_per_row(problem),
         least_chi_square=np.nan if within is None else within.chi_square,
-        fixed=found.fixed,
+    )
+    searches = SearchRecord(
         n_iterations=n_iterations,
         n_starts=len(minima),
         n_agreeing=answers[0].n_searches if answers else 0,
         history=locked(np.array([problem.physical(t) for t in best.history])),
         answers=answers,
-        is_exhaustive=searches.is_complete,
-        status=status,
-        message="; ".join(words for words in (best.message, *found.words) if words),
+        is_exhaustive=found.is_complete,
     )
+    return Estimate(
+        parameters=parameters,
+        spread=uncertainty.spread,
+        goodness=goodness,
+        search=searches,
+        status=_status(best, uncertainty, searches),
+        message="; ".join(words for words in (best.message, *uncertainty.words) if words),
+    )
+
+
+def _status(best: Minimum, uncertainty: Uncertainty, searches: SearchRecord) -> Status:
+    """Status of an estimate from its minimum, its uncertainty and the distinct answers."""
+    spread = uncertainty.spread
+    is_determined = bool((spread.identified | ~spread.is_free).all())
+    if not best.converged and uncertainty.carried.all() and (uncertainty.misfit or is_determined):
+        return Status.NOT_CONVERGED  # one that fits the noise, and leaves a parameter open, need not go on
+    return Status.CONVERGED if is_determined and searches.n_fitting < 2 else Status.NOT_IDENTIFIABLE

@@ -1,4 +1,4 @@
-"""What an answer owes to the values that its model holds: intervals and tests of residuals that allow for their tolerances."""
+"""Influence of fixed values on an estimate: intervals and tests of residuals that allow for their tolerances."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _CALLED = {
 
 @dataclass(frozen=True, eq=False)
 class FixedValueInfluence:
-    """How an answer changes with the values that its model holds, to first order.
+    """Change of an estimate with the values that its model fixes, to first order.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class FixedValueInfluence:
 
     @property
     def change_names(self) -> tuple[str, ...]:
-        """What each column of `changes` is owed to."""
+        """Name of the cause of each column of `changes`."""
         return (*self.names, SECOND_ORDER)
 
     @property
@@ -85,7 +85,7 @@ class FixedValueInfluence:
 
     @property
     def words(self) -> str:
-        """What may be wrong by how much, such as ``1 % of held masses and stiffnesses, 30 % of held dampings``."""
+        """The tolerances in words, such as ``1 % of held masses and stiffnesses, 30 % of held dampings``."""
         held: dict[str, list[str]] = {}
         for what, kinds in _CALLED.items():
             own = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind in kinds})
@@ -135,7 +135,7 @@ class FitWithinTolerances:
         return float(data @ data + self.asked @ self.asked)
 
     def misfits(self, probability: float) -> bool:
-        """Whether noise and tolerances leave a misfit as large, or a held value as far off, with less than this probability."""
+        """True where noise and tolerances explain the misfit, or the error of a fixed value, with less than this probability."""
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True
         scale, freedom = chi_square_law(self.problem, self.theta, self.at)
@@ -165,7 +165,7 @@ class FixedColumns:
     within: FitWithinTolerances | None
 
     def influence(self, theta: FloatArray, at: Linearization, slope: FloatArray) -> FixedValueInfluence:
-        """What they do to the parameters; NaN of those that the data do not tell.
+        """Influence of the fixed values on the parameters; NaN for those that the data do not determine.
 
         Parameters
         ----------

@@ -16,7 +16,7 @@ from structid.inversion.linearization import OperatorLinearization
 from structid.inversion.problem import Problem
 from structid.inversion.residual_law import misses_noise
 from structid.inversion.search.conjugate_gradients import Solver, conjugate_gradients, preconditioner
-from structid.inversion.uncertainty import DrawnCovariance, Uncertainty, basis
+from structid.inversion.uncertainty import DrawnCovariance, Spread, Uncertainty, basis
 
 _SOLVED, _MOST_INNER = 1e-5, 2000
 _MISFIT = "the fit misses the noise: standard deviations come from the residual, not from the noise"
@@ -55,7 +55,7 @@ def drawn_uncertainty(
     generator = np.random.default_rng(seed)
     precondition = preconditioner(at, np.zeros(at.n_params)) if draws or places else None
     sampled, determined, missed = counted_draws(at, draws, generator, precondition)
-    (scale, share), few = row_law(problem.averages), few_averages(problem.averages)
+    (scale, share), few = row_law(problem.rows.averages), few_averages(problem.rows.averages)
     freedom = share * max(at.n_data - np.nan_to_num(determined), 1.0)
     misfit = misses_noise(problem, at.residual, scale, freedom, misfit_probability)
     wider = 1.0 if few is None else float(np.sqrt(score_factor(few).max()))
@@ -71,18 +71,17 @@ def drawn_uncertainty(
         model = drawn_covariance(problem, theta, at, sampled[np.isfinite(sampled).all(axis=1)])
         missed, used = missed + more, len(model.draws)
     words = [at.words, _std_words(used, 0 if misfit else len(places), missed), _MISFIT if misfit else ""]
-    identified = (model if misfit else noise).std <= problem.sizes(problem.physical(theta))
-    return Uncertainty(
+    identified = (model if misfit else noise).std <= problem.unknowns.sizes(problem.physical(theta))
+    spread = Spread(
         noise=noise,
         model_error=model,
         covariance_basis=basis(misfit),
-        identified=identified,
-        carried=np.ones(at.n_params, dtype=bool),
+        identified=locked(identified),
         identifiability=Identifiability(round(np.nan_to_num(determined)), np.nan, np.zeros(0), ()),
         determined=determined,
-        freedom=at.n_data - determined,
-        words=tuple(words),
     )
+    carried = np.ones(at.n_params, dtype=bool)
+    return Uncertainty(spread=spread, carried=carried, freedom=at.n_data - determined, words=tuple(words))
 
 
 def drawn_covariance(
@@ -178,7 +177,7 @@ def error_draws(problem: Problem, at: OperatorLinearization) -> Callable[[np.ran
     Liang and Zeger (1986), Biometrika 73, Eq. (5); Wu (1986), Ann. Statist. 14, 1261, section 7, for the factors.
     """
     residual = at.residual[: at.n_data]
-    block = error_blocks(residual, problem.lines, problem.series)[0]
+    block = error_blocks(residual, problem.rows.lines, problem.rows.series)[0]
     count = int(block.max(initial=0)) + 1
     if count < 2:
         return lambda generator: np.full(at.n_data, np.nan)

@@ -1,9 +1,10 @@
-"""What an estimator sees of a problem: names, a start, residuals and their derivatives, and what it offers beside them."""
+"""The least-squares problem that searches, intervals and tests of residuals see."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import ABCMeta, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -15,9 +16,11 @@ from structid.core.errors import InputError
 from structid.inversion.averaging import few_averages, score_factor
 from structid.inversion.linearization import Linearization, OperatorLinearization
 
+NO_PRODUCTS = "takes problems that give products with their Jacobian"
+
 
 class Unknowns(Protocol):
-    """What is sought, as free variables theta, with their meaning in physical units."""
+    """Parameters that are sought, as free variables theta, with their meaning in physical units."""
 
     @property
     def names(self) -> tuple[str, ...]: ...
@@ -40,9 +43,9 @@ class Unknowns(Protocol):
         ...
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """What the standard deviation of each parameter is held against, (n_params,), physical units.
+        """Sizes that the standard deviations are compared with, (n_params,), physical units.
 
-        The magnitude of its value, but where it may well be 0 (a delay, an offset).
+        The size of a parameter is the magnitude of its value, but where it may well be 0 (a delay, an offset).
         """
         ...
 
@@ -53,44 +56,89 @@ class Unknowns(Protocol):
 
     @property
     def reach(self) -> FloatArray:
-        """Lowest and highest of each free variable that a search may come to, (n_params, 2); infinite where all may be."""
+        """Lowest and highest value of each free variable in a search, (n_params, 2); infinite where it has no limit."""
         ...
 
 
-class Data(Protocol):
-    """What the data rows of a residual are, which come first, and how they err; priors follow."""
+@dataclass(frozen=True, eq=False)
+class FreeUnknowns:
+    """Unknowns that are searched for as they are: free variables are physical values, and may take any.
+
+    Attributes
+    ----------
+    names : tuple of str
+    theta_start : (n_params,) float array
+    kinds, units : tuple of str
+        No kind and the unit 1 by default.
+    """
+
+    names: tuple[str, ...]
+    theta_start: FloatArray
+    kinds: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "kinds", self.kinds or ("",) * len(self.names))
+        object.__setattr__(self, "units", self.units or ("1",) * len(self.names))
+
+    def physical(self, theta: FloatArray) -> FloatArray:
+        return np.array(theta)
+
+    def slope(self, theta: FloatArray) -> FloatArray:
+        return np.ones(len(theta))
+
+    def sizes(self, physical: FloatArray) -> FloatArray:
+        return np.abs(physical)
 
     @property
-    def n_data(self) -> int: ...
+    def bounds(self) -> FloatArray:
+        return np.tile([-np.inf, np.inf], (len(self.theta_start), 1))
 
     @property
-    def lines(self) -> IntArray:
-        """Position of each data row along the frequency or time axis, (n_data,)."""
-        ...
+    def reach(self) -> FloatArray:
+        return self.bounds
+
+
+@dataclass(frozen=True, eq=False)
+class DataRows:
+    """Labels of the data rows of a residual, which come first; the rows of priors follow.
+
+    Attributes
+    ----------
+    lines : (n_data,) int array
+        Position of each row along the frequency or time axis.
+    series : (n_data,) int array
+        Channel of each row.
+    names : tuple of str
+        Names of the distinct numbers of `series`, in their order.
+    quantities : (n_data,) int array, optional
+        Number of the quantity that a row measures and other records may measure too, such as the k-th mode: the same in all
+        records, negative for a row that has none; None where no row has one.
+    averages : (n_data,) float array, optional
+        Number of averages that the variance of each row was estimated from, infinite where it is known; None where it is known
+        for all rows.
+    """
+
+    lines: IntArray
+    series: IntArray
+    names: tuple[str, ...] = ()
+    quantities: IntArray | None = None
+    averages: FloatArray | None = None
 
     @property
-    def series(self) -> IntArray:
-        """Which channel each data row belongs to, (n_data,)."""
-        ...
+    def n_data(self) -> int:
+        return len(self.lines)
+
+
+class NoiseLaw(Protocol):
+    """Law of the errors of whitened data rows at one point."""
 
     @property
-    def quantities(self) -> IntArray | None:
-        """What each data row measures that other records may measure too, such as the k-th mode, (n_data,) numbers.
-
-        The same number is the same quantity in all records; negative where a row has none, None where no row has.
-        """
+    def factor(self) -> FloatArray | None:
+        """Rows F, (n_factors, n_data), with F'F the covariance of the data rows; None for the unit matrix."""
         ...
 
-    @property
-    def averages(self) -> FloatArray | None:
-        """How many averages tell the variance of each data row, (n_data,), infinite where it is known; None for all rows."""
-        ...
-
-    def data_changes(self, theta: FloatArray) -> FloatArray | None:
-        """Changes of the data rows whose products sum to their covariance, (n_changes, n_data); None for the unit matrix."""
-        ...
-
-    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
+    def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
         """Covariance of J'r over repeats of the data, (n_params, n_params), with the data rows J of the Jacobian.
 
         None for J'J, as rows of independent errors of known variance have.
@@ -98,182 +146,104 @@ class Data(Protocol):
         ...
 
 
-class Problem(Unknowns, Data, Protocol):
-    """A least-squares problem: a residual of `Unknowns` against `Data`, and ways to its minimum.
+@dataclass(frozen=True, eq=False)
+class RowNoise:
+    """Noise of unit variance, independent from row to row unless a `factor` of its covariance is given.
 
-    Whoever writes one inherits from `BaseProblem`, which answers all but names, kinds, units, start, physical values and
-    their slope, the data rows, residual and Jacobian.
+    Attributes
+    ----------
+    averages : (n_data,) float array or None
+        See `DataRows`.
+    factor : (n_factors, n_data) float array or None
+        See `NoiseLaw`.
     """
 
-    def residual(self, theta: FloatArray) -> FloatArray: ...
+    averages: FloatArray | None = None
+    factor: FloatArray | None = None
 
-    def linearize(self, theta: FloatArray) -> Linearization: ...
+    def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
+        if self.factor is None:
+            few = few_averages(self.averages)
+            return None if few is None else jacobian.T @ (score_factor(few)[:, None] * jacobian)
+        projected = self.factor @ jacobian
+        return projected.T @ projected
+
+
+class Problem(metaclass=ABCMeta):
+    """A whitened least-squares problem: data rows and rows of priors as functions of free variables theta.
+
+    A problem states its `unknowns`, its data `rows`, and the `residual` with its Jacobian (`linearize`). It may also state
+    products with a Jacobian that is not formed (`linearize_operator`), its `prior_rows` alone and the law of its noise
+    (`noise_law`).
+    """
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> Unknowns:
+        """Parameters that are sought."""
+
+    @property
+    @abstractmethod
+    def rows(self) -> DataRows:
+        """Labels of the data rows."""
+
+    @abstractmethod
+    def residual(self, theta: FloatArray) -> FloatArray:
+        """Whitened data rows, then the rows of the priors, (n_residuals,)."""
+
+    @abstractmethod
+    def linearize(self, theta: FloatArray) -> Linearization:
+        """The residual and its Jacobian with respect to the free variables."""
+
+    def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
+        """The residual and products with its Jacobian, which is not formed.
+
+        Raises
+        ------
+        InputError
+            If the problem has none.
+        """
+        raise InputError(f"a matrix-free search {NO_PRODUCTS}; take a search with a Jacobian")
 
     def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         """Residual (n_priors,) of the priors and its derivative, sparse (n_priors, n_params)."""
-        ...
+        linearization = self.linearize(theta)
+        return linearization.residual[self.n_data :], sparse.csr_array(linearization.jacobian[self.n_data :])
 
-    @property
-    def matrix_free_obstacle(self) -> str:
-        """What a matrix-free search cannot take in it, as in "takes no errors of channels"; "" where nothing is."""
-        ...
-
-    def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
-        """As `linearize`, with no Jacobian formed; where there is no `matrix_free_obstacle`."""
-        ...
-
-    def stage_plans(self) -> Sequence[Stages]:
-        """Ways to the answer for poor starts: easier forms of the problem, one after another; () where it has none."""
-        ...
-
-    def ways(self) -> Sequence[Way]:
-        """The ways that a search with restarts takes in turn: `stage_plans`, and what is made for a start."""
-        ...
-
-    def thinned(self) -> Problem | None:
-        """The problem with a part of its data, for the searches; None where it is small enough."""
-        ...
-
-
-#: Easier forms of a problem by name, run one after another before it.
-Stages = Sequence[tuple[str, Problem]]
-#: The same, or how they are made for a start.
-Way = Stages | Callable[[FloatArray], Stages]
-
-
-class BaseUnknowns:
-    """What unknowns answer that may take any value."""
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        return np.abs(physical)
-
-    @property
-    def bounds(self: Unknowns) -> FloatArray:
-        return np.tile([-np.inf, np.inf], (len(self.theta_start), 1))
-
-    @property
-    def reach(self: Unknowns) -> FloatArray:
-        return np.tile([-np.inf, np.inf], (len(self.theta_start), 1))
-
-
-class OfUnknowns(ABC):
-    """What has `unknowns` of its own, and answers for them."""
-
-    @property
-    @abstractmethod
-    def unknowns(self) -> Unknowns: ...
+    def noise_law(self, theta: FloatArray) -> NoiseLaw:
+        """Law of the errors of the data rows; independent and of unit variance by default."""
+        return RowNoise(self.rows.averages)
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Names of the unknowns."""
         return self.unknowns.names
 
     @property
-    def kinds(self) -> tuple[str, ...]:
-        return self.unknowns.kinds
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        return self.unknowns.units
-
-    @property
     def theta_start(self) -> FloatArray:
+        """Free variables of the start, (n_params,)."""
         return self.unknowns.theta_start
 
     def physical(self, theta: FloatArray) -> FloatArray:
+        """Physical parameters, (n_params,)."""
         return self.unknowns.physical(theta)
 
     def slope(self, theta: FloatArray) -> FloatArray:
+        """Derivative of each physical parameter with respect to its own free variable, (n_params,)."""
         return self.unknowns.slope(theta)
-
-    def sizes(self, physical: FloatArray) -> FloatArray:
-        return self.unknowns.sizes(physical)
-
-    @property
-    def bounds(self) -> FloatArray:
-        return self.unknowns.bounds
-
-    @property
-    def reach(self) -> FloatArray:
-        return self.unknowns.reach
-
-
-class OfData(ABC):
-    """What has `data` of its own, and answers for it."""
-
-    @property
-    @abstractmethod
-    def data(self) -> Data: ...
 
     @property
     def n_data(self) -> int:
-        return self.data.n_data
-
-    @property
-    def lines(self) -> IntArray:
-        return self.data.lines
-
-    @property
-    def series(self) -> IntArray:
-        return self.data.series
-
-    @property
-    def quantities(self) -> IntArray | None:
-        return self.data.quantities
-
-    @property
-    def averages(self) -> FloatArray | None:
-        return self.data.averages
-
-    def data_changes(self, theta: FloatArray) -> FloatArray | None:
-        return self.data.data_changes(theta)
-
-    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
-        return self.data.score_covariance(theta, jacobian)
-
-
-class BaseProblem(BaseUnknowns):
-    """What a problem answers that has nothing to tell but its residual; others inherit from it and say more."""
+        """Number of data rows."""
+        return self.rows.n_data
 
     def __getstate__(self) -> dict[str, object]:
-        """Without what is cached: it can be made again, and factorizations cannot go to another process."""
-        kept = (name for name in vars(self) if not isinstance(getattr(type(self), name, None), cached_property))
-        return {name: vars(self)[name] for name in kept}
+        """Fields without cached properties: these can be made again, and factorizations cannot go to another process."""
+        names = (name for name in vars(self) if not isinstance(getattr(type(self), name, None), cached_property))
+        return {name: vars(self)[name] for name in names}
 
-    @property
-    def quantities(self) -> IntArray | None:
-        return None
 
-    @property
-    def averages(self) -> FloatArray | None:
-        return None
-
-    def data_changes(self, theta: FloatArray) -> FloatArray | None:
-        return None
-
-    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
-        changes = self.data_changes(theta)
-        if changes is None:
-            few = few_averages(self.averages)
-            return None if few is None else jacobian.T @ (score_factor(few)[:, None] * jacobian)
-        scores = changes @ jacobian
-        return scores.T @ scores
-
-    def prior_rows(self: Problem, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
-        at = self.linearize(theta)
-        return at.residual[self.n_data :], sparse.csr_array(at.jacobian[self.n_data :])
-
-    @property
-    def matrix_free_obstacle(self) -> str:
-        return "takes problems that give products with their Jacobian"
-
-    def linearize_operator(self: Problem, theta: FloatArray) -> OperatorLinearization:
-        raise InputError(f"a matrix-free search {self.matrix_free_obstacle}; take a search with a Jacobian")
-
-    def stage_plans(self) -> Sequence[Stages]:
-        return ()
-
-    def ways(self) -> Sequence[Way]:
-        return self.stage_plans()
-
-    def thinned(self) -> Problem | None:
-        return None
+#: Easier forms of a problem by name, solved one after another before it.
+Schedule = Sequence[tuple[str, Problem]]
+#: A schedule, or a function that makes one for a start.
+ContinuationPath = Schedule | Callable[[FloatArray], Schedule]

@@ -1,4 +1,4 @@
-"""Whether a residual is larger than its noise would make it."""
+"""Tests that a residual is larger than its noise explains."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from structid.inversion.problem import Problem
 def misses_noise(
     problem: Problem, residual: FloatArray, scale: float, freedom: float, probability: float, more: float = 0.0
 ) -> bool:
-    """Whether a larger chi-square than that of `residual` has less than this probability by its law.
+    """True where a larger chi-square than that of `residual` has less than this probability by its law.
 
     `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where it has an
     order that noise has not. Without degrees of freedom
     data are missed where they are as far off as the truth itself seldom is.
     """
-    data, (_, share) = residual[: problem.n_data], row_law(problem.averages)
+    data, (_, share) = residual[: problem.n_data], row_law(problem.rows.averages)
     chi_square, of_known = float(data @ data) + more, freedom / share
     if freedom <= 0:
         return is_misfit(chi_square / scale, max(len(data), 1), probability)
@@ -29,5 +29,5 @@ def misses_noise(
 
 
 def is_misfit(chi_square: float, freedom: float, probability: float) -> bool:
-    """Whether a larger chi-square has less than this probability."""
+    """True where a larger chi-square has less than this probability."""
     return bool(special.gammaincc(freedom / 2, chi_square / 2) < probability)

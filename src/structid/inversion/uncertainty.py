@@ -1,4 +1,4 @@
-"""What is known of the parameters at a minimum: a covariance, as a matrix or by draws, and which of them the data carry."""
+"""Uncertainty of the parameters at a minimum: covariance as a matrix or by draws, and which ones the data determine."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Covariance(Protocol):
         ...
 
     def variance(self, rows: Rows) -> FloatArray:
-        """Of combinations of parameters (n_rows, n_params), (n_rows,); NaN where nothing is known of what takes part."""
+        """Variances of combinations of parameters (n_rows, n_params), (n_rows,); NaN where that of a parameter in them is."""
         ...
 
 
@@ -139,7 +139,7 @@ class DrawnCovariance:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Spread:
-    """How well the parameters are known.
+    """Spread of the parameters: covariances from noise and model error, and identifiability.
 
     Attributes
     ----------
@@ -237,11 +237,12 @@ class Spread:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Uncertainty(Spread):
-    """What a method knows of the parameters at a minimum.
+class Uncertainty:
+    """Uncertainty of the parameters at a minimum, with what decides about the status of the estimate.
 
     Attributes
     ----------
+    spread : Spread
     carried : (n_params,) bool array
         Those that the initial values do not refuse; see `diagnostics.refusal.carried`.
     freedom : float
@@ -250,14 +251,15 @@ class Uncertainty(Spread):
         How it was found, or why a parameter is refused.
     """
 
+    spread: Spread
     carried: np.ndarray
     freedom: float
     words: tuple[str, ...]
 
     @property
     def misfit(self) -> bool:
-        """Whether the fit misses the noise, so that `model_error` counts."""
-        return self.covariance_basis == "model_error"
+        """True where the fit misses the noise, so that `model_error` counts."""
+        return self.spread.covariance_basis == "model_error"
 
 
 def dense_uncertainty(
@@ -283,7 +285,7 @@ def dense_uncertainty(
         The values that the model holds; exact where none are given.
     """
     values, slope = problem.physical(theta), problem.slope(theta)
-    data, sizes = at.residual[: problem.n_data], problem.sizes(values)
+    data, sizes = at.residual[: problem.n_data], problem.unknowns.sizes(values)
     freedom = max(len(at.residual) - at.n_params - at.n_eliminated, 0)
     misfit, square, within = misfits(problem, theta, at, misfit_probability), float(data @ data), None
     if misfit and fixed is not None and fixed.within is not None:
@@ -307,21 +309,19 @@ def dense_uncertainty(
     refused = not identified[free].all() and not stopped
     final = Bound(np.where(free, noise.std, 0.0), sizes, "the estimate")
     refusal = refusal_words(initial, final, at_start, problem.names) if refused else ""
-    return Uncertainty(
+    spread = Spread(
         noise=noise,
         model_error=model,
         covariance_basis=basis(is_doubted),
-        identified=identified,
-        carried=at_start,
+        identified=locked(identified),
         identifiability=found,
         determined=float(found.rank),
         bound_initial=initial.std,
-        freedom=freedom,
-        words=(refusal,),
         at_bound=held,
         disagreement=disagreement,
         fixed=None if fixed is None else fixed.influence(theta, at, slope),
     )
+    return Uncertainty(spread=spread, carried=at_start, freedom=freedom, words=(refusal,))
 
 
 def basis(misfit: bool) -> str:
@@ -330,7 +330,7 @@ def basis(misfit: bool) -> str:
 
 
 def misfits(problem: Problem, theta: FloatArray, at: Linearization, probability: float) -> bool:
-    """Whether chi-square is larger than noise alone would make it with this probability."""
+    """True where a larger chi-square has less than this probability by noise alone."""
     return misses_noise(problem, at.residual, *chi_square_law(problem, theta, at), probability)
 
 
@@ -341,5 +341,5 @@ def relative_jacobian(problem: Problem, theta: FloatArray, at: Linearization) ->
 
 def relative_steps(problem: Problem, theta: FloatArray) -> FloatArray:
     """Changes of the free variables that change each physical parameter by its size, (n_params,); 0 where none does."""
-    sizes, slope = problem.sizes(problem.physical(theta)), problem.slope(theta)
+    sizes, slope = problem.unknowns.sizes(problem.physical(theta)), problem.slope(theta)
     return np.divide(np.where(sizes != 0, sizes, 1.0), slope, out=np.zeros(len(slope)), where=slope != 0)

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from structid.core.errors import InputError
-from structid.modal.frf.modes import lscf
+from structid.modal.frf.lscf_modes import lscf
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
 from structid.modal.spectral.bayesian_fft import bayesian_fft
 from structid.modal.spectral.fdd import fdd
-from structid.modal.subspace.modes import SUBSPACE_METHODS, subspace_modes
+from structid.modal.subspace.subspace_modes import SUBSPACE_METHODS, subspace_modes
 from structid.records import FrfRecord, TimeRecord
 from structid.records.spectrum import SpectrumRecord
 

@@ -6,10 +6,10 @@ bring them to a common one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from structid.similarity.pairing import assigned, pairing_worth
 _DOUBT = 0.01
 _LEAST_WORTH = 0.5  # of a pair of modes
 _SWEEPS = 200
+_GROUPINGS = 10  # times the modes of all set-ups are grouped at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +35,18 @@ class Merging:
     Attributes
     ----------
     modes : ModalRecord
-        Shapes at all sensors of all set-ups.
+        Shapes at all sensors of all set-ups; NaN at sensors of set-ups that all lack the mode.
     members : (n_setups, n_modes) int array
-        Number (from 0) of the mode in every set-up.
+        Number (from 0) of the mode in every set-up; -1 where a set-up lacks it.
     frequency, damping_ratio : (n_setups, n_modes) float arrays
-        Of every set-up, Hz and 1.
+        Of every set-up, Hz and 1; NaN where a set-up lacks the mode.
     frequency_spread : (n_modes,) float array
         Standard deviation over the set-ups, Hz.
+    scatter : (2 n_modes,) float array
+        Standard deviation between set-ups of the frequencies (Hz), then damping ratios, beyond that of each set-up.
     chi_square : (n_modes,) float array
-        Of the frequencies about their weighted mean, n_setups - 1 degrees of freedom; NaN without covariance.
+        Of the frequencies about their weighted mean, one degree of freedom less than set-ups that state a deviation;
+        NaN where fewer than two do.
     probability : (n_modes,) float array
         Of a larger chi-square, if the set-ups saw one and the same structure.
     """
@@ -52,6 +56,7 @@ class Merging:
     frequency: FloatArray
     damping_ratio: FloatArray
     frequency_spread: FloatArray
+    scatter: FloatArray
     chi_square: FloatArray
     probability: FloatArray
 
@@ -69,15 +74,17 @@ def merged_setups(
     frequency_guard: float = 0.05,
     names: Sequence[str] | None = None,
 ) -> Merging:
-    """Modes that all set-ups have, with shapes at all sensors.
+    """Modes that two set-ups or more have, with shapes at all sensors.
 
-    Modes are paired with those of the first set-up: the sum of MAC at the references times
-    1 / (1 + (log(f / f_1) / guard)^2) is made as large as it can be, and pairs worth less than one half are none.
-    Frequencies and damping ratios are means weighted by the inverse variances, each quantity by itself: of the set-ups
-    that state its deviation, or of all that know it, without a deviation, where none does. Shapes are the weighted
-    least-squares fit of one shape and one complex factor a set-up to all entries measured; entries without a deviation
-    are taken to have the middle one of those that are stated. Entries that a set-up does not know are left to the others; a
-    mode of a set-up that knows none at the references is lost.
+    Modes of all set-ups are grouped: each set-up in turn is paired with the groups so that the sum of their worth is as
+    large as it can be, and again until no mode changes its group. A pair of modes is worth MAC at the references times
+    1 / (1 + (log(f / f_1) / guard)^2), a mode in a group the mean over its members; below one half it begins a group of its
+    own. Frequencies and damping ratios are means weighted by the inverse of the variance of each set-up and of the scatter
+    between set-ups, each quantity by itself: of the set-ups that state its deviation, or of all that know it, without a
+    deviation, where none does. Shapes are the weighted least-squares fit of one shape and one complex factor a set-up to
+    all entries measured; entries without a deviation are taken to have the middle one of those that are stated. Entries that
+    a set-up does not know are left to the others, and stay unknown (NaN) where no other knows them; a mode of a set-up that
+    knows none at the references is lost.
 
     Parameters
     ----------
@@ -93,10 +100,9 @@ def merged_setups(
     Returns
     -------
     Merging
-        The covariance of frequencies and damping ratios follows from those of the set-ups; that of a mode whose
-        set-ups disagree (probability below 1 % for all modes together) is multiplied by chi-square over its degrees of
-        freedom, and a warning names the mode. The first warning says which modes are lost, and why; others, where deviations
-        are missing.
+        The covariance of frequencies and damping ratios follows from those of the set-ups and the scatter between them, a
+        random effect; a warning names modes whose set-ups disagree (probability below 1 % for all modes together). The
+        first warning says which modes are in one set-up only, and why; others, where deviations are missing.
 
     Raises
     ------
@@ -106,7 +112,7 @@ def merged_setups(
     References
     ----------
     Reynders, Magalhaes, Roeck and Cunha (2009), Merging strategies for multi-setup operational modal analysis,
-    Proc. IMAC 27; Birge (1932), Phys. Rev. 40, 207-227 (the factor on the covariance).
+    Proc. IMAC 27; DerSimonian and Laird (1986), Control. Clin. Trials 7, 177-188 (the scatter between set-ups).
     """
     called = [f"set-up {i}" for i in range(1, len(setups) + 1)] if names is None else list(names)
     if len(setups) < 2:
@@ -166,7 +172,7 @@ def _rows(setup: ModalRecord, dofs: Sequence[Dof]) -> ComplexArray:
     return np.asarray(setup.mode_shapes[rows] * sign[:, None], dtype=np.complex128)
 
 
-def _worth(
+def pair_worth(
     first: ModalRecord, second: ModalRecord, shared: Sequence[Dof], guard: float
 ) -> tuple[FloatArray, FloatArray]:
     """MAC at the references, and what the pair of two modes is worth, (n_modes of first, n_modes of second) each."""
@@ -175,14 +181,38 @@ def _worth(
 
 
 def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float) -> IntArray:
-    """Numbers of the modes that all set-ups have, (n_setups, n_modes)."""
-    first = setups[0]
-    pairs = [{i: i for i in range(first.n_modes)}]
-    for setup in setups[1:]:
-        worth = _worth(first, setup, shared, guard)[1]
-        pairs.append({int(i): int(j) for i, j in zip(*assigned(worth), strict=True) if worth[i, j] >= _LEAST_WORTH})
-    kept = [i for i in range(first.n_modes) if all(i in own for own in pairs)]
-    return np.array([[own[i] for i in kept] for own in pairs], dtype=int)
+    """Numbers of the modes that two set-ups or more have, -1 where one lacks it, (n_setups, n_modes), by frequency."""
+    worth = {(a, b): pair_worth(setups[a], setups[b], shared, guard)[1] for a, b in permutations(range(len(setups)), 2)}
+    order = sorted(range(len(setups)), key=lambda number: -setups[number].n_modes)
+    groups: list[dict[int, int]] = []
+    for _ in range(_GROUPINGS):
+        before = [dict(group) for group in groups]
+        for number in order:
+            for group in groups:
+                group.pop(number, None)
+            groups = [group for group in groups if group]
+            n_modes, alone = setups[number].n_modes, set(range(setups[number].n_modes))
+            if groups and n_modes:
+                gain = np.array(
+                    [[_worth_in(worth, number, mode, group) for group in groups] for mode in range(n_modes)]
+                )
+                for mode, place in zip(*assigned(gain), strict=True):
+                    if gain[mode, place] >= _LEAST_WORTH:
+                        groups[place][number] = int(mode)
+                        alone.discard(int(mode))
+            groups += [{number: mode} for mode in sorted(alone)]
+        if sorted(map(sorted, (group.items() for group in groups))) == sorted(
+            map(sorted, (group.items() for group in before))
+        ):
+            break
+    shown = [group for group in groups if len(group) > 1]
+    shown.sort(key=lambda group: float(np.mean([setups[number].frequency[mode] for number, mode in group.items()])))
+    return np.array([[group.get(number, -1) for group in shown] for number in range(len(setups))], dtype=int)
+
+
+def _worth_in(worth: Mapping[tuple[int, int], FloatArray], number: int, mode: int, group: Mapping[int, int]) -> float:
+    """Mean worth of a mode of set-up `number` paired with each mode of `group`."""
+    return float(np.mean([worth[number, other][mode, member] for other, member in group.items()]))
 
 
 def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[Dof], guard: float) -> list[str]:
@@ -196,7 +226,7 @@ def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[D
         return []
     whole, touched = sum(setup.n_modes for setup in setups), len({words.split(":")[0] for words in lost})
     return [
-        f"merging loses {len(lost)} of {whole} modes, of {touched} of {len(setups)} set-ups, since not all set-ups have"
+        f"merging leaves out {len(lost)} of {whole} modes, of {touched} of {len(setups)} set-ups, since no other set-up has"
         f" such a mode: {'; '.join(lost)}"
     ]
 
@@ -209,7 +239,7 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
     for other, setup in enumerate(setups):
         if other == number or not setup.n_modes:
             continue
-        likeness, worth = (part[mode] for part in _worth(setups[number], setup, shared, guard))
+        likeness, worth = (part[mode] for part in pair_worth(setups[number], setup, shared, guard))
         best = int(worth.argmax())
         if worth[best] < _LEAST_WORTH:
             near = f"nearest {setup.frequency[best]:.4g} Hz with a MAC of {likeness[best]:.2f} at the references"
@@ -219,39 +249,60 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
 
 def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> Merging:
     n_setups, n_modes = members.shape
-    frequency = np.array([s.frequency[m] for s, m in zip(setups, members, strict=True)])
-    damping = np.array([s.damping_ratio[m] for s, m in zip(setups, members, strict=True)])
+    frequency = np.array([_values_of(setup.frequency, row) for setup, row in zip(setups, members, strict=True)])
+    damping = np.array([_values_of(setup.damping_ratio, row) for setup, row in zip(setups, members, strict=True)])
     values = np.concatenate([frequency, damping], axis=1)
-    covariances = [_covariance(setup, own) for setup, own in zip(setups, members, strict=True)]
+    covariances = [_covariance(setup, row) for setup, row in zip(setups, members, strict=True)]
     variance = np.array([np.diag(part) for part in covariances])
-    mean, covariance = _weighted_mean(values, variance, covariances)
-    chi_square, probability = _agreement(values[:, :n_modes], mean[:n_modes], variance[:, :n_modes])
+    scatter = _scatter(values, variance)
+    mean, covariance = _weighted_mean(values, variance, covariances, scatter)
+    chi_square, probability = _agreement(values[:, :n_modes], variance[:, :n_modes])
     shapes, std, channels, bare = _shapes(setups, members)
     notes += _lost_deviations(values, variance, mean[:n_modes], bare)
     doubtful = np.flatnonzero(np.nan_to_num(probability, nan=1.0) < _DOUBT / n_modes)
-    if covariance is not None and doubtful.size:
-        factor = np.ones(2 * n_modes)
-        factor[doubtful] = np.sqrt(chi_square[doubtful] / (_stated(variance)[:, doubtful].sum(axis=0) - 1))
-        factor[doubtful + n_modes] = factor[doubtful]
-        covariance = covariance * np.outer(factor, factor)
-        notes += [_disagreement(i, frequency[:, i], probability[i], factor[i]) for i in doubtful.tolist()]
+    notes += [_disagreement(i, frequency[:, i], probability[i], scatter[i]) for i in doubtful.tolist()]
     order = np.argsort(mean[:n_modes], kind="stable")
     modes = by_frequency(
         mean[:n_modes], mean[n_modes:], shapes, channels, covariance, std, warnings=tuple(notes),
         source=f"{n_setups} set-ups merged after identification: {setups[0].source}",
     )  # fmt: skip
     return Merging(
-        modes, members[:, order], frequency[:, order], damping[:, order], frequency[:, order].std(axis=0, ddof=1),
+        modes, members[:, order], frequency[:, order], damping[:, order], np.nanstd(frequency[:, order], axis=0, ddof=1),
+        np.sqrt(np.concatenate([scatter[:n_modes][order], scatter[n_modes:][order]])),
         chi_square[order], probability[order],
     )  # fmt: skip
 
 
-def _covariance(setup: ModalRecord, own: IntArray) -> FloatArray:
-    """Of the frequencies, then damping ratios, of the paired modes of a set-up; NaN where it states none."""
-    if setup.covariance is None:
-        return np.full((2 * len(own), 2 * len(own)), np.nan)
-    both = np.concatenate([own, own + setup.n_modes])
-    return np.asarray(setup.covariance[np.ix_(both, both)])
+def _values_of(values: FloatArray, row: IntArray) -> FloatArray:
+    """`values` of the modes in `row`; NaN where that is -1."""
+    return np.append(values, np.nan)[row]
+
+
+def _covariance(setup: ModalRecord, row: IntArray) -> FloatArray:
+    """Covariance of the frequencies, then damping ratios, of the modes in `row`; NaN where none is stated, or no mode is."""
+    covariance = np.full((2 * len(row), 2 * len(row)), np.nan)
+    there = np.flatnonzero(row >= 0)
+    if setup.covariance is not None:
+        both, places = (
+            np.concatenate([part, part + n]) for part, n in ((row[there], setup.n_modes), (there, len(row)))
+        )
+        covariance[np.ix_(places, places)] = setup.covariance[np.ix_(both, both)]
+    return covariance
+
+
+def _inverse_variances(variance: FloatArray, counts: NDArray[np.bool_]) -> FloatArray:
+    """1 / variance, 0 where a measurement does not count."""
+    return np.where(counts, 1 / np.where(counts, variance, 1.0), 0.0)
+
+
+def _scatter(values: FloatArray, variance: FloatArray) -> FloatArray:
+    """Variance between set-ups beyond what each states, (n_quantities,): DerSimonian and Laird (1986), Eq. (8)."""
+    counts = _stated(variance) & ~np.isnan(values)
+    weight = _inverse_variances(variance, counts)
+    total = np.maximum(weight.sum(axis=0), np.finfo(np.float64).tiny)
+    mean = (weight * np.nan_to_num(values)).sum(axis=0) / total
+    surplus = (weight * np.where(counts, values - mean, 0.0) ** 2).sum(axis=0) - (counts.sum(axis=0) - 1)
+    return np.where(surplus > 0, surplus / np.maximum(total - (weight**2).sum(axis=0) / total, 1e-300), 0.0)
 
 
 def _stated(variance: FloatArray) -> NDArray[np.bool_]:
@@ -260,15 +311,15 @@ def _stated(variance: FloatArray) -> NDArray[np.bool_]:
 
 
 def _weighted_mean(
-    values: FloatArray, variance: FloatArray, covariances: Sequence[FloatArray]
+    values: FloatArray, variance: FloatArray, covariances: Sequence[FloatArray], scatter: FloatArray
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Mean over the set-ups, (n_quantities,), with weights 1 / variance, each quantity by itself, and its covariance.
+    """Mean over the set-ups, (n_quantities,), with weights 1 / (variance + `scatter`), and its covariance.
 
     A quantity whose deviation no set-up states is the plain mean of those that know it, with NaN in the covariance.
     """
     counts = _stated(variance) & ~np.isnan(values)
     weighed = counts.any(axis=0)
-    weight = np.where(counts, 1 / np.where(counts, variance, 1.0), 0.0)
+    weight = _inverse_variances(variance + scatter, counts)
     weight = np.where(weighed, weight, ~np.isnan(values))
     weight = weight / np.where(weight.any(axis=0), weight.sum(axis=0), np.nan)
     mean = np.where(weight.any(axis=0), (weight * np.nan_to_num(values)).sum(axis=0), np.nan)
@@ -277,10 +328,24 @@ def _weighted_mean(
     covariance = np.zeros((len(mean), len(mean)))
     for w, own in zip(weight, covariances, strict=True):
         covariance += np.where(np.outer(w, w) > 0, np.outer(w, w) * own, 0.0)
+    covariance += np.diag(
+        (weight**2 * np.where(weighed, scatter, 0.0)).sum(axis=0) * _unsure_scatter(counts.sum(axis=0))
+    )
     return mean, np.where(np.outer(weighed, weighed), covariance, np.nan)
 
 
-def _agreement(frequency: FloatArray, mean: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _unsure_scatter(n_setups: IntArray) -> FloatArray:
+    """What the variance by scatter between set-ups is multiplied by, so that 1.96 deviations are the 95 % interval.
+
+    The scatter of k set-ups has k - 1 degrees of freedom: the square of Student's 97.5 % point over the normal one. Over 20,000
+    simulated quantities of 2, 3, 5 and 11 set-ups, with scatter of 0 to 10 deviations, intervals hold 86 to 97 %.
+    """
+    from scipy import special
+
+    return np.asarray((special.stdtrit(np.maximum(n_setups - 1, 1), 0.975) / special.ndtri(0.975)) ** 2)
+
+
+def _agreement(frequency: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Chi-square of the frequencies of every mode about their mean, and the probability of a larger one.
 
     Of the set-ups that state a deviation; NaN for a mode of which fewer than two do.
@@ -289,7 +354,9 @@ def _agreement(frequency: FloatArray, mean: FloatArray, variance: FloatArray) ->
 
     counts = _stated(variance)
     freedom = np.where(counts.sum(axis=0) > 1, counts.sum(axis=0) - 1.0, np.nan)
-    chi_square = np.where(counts, (frequency - mean) ** 2 / np.where(counts, variance, 1.0), 0.0).sum(axis=0)
+    weight = _inverse_variances(variance, counts)
+    mean = (weight * np.nan_to_num(frequency)).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
+    chi_square = (weight * np.where(counts, frequency - mean, 0.0) ** 2).sum(axis=0)
     chi_square = np.where(np.isnan(freedom), np.nan, chi_square)
     return chi_square, special.gammaincc(freedom / 2, chi_square / 2)
 
@@ -332,12 +399,13 @@ def _named(chosen: NDArray[np.bool_], frequency: FloatArray) -> str:
     return ", ".join(f"{f:.4g} Hz" for f in frequency[chosen])
 
 
-def _disagreement(mode: int, frequency: FloatArray, probability: float, factor: float) -> str:
-    join_words = ", ".join(f"{f:.5g}" for f in frequency)
+def _disagreement(mode: int, frequency: FloatArray, probability: float, scatter: float) -> str:
+    listed = ", ".join(f"{f:.5g}" for f in frequency if np.isfinite(f))
     return (
-        f"mode {mode + 1}: the set-ups disagree more than their intervals say ({join_words} Hz, probability"
+        f"mode {mode + 1}: the set-ups disagree more than their intervals say ({listed} Hz, probability"
         f" {probability:.1g}): the structure changed between them, as with temperature or load, or a record is too short;"
-        f" its standard deviations are {factor:.2g} times as wide. Measure the set-ups soon after one another"
+        f" its standard deviation includes a scatter of {np.sqrt(scatter):.2g} Hz between set-ups. Measure the set-ups soon"
+        " after one another"
     )
 
 
@@ -353,8 +421,8 @@ def _shapes(
     shapes, stds = [], []
     bare = np.zeros(members.shape, dtype=bool)
     for mode, own in enumerate(members.T):
-        parts, errors, places = [], [], []
-        for setup, m, place in zip(setups, own.tolist(), index, strict=True):
+        parts, errors, places, numbers = [], [], [], np.flatnonzero(own >= 0).tolist()
+        for setup, m, place in ((setups[number], int(own[number]), index[number]) for number in numbers):
             here = setup.known[:, m]
             parts.append(_rows(setup, [dof.unsigned for dof in setup.channels])[here, m])
             errors.append(_shape_error(setup, m)[here])
@@ -366,7 +434,7 @@ def _shapes(
         shape, std = np.full(len(channels), complex(np.nan, np.nan)), np.full(len(channels), np.nan)
         shape[found], own_std = merged_shape(parts, weighed, there, len(found))
         std[found] = own_std if is_stated else np.nan
-        bare[:, mode] = [is_stated and bool(np.isnan(error).any()) for error in errors]
+        bare[numbers, mode] = [is_stated and bool(np.isnan(error).any()) for error in errors]
         shapes.append(shape)
         stds.append(std)
     known = np.array(stds).T

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from structid.core.arrays import FloatArray
 from structid.core.errors import InputError, NoModesError
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles.poles import HardCriteria, Poles
@@ -76,6 +77,28 @@ class ModalOptions:
             raise InputError(f"`deviation` must be greater than 0, got {self.deviation!r}")
 
 
+@dataclass(frozen=True)
+class LeftOut:
+    """Poles that were not taken for a mode.
+
+    Attributes
+    ----------
+    frequency, damping_ratio : float
+        Hz and 1.
+    n_poles : int
+        How many poles of all orders.
+    probability : float
+        That they are a mode (`mode_probability`); NaN where it is not known.
+    reason : str
+    """
+
+    frequency: float
+    damping_ratio: float
+    n_poles: int
+    probability: float
+    reason: str
+
+
 @dataclass(frozen=True, eq=False)
 class ModalIdentification:
     """Modes with what lies behind them.
@@ -92,6 +115,10 @@ class ModalIdentification:
         The poles of all orders behind each mode, one a mode; empty where there is one order only, or none.
     options : ModalOptions
         As used.
+    left_out : tuple of LeftOut
+        Stable poles that are no mode here, by frequency, and why.
+    is_free_decay : bool
+        Whether the records were taken as free decays of the modes.
     """
 
     modes: ModalRecord
@@ -99,6 +126,15 @@ class ModalIdentification:
     sweep: tuple[Poles, ...] = ()
     clusters: tuple[Cluster, ...] = ()
     options: ModalOptions = field(default_factory=ModalOptions)
+    left_out: tuple[LeftOut, ...] = ()
+    is_free_decay: bool = False
+
+    @property
+    def probability(self) -> FloatArray:
+        """That each mode is one, from its cluster, (n_modes,); NaN where there is none (`mode_probability`)."""
+        if len(self.clusters) != self.modes.n_modes:
+            return np.full(self.modes.n_modes, np.nan)
+        return np.array([cluster.probability for cluster in self.clusters])
 
     @property
     def orders(self) -> tuple[int, ...]:
@@ -120,11 +156,27 @@ class ModalIdentification:
             f"{f:.4g}" + (f" \u00b1 {e:.2g}" if np.isfinite(e) else "")
             for f, e in zip(modes.frequency[~keep], std[~keep], strict=True)
         )
-        words = f"{words} are left out: {listed} Hz"
+        reason, words = words, f"{words} are left out: {listed} Hz"
         if not keep.any():
             raise NoModesError(
                 f"`records` show no mode that stands out of the noise; {words}. Measure longer, or give `frequencies`"
             )
         few = modes.some_modes(np.flatnonzero(keep))
         clusters = tuple(self.clusters[i] for i in np.flatnonzero(keep)) if self.clusters else ()
-        return replace(self, modes=replace(few, warnings=(*modes.warnings, words)), clusters=clusters)
+        numbers = np.flatnonzero(~keep).tolist()
+        sizes = [c.size for c in self.clusters] if len(self.clusters) == len(keep) else [0] * len(keep)
+        gone = (
+            LeftOut(float(modes.frequency[i]), float(modes.damping_ratio[i]), sizes[i], self.probability[i], reason)
+            for i in numbers
+        )
+        return replace(
+            self,
+            modes=replace(few, warnings=(*modes.warnings, words)),
+            clusters=clusters,
+            left_out=by_rising_frequency((*self.left_out, *gone)),
+        )
+
+
+def by_rising_frequency(poles: Iterable[LeftOut]) -> tuple[LeftOut, ...]:
+    """`poles` sorted."""
+    return tuple(sorted(poles, key=lambda part: part.frequency))

@@ -32,6 +32,7 @@ __all__ = ["Enough", "Plan", "PlanOptions", "PlannedTest", "plan"]
 
 _SHOWN_NEXT = 10
 _MOST_ROUNDS, _MOST_STARTS = 10, 8
+_FIRST_MODES = 40  # of a model that are looked at; more as long as all of them are in the band
 
 
 def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Plan:
@@ -197,10 +198,14 @@ def _kammer_sensors(ground: _Ground, count: int) -> tuple[int, ...]:
         ground.candidates.parameters,
         ground.candidates.frequency,
     )
-    modes = structure_modes(structure, unknown.values(unknown.start), structure.n_dofs)
-    in_band = np.flatnonzero((modes.frequency >= frequency[0]) & (modes.frequency <= frequency[-1]))
-    used = (in_band if len(in_band) else np.arange(len(modes.frequency)))[:count]
-    shapes = structure.selection(ground.candidates.sensors).T @ modes.mode_shapes[:, used]
+    values, sought = unknown.values(unknown.start), max(_FIRST_MODES, count)
+    found = structure_modes(structure, values, min(sought, structure.n_dofs))
+    while sought < structure.n_dofs and len(found.frequency) == sought and found.frequency[-1] <= frequency[-1]:
+        sought *= 2
+        found = structure_modes(structure, values, min(sought, structure.n_dofs))
+    inside = np.flatnonzero((found.frequency >= frequency[0]) & (found.frequency <= frequency[-1]))
+    used = (inside if len(inside) else np.arange(len(found.frequency)))[:count]
+    shapes = structure.selection(ground.candidates.sensors).T @ found.mode_shapes[:, used]
     return effective_independence(np.asarray(shapes), count)
 
 

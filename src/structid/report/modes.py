@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
+import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
 from structid.core.display import first_warnings, plural
 from structid.core.quantities import exact, percent, value_words, with_std
 from structid.modal.merging import Merging
-from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult
+from structid.modal.poles.poles import modal_phase_deviation
+from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult, dies_out
+from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord
 from structid.records.spectrum import SpectrumRecord
 from structid.report.figures.shapes import shapes_figure
@@ -23,11 +26,16 @@ from structid.report.figures.survey import (
     spectra_figure,
     stabilization_figure,
 )
+from structid.report.figures.tracks import tracks_figure
 from structid.report.page import Page
 from structid.report.tables import Table, printed, provenance_table
 from structid.similarity import mac
 
-_HEADER = ("mode", "frequency (Hz)", "damping ratio (%)", "MPC", "poles in the cluster", "cluster (Hz)", "remarks")
+_HEADER = (
+    "mode", "frequency (Hz)", "damping ratio (%)", "MPC", "MPD (deg)", "probability", "poles in the cluster",
+    "cluster (Hz)", "remarks",
+)  # fmt: skip
+_LEFT_OUT_HEADER = ("left out (Hz)", "damping ratio (%)", "poles", "probability", "reason")
 _ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
 
 
@@ -36,7 +44,9 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
     parts: list[RenderableType] = [Text(f"{result.title}: {plural(result.modes.n_modes, 'mode')}", style="bold")]
     parts += [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
-    return [*parts, printed(mode_table(result)), Text(scale_sentence(result))]
+    left_out = left_out_table(result)
+    tables = [printed(mode_table(result))] if left_out is None else [printed(mode_table(result)), printed(left_out)]
+    return [*parts, *tables, Text(scale_sentence(result))]
 
 
 def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
@@ -49,7 +59,7 @@ def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
             str(k + 1),
             value_words(modes.frequency[k], modes.std[k]),
             value_words(100 * modes.damping_ratio[k], 100 * modes.std[n + k]),
-            ", ".join(f"{f:.5g}" for f in merging.frequency[:, k]),
+            ", ".join("-" if np.isnan(f) else f"{f:.5g}" for f in merging.frequency[:, k]),
         )
         for k in range(n)
     ]
@@ -59,11 +69,83 @@ def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
     return [Text(heading, style="bold"), *warnings, printed(table), *left_out]
 
 
+def left_out_table(result: ModesResult) -> Table | None:
+    """Stable poles that were not taken for modes, with the reason; None where there are none."""
+    rows = tuple(
+        (
+            exact(float(f"{part.frequency:.4g}")),
+            f"{100 * part.damping_ratio:.2g}",
+            str(part.n_poles) if part.n_poles else "",
+            _probability_words(part.probability),
+            part.reason,
+        )
+        for part in result.identification.left_out
+    )
+    return Table(_LEFT_OUT_HEADER, rows, (0, 1, 2, 3)) if rows else None
+
+
+def _probability_words(probability: float) -> str:
+    return "" if np.isnan(probability) else f"{min(probability, 0.99):.2f}"
+
+
+def tracks_table(tracks: ModeTracks) -> Table:
+    """One row a mode: in how many records it is, its first and last frequency, its change, damping and least MAC."""
+    rows = []
+    for k in range(tracks.n_tracks):
+        seen = np.flatnonzero(tracks.members[:, k] >= 0)
+        first, last = (value_words(tracks.frequency[i, k], tracks.frequency_std[i, k]) for i in (seen[0], seen[-1]))
+        rows.append(
+            (
+                str(k + 1), f"{len(seen)} of {len(tracks.names)}", first, last,
+                f"{100 * tracks.change[seen[-1], k]:+.2f}", f"{100 * np.nanmedian(tracks.damping_ratio[:, k]):.2g}",
+                f"{np.nanmin(tracks.likeness[:, k]):.3f}",
+            )
+        )  # fmt: skip
+    header = (
+        "mode",
+        "records",
+        "first (Hz)",
+        "last (Hz)",
+        "change (%)",
+        "damping ratio, median (%)",
+        "least MAC with the last",
+    )
+    return Table(header, tuple(rows), tuple(range(len(header))))
+
+
+def tracks_text(tracks: ModeTracks) -> list[RenderableType]:
+    """Heading, the table of modes that are followed, and those that one record alone shows."""
+    heading = f"{plural(tracks.n_tracks, 'mode')} followed over {plural(len(tracks.names), 'record')}"
+    return [
+        Text(heading, style="bold"),
+        printed(tracks_table(tracks)),
+        *(Text(words) for words in _alone_words(tracks)),
+    ]
+
+
+def _alone_words(tracks: ModeTracks) -> tuple[str, ...]:
+    by_record = {n: [f for number, f in tracks.alone if number == n] for n, _ in tracks.alone}
+    return tuple(
+        f"{tracks.names[n]} alone shows {', '.join(f'{f:.4g}' for f in values)} Hz" for n, values in by_record.items()
+    )
+
+
+def tracks_page(tracks: ModeTracks) -> Page:
+    """The page of modes that are followed over records."""
+    words = {
+        "title": f"{tracks.names[0]} to {tracks.names[-1]}",
+        "tracks": tracks_table(tracks),
+        "alone": _alone_words(tracks),
+    }
+    return Page(MODES_PAGE, "tracks.html.j2", {"tracks": tracks_figure(tracks)}, words)
+
+
 def mode_table(result: ModesResult) -> Table:
     """Values with one standard deviation, how real the shape is, and the poles behind it; doubtful rows are marked."""
     modes, std, n = result.modes, result.std, result.modes.n_modes
     clusters = result.identification.clusters
-    collinearity, notes = mpc(result), remarks(result)
+    collinearity, notes, probability = mpc(result), remarks(result), result.identification.probability
+    deviation = modal_phase_deviation(modes.mode_shapes.astype(complex))
     rows: list[tuple[str, ...]] = []
     for k in range(n):
         count, spread = "", ""
@@ -76,6 +158,8 @@ def mode_table(result: ModesResult) -> Table:
                 value_words(modes.frequency[k], std[k]),
                 value_words(100 * modes.damping_ratio[k], 100 * std[n + k]),
                 f"{collinearity[k]:.3f}",
+                f"{deviation[k]:.1f}",
+                _probability_words(probability[k]),
                 count,
                 spread,
                 "; ".join(notes[k]),
@@ -91,14 +175,14 @@ def remarks(result: ModesResult) -> list[list[str]]:
     modes, n = result.modes, result.modes.n_modes
     found: list[list[str]] = [[] for _ in range(n)]
     alike = mac(modes.mode_shapes)
-    collinearity = mpc(result)
+    collinearity, decaying = mpc(result), dies_out(result.identification)
     for k in range(n):
         ratio, std = modes.damping_ratio[k], result.std[n + k]
         if ratio <= 0:
             found[k].append("damping is not positive: noise, a tone, or motion that grows")
         elif std > ratio / 2:
             found[k].append("damping is not told apart from 0")
-        if ratio < HARDLY_DAMPED and not isinstance(result.record, FrfRecord):
+        if ratio < HARDLY_DAMPED and not isinstance(result.record, FrfRecord) and not decaying[k]:
             found[k].append(_tone_words(float(result.kurtosis[k])))
         if len(modes.channels) > 1 and collinearity[k] < _COMPLEX:
             found[k].append("complex shape: damping, noise, or two modes in one")
@@ -192,6 +276,7 @@ def modes_page(result: ModesResult) -> Page:
         "facts": (record_words(result), method_words(result)),
         "steps": result.steps,
         "modes": mode_table(result),
+        "left_out": left_out_table(result),
         "provenance": provenance_table(asdict(result.provenance)),
     }
     return Page(

@@ -10,7 +10,7 @@ from structid import ModalRecord, SpaceBeam, Structure
 from structid.core.arrays import FloatArray
 from structid.core.dof import DIRECTIONS, Dof, parse_dofs
 from structid.dynamics import Modes
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.modal.formats.files import write_modes
 
 NODES = {k: (0.0, 0.0, float(k - 1)) for k in range(1, 10)}

@@ -20,7 +20,7 @@ from structid import (
     write_record,
 )
 from structid.compare.correlation.correlating import before_and_after, correlate, correlation_summary, expanded_record
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.forward import TimeOptions
 from structid.modal.formats.files import read_modes
 from structid.study.results.folder import write_results

@@ -5,7 +5,7 @@ import numpy as np
 from structid import Beam, Structure
 from structid.compare.correlation.expansion import expand
 from structid.core.dof import parse_dofs
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 
 
 def test_a_shape_of_the_model_at_its_frequency_is_carried_on_exactly():

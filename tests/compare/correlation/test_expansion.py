@@ -10,7 +10,7 @@ from scipy import sparse
 from structid import Beam, InputError, Structure
 from structid.compare.correlation.expansion import constrained_shapes, expand, reduced_mass, serep_basis
 from structid.core.dof import parse_dofs
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 
 ROOT = Path(__file__).parents[3]
 

@@ -13,7 +13,7 @@ from structid.cli import app as cli
 from structid.compare.correlation.correlating import correlate, expanded_record
 from structid.compare.correlation.expansion import expand
 from structid.core.dof import parse_dofs
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.modal.formats.files import read_modes, write_modes
 
 RUN = CliRunner()

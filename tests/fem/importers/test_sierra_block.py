@@ -5,7 +5,7 @@ import pytest
 from matrix_cases import SIERRA, block, sierra
 
 from structid import Unknown, parameters
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import from_matrices
 from structid.fem.importers import (
     ImportedMatrix,

@@ -31,6 +31,13 @@ def modes(
     merge: Annotated[
         bool, typer.Option("--merge", help="The files hold modes of set-ups (JSON, UFF, CSV): merge these.")
     ] = False,
+    track: Annotated[
+        bool,
+        typer.Option(
+            "--track",
+            help="Records in the order of time, or a folder of them, or of modes: follow each mode over them.",
+        ),
+    ] = False,
     out: Annotated[Path | None, results_folder("<first record>_modes")] = None,
     report: Report = True,
     png: Png = False,
@@ -49,15 +56,22 @@ def modes(
       structid modes ambient.h5 --band 1 4 --geometry nodes.csv --out tower
       structid modes frf.uff --frequencies 21.6,50.1,68.4
       structid modes lower_floors.uff upper_floors.uff --out tower
+      structid modes year_2026 --track --out followed
       structid modes modes_of_a.uff modes_of_b.uff --merge --out tower
     """
     from structid.cli.tables import show  # the help needs none of these
-    from structid.modal.survey.survey import MODES_PAGE, modes_of_file, modes_of_setups
+    from structid.modal.survey.setups import modes_of_setups
+    from structid.modal.survey.survey import MODES_PAGE, modes_of_file
     from structid.report.modes import modes_page, modes_text
     from structid.study.results.folder import staged_folder
     from structid.study.results.modes import write_modes_results
 
     check_png(report, png)
+    if merge and track:
+        raise InputError("`--merge` puts set-ups together and `--track` follows records; give one of them")
+    if track:
+        _track(records, options, read, geometry, out, report, png)
+        return
     if merge:
         _merge(records, options, read, geometry, out)
         return
@@ -74,6 +88,45 @@ def modes(
     say(folder / name)
     if not found.is_determined:
         fail("the data do not determine the uncertainty of every mode; see the warnings", NOT_DETERMINED)
+
+
+def _track(
+    given: list[Path],
+    options: ModesOptions,
+    read: ReadOptions,
+    geometry: Path | None,
+    out: Path | None,
+    report: bool,
+    png: bool,
+) -> None:
+    """Modes followed over records, or over files of modes, in the order given; those of a folder by name."""
+    from structid.cli.tables import show  # the help needs none of these
+    from structid.core.display import file_names
+    from structid.modal.formats.files import read_modes
+    from structid.modal.formats.recognition import holds_modes
+    from structid.modal.survey.survey import MODES_PAGE, modes_of_file
+    from structid.modal.tracking import track_modes
+    from structid.report.modes import tracks_page, tracks_text
+    from structid.study.results.folder import staged_folder
+    from structid.study.results.modes import write_tracks
+
+    paths = [path for place in given for path in (_files_of(place) if place.is_dir() else [place])]
+    modes = [
+        read_modes(path) if holds_modes(path) else modes_of_file(path, options, read, geometry).modes for path in paths
+    ]
+    tracks = track_modes(modes, file_names(paths))
+    folder, name = out if out is not None else beside_call(f"{given[0].stem}_tracks"), "tracks.json"
+    with staged_folder(folder, MODES_PAGE) as staged:
+        write_tracks(tracks, staged)
+        if report:
+            name = tracks_page(tracks).write(staged, png).name
+    show(tracks_text(tracks))
+    say(folder / name)
+
+
+def _files_of(folder: Path) -> list[Path]:
+    """The files in `folder` by name; what begins with a dot is left out."""
+    return sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith("."))
 
 
 def _merge(

@@ -15,7 +15,7 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import join_words
 from structid.core.errors import InputError
 from structid.dynamics import Modes
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.forward import ModalSettings
 from structid.modal import ModalRecord
@@ -267,7 +267,7 @@ def correlated_modes(
         structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
     )
     count = None if structure.n_dofs <= _DENSE_UP_TO else 2 * record.n_modes + 10
-    model = modes(mass, stiffness, damping, structural, count)
+    model = modes(mass, stiffness, damping, structural, count, structure.strain_operator)
     seen, shapes = np.asarray(sensors.T @ model.mode_shapes), most_real(record.mode_shapes)
     pairing = pair_modes(
         record.frequency,

@@ -17,7 +17,7 @@ from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Plain, plain_table
 from structid.forward import RecordProblem
 from structid.identification.fixed_values import fixed_values, tolerances_of
-from structid.identification.together import together
+from structid.identification.joint_problem import joint_problem
 from structid.inversion import Estimate, Problem, Status
 from structid.inversion.comparison.comparison import Comparison, compare_jointly, compare_states
 from structid.inversion.comparison.multiple_tests import Correction, require_levels
@@ -176,7 +176,7 @@ def _unchanged_test(
         if tests.changed[i]
     )
     states = [state.estimate for state in (baseline, later) if isinstance(state.estimate, Estimate)]
-    freedom = sum(estimate.degrees_of_freedom for estimate in states)
+    freedom = sum(estimate.goodness.degrees_of_freedom for estimate in states)
     return UnchangedTest(names, cost, separate_cost, freedom, len(names) + n_fixed, differing)
 
 
@@ -191,7 +191,7 @@ def _fixed_in_both(
     """Fixed values of both states and their tolerances, shared where they have one name; None if there are none."""
     if not baseline or not later:
         return None
-    first, second = together(baseline), together(later)
+    first, second = joint_problem(baseline), joint_problem(later)
     names = [*shared, *(name for name in second.names if name.startswith(FIXED) and name in first.names)]
     tolerances = {**tolerances_of(baseline), **tolerances_of(later)}
     tolerances |= {name + LATER: std for name, std in tolerances_of(later).items() if name not in names}
@@ -240,7 +240,7 @@ def _restart_problem(state: State, fallback: State | None = None) -> Problem:
     identification = state.result.identification
     if identification.target is None:
         raise InputError("states fitted in time cannot be joined; compare their results folders, or use fit 'spectra'")
-    return together(
+    return joint_problem(
         [problem.with_parameters(begun_at(problem.parameters, values)) for problem in identification.problems]
     )
 

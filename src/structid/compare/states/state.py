@@ -113,7 +113,7 @@ def state_of(result: StudyResult) -> State:
     identification = result.identification
     drawn = Drawn(identification.structure, identification.parameters, identification.sensors, identification.loads)
     study = result.study
-    held = tuple(item.name for item in identification.held)
+    held = tuple(item.name for item in identification.priors.regularizations)
     judgement = judged(identification, untried=NOT_TRIED)
     return State(
         study.title, study.path, identification.estimate, result.provenance.inputs, result, held, drawn, judgement

@@ -31,7 +31,7 @@ class Channels:
 
     @property
     def n_outputs(self) -> int:
-        """How many sensors, contacts left out."""
+        """Number of sensors without contacts."""
         return len(self.outputs[0]) - self.n_contacts
 
     @cached_property
@@ -46,15 +46,15 @@ class Channels:
         return sparse.csr_array(self.sensors.T)
 
     def read(self, fields: NumberArray) -> NumberArray:
-        """What sensors and contacts read of fields (n_lines, n_dofs, n), (n_lines, n_outputs + n_contacts, n)."""
+        """Readings of sensors and contacts, (n_lines, n_outputs + n_contacts, n), from fields (n_lines, n_dofs, n)."""
         return read(self.reader, fields)
 
     def under_loads(self, fields: NumberArray) -> NumberArray:
-        """Of fields (..., n_columns) under all `columns` those under the loads, signs included."""
+        """Fields under the loads, signs included, from fields (..., n_columns) under all `columns`."""
         return fields[..., self.inputs[0]] * self.inputs[1]
 
     def under_sensors(self, fields: NumberArray) -> NumberArray:
-        """Of fields (..., n_columns) under all `columns` those under loads at sensors and contacts, signs included."""
+        """Fields under loads at sensors and contacts, signs included, from fields (..., n_columns) under all `columns`."""
         return fields[..., self.outputs[0]] * self.outputs[1]
 
 

@@ -1,8 +1,8 @@
-"""What errors of a measured component's FRFs do to the FRFs of the structure that it is coupled to."""
+"""Noise of FRFs of a structure from errors of the measured FRFs of its components."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +10,10 @@ from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.fem.measured import MeasuredComponent
-from structid.forward.frf.lines.coupled import CoupledLines
 from structid.forward.frf.products import Whitening
 from structid.forward.frf.response import Response
+from structid.forward.frf.solvers.coupling import SubstructureCoupling
+from structid.inversion.problem import RowNoise
 
 #: Rows of the covariance that are made at most, in entries.
 _MOST_ENTRIES = 20_000_000
@@ -38,17 +39,17 @@ class ErrorsOfEntry:
 
 
 def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-    """Of every entry with stated variance, friction held as it is.
+    """Errors of every entry with stated variance, with friction as it is at `physical`.
 
     With g and q the forces at the interface under a unit force at a sensor and under the load, dH = g' dY q.
     """
-    lines, structure = model.lines, model.slopes.structure
-    if not isinstance(lines, CoupledLines) or all(one.variance is None for one in structure.measured):
+    solver, structure = model.solver, model.slopes.structure
+    if not isinstance(solver, SubstructureCoupling) or all(one.variance is None for one in structure.measured):
         return
-    forces = lines.forces(physical, model.fixed_coefficients)
+    forces = solver.forces(physical, model.fixed_coefficients)
     sides = model.channels
     g, q = sides.under_sensors(forces)[..., : sides.n_outputs], sides.under_loads(forces)
-    first = lines.n_driven
+    first = solver.n_driven
     for one in structure.measured:
         n = len(one.interface)
         if one.variance is not None:
@@ -62,7 +63,7 @@ def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsO
 
 
 def _deviation(component: MeasuredComponent, i: int, j: int) -> FloatArray:
-    """Of the mean of two reciprocal entries."""
+    """Standard deviation of the mean of two reciprocal entries, at each of the component's lines."""
     assert component.variance is not None
     variance = component.variance[:, i, j]
     if i != j:
@@ -70,8 +71,41 @@ def _deviation(component: MeasuredComponent, i: int, j: int) -> FloatArray:
     return np.sqrt(variance / 2)
 
 
-def scores(errors: Iterator[ErrorsOfEntry], whitening: Whitening, jacobian: FloatArray) -> FloatArray:
-    """What the errors add to the covariance of J'r, for the data rows J (real parts, then imaginary) of the Jacobian."""
+@dataclass(frozen=True, eq=False)
+class ComponentNoise:
+    """Noise of whitened data rows with errors of measured components, which vary together from row to row.
+
+    Attributes
+    ----------
+    entries : callable
+        Gives the errors of every entry of the components' receptances.
+    whitening : Whitening
+    rows : RowNoise
+        Noise of the data themselves.
+    n_data : int
+    """
+
+    entries: Callable[[], Iterator[ErrorsOfEntry]]
+    whitening: Whitening
+    rows: RowNoise
+    n_data: int
+
+    @property
+    def factor(self) -> FloatArray | None:
+        """Rows of unit variance, then those of every error; None where these are too many to be formed."""
+        rows = error_rows(self.entries(), self.whitening)
+        return None if rows is None else np.concatenate([np.eye(self.n_data), rows])
+
+    def score_covariance(self, jacobian: FloatArray) -> FloatArray:
+        """Covariance of J'r for the data rows J of the Jacobian, (n_params, n_params)."""
+        covariance = self.rows.score_covariance(jacobian)
+        return (jacobian.T @ jacobian if covariance is None else covariance) + error_score_covariance(
+            self.entries(), self.whitening, jacobian
+        )
+
+
+def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening, jacobian: FloatArray) -> FloatArray:
+    """Covariance that the errors add to J'r, for the data rows J (real parts, then imaginary) of the Jacobian."""
     n_params = jacobian.shape[1]
     top, low = np.split(jacobian, 2)
     total = np.zeros((n_params, n_params))
@@ -83,21 +117,21 @@ def scores(errors: Iterator[ErrorsOfEntry], whitening: Whitening, jacobian: Floa
     return total
 
 
-def changes(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatArray | None:
-    """Changes (n_changes, n_data) of the data rows by one standard deviation of each error; None where they are too many."""
-    found: list[FloatArray] = []
+def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatArray | None:
+    """Changes (n_errors, n_data) of the data rows by one standard deviation of each error; None where they are too many."""
+    changes: list[FloatArray] = []
     for entry, rows in _whitened(errors, whitening):
-        n_data, n_changes = 2 * rows.size, (len(found) + 1) * len(entry.deviation)
+        n_data, n_changes = 2 * rows.size, (len(changes) + 1) * len(entry.deviation)
         if n_data * (n_data + n_changes) > _MOST_ENTRIES:
             return None
         wide = entry.deviation[:, None, None] * entry.weights.toarray()[:, :, None] * rows
         flat = wide.reshape(len(wide), -1)
-        found.append(np.concatenate([flat.real, flat.imag], axis=1))
-    return np.concatenate(found)
+        changes.append(np.concatenate([flat.real, flat.imag], axis=1))
+    return np.concatenate(changes)
 
 
 def _whitened(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
-    """Of each entry the rows (n_lines, n_channels) for its real part, and for its imaginary part."""
+    """Each entry twice: with whitened rows (n_lines, n_channels) for its real part, then for its imaginary part."""
     for entry in errors:
         for part in (1.0, 1j):
             rows = whitening.rows(part * entry.change[..., None])

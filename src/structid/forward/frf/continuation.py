@@ -60,7 +60,7 @@ def smoothed_records(record: FrfRecord) -> tuple[tuple[float, FrfRecord], ...]:
 
 
 def is_noisy(record: FrfRecord) -> bool:
-    """Whether the noise of most lines is too large for a residual that is divided by what was measured."""
+    """True where the noise of most lines is too large for a residual that is divided by what was measured."""
     return record.variance is not None and bool(np.median(record.variance / np.abs(record.values) ** 2) > _NOISY**2)
 
 

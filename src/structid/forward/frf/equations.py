@@ -20,7 +20,7 @@ _MOST_ITERATIONS = 20
 
 
 def measures_everything(structure: Structure, record: FrfRecord) -> bool:
-    """Whether the sensors of `record` determine the motion of every free degree of freedom of `structure`."""
+    """True where the sensors of `record` determine the motion of every free degree of freedom of `structure`."""
     if record.is_per_motion or structure.measured:
         return False
     sensors = structure.selection(record.outputs)

@@ -44,7 +44,7 @@ class WhitenedFrf:
         return (h - m) / np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2)) * self._weight
 
     def whitening(self, h: ComplexArray, lines: slice = slice(None)) -> Whitening:
-        """How the residual at some lines changes with the response h there."""
+        """Derivative of the residual at some lines with respect to the response h there."""
         if self.form == "output":
             return Whitening((1 / self.deviation[lines]).astype(np.complex128))
         m, weight = self.measured[lines], self._weight[lines]
@@ -58,7 +58,7 @@ class WhitenedFrf:
 
     @cached_property
     def _weight(self) -> FloatArray:
-        """What multiplies relative residuals."""
+        """Weights of relative residuals."""
         return np.asarray(np.abs(self.measured) / self.deviation)
 
     @cached_property

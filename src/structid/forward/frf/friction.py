@@ -13,7 +13,7 @@ from structid.core.errors import InputError
 from structid.dynamics.dense_fields import MOST_SMALLER, solve_small_systems
 from structid.fem import Friction, Structure
 from structid.forward.frf.channels import Channels
-from structid.forward.frf.lines.protocol import Lines
+from structid.forward.frf.solvers.solver import FrfSolver
 from structid.records import FrfRecord
 from structid.records.record import as_recorded
 from structid.unknowns import Parameters
@@ -56,7 +56,7 @@ class Sliding:
     ----------
     contacts : tuple of Contact
     channels : Channels
-    lines : Lines
+    lines : FrfSolver
     parameters : Parameters
     fixed_coefficients : (n_lines, n_laws) complex array
         How each law enters the dynamic stiffness, 0 for `contacts`.
@@ -64,7 +64,7 @@ class Sliding:
 
     contacts: tuple[Contact, ...]
     channels: Channels
-    lines: Lines
+    solver: FrfSolver
     parameters: Parameters
     fixed_coefficients: ComplexArray
 
@@ -118,11 +118,11 @@ class Sliding:
         return np.maximum(_STUCK * np.abs(free[:, self.channels.n_outputs :, 0]), np.finfo(float).tiny)
 
     def _free(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """What sensors and contacts read under the drive, and under unit forces at the contacts, without their friction."""
+        """Readings of sensors and contacts under the load, and under unit forces at the contacts, without their friction."""
         (load, load_sign), n_outputs = self.channels.inputs, self.channels.n_outputs
         columns, signs = self.channels.outputs[0][n_outputs:], self.channels.outputs[1][n_outputs:]
         used, place = np.unique(np.concatenate([load, columns]), return_inverse=True)
-        readings = self.lines.readings(physical, self.fixed_coefficients, used)[:, :, place]
+        readings = self.solver.readings(physical, self.fixed_coefficients, used)[:, :, place]
         return readings[:, :, : len(load)] * load_sign, readings[:, :, len(load) :] * signs
 
 

@@ -1,4 +1,4 @@
-"""How matrices enter the dynamic stiffness at each line."""
+"""Coefficients of the matrices in the dynamic stiffness at each line."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from structid.core.arrays import ComplexArray, FloatArray
 
 
 def law_coefficients(laws: tuple[str, ...], laplace: ComplexArray, sliding: dict[str, FloatArray]) -> ComplexArray:
-    """How each law enters the dynamic stiffness, (n_frequencies, n_laws): s^2, s, 1, i, i / amplitude.
+    """Coefficient of each matrix in the dynamic stiffness, (n_frequencies, n_laws): s^2, s, 1, i, i / amplitude.
 
     `laplace` is s, 1/s: i omega on the axis. Friction with no amplitude in `sliding` gets 0.
     """

@@ -1,4 +1,4 @@
-"""What sensors and load cells read of a structure's FRFs: its response with the errors of their channels."""
+"""FRFs as sensors and load cells read them: the response of a structure with the errors of its channels."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray, stack_real
 from structid.core.errors import InputError
 from structid.fem import Friction, Structure
 from structid.forward.channel_errors import ChannelErrors
-from structid.forward.frf.component_errors import ErrorsOfEntry, changes, errors_of_entries, scores
+from structid.forward.frf.component_errors import ComponentNoise, ErrorsOfEntry, errors_of_entries
 from structid.forward.frf.continuation import (
     START_ERROR,
     is_noisy,
@@ -25,11 +25,11 @@ from structid.forward.frf.forms import Form, WhitenedFrf
 from structid.forward.frf.leakage import LeakedFrf, leaking_lines, require_leaking
 from structid.forward.frf.observed import ObservedFrf
 from structid.forward.frf.products import STORED_BYTES, response_products
-from structid.forward.frf.response import Models, Response, response
-from structid.forward.record_problem import DataRows, RecordFacts, ResponseProblem, complex_rows
-from structid.inversion.averaging import few_averages, score_factor
+from structid.forward.frf.response import Response, ResponseCache, response
+from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
+from structid.forward.record_problem import RecordFacts, RecordProblem, complex_rows
 from structid.inversion.linearization import Linearization, OperatorLinearization
-from structid.inversion.problem import Way
+from structid.inversion.problem import ContinuationPath, DataRows, NoiseLaw, RowNoise
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
 
@@ -41,7 +41,7 @@ _MOST_STAGES, _MOST_LINES = 12, 60
 #: How far from a measured magnitude that of a model is taken, in standard deviations.
 _FAR_OFF = 5.0
 #: A part of the data is worth it where it is smaller by this factor.
-_WORTH_THINNING = 10
+_WORTH_SUBSAMPLING = 10
 
 _NOISE = {
     "declared": "the stated noise",
@@ -49,11 +49,11 @@ _NOISE = {
     "repeats": "the noise that repeats tell",
 }
 
-FrfStages = tuple[tuple[str, "FrfProblem"], ...]
+FrfSchedule = tuple[tuple[str, "FrfProblem"], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class FrfProblem(ResponseProblem):
+class FrfProblem(RecordProblem):
     """Parameters of a structure from measured FRFs.
 
     Forms of the residual between model h and measurement m, whose noise has standard deviation s:
@@ -85,8 +85,8 @@ class FrfProblem(ResponseProblem):
     reduced : float, optional
         Largest error of values, in parts of the largest of their line, that a large model may find from few
         factorizations; derivatives to ten times that. It pays for solids and many lines; see `FieldSweep`.
-    models : Models
-        What it has in common with the problems that are made from it, and the factorizer of large models.
+    cache : ResponseCache
+        Cache that it shares with the problems that are made from it; it names the factorizer of large models.
     """
 
     structure: Structure
@@ -98,11 +98,11 @@ class FrfProblem(ResponseProblem):
     channels: ChannelErrors | None = None
     start_error: float | None = None
     reduced: float | None = None
-    models: Models = field(default_factory=Models, repr=False)
+    cache: ResponseCache = field(default_factory=ResponseCache, repr=False)
 
     def __new__(cls, *given: object, **named: object) -> Self:
         if "factorizer" in named:
-            raise InputError(f"`factorizer` is said in `models`: write models=Models({named['factorizer']!r})")
+            raise InputError(f"`factorizer` is said in `cache`: write cache=ResponseCache({named['factorizer']!r})")
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
@@ -118,11 +118,11 @@ class FrfProblem(ResponseProblem):
         if self.record.segment is not None:
             _require_leakage(self, self.record.segment)
 
-    def compared(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def measured_and_predicted(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         return self.record.values, self.predicted(theta)
 
     @property
-    def measured(self) -> FrfRecord:
+    def measured_responses(self) -> FrfRecord:
         return self.record
 
     @property
@@ -160,9 +160,11 @@ class FrfProblem(ResponseProblem):
             record=record,
         )
 
-    @cached_property
-    def averages(self) -> FloatArray | None:
-        """Those that coherence tells the noise by; as if there were more where `model_error` is part of a value's variance."""
+    def _averages(self) -> FloatArray | None:
+        """Number of averages behind the variance of each data row, (n_data,), where it comes from coherence.
+
+        It counts as more where `model_error` is part of a value's variance.
+        """
         record = self.record
         if (
             record.noise_source != "coherence"
@@ -172,48 +174,37 @@ class FrfProblem(ResponseProblem):
         ):
             return None
         if self.model_error == 0:
-            return np.full(self.n_data, float(record.averages))
+            return np.full(2 * record.values.size, float(record.averages))
         share = 0.5 * record.variance / self._whitened.deviation**2
         more = np.divide(record.averages - 1, share**2, out=np.full(share.shape, np.inf), where=share > 0)
         return np.tile(1 + more.ravel(), 2)
 
-    def data_changes(self, theta: FloatArray) -> FloatArray | None:
+    def noise_law(self, theta: FloatArray) -> NoiseLaw:
+        rows = RowNoise(self.rows.averages)
         if not self.has_component_errors:
-            return None
-        physical = self.physical(theta)
-        found = changes(self._component_errors(physical), self._whitened.whitening(self._observed.values(physical)))
-        return None if found is None else np.concatenate([np.eye(self.n_data), found])
-
-    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
-        few = few_averages(self.averages)
-        own = None if few is None else jacobian.T @ (score_factor(few)[:, None] * jacobian)
-        if not self.has_component_errors:
-            return own
+            return rows
         physical = self.physical(theta)
         whitening = self._whitened.whitening(self._observed.values(physical))
-        return (jacobian.T @ jacobian if own is None else own) + scores(
-            self._component_errors(physical), whitening, jacobian
-        )
+        return ComponentNoise(partial(self._component_errors, physical), whitening, rows, self.n_data)
 
     @property
     def has_component_errors(self) -> bool:
-        """Whether errors of measured components enter the intervals: variances are stated, and data rows are of FRFs."""
+        """True where errors of measured components enter the intervals: variances are stated, and data rows are of FRFs."""
         return self.form != "equation" and any(one.variance is not None for one in self.structure.measured)
 
     def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-        """As sensors read them."""
-        own, rest = np.split(physical, [self.parameters.n_params])
-        for entry in errors_of_entries(self.model, own):
-            factor = 1.0 if self.channels is None else self.channels.factor(rest, self.record.laplace)
+        """Errors of every entry of measured components, as sensors read them."""
+        of_structure, of_channels = np.split(physical, [self.parameters.n_params])
+        for entry in errors_of_entries(self.model, of_structure):
+            factor = 1.0 if self.channels is None else self.channels.factor(of_channels, self.record.laplace)
             yield replace(entry, change=entry.change * factor)
 
     @cached_property
     def rows(self) -> DataRows:
-        """Of each sensor, with its load where there are several."""
+        """Rows of each sensor, with its load where there are several."""
         loads = [f"/{load}" if len(self.record.inputs) > 1 else "" for load in self.record.inputs]
-        return complex_rows(
-            len(self.frequency), [f"{output}{load}" for output in self.record.outputs for load in loads]
-        )
+        names = [f"{output}{load}" for output in self.record.outputs for load in loads]
+        return complex_rows(len(self.frequency), names, self._averages())
 
     @cached_property
     def model(self) -> Response:
@@ -221,7 +212,7 @@ class FrfProblem(ResponseProblem):
         return self._response(self.record, self.measured_sliding)
 
     def _response(self, record: FrfRecord, measured_sliding: bool) -> Response:
-        return response(self.structure, self.parameters, record, measured_sliding, self.reduced, self.models)
+        return response(self.structure, self.parameters, record, measured_sliding, self.reduced, self.cache)
 
     @cached_property
     def _observed(self) -> ObservedFrf | LeakedFrf:
@@ -258,7 +249,7 @@ class FrfProblem(ResponseProblem):
         return self._observed.values(self.physical(theta))
 
     def predicted_on(self, record: FrfRecord, physical: FloatArray) -> ComplexArray:
-        """The same for the lines of `record`, which has the same channels, with physical parameters."""
+        """The model's FRF at the lines of `record`, which has the same channels, with physical parameters."""
         if record is self.record and not self.measured_sliding:
             return self._observed.values(physical)
         return self._observed_on(record).values(physical)
@@ -266,7 +257,7 @@ class FrfProblem(ResponseProblem):
     def residual(self, theta: FloatArray) -> FloatArray:
         if self.form == "equation":
             return self.linearize(theta).residual
-        return self._residual(theta, self.data_rows(self.predicted(theta)))
+        return residual_with_priors(self.unknowns, theta, self.data_rows(self.predicted(theta)))
 
     def data_rows(self, predicted: ComplexArray) -> FloatArray:
         """Data rows of the residual where the model's FRF is `predicted`, in the order of `rows`; not of form ``equation``.
@@ -283,7 +274,7 @@ class FrfProblem(ResponseProblem):
         else:
             data, change = self._whitened.residual(predicted), self._whitened.whitening(predicted).rows(derivative)
         rows = stack_real(change.reshape(-1, len(theta))) * self.slope(theta)
-        return self._linearized(theta, stack_real(data.ravel()), rows)
+        return linearization_with_priors(self.unknowns, theta, stack_real(data.ravel()), rows)
 
     @property
     def matrix_free_obstacle(self) -> str:
@@ -327,41 +318,42 @@ class FrfProblem(ResponseProblem):
             jacobian=None if at.jacobian is None else at.jacobian * slope,
         )
 
-    def stage_plans(self) -> tuple[FrfStages, ...]:
+    def schedules(self) -> tuple[FrfSchedule, ...]:
         """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
 
         Both begin with the pole-free residual and every parameter drawn to its start: what the data say weakly stays
         where it is until the rest has settled. The short way takes errors of half of each value, which follows a
         start that is far off in a few parameters; the long way lets them fall from three times to a tenth, which is
         surer where many are off. Friction slides with measured amplitudes. A third way is by continuation from the
-        right half-plane, which carries furthest and comes first where `start_error` is given; see `continuation_plan`.
+        right half-plane, which carries furthest and comes first where `start_error` is given; see `decay_continuation`.
         """
-        near = tuple(_pole_free_plan(self, std, errors) for std, errors in _PLANS)
+        near = tuple(_pole_free_schedule(self, std, errors) for std, errors in _PLANS)
         if self.start_error is None:
-            far = continuation_plan(self)
+            far = decay_continuation(self)
             return (*near, far) if far else near
-        far = continuation_plan(self, self.start_error)
-        return (far, nearer(far), *near) if far else near
+        far = decay_continuation(self, self.start_error)
+        return (far, tightened(far), *near) if far else near
 
-    def ways(self) -> Sequence[Way]:
-        """`stage_plans`, and with up to 60 lines first of all `frequency_continuation`.
+    def continuation_paths(self) -> Sequence[ContinuationPath]:
+        """`schedules`, and with up to 60 lines first of all `frequency_continuation`.
 
         With so few, resonances hide between lines, and continuation from the right half-plane has nothing to smooth.
-        FRFs of a solver have none: they hold about the start only, to where `structid.study.run.solver.stages` leads.
+        FRFs of a solver have none: they are valid near the start only, to where `structid.study.run.solver.stages` leads.
         """
         if not self.structure.has_matrices:
             return ()
-        plans = self.stage_plans()
-        return (partial(frequency_continuation, self), *plans) if 1 < len(self.frequency) <= _MOST_LINES else plans
+        schedules = self.schedules()
+        few = 1 < len(self.frequency) <= _MOST_LINES
+        return (partial(frequency_continuation, self), *schedules) if few else schedules
 
-    def thinned(self) -> FrfProblem | None:
+    def subsampled(self) -> FrfProblem | None:
         """The problem on about 2000 of its lines, closer together at low frequencies; None with less than ten times as many.
 
         Fewer lines say less: what noisy lines determine only together may be lost, so that the search takes all of
         them where their number allows.
         """
         keep = thinned_lines(self.record.omega)
-        return None if _WORTH_THINNING * len(keep) > len(self.frequency) else self.with_lines(keep)
+        return None if _WORTH_SUBSAMPLING * len(keep) > len(self.frequency) else self.with_lines(keep)
 
 
 def _has_friction(structure: Structure) -> bool:
@@ -404,7 +396,7 @@ def _require_leakage(problem: FrfProblem, segment: float) -> None:
 def _equation_rows(
     problem: FrfProblem, theta: FloatArray, h: ComplexArray, dh: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Residual and derivative weighted by the inverse of Y' conj(Y), the weight held fixed."""
+    """Residual and derivative weighted by the inverse of Y' conj(Y), which counts as constant."""
     weight = problem.model.sensor_gram(problem.physical(theta))
     factor = np.linalg.cholesky(weight)
     receptance_scale = problem.model.kind_factor[:, None, None]
@@ -414,28 +406,28 @@ def _equation_rows(
     return data, change
 
 
-def _pole_free_plan(problem: FrfProblem, std: float, errors: tuple[float, ...]) -> FrfStages:
+def _pole_free_schedule(problem: FrfProblem, std: float, errors: tuple[float, ...]) -> FrfSchedule:
     """Stages with falling errors of the values, every parameter drawn to its start by so much of its size."""
-    held = problem.with_parts([part.kept_near_start(std) for part in problem.parts])
-    near = replace(held, form="pole_free", measured_sliding=True)
+    near_start = problem.with_parts([part.kept_near_start(std) for part in problem.parts])
+    near = replace(near_start, form="pole_free", measured_sliding=True)
     first = tuple((f"bounded residual, errors of {e:g}", replace(near, model_error=e)) for e in errors)
     if not any(isinstance(e, Friction) and e.measured_by for e in problem.structure.elements):
         return first
     return *first, ("measured sliding", replace(problem, measured_sliding=True))
 
 
-def continuation_plan(problem: FrfProblem, start_error: float = START_ERROR) -> FrfStages:
+def decay_continuation(problem: FrfProblem, start_error: float = START_ERROR) -> FrfSchedule:
     """Stages from smooth data far right of the axis down to the axis; empty where lines are too few, or parts were measured.
 
     At s = omega (a + i) with a near 1 an FRF has no resonances, and a fit cannot be caught between them; as a goes
     to 0 it becomes what was measured. Each stage fits the logarithm of the FRF, weighted by the error that
-    smoothing leaves; the last one the FRF itself, with the start still held, by the pole-free residual or, where noise
+    smoothing leaves; the last one the FRF itself, with the prior at the start, by the pole-free residual or, where noise
     is more than a fifth of most values, by the plain one.
 
     Parameters
     ----------
     problem : FrfProblem
-        Its `theta_start` is the centre of the prior that holds what the smooth data do not say.
+        Its `theta_start` is the centre of the prior, which determines what the smooth data leave open.
     start_error : float
         Standard deviation of that prior, in the logarithm; for damping at least 1.
 
@@ -449,32 +441,36 @@ def continuation_plan(problem: FrfProblem, start_error: float = START_ERROR) -> 
     smooth = problem.smoothed
     if not smooth:
         return ()
-    held = _held_near_start(problem, start_error)
+    near_start = _with_start_prior(problem, start_error)
     stages = [
-        (f"smoothed FRFs, {level:g} times the frequency", _smooth_stage(held, record)) for level, record in smooth
+        (f"smoothed FRFs, {level:g} times the frequency", _smooth_stage(near_start, record)) for level, record in smooth
     ]
-    near = replace(held, form="output") if is_noisy(problem.record) else replace(held, form="pole_free")
-    return *stages, ("held on the axis", near.thinned() or near)
+    near = replace(near_start, form="output" if is_noisy(problem.record) else "pole_free")
+    return *stages, ("held on the axis", near.subsampled() or near)
 
 
 def smooth_stage(problem: FrfProblem, record: FrfRecord, start_error: float = START_ERROR) -> FrfProblem:
-    """The stage of `continuation_plan` whose data are `record`, one of `smoothed_records`."""
-    return _smooth_stage(_held_near_start(problem, start_error), record)
+    """The stage of `decay_continuation` whose data are `record`, one of `smoothed_records`."""
+    return _smooth_stage(_with_start_prior(problem, start_error), record)
 
 
-def _held_near_start(problem: FrfProblem, start_error: float) -> FrfProblem:
-    held = problem.held(problem.theta_start, start_deviation(problem.unknowns, start_error))
-    return replace(held, measured_sliding=True)
+def _with_start_prior(problem: FrfProblem, start_error: float) -> FrfProblem:
+    """A copy with a Gaussian prior at the start, for stages: friction slides with measured amplitudes."""
+    near_start = problem.with_free_prior(problem.theta_start, start_deviation(problem.unknowns, start_error))
+    return replace(near_start, measured_sliding=True)
 
 
-def _smooth_stage(held: FrfProblem, record: FrfRecord) -> FrfProblem:
-    return replace(held, form="log", model_error=0.0, record=record)
+def _smooth_stage(near_start: FrfProblem, record: FrfRecord) -> FrfProblem:
+    return replace(near_start, form="log", model_error=0.0, record=record)
 
 
-def nearer(plan: FrfStages, ratio: float = 0.5) -> FrfStages:
-    """The same stages with the start expected to be closer: its error smaller by `ratio`."""
-    held = [(name, stage, stage.unknowns.held) for name, stage in plan]
-    return tuple((name, stage if p is None else stage.held(p[0], ratio * p[1])) for name, stage, p in held)
+def tightened(schedule: FrfSchedule, ratio: float = 0.5) -> FrfSchedule:
+    """The stages of `schedule` with the start expected to be closer: its error smaller by `ratio`."""
+    priors = [(name, stage, stage.unknowns.held) for name, stage in schedule]
+    return tuple(
+        (name, stage if prior is None else stage.with_free_prior(prior[0], ratio * prior[1]))
+        for name, stage, prior in priors
+    )
 
 
 def frequency_continuation(
@@ -482,12 +478,12 @@ def frequency_continuation(
     centre: FloatArray | None = None,
     start_error: float = LINES_START_ERROR,
     stage_error: float = LINES_ERROR,
-) -> FrfStages:
+) -> FrfSchedule:
     """Stages with more and more lines from the lowest on, then all of them by the pole-free residual alone.
 
     Below the first resonance an FRF changes smoothly with every parameter; with each line added the model is close
-    enough for the next resonance. What few lines do not say is held by a Gaussian prior at the start, which the last
-    stage goes without. Undamped and noise-free records are followed to their exact answer.
+    enough for the next resonance. A Gaussian prior at the start determines what few lines leave open; the last stage
+    has none. Undamped and noise-free records are followed to their exact answer.
 
     Parameters
     ----------
@@ -511,11 +507,11 @@ def frequency_continuation(
     n_lines = len(order)
     counts = np.unique(np.ceil(np.linspace(0, n_lines, min(n_lines, _MOST_STAGES) + 1)[1:]).astype(int))
     centre = problem.theta_start if centre is None else centre
-    held = problem.held(centre, start_deviation(problem.unknowns, start_error))
+    near_start = problem.with_free_prior(centre, start_deviation(problem.unknowns, start_error))
     error = max(stage_error, problem.model_error)
-    held = replace(held, form="pole_free", model_error=error, measured_sliding=True)
+    near_start = replace(near_start, form="pole_free", model_error=error, measured_sliding=True)
     stages = []
     for count in counts:
-        used = held.record.lines(np.sort(order[:count]))
-        stages.append((f"bounded residual, up to {used.frequency.max():g} Hz", replace(held, record=used)))
+        used = near_start.record.lines(np.sort(order[:count]))
+        stages.append((f"bounded residual, up to {used.frequency.max():g} Hz", replace(near_start, record=used)))
     return *stages, ("bounded residual", replace(problem, form="pole_free"))

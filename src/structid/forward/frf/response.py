@@ -1,4 +1,4 @@
-"""What a structure with given parameters answers at the sensors, and how the answer changes with each parameter."""
+"""FRFs of a structure at its sensors, with their derivatives with respect to each parameter."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from structid.fem.measured import joined_receptance
 from structid.forward.frf.channels import Channels, channels
 from structid.forward.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
 from structid.forward.frf.laws import law_coefficients
-from structid.forward.frf.lines.coupled import CoupledLines
-from structid.forward.frf.lines.large import LargeLines, Pattern
-from structid.forward.frf.lines.medium import MEDIUM_UP_TO, MediumLines
-from structid.forward.frf.lines.protocol import Lines
-from structid.forward.frf.lines.small import SmallLines
-from structid.forward.frf.lines.solved import SolvedLines
 from structid.forward.frf.slopes import StiffnessSlopes
+from structid.forward.frf.solvers.coupling import SubstructureCoupling
+from structid.forward.frf.solvers.dense import DenseSolver
+from structid.forward.frf.solvers.dense_or_sparse import MEDIUM_UP_TO, DenseOrSparseSolver
+from structid.forward.frf.solvers.solver import FrfSolver
+from structid.forward.frf.solvers.sparse import Pattern, SparseSolver
+from structid.forward.frf.solvers.tabulated import TabulatedFrf
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
 from structid.unknowns import Parameters
@@ -49,19 +49,19 @@ class Response:
     kind_factor: ComplexArray
     channels: Channels
     contacts: tuple[Contact, ...]
-    lines: Lines
+    solver: FrfSolver
 
     @property
     def is_large(self) -> bool:
-        """Whether lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
-        return self.lines.is_large
+        """True where lines are factorized one by one as sparse matrices, with one line's fields in memory at a time."""
+        return self.solver.is_large
 
     def values_at(self, physical: FloatArray) -> ComplexArray:
         """The FRF, (n_frequencies, n_outputs, n_inputs)."""
         coefficients, readings = self._sliding.at(physical) if self.contacts else (self.fixed_coefficients, None)
         if readings is None:
             used, place = np.unique(self.channels.inputs[0], return_inverse=True)
-            readings = self.lines.readings(physical, coefficients, used)[:, :, place] * self.channels.inputs[1]
+            readings = self.solver.readings(physical, coefficients, used)[:, :, place] * self.channels.inputs[1]
         return readings[:, : self.channels.n_outputs] * self.kind_factor[:, None, None]
 
     def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -75,7 +75,7 @@ class Response:
         shape = len(self.frequency), n_outputs, len(self.channels.inputs[0])
         values = np.empty(shape, dtype=np.complex128)
         derivative = np.empty((*shape, self.parameters.n_params), dtype=np.complex128)
-        for part, read, change, reach in self.lines.derivatives(physical, coefficients):
+        for part, read, change, reach in self.solver.derivatives(physical, coefficients):
             if self.contacts:
                 self._sliding.add_change(change, read, reach, physical, part)
             factor = self.kind_factor[part, None, None]
@@ -86,13 +86,13 @@ class Response:
     def fields_at(self, physical: FloatArray, loads: sparse.csc_array) -> ComplexArray:
         """Motion of every degree of freedom under unit loads, (n_frequencies, n_dofs, n_loads)."""
         fields = np.empty((len(self.frequency), *loads.shape), dtype=np.complex128)
-        for part, found in self.lines.fields(physical, self._coefficients(physical), loads):
+        for part, found in self.solver.fields(physical, self._coefficients(physical), loads):
             fields[part] = found
         return fields
 
     def solved_at(self, physical: FloatArray) -> Iterator[tuple[slice, NumberArray]]:
         """Motion (n, n_dofs, n_columns) under unit loads at all columns for stretches of lines, one after another."""
-        return self.lines.fields(physical, self._coefficients(physical))
+        return self.solver.fields(physical, self._coefficients(physical))
 
     def sensitivity_at(self, physical: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
         """-y' (dZ/dp) x for motions x under any drive and y under unit loads at the sensors.
@@ -111,47 +111,47 @@ class Response:
         return gram
 
     def _coefficients(self, physical: FloatArray) -> ComplexArray:
-        """How each law enters the dynamic stiffness, with the sliding amplitudes of `contacts` in balance."""
+        """Coefficients of the matrices in the dynamic stiffness, with the sliding amplitudes of `contacts` in balance."""
         return self._sliding.at(physical)[0] if self.contacts else self.fixed_coefficients
 
     @cached_property
     def _sliding(self) -> Sliding:
-        return Sliding(self.contacts, self.channels, self.lines, self.parameters, self.fixed_coefficients)
+        return Sliding(self.contacts, self.channels, self.solver, self.parameters, self.fixed_coefficients)
 
 
-class Models:
-    """What responses in use have in common: patterns with their analyses, lines of large models with their last fields.
+class ResponseCache:
+    """Cache of what responses in use share: sparsity patterns with their analyses, sparse solvers with their last fields.
 
-    Problems that are made from one another hold the same one; nothing found goes to another process.
+    Problems that are made from one another share one cache; its content goes to no other process.
 
     Parameters
     ----------
     factorizer : {"pardiso", "superlu"}, optional
-        Of models with more than 64 degrees of freedom; by default what the environment variable STRUCTID_FACTORIZER
-        names, or the fastest that is installed.
+        Factorizer of models with more than 64 degrees of freedom; by default the one that the environment variable
+        STRUCTID_FACTORIZER names, or the fastest that is installed.
     """
 
     def __init__(self, factorizer: str | None = None) -> None:
         self.factorizer = factorizer
         self._slopes: WeakSet[StiffnessSlopes] = WeakSet()
         self._patterns: WeakValueDictionary[tuple[object, ...], Pattern] = WeakValueDictionary()
-        self._lines: WeakValueDictionary[tuple[object, ...], LargeLines] = WeakValueDictionary()
+        self._solvers: WeakValueDictionary[tuple[object, ...], SparseSolver] = WeakValueDictionary()
 
-    def __reduce__(self) -> tuple[type[Models], tuple[str | None]]:
-        return Models, (self.factorizer,)
+    def __reduce__(self) -> tuple[type[ResponseCache], tuple[str | None]]:
+        return ResponseCache, (self.factorizer,)
 
     def slopes(self, structure: Structure, parameters: Parameters) -> StiffnessSlopes:
-        """Of a parametrized structure."""
+        """Derivatives of the dynamic stiffness of a parametrized structure, made once."""
         found = next((known for known in self._slopes if known.serves(structure, parameters)), None)
         if found is None:
             found = StiffnessSlopes(structure, parameters)
             self._slopes.add(found)
         return found
 
-    def large_lines(
+    def sparse_solver(
         self, slopes: StiffnessSlopes, sides: Channels, record: FrfRecord, reduced: float | None = None
-    ) -> LargeLines:
-        """Of the channels of `record`; contacts, which may slide as that record measured, make them its own."""
+    ) -> SparseSolver:
+        """Solver for the channels of `record`, made once; with contacts, which may slide as measured, each record has its own."""
         own = record if sides.n_contacts else None
         key: tuple[object, ...] = (
             slopes,
@@ -162,7 +162,7 @@ class Models:
         )
         pattern = self._patterns.get(key) or self._patterns.setdefault(key, Pattern(slopes, sides, self.factorizer))
         key = (pattern, record.frequency.tobytes(), reduced)
-        return self._lines.get(key) or self._lines.setdefault(key, LargeLines(pattern, record.frequency, reduced))
+        return self._solvers.get(key) or self._solvers.setdefault(key, SparseSolver(pattern, record.frequency, reduced))
 
 
 def response(
@@ -171,7 +171,7 @@ def response(
     record: FrfRecord,
     measured_sliding: bool = False,
     reduced: float | None = None,
-    models: Models | None = None,
+    cache: ResponseCache | None = None,
 ) -> Response:
     """The `Response` of `structure` at the frequencies, sensors and loads of `record`, in its kind.
 
@@ -186,8 +186,8 @@ def response(
         Whether friction elements that name sensors slide with the amplitude that those measured.
     reduced : float, optional
         Largest relative error of values that a large model may find from few factorizations; see `reduced_sweep`.
-    models : Models, optional
-        Where what others have in common with it is found; says the factorizer of large models.
+    cache : ResponseCache, optional
+        Cache that it shares with other responses; it names the factorizer of large models.
 
     Raises
     ------
@@ -195,27 +195,27 @@ def response(
         If a sensor or load is not part of the structure, there is friction and the record has several loads or is of
         supports that drive the structure, or a measured component is not known at the lines of the record.
     """
-    models = models or Models()
+    cache = cache or ResponseCache()
     bases = driving_bases(structure, record)
     structure = structure.release_supports(bases) if bases else structure
-    slopes = models.slopes(structure, unknown)
+    slopes = cache.slopes(structure, unknown)
     laws = slopes.laws
     measured = sliding_amplitudes(structure, record) if measured_sliding else {}
     contacts, slides = sliding_contacts(structure, laws, record, set(measured))
     sides = channels(structure.selection(record.inputs), structure.selection(record.outputs), slides)
     reduced = None if bases or structure.measured else reduced
-    small = SmallLines(slopes, sides, record.frequency)
-    lines: Lines = small
+    small = DenseSolver(slopes, sides, record.frequency)
+    solver: FrfSolver = small
     alone = next((one for one in structure.elements if isinstance(one, SolverFrfs)), None)
     if alone is not None:
-        lines = SolvedLines(alone, structure, unknown, record)
+        solver = TabulatedFrf(alone, structure, unknown, record)
     elif structure.n_dofs > DENSE_UP_TO:
-        lines = large = models.large_lines(slopes, sides, record, reduced)
+        solver = large = cache.sparse_solver(slopes, sides, record, reduced)
         medium = reduced is None and structure.n_dofs <= MEDIUM_UP_TO
         if medium and worthwhile(len(record.frequency), structure.n_dofs, False):
-            lines = MediumLines(small, large)
+            solver = DenseOrSparseSolver(small, large)
     if bases or structure.measured:
-        lines = _coupled(lines, structure, bases, record, sides, slopes)
+        solver = _coupled(solver, structure, bases, record, sides, slopes)
     return Response(
         slopes=slopes,
         parameters=unknown,
@@ -224,7 +224,7 @@ def response(
         kind_factor=record.laplace ** DERIVATIVES[record.kind],
         channels=sides,
         contacts=contacts,
-        lines=lines,
+        solver=solver,
     )
 
 
@@ -251,14 +251,14 @@ def driving_bases(structure: Structure, record: FrfRecord) -> tuple[Base, ...]:
 
 
 def _coupled(
-    lines: Lines,
+    solver: FrfSolver,
     structure: Structure,
     bases: tuple[Base, ...],
     record: FrfRecord,
     sides: Channels,
     slopes: StiffnessSlopes,
-) -> CoupledLines:
-    """The lines of a structure let go with `bases` that drive it, and with its measured components."""
+) -> SubstructureCoupling:
+    """The solver of a structure released at the `bases` that drive it and coupled to its measured components."""
     driven = _driven(structure, bases, record, sides)
     own = structure.selection([dof for one in structure.measured for dof in one.interface])
     receptance = np.zeros((len(record.frequency), *[driven.shape[1] + own.shape[1]] * 2), dtype=np.complex128)
@@ -270,7 +270,7 @@ def _coupled(
             )
         receptance[:, driven.shape[1] :, driven.shape[1] :] = joined_receptance(structure.measured, record.frequency)
     joined = sparse.csc_array(sparse.hstack([driven, own]))
-    return CoupledLines(lines, slopes, sides, joined, receptance, driven.shape[1])
+    return SubstructureCoupling(solver, slopes, sides, joined, receptance, driven.shape[1])
 
 
 def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> sparse.csc_array:

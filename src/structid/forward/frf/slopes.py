@@ -1,4 +1,4 @@
-"""How the dynamic stiffness of a structure changes with its parameters."""
+"""Derivative of the dynamic stiffness of a structure with respect to its parameters."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class StiffnessSlopes:
         return assembly(self.structure)
 
     def serves(self, structure: Structure, parameters: Parameters) -> bool:
-        """Whether these are the slopes of that structure and parameters, whose priors and starts do not matter."""
+        """True where these are the derivatives for that structure and parameters, whose priors and starts do not matter."""
         own = self.parameters
         same = own.design is parameters.design and own.offset is parameters.offset
         return same and self.structure is structure
@@ -97,7 +97,7 @@ class StiffnessSlopes:
 
     @cached_property
     def dense(self) -> DenseSlopes:
-        """The same as dense matrices, for small models."""
+        """The derivatives as dense matrices, for small models."""
         return dense_slopes(self.structure, self.laws, self.parameters.design)
 
     @cached_property

@@ -15,7 +15,7 @@ from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Structure
 from structid.fem.matrices.assembly import structure_laws
 from structid.forward.contraction import DenseSlopes, dense_slopes
-from structid.forward.latest import Latest
+from structid.forward.last_evaluation import LastEvaluation
 from structid.forward.sensitive import SensitiveElements, sensitive_elements, weight_slope
 from structid.unknowns import Parameters
 
@@ -85,17 +85,17 @@ class MatrixSlopes:
         return dense_slopes(self.structure, self._laws, self.parameters.design)
 
     @cached_property
-    def _latest_changes(self) -> Latest[dict[str, FloatArray]]:
-        return Latest()
+    def _latest_changes(self) -> LastEvaluation[dict[str, FloatArray]]:
+        return LastEvaluation()
 
     @cached_property
     def elements(self) -> tuple[SensitiveElements, ...]:
-        """What the parameters weigh, of larger models."""
+        """Element matrices that the parameters weigh, for larger models."""
         return sensitive_elements(self.structure, self.parameters)
 
     def _weight_slopes(self, physical: FloatArray) -> dict[_Member, Slope]:
-        """How the weights of each group's members change, by group and member: found once at each point, for all modes."""
-        return self._latest.at(physical, self._weight_slopes_at)
+        """Derivatives of the weights of each group's members, by group and member: found once at each point, for all modes."""
+        return self._last.at(physical, self._weight_slopes_at)
 
     def _weight_slopes_at(self, physical: FloatArray) -> dict[_Member, Slope]:
         values = self.parameters.values(physical)
@@ -123,5 +123,5 @@ class MatrixSlopes:
         return found
 
     @cached_property
-    def _latest(self) -> Latest[dict[_Member, Slope]]:
-        return Latest()
+    def _last(self) -> LastEvaluation[dict[_Member, Slope]]:
+        return LastEvaluation()

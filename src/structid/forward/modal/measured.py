@@ -38,7 +38,7 @@ class MeasuredModes:
 
     @property
     def has_shapes(self) -> bool:
-        """Whether any entry of a shape is known; without, modes are paired by frequency alone."""
+        """True where any entry of a shape is known; without, modes are paired by frequency alone."""
         return bool(self.record.known[:, self.measured].any())
 
     @cached_property
@@ -59,7 +59,7 @@ class MeasuredModes:
 
     @cached_property
     def shape_std(self) -> FloatArray:
-        """Of every entry of `shapes`, whose scale is free; see `unscaled_shape_std`.
+        """Standard deviation of every entry of `shapes`, whose scale is free; see `unscaled_shape_std`.
 
         In the form ``mac`` the same for all entries of a mode, so that their part of the misfit is (1 - MAC) / error^2.
         """
@@ -86,7 +86,7 @@ class MeasuredModes:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Of the frequencies (Hz), then of the damping ratios, of the modes that count."""
+        """Standard deviations of the frequencies (Hz), then of the damping ratios, of the modes that count."""
         count, rows = self.record.n_modes, self.measured
         rows = np.concatenate([rows, rows + count])
         own = np.zeros((2 * count,) * 2) if self.record.covariance is None else self.record.covariance
@@ -123,7 +123,7 @@ class MeasuredModes:
 
     @cached_property
     def is_alone(self) -> NDArray[np.bool_]:
-        """Whether each mode that counts is a group of its own, (n_measured,)."""
+        """True for each mode that is a group of its own, among those that count, (n_measured,)."""
         return by_mode(self.groups, [np.full(len(group.members), len(group.members) == 1) for group in self.groups])
 
     def whitened(self, frequency: FloatArray, damping: FloatArray) -> FloatArray:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
-from structid.forward.latest import Latest
+from structid.forward.last_evaluation import LastEvaluation
 from structid.forward.modal.matrix_slopes import MatrixSlopes
 from structid.forward.modal.output import ModelState
 from structid.unknowns import Parameters
@@ -55,30 +55,30 @@ class ModalModel:
 
     @property
     def n_params(self) -> int:
-        """Of the structure and of the errors."""
+        """Number of parameters of the structure and of the channel errors."""
         return self.parameters.n_params + (0 if self.errors is None else self.errors.n_params)
 
     def state(self, physical: FloatArray) -> ModelState:
         """Matrices and modes of the model, with sensors in standard deviations of no group in particular."""
-        return self._latest.at(physical, self._state_at)
+        return self._last.at(physical, self._state_at)
 
     def _state_at(self, physical: FloatArray) -> ModelState:
         own, values = physical[: self.parameters.n_params], self.parameters.values(physical[: self.parameters.n_params])
         laws = ("inertia", "viscous", "elastic", "structural")
         mass, damping, stiffness, structural = (self.structure.matrix(law, values) for law in laws)
         count = None if self.structure.n_dofs <= DENSE_UP_TO else 3 * self.n_modes + 10
-        found = modes(mass, stiffness, n_modes=count)
+        found = modes(mass, stiffness, n_modes=count, strains=partial(self.structure.strain_operator, values))
         gains, change = self.readings(physical)
         sensors = self.sensors * gains
         return ModelState(mass, damping, stiffness, structural, found, sensors, self.slopes, own, change)
 
     def readings(self, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What sensors read over the truth, (n_channels,), and its logarithm's slope, (n_channels, n_errors)."""
+        """Readings of sensors over the true motion, (n_channels,), and the slope of their logarithm, (n_channels, n_errors)."""
         if self.errors is None:
             return np.ones(self.sensors.shape[1]), np.zeros((self.sensors.shape[1], 0))
         errors, still = physical[self.parameters.n_params :], np.zeros(1, dtype=np.complex128)
         return self.errors.readings(errors, still)[0][0].real, self.errors.output_slopes(errors, still)[0].real
 
     @cached_property
-    def _latest(self) -> Latest[ModelState]:
-        return Latest()
+    def _last(self) -> LastEvaluation[ModelState]:
+        return LastEvaluation()

@@ -1,4 +1,4 @@
-"""How modes of a parametrized structure differ from measured ones, with derivatives that stay finite at close modes."""
+"""Differences between modes of a parametrized structure and measured ones, with finite derivatives at close modes."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def _widened(state: ModelState, slope: NDArray[np.floating]) -> FloatArray:
 def group_changes(
     state: ModelState, group: GroupData, chosen: IntArray, shapes: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What changes of the measured shapes do to `GroupFit`, the model as it is.
+    """Changes of `GroupFit` by changes of the measured shapes, with the model as it is.
 
     Parameters
     ----------

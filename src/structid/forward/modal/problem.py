@@ -15,15 +15,16 @@ from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
-from structid.forward.latest import Latest
+from structid.forward.last_evaluation import LastEvaluation
 from structid.forward.modal.dynamic import dynamic_rows
 from structid.forward.modal.measured import FewSensorsError, MeasuredModes
 from structid.forward.modal.model import DENSE_UP_TO, ModalModel
 from structid.forward.modal.paired import output_changes, output_rows, pairing
 from structid.forward.modal.settings import ModalForm, ModalSettings
-from structid.forward.record_problem import DataRows, MeasuredProblem, RecordFacts
+from structid.forward.prior_rows import linearization_with_priors
+from structid.forward.record_problem import RecordFacts, RecordProblem
 from structid.inversion.linearization import Linearization
-from structid.inversion.problem import Stages
+from structid.inversion.problem import DataRows, NoiseLaw, RowNoise, Schedule
 from structid.modal import ModalRecord
 from structid.unknowns import Parameters
 
@@ -34,7 +35,7 @@ _SINGULAR = 1e14
 
 
 @dataclass(frozen=True, eq=False)
-class ModalProblem(MeasuredProblem):
+class ModalProblem(RecordProblem):
     """Parameters of a structure from measured modes.
 
     Forms of the residual:
@@ -129,7 +130,7 @@ class ModalProblem(MeasuredProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Of each mode, which is their line and quantity: its known channels; frequencies, damping ratios and mixing have own ones.
+        """Rows of each mode, its line and quantity: known channels; other values have channels of their own.
 
         Channels without a row have no name: those that are unknown in all modes, or in one of every group.
         """
@@ -151,7 +152,7 @@ class ModalProblem(MeasuredProblem):
         modes, names = np.concatenate(lines), (*shapes, "mixing of close modes", *scalars)
         return DataRows(modes, np.concatenate(series), names, modes)
 
-    def stage_plans(self) -> Sequence[Stages]:
+    def schedules(self) -> Sequence[Schedule]:
         """Ways to the answer: straight, by modes in their order, and by the dynamic residual, which needs no pairing.
 
         Where the straight way misses the noise, the others are tried too. Shapes pair a mode with its neighbour where the two have
@@ -161,14 +162,14 @@ class ModalProblem(MeasuredProblem):
         """
         near = replace(self, parameters=self.parameters.kept_near_start(_START_ERROR))
         frequency, shape = _ORDER_ERRORS
-        ways: list[Stages] = [()]
+        schedules: list[Schedule] = [()]
         with suppress(FewSensorsError):  # errors so wide leave more modes together than the sensors tell
             errors = replace(self.settings, form="output", frequency_error=frequency, shape_error=shape)
             ordered = replace(near, settings=errors, in_order=True)
-            ways.append((("modes in their order", ordered),))
+            schedules.append((("modes in their order", ordered),))
         if self.data.has_shapes and self.structure.n_dofs <= DENSE_UP_TO and self.channels is None:
-            ways.append((("modal dynamic residual", of_form(near, "dynamic")),))
-        return ways
+            schedules.append((("modal dynamic residual", of_form(near, "dynamic")),))
+        return schedules
 
     def keeping_order(self, theta: FloatArray) -> ModalProblem:
         """A problem with the same pairs everywhere as at `theta`, where no shape is known and modes are in their order there."""
@@ -179,16 +180,16 @@ class ModalProblem(MeasuredProblem):
         return replace(self, in_order=True) if is_ordered else self
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        known = self.linearize(theta) if self.settings.form == "dynamic" else self._latest.known(theta)
+        known = self.linearize(theta) if self.settings.form == "dynamic" else self._last.known(theta)
         if known is not None:
             return known.residual
         data, _, eliminated = output_rows(self.data, self.model, self.physical(theta), self.in_order, with_slopes=False)
         none = np.zeros((len(data), len(theta)))
-        return self._linearized(theta, data, none, eliminated).residual
+        return linearization_with_priors(self.unknowns, theta, data, none, eliminated).residual
 
     @cached_property
-    def _latest(self) -> Latest[Linearization]:
-        return Latest()
+    def _last(self) -> LastEvaluation[Linearization]:
+        return LastEvaluation()
 
     def linearize(self, theta: FloatArray) -> Linearization:
         def found(theta: FloatArray) -> Linearization:
@@ -197,24 +198,24 @@ class ModalProblem(MeasuredProblem):
                 data, change, eliminated = *dynamic_rows(self.data, self.model, physical), 0
             else:
                 data, change, eliminated = output_rows(self.data, self.model, physical, self.in_order)
-            return self._linearized(theta, data, change * self.slope(theta), eliminated)
+            return linearization_with_priors(self.unknowns, theta, data, change * self.slope(theta), eliminated)
 
-        return self._latest.at(theta, found)
+        return self._last.at(theta, found)
 
-    def data_changes(self, theta: FloatArray) -> FloatArray | None:
+    def noise_law(self, theta: FloatArray) -> NoiseLaw:
         if self.settings.form == "dynamic":
-            return None
-        return output_changes(self.data, self.model, self.physical(theta), self.in_order)
+            return RowNoise()
+        return RowNoise(factor=output_changes(self.data, self.model, self.physical(theta), self.in_order))
 
 
 def row_kinds(problem: ModalProblem) -> NDArray[np.str_]:
-    """What kind of value each data row is of, (n_data,): frequencies, damping ratios, shapes."""
+    """Kind of value of each data row, (n_data,): frequencies, damping ratios, shapes."""
     kinds = np.array([_kind_of(name) for name in problem.rows.names])
-    return kinds[np.unique(problem.series, return_inverse=True)[1]]
+    return kinds[np.unique(problem.rows.series, return_inverse=True)[1]]
 
 
 def _kind_of(row: str) -> str:
-    """What kind of value the data rows of this name are."""
+    """Kind of value of the data rows of this name."""
     first = row.partition(" ")[0]
     return {"shape": "shapes", "mixing": row, "frequency": "frequencies", "force": "forces"}.get(
         first, "damping ratios"
@@ -222,18 +223,18 @@ def _kind_of(row: str) -> str:
 
 
 def of_form(problem: ModalProblem, form: ModalForm) -> ModalProblem:
-    """The same with a residual of another form."""
+    """A copy with a residual of another form."""
     return replace(problem, settings=replace(problem.settings, form=form))
 
 
 def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
     """The rows of shape values in the residual of form ``output``, in standard deviations."""
     of = problem if problem.settings.form == "output" else of_form(problem, "output")
-    return of.residual(theta)[: of.n_data][of.series < 2 * len(problem.record.channels)]
+    return of.residual(theta)[: of.n_data][of.rows.series < 2 * len(problem.record.channels)]
 
 
 def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
-    """Of each kind of value: how many, how many parameters they determine, and their part of the misfit.
+    """Count, number of determined parameters and part of the misfit of each kind of value.
 
     Parameters determined are the trace of (J'J)^-1 J_k'J_k, J_k being the rows of the kind: kinds and priors together
     give the number of parameters. Empty where the data do not determine all.

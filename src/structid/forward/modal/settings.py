@@ -1,4 +1,4 @@
-"""How measured modes are fitted."""
+"""Settings of fits of measured modes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ShapeForm = Literal["entries", "mac"]
 
 @dataclass(frozen=True)
 class ModalSettings:
-    """What counts of measured modes, and how; see `ModalProblem` for the forms of the residual.
+    """Quantities of measured modes that count in a fit, and their errors; see `ModalProblem` for the forms of the residual.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ _MOST_IN_ONE_BLOCK = 200
 
 @dataclass(frozen=True, eq=False)
 class TimeEquations:
-    """What turns motion into rows of a regression.
+    """Operator from motion to the rows of a regression.
 
     Attributes
     ----------
@@ -81,12 +81,12 @@ class TimeEquations:
         return self.shaped(self.operator @ fields)
 
     def shaped(self, products: FloatArray) -> FloatArray:
-        """What the operator gives, (n_dofs (n_columns + 1), n_times), as the rows of each block."""
+        """The output of the operator, (n_dofs (n_columns + 1), n_times), as the rows of each block."""
         products = products.reshape(self.n_dofs, self.side, -1)
         return np.swapaxes(products, 1, 2).reshape(len(self.columns), -1, self.side)
 
     def sizes(self, energy: FloatArray) -> FloatArray:
-        """What the norm of each column would be if nothing cancelled in it, (n_params,).
+        """Norm of each column without cancellation, (n_params,).
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class TimeEquations:
         return np.sqrt(total[:-1])
 
     def noise_gram(self, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What independent errors in the fields add to B'B and to B'c on average.
+        """Additions to B'B and B'c by independent errors in the fields, on average.
 
         Parameters
         ----------

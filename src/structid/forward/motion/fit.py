@@ -219,7 +219,7 @@ def least_squares_bias(
     row_weights: ArrayLike | None = None,
     exact_motion: bool = False,
 ) -> FloatArray:
-    """What errors of the motion add to the least-squares parameters on average, (n_params,) in their units.
+    """Bias of the least-squares parameters by errors of the motion, (n_params,) in their units.
 
     To first order -(B'B + N)^-1 (N p - n), where N is the mean that the errors add to B'B of the exact motion, and n
     what they add to B'c through the known properties. Measured motion holds N in its own B'B.

@@ -64,7 +64,7 @@ class Motion:
         return len(self.time)
 
     def at(self, rows: slice | ArrayLike) -> Motion:
-        """The same motion at some of its instants only."""
+        """A copy with some of its instants only."""
         index = rows if isinstance(rows, slice) else np.asarray(rows)
         motions = (getattr(self, name) for name in MOTION_QUANTITIES)
         chosen = (None if part is None else part[index] for part in motions)

@@ -71,7 +71,7 @@ class MotionSolution:
 
     @property
     def identified(self) -> np.ndarray:
-        """Whether each value is known to better than its own size, (n_params,)."""
+        """True for each value that is known to better than its own size, (n_params,)."""
         return np.asarray(self.std <= np.abs(self.values))
 
     @property
@@ -80,7 +80,7 @@ class MotionSolution:
 
     @property
     def message(self) -> str:
-        """What the reader should know, the most important first."""
+        """Words for the reader, the most important first."""
         words = solution_words(self.unknown, self.fit, self.n_rows, self.n_samples)
         return "; ".join([*words, f"rows reduced by {self.engine}, solved by {self.fit.method}"])
 
@@ -173,7 +173,7 @@ def _give_back_memory() -> None:
 
 @dataclass(frozen=True, eq=False)
 class RecordRows:
-    """What makes the rows of the equations from a record; made once for all of its chunks.
+    """Operator from a record to the rows of the equations; made once for all chunks of the record.
 
     Attributes
     ----------
@@ -207,7 +207,7 @@ def record_rows(equations: TimeEquations, structure: Structure, record: ChunkedR
 
 
 def channel_rows(equations: TimeEquations, mapping: sparse.csr_array) -> RowMaker:
-    """What makes the rows of the equations from the channels of a record."""
+    """Operator from the channels of a record to the rows of the equations."""
     operator = equations.operator  # shared where the channels are the fields, one by one
     if not _is_identity(mapping):
         operator = sparse.csr_array(operator @ mapping)

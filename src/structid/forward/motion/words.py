@@ -1,4 +1,4 @@
-"""What a fit of measured motion tells its reader: an `Estimate` with what is missing and what would supply it."""
+"""The `Estimate` of a fit of measured motion, with words on what is missing and what would supply it."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from structid.core.display import join_words
 from structid.forward.motion.equations import TimeEquations
 from structid.inversion import DenseCovariance, Direction, Estimate, Identifiability, Status
 from structid.inversion.diagnostics.identifiability import identifiability
+from structid.inversion.estimate import Goodness, ParameterValues, SearchRecord
 from structid.inversion.regression.block_least_squares import BlockFit
 from structid.inversion.regression.streaming_qr import LinearFit
+from structid.inversion.uncertainty import Spread
 from structid.unknowns import Parameters
 
 _UNSEEN = {
@@ -39,40 +41,46 @@ def motion_estimate(
     identified = std <= np.abs(found.values)
     if bias is not None:
         identified &= np.abs(bias) <= _SWAMPED * np.abs(found.values)
-    none = np.full_like(found.covariance, np.nan)
-    return Estimate(
+    parameters = ParameterValues(
         names=unknown.names,
         kinds=unknown.kinds,
         units=unknown.units,
         initial=unknown.start,
         values=found.values,
+        theta=found.values,
+    )
+    spread = Spread(
         noise=DenseCovariance(found.covariance),
-        model_error=DenseCovariance(none),
+        model_error=DenseCovariance(np.full_like(found.covariance, np.nan)),
         covariance_basis="noise",
         identified=locked(identified),
-        status=Status.CONVERGED if identified.all() else Status.NOT_IDENTIFIABLE,
-        message="; ".join(_words(equations, found, n_samples, bias)),
         identifiability=_identifiability(equations, found),
+    )
+    goodness = Goodness(
         chi_square=float("nan"),
         n_data=equations.n_dofs * n_samples,
         degrees_of_freedom=found.degrees_of_freedom,
         residual_correlation=float("nan"),
-        n_iterations=1,
-        n_starts=1,
-        n_agreeing=1,
-        theta=found.values,
-        history=locked(np.array([unknown.start, found.values])),
+    )
+    history = locked(np.array([unknown.start, found.values]))
+    return Estimate(
+        parameters=parameters,
+        spread=spread,
+        goodness=goodness,
+        search=SearchRecord(n_iterations=1, n_starts=1, n_agreeing=1, history=history),
+        status=Status.CONVERGED if identified.all() else Status.NOT_IDENTIFIABLE,
+        message="; ".join(_words(equations, found, n_samples, bias)),
     )
 
 
 def _words(equations: TimeEquations, found: LinearFit, n_samples: int, bias: FloatArray | None) -> list[str]:
-    """What the reader should know, the most important first."""
+    """Words for the reader, the most important first."""
     words = solution_words(equations.unknown, found, equations.n_dofs * n_samples, n_samples)
     return [*words[:-1], *_bias_words(equations, found, bias), words[-1]]
 
 
 def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int, n_samples: int) -> list[str]:
-    """What is missing and what would supply it, then the quality of the fit in one part."""
+    """Words on what is missing and what would supply it, then on the quality of the fit."""
     n_params, n = unknown.n_params, n_rows // max(1, n_samples)
     words = []
     if n_rows < n_params:

@@ -8,20 +8,21 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.arrays import FloatArray, locked
 from structid.forward.motion.equations import TimeEquations
-from structid.forward.record_problem import ParameterProblem
-from structid.inversion import DenseCovariance, Estimate, Linearization, Status
+from structid.inversion import DataRows, DenseCovariance, Estimate, FreeUnknowns, Linearization, Problem, Status
 from structid.inversion.covariance import correlation_length, inverse_information, model_error_covariance
 from structid.inversion.diagnostics.identifiability import identifiability
+from structid.inversion.estimate import Goodness, ParameterValues, SearchRecord
+from structid.inversion.uncertainty import Spread
 from structid.unknowns import Parameters
 
 _UNSOUND = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class WhitenedRows(ParameterProblem):
-    """Equations linear in the parameters, with rows of unit variance, and instruments for them; no variable is transformed.
+class WhitenedRows(Problem):
+    """Equations linear in the parameters, with rows of unit variance, and instruments for them.
 
     Attributes
     ----------
@@ -30,7 +31,7 @@ class WhitenedRows(ParameterProblem):
     right : (n_rows,) float array
     instruments : (n_rows, n_params) float array
         Regressors as far as they are free of the noise of the rows.
-    lines, series : (n_rows,) int arrays
+    labels : DataRows
         Instant (or window), and twice the degree of freedom, of each row.
     """
 
@@ -38,22 +39,16 @@ class WhitenedRows(ParameterProblem):
     regressors: FloatArray
     right: FloatArray
     instruments: FloatArray
-    lines: IntArray
-    series: IntArray
+    labels: DataRows
 
     @property
-    def theta_start(self) -> FloatArray:
-        return self.parameters.start
-
-    def physical(self, theta: FloatArray) -> FloatArray:
-        return theta
-
-    def slope(self, theta: FloatArray) -> FloatArray:
-        return np.ones(len(theta))
+    def rows(self) -> DataRows:
+        return self.labels
 
     @property
-    def n_data(self) -> int:
-        return len(self.right)
+    def unknowns(self) -> FreeUnknowns:
+        """Parameters as they are: no variable is transformed."""
+        return FreeUnknowns(self.parameters.names, self.parameters.start, self.parameters.kinds, self.parameters.units)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         return self.regressors @ theta - self.right
@@ -76,7 +71,7 @@ class WhitenedRows(ParameterProblem):
 
     @property
     def determine_all(self) -> bool:
-        """Whether there is one solution."""
+        """True where there is one solution."""
         return self._system is not None
 
     def solution(self) -> FloatArray | None:
@@ -101,7 +96,8 @@ def whitened_rows(
     """The `WhitenedRows` of (n_times, n_dofs, n_params), (n_times, n_dofs) and (n_times, n_dofs, n_params)."""
     lines, series = np.divmod(np.arange(right.size), right.shape[1])
     flat = (right.size, unknown.n_params)
-    return WhitenedRows(unknown, regressors.reshape(flat), right.ravel(), instruments.reshape(flat), lines, 2 * series)
+    labels = DataRows(lines, 2 * series)
+    return WhitenedRows(unknown, regressors.reshape(flat), right.ravel(), instruments.reshape(flat), labels)
 
 
 def dense_rows(equations: TimeEquations, fields: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -124,10 +120,11 @@ def linear_estimate(
     message: str,
     known_noise: bool,
     misfit_probability: float,
+    n_starts: int = 1,
 ) -> Estimate:
-    """What `rows` say of the parameters, with covariance, status and identifiability.
+    """The estimate of a linear fit of `rows`, with covariance, status and identifiability.
 
-    `values` None stands for none found; `known_noise` False for rows whose unit
+    `values` are None where none were found; `known_noise` is False for rows whose unit
     variance is that of their own residual, so that chi-square says nothing.
     """
     unknown = rows.parameters
@@ -148,28 +145,34 @@ def linear_estimate(
     status = Status.CONVERGED if identified.all() else Status.NOT_IDENTIFIABLE
     if not converged and rows.determine_all:
         status = Status.NOT_CONVERGED
-    return Estimate(
+    parameters = ParameterValues(
         names=unknown.names,
         kinds=unknown.kinds,
         units=unknown.units,
         initial=locked(unknown.start),
         values=locked(found),
+        theta=locked(found),
+    )
+    spread = Spread(
         noise=DenseCovariance(noise),
         model_error=DenseCovariance(model),
         covariance_basis=basis,
         identified=locked(identified),
-        status=status,
-        message=message,
         identifiability=identifiability(
             rows.instruments * size, found, unknown.names, np.sqrt(chi_square / freedom) if misfit else 1.0
         ),
+    )
+    goodness = Goodness(
         n_data=rows.n_data,
         chi_square=chi_square if known_noise else float("nan"),
         degrees_of_freedom=freedom,
-        residual_correlation=correlation_length(residual, rows.lines, rows.series) if determined else float("nan"),
-        n_iterations=len(history) - 1,
-        n_starts=1,
-        n_agreeing=1,
-        theta=locked(found),
-        history=locked(np.array(history)),
+        residual_correlation=correlation_length(residual, rows.labels.lines, rows.labels.series)
+        if determined
+        else float("nan"),
+    )
+    search = SearchRecord(
+        n_iterations=len(history) - 1, n_starts=n_starts, n_agreeing=1, history=locked(np.array(history))
+    )
+    return Estimate(
+        parameters=parameters, spread=spread, goodness=goodness, search=search, status=status, message=message
     )

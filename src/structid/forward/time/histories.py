@@ -8,16 +8,16 @@ from functools import cached_property
 import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
-from structid.forward.time.drive import Drive
+from structid.forward.time.input_hold import InputHold
 
 
 @dataclass(frozen=True, eq=False)
 class Histories:
-    """What a time record says, held against what a model says in its place.
+    """Measured histories beside predicted ones.
 
     Parameters
     ----------
-    drive : Drive
+    drive : InputHold
         What the forces are between their samples.
     measured : (n_times, n_sensors) float array
     deviation : (n_sensors,) float array
@@ -26,7 +26,7 @@ class Histories:
         0 for forces that are known.
     """
 
-    drive: Drive
+    drive: InputHold
     measured: FloatArray
     deviation: FloatArray
     force: FloatArray
@@ -43,12 +43,12 @@ class Histories:
 
     @cached_property
     def known_force(self) -> FloatArray:
-        """The force as far as it is known; see `Drive.known`."""
+        """The force as far as it is known; see `InputHold.known`."""
         return self.drive.known(self.force)
 
     @cached_property
     def waveforms(self) -> FloatArray:
-        """Of an oscillation; see `Drive.waveforms`."""
+        """Waveforms of an oscillation; see `InputHold.waveforms`."""
         return self.drive.waveforms(self.n_times)
 
     def errors(self, predicted: FloatArray, force: FloatArray) -> FloatArray:

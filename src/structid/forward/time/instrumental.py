@@ -72,7 +72,7 @@ class InstrumentalFit:
     initial: FloatArray | None
 
     def first(self, n_times: int) -> InstrumentalFit:
-        """The same with the first samples only."""
+        """A copy with the first samples only."""
         force = self.force if self.model.drive.oscillates else self.force[:n_times]
         return replace(self, motion=self.motion.at(slice(0, n_times)), force=force)
 
@@ -181,8 +181,9 @@ def identified_by_instruments(
     elif end.values is None:
         message = "the samples do not determine the parameters"
     rows, known = end.rows or _plain_rows(fit), fit.noise is not None
-    found = linear_estimate(rows, end.values, end.history, end.converged, message, known, options.misfit_probability)
-    return replace(found, n_starts=len(ends))
+    return linear_estimate(
+        rows, end.values, end.history, end.converged, message, known, options.misfit_probability, len(ends)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +203,7 @@ class _End:
         return float(residual @ residual)
 
     def fits(self, known_noise: bool, probability: float) -> bool:
-        """Whether chi-square is no larger than noise makes it; True where the noise is not known."""
+        """True where chi-square is no larger than noise makes it, or the noise is not known."""
         if self.rows is None or not known_noise:
             return self.rows is not None
         freedom = self.rows.n_data - len(self.history[0])
@@ -257,7 +258,7 @@ def _iterated(
 
 
 def _no_rows(unknown: Parameters) -> WhitenedRows:
-    """What says whose values are kept."""
+    """Empty rows of the parameters, which then keep their values."""
     none = np.zeros((0, 1, unknown.n_params))
     return whitened_rows(unknown, none, np.zeros((0, 1)), none)
 

@@ -26,7 +26,7 @@ class Step(NamedTuple):
 
 
 class RowsAt(Protocol):
-    """What makes equations and instruments for parameters."""
+    """Equations and instruments as functions of the parameters."""
 
     def rows(self, values: FloatArray) -> WhitenedRows: ...
 

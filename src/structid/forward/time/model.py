@@ -1,4 +1,4 @@
-"""What sensors of a structure read at the samples of a record, and its derivatives, without discretization error."""
+"""Readings of a structure's sensors at the samples of a record, and their derivatives, without discretization error."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from structid.core.errors import InputError, SingularModelError
 from structid.dynamics.exact_discretization import Step, exact_step, stepped
 from structid.fem import Base, Structure
 from structid.forward.sensitive import require_laws_in_time, weight_slope
-from structid.forward.time.drive import Drive
+from structid.forward.time.input_hold import InputHold
 from structid.unknowns import Parameters
 
 _MOST_DOFS = 200
@@ -32,7 +32,7 @@ class TimeModel:
     ----------
     structure : Structure
     unknown : Parameters
-    drive : Drive
+    drive : InputHold
     loads : tuple of Dof
         Of forces, or where `bases` drive supports, whose accelerations take the place of forces.
     sensors : tuple of Dof
@@ -44,7 +44,7 @@ class TimeModel:
 
     structure: Structure
     unknown: Parameters
-    drive: Drive
+    drive: InputHold
     loads: tuple[Dof, ...]
     sensors: tuple[Dof, ...]
     orders: IntArray
@@ -84,7 +84,7 @@ class TimeModel:
 
     @cached_property
     def sensor_columns(self) -> FloatArray:
-        """What each sensor reads, (n_free, n_sensors).
+        """Reading of each sensor as a combination of the motion, (n_free, n_sensors).
 
         Raises
         ------
@@ -101,7 +101,7 @@ class TimeModel:
         return columns[self.free]
 
     def readings(self, values: FloatArray, force: FloatArray, initial: FloatArray | None, n_times: int) -> FloatArray:
-        """What the sensors read, (n_times, n_sensors).
+        """Readings of the sensors, (n_times, n_sensors).
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What is assumed of force, start and sensors when parameters are identified from time histories."""
+"""Assumptions on force, start and sensors when parameters are identified from time histories."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Oscillation:
 
 @dataclass(frozen=True)
 class TimeOptions:
-    """How `identify_time` reads a record, and by which estimator.
+    """Options of `identify_time`: how a record is read, and by which estimator.
 
     Parameters
     ----------

@@ -12,10 +12,12 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray, require_shape
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.forward.record_problem import DataRows, RecordFacts, RecordProblem
+from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
+from structid.forward.record_problem import RecordFacts, RecordProblem
 from structid.forward.time.histories import Histories
 from structid.forward.time.model import TimeModel
 from structid.inversion.linearization import Linearization
+from structid.inversion.problem import DataRows
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import NamedUnknowns
 
@@ -25,7 +27,7 @@ _SEEN = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Incidental:
-    """What is unknown besides the parameters, as the data have it for given parameters.
+    """Incidental unknowns by least squares at given parameters.
 
     Attributes
     ----------
@@ -43,7 +45,7 @@ class Incidental:
 
 @dataclass(frozen=True, eq=False)
 class Incidentals:
-    """Whatever is unknown besides the parameters, all of which is linear: state at the start, noisy forces.
+    """Incidental unknowns besides the parameters, all of them linear: state at the start, noisy forces.
 
     Attributes
     ----------
@@ -158,12 +160,12 @@ class OutputErrorProblem(RecordProblem):
 
     @cached_property
     def histories(self) -> Histories:
-        """What the record says."""
+        """Measured readings and forces with their noise."""
         return Histories(self.model.drive, self.measured, self.deviation, self.force, self.force_deviation)
 
     @cached_property
     def incidentals(self) -> Incidentals:
-        """What else is unknown."""
+        """Unknowns besides the parameters."""
         return Incidentals(self.model, self.histories, self.free_start)
 
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> OutputErrorProblem:
@@ -207,7 +209,7 @@ class OutputErrorProblem(RecordProblem):
         values = self.physical(theta)
         at = self.incidentals.at(values)
         predicted = self.model.readings(values, at.force, at.initial, self.n_times)
-        return self._residual(theta, self.histories.errors(predicted, at.force))
+        return residual_with_priors(self.unknowns, theta, self.histories.errors(predicted, at.force))
 
     def linearize(self, theta: FloatArray) -> Linearization:
         values = self.physical(theta)
@@ -217,4 +219,4 @@ class OutputErrorProblem(RecordProblem):
         rows[: self.measured.size] = (change / self.deviation[:, None]).reshape(-1, len(values))
         rows -= at.basis @ (at.basis.T @ rows)
         data = self.histories.errors(predicted, at.force)
-        return self._linearized(theta, data, rows * self.slope(theta), at.basis.shape[1])
+        return linearization_with_priors(self.unknowns, theta, data, rows * self.slope(theta), at.basis.shape[1])

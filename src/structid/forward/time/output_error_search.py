@@ -92,13 +92,10 @@ def identified_by_output_error(
     final = problem.with_parameters(unknown.started_at(unknown.transforms.physical(theta)))
     method = LevenbergMarquardt(max_iterations=2 * options.max_iterations)
     found = estimate(final, method, misfit_probability=options.misfit_probability, progress=progress, work=work)
-    return replace(
-        found,
-        initial=locked(unknown.start),
-        bound_initial=bound_at(problem, unknown.theta_start, "the initial values").std,
-        n_iterations=found.n_iterations + iterations,
-        n_starts=len(ways),
-    )
+    bound = bound_at(problem, unknown.theta_start, "the initial values").std
+    search = replace(found.search, n_iterations=found.search.n_iterations + iterations, n_starts=len(ways))
+    spread = replace(found.spread, bound_initial=bound)
+    return replace(found.with_initial(locked(unknown.start)), spread=spread, search=search)
 
 
 def _tried(
@@ -107,7 +104,7 @@ def _tried(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[tuple[_Way, int]]:
-    """What became of each start in turn, and the iterations spent; `rounds` is asked for more when these are taken."""
+    """Result of each start in turn with the iterations spent; `rounds` is asked for more when these are taken."""
     count = 0
     for starts in rounds:
         for first in range(0, len(starts), work.n_workers):

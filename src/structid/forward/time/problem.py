@@ -7,7 +7,7 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError
 from structid.fem import Base, Structure
-from structid.forward.time.drive import Drive
+from structid.forward.time.input_hold import InputHold
 from structid.forward.time.model import ORDERS, TimeModel
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error import OutputErrorProblem
@@ -43,14 +43,14 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
     if begin > record.start:
         raise InputError(f"`rest_time` must not come after the first sample at {record.start:g} s, got {begin:g} s")
     bases = _bases(structure, record, loads)
-    drive = Drive(options.force, len(loads), bool(bases), 1 / record.sampling_rate, record.start - begin, begin)
+    drive = InputHold(options.force, len(loads), bool(bases), 1 / record.sampling_rate, record.start - begin, begin)
     driven, sensors = (tuple(record.channels[i] for i in chosen) for chosen in (loads, fitted))
     orders = np.array([ORDERS[record.quantities[i]] for i in fitted])
     return TimeModel(structure, unknown, drive, driven, sensors, orders, bases)
 
 
 def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[Base, ...]:
-    """What drives the structure by motion of supports; () where forces do."""
+    """Supports whose motion drives the structure; () where forces do."""
     moved = [i for i in loads if record.quantities[i] == "support_acceleration"]
     bases = structure.driven(record.channels[i] for i in loads) if moved else ()
     if moved and not bases:

@@ -13,11 +13,12 @@ from structid.core.errors import InputError
 from structid.fem import Friction, Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.continuation import thinned_lines
-from structid.forward.frf.response import Models
-from structid.forward.record_problem import DataRows, RecordFacts, ResponseProblem, complex_rows
+from structid.forward.frf.response import ResponseCache
+from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
+from structid.forward.record_problem import RecordFacts, RecordProblem, complex_rows
 from structid.forward.time.spectra_model import SpectraModel
 from structid.inversion.linearization import Linearization
-from structid.inversion.problem import Stages
+from structid.inversion.problem import DataRows, Schedule
 from structid.records import TimeRecord
 from structid.records.transforms.finite_spectra import FiniteSpectra, finite_spectra
 from structid.unknowns import Parameters
@@ -27,7 +28,7 @@ _ORDER, _LATE_ORDER = 4, 8
 #: Decays of the stages, in parts of the highest circular frequency, and the order of their polynomials.
 _WAYS = (((0.3, 0.1, 0.05, 0.025, 0.012, 0.006), 4), ((0.3, 0.1, 0.03, 0.01), 1))
 #: A part of the lines is searched on where it is smaller by this factor; the answer is that of all.
-_WORTH_THINNING = 2.5
+_WORTH_SUBSAMPLING = 2.5
 #: Relative error that the start is taken to have, and that of each value in the stages.
 _START_ERROR, _STAGE_ERROR = 0.5, 0.1
 NO_WINDOW = (
@@ -37,7 +38,7 @@ NO_WINDOW = (
 
 
 @dataclass(frozen=True, eq=False)
-class SpectraProblem(ResponseProblem):
+class SpectraProblem(RecordProblem):
     """Parameters from the finite Fourier transforms of forces u and motions y of a test of any kind.
 
     A record that neither starts and ends at rest nor is periodic obeys, at multiples of one over its duration,
@@ -76,7 +77,7 @@ class SpectraProblem(ResponseProblem):
         What the spectra were made from; its ways to the answer start from it, see `damped_stages`.
     channels : ChannelErrors, optional
         Errors of the record's channels; their parameters follow those of the structure.
-    models : Models
+    cache : ResponseCache
         What it has in common with the problems that are made from it.
 
     Raises
@@ -98,7 +99,7 @@ class SpectraProblem(ResponseProblem):
     order: int = _ORDER
     record: TimeRecord | None = None
     channels: ChannelErrors | None = None
-    models: Models = field(default_factory=Models, repr=False)
+    cache: ResponseCache = field(default_factory=ResponseCache, repr=False)
     tones: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -112,12 +113,12 @@ class SpectraProblem(ResponseProblem):
         if self.channels is not None and self.channels.decay(self.channels.start) is not None:
             raise InputError(NO_WINDOW)
 
-    def compared(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    def measured_and_predicted(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Cross spectra of every line, and the model's FRFs: over all lines other forces leave no sign."""
         return self.spectra.motion[:, :, None] * self.spectra.force.conj()[:, None, :], self.predicted(theta)
 
     @property
-    def measured(self) -> FiniteSpectra:
+    def measured_responses(self) -> FiniteSpectra:
         return self.spectra
 
     @property
@@ -129,10 +130,10 @@ class SpectraProblem(ResponseProblem):
         chosen[keep] = True
         return replace(self, spectra=self.spectra.lines(chosen))
 
-    def thinned(self) -> SpectraProblem | None:
+    def subsampled(self) -> SpectraProblem | None:
         """The problem on lines closer together at low frequencies, as those of FRFs, where they are much fewer."""
         keep = thinned_lines(2 * np.pi * self.frequency)
-        return None if _WORTH_THINNING * len(keep) > len(self.frequency) else self.with_lines(keep)
+        return None if _WORTH_SUBSAMPLING * len(keep) > len(self.frequency) else self.with_lines(keep)
 
     @property
     def facts(self) -> RecordFacts:
@@ -146,18 +147,18 @@ class SpectraProblem(ResponseProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Of each sensor."""
+        """Rows of each sensor."""
         return complex_rows(len(self.frequency), [str(output) for output in self.spectra.outputs])
 
-    def stage_plans(self) -> Sequence[Stages]:
-        """Ways to the answer; see `damped_stages`."""
+    def schedules(self) -> Sequence[Schedule]:
+        """Schedules of decaying exponentials; see `damped_stages`."""
         return () if self.record is None else damped_stages(self, self.record)
 
     @cached_property
     def model(self) -> SpectraModel:
-        """What the structure makes of forces and of the transient."""
+        """Model of the spectra under forces and the transient."""
         return SpectraModel(
-            self.structure, self.parameters, self.spectra, self.channels, self.models,
+            self.structure, self.parameters, self.spectra, self.channels, self.cache,
             self.order if self.transient else None, self.tones,
         )  # fmt: skip
 
@@ -166,13 +167,13 @@ class SpectraProblem(ResponseProblem):
         return self.model.predicted(self.physical(theta))
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        return self._residual(theta, self.model.evaluated(self.physical(theta)).data)
+        return residual_with_priors(self.unknowns, theta, self.model.evaluated(self.physical(theta)).data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
         at, change = self.model.changes(self.physical(theta))
         rows = stack_real(change.reshape(-1, change.shape[2]))
         rows -= at.basis @ (at.basis.T @ rows)
-        return self._linearized(theta, at.data, rows * self.slope(theta), at.basis.shape[1])
+        return linearization_with_priors(self.unknowns, theta, at.data, rows * self.slope(theta), at.basis.shape[1])
 
 
 def spectra_problem(
@@ -207,7 +208,7 @@ def transient_order(channels: ChannelErrors | None) -> int:
     return _LATE_ORDER if channels is not None and "delay" in channels.kinds else _ORDER
 
 
-def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Stages, ...]:
+def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Schedule, ...]:
     """Ways to the answer of `problem` from a poor start: the same record with its signals faded out, less and less.
 
     Multiplied by exp(-sigma t), forces and motions obey the same equation at s = sigma + i omega, with the transient

@@ -9,12 +9,12 @@ import numpy as np
 from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, stack_real
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.channels import read as readings_of
-from structid.forward.frf.response import Models, Response, response
-from structid.forward.latest import Latest
+from structid.forward.frf.response import Response, ResponseCache, response
+from structid.forward.last_evaluation import LastEvaluation
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
 from structid.records.transforms.finite_spectra import FiniteSpectra
@@ -34,7 +34,7 @@ _KEPT_BYTES, _BLOCK_ROWS = 2e8, 1024
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What is known of a `SpectraProblem` at one point, its linear unknowns solved for.
+    """Evaluation of a `SpectraProblem` at one point, with its linear unknowns solved for.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Evaluation:
 
     @property
     def is_small(self) -> bool:
-        """Whether it may be kept."""
+        """True where it is small enough to be kept."""
         return self.basis.nbytes + self.y.nbytes < _KEPT_BYTES
 
 
@@ -113,7 +113,7 @@ class MassLine:
 
 @dataclass(frozen=True, eq=False)
 class Transient:
-    """What motions hold that no force of the record made: linear unknowns, of which only the shapes are known.
+    """Part of the motions that no force of the record made: linear unknowns with known shapes.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Transient:
         return self.spectra.laplace / abs(self.spectra.laplace[-1])
 
     def reach(self, y: ComplexArray, read: ComplexArray) -> ComplexArray:
-        """How the transient's forces show in the motions, (n_frequencies, n_outputs, n_forces)."""
+        """Motions by unit forces of the transient, as sensors read them, (n_frequencies, n_outputs, n_forces)."""
         return np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
 
     def columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
@@ -152,7 +152,7 @@ class Transient:
 
     @cached_property
     def _own_shapes(self) -> ComplexArray:
-        """What each output may hold of its own, (n_frequencies, n_shapes): a polynomial in s, and tones."""
+        """Shapes of the part that each output has of its own, (n_frequencies, n_shapes): a polynomial in s, and tones."""
         s = self.relative_laplace
         powers = [s**k for k in range(0 if self.order is None else self.order + 1)]
         for tone in self.tones:
@@ -164,7 +164,7 @@ class Transient:
 
 @dataclass(frozen=True, eq=False)
 class SpectraModel:
-    """What a `SpectraProblem` predicts at any values of its parameters; see there.
+    """Predictions of a `SpectraProblem` at any values of its parameters.
 
     `errors` are those of its channels, whose parameters follow those of the structure; `order` is None without a transient.
     """
@@ -173,7 +173,7 @@ class SpectraModel:
     parameters: Parameters
     spectra: FiniteSpectra
     errors: ChannelErrors | None
-    models: Models
+    cache: ResponseCache
     order: int | None
     tones: tuple[float, ...]
 
@@ -207,21 +207,21 @@ class SpectraModel:
         """All that is known at these parameters, kept for `changes` where it is small."""
         at = self._found(physical)
         if at.is_small:
-            self._latest.keep(physical, at)
+            self._last.keep(physical, at)
         return at
 
     def changes(self, physical: FloatArray) -> tuple[Evaluation, ComplexArray]:
-        """That, and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params)."""
-        at, own = self._latest.taken(physical) or self._found(physical), physical[: self.parameters.n_params]
+        """The evaluation and the derivative of the whitened motions, (n_frequencies, n_outputs, n_params)."""
+        at, own = self._last.taken(physical) or self._found(physical), physical[: self.parameters.n_params]
         change = self.response.sensitivity_at(own, at.motion, at.y)[:, :, 0] * at.read[:, :, None]
         if self.spectra.straight:
             change = change + np.einsum("foi,oip->fop", at.aliased, self.mass_line.change(own))
         return at, at.whitening @ np.concatenate([change, self._channel_changes(physical, at)], axis=2)
 
     @cached_property
-    def _latest(self) -> Latest[Evaluation]:
+    def _last(self) -> LastEvaluation[Evaluation]:
         """The derivative is asked for where a step was tried."""
-        return Latest()
+        return LastEvaluation()
 
     def _state(
         self, own: FloatArray, read: ComplexArray, stated: ComplexArray
@@ -296,7 +296,7 @@ def _response(model: SpectraModel, frequency: FloatArray) -> Response:
     decay = np.full(shape[0], model.spectra.decay)
     kind: FrfKind = "transmissibility" if model.spectra.driven.any() else "receptance"
     place = FrfRecord(frequency, np.zeros(shape, complex), distinct, model.spectra.inputs, kind, decay=decay)
-    return response(model.structure, model.parameters, place, models=model.models)
+    return response(model.structure, model.parameters, place, cache=model.cache)
 
 
 def _forces(model: SpectraModel) -> FloatArray:
@@ -319,7 +319,7 @@ def _forces(model: SpectraModel) -> FloatArray:
 
 
 def _alias_factors(spectra: FiniteSpectra, read: ComplexArray, stated: ComplexArray) -> ComplexArray:
-    """What multiplies the response far above all modes in H, errors of channels included."""
+    """Factor of the response far above all modes in H, errors of channels included."""
     of_sensors = spectra.hold_aliases * read / spectra.output_powers
     return of_sensors[:, :, None] * (spectra.input_powers / stated)[:, None, :]
 

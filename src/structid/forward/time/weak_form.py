@@ -12,7 +12,7 @@ likelihood of noisy regressors (errors in variables), found by iteration.
 References
 ----------
 Bortz, Messenger and Dukic (2023), Bull. Math. Biol. 85, 110: weak-form estimation with the covariance of the equation
-error (WENDy). Shinbrot (1957), Trans. ASME 79, 579-588: modulating functions. Fuller (1987), Measurement Error Models,
+error (WENDy). Shinbrot (1957), Trans. ASME 79, 579-588: modulating functions. Fuller (1987), Measurement Error ResponseCache,
 section 3.2: functional maximum likelihood.
 """
 

@@ -9,7 +9,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.dynamics.reduced_sweep import reading_error
 from structid.fem import Structure
-from structid.forward import FrfProblem, Models
+from structid.forward import FrfProblem, ResponseCache
 from structid.identification.fits.model_modes import structure_modes
 
 #: Lines over the band, and at the highest peaks, at which FRFs are compared; modes that are.
@@ -65,7 +65,10 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
     structure = problem.structure.unreduced if problem.structure.components else problem.structure
     few = problem.record.lines(lines)
     whole = replace(
-        problem, structure=structure, record=few, models=Models() if problem.structure.components else problem.models
+        problem,
+        structure=structure,
+        record=few,
+        cache=ResponseCache() if problem.structure.components else problem.cache,
     )
     exact = whole.predicted(theta)
     errors = [reading_error(*pair) for pair in zip(exact, found[lines], strict=True)]

@@ -12,7 +12,7 @@ from structid.core.arrays import FloatArray
 from structid.core.display import plural
 from structid.forward import ModalProblem, RecordProblem
 from structid.forward.modal.problem import row_kinds
-from structid.identification.together import places
+from structid.identification.joint_problem import indices_of
 from structid.inversion import Estimate
 from structid.inversion.averaging import expected_square
 from structid.inversion.fixed_values import FIXED
@@ -78,7 +78,7 @@ def missed_parts(
         The problems with what their models hold among the unknowns; they are judged where that is within its tolerances.
     """
     is_whole = len(problems) == 1 and not isinstance(problems[0], ModalProblem)
-    if is_whole or not found.misfit < _HIDES:
+    if is_whole or not found.goodness.misfit < _HIDES:
         return ()
     parts = []
     all_names, theta = found.names, found.theta
@@ -87,7 +87,7 @@ def missed_parts(
         all_names = (*all_names, *(FIXED + name for name in found.fixed.names))
         theta = np.concatenate([found.fixed.theta, asked])
     for name, problem in zip(names, problems, strict=True):
-        residual = problem.residual(theta[places(all_names, problem.names)])[: problem.n_data]
+        residual = problem.residual(theta[indices_of(all_names, problem.names)])[: problem.n_data]
         parts += [(what, rows, least) for what, rows, least in _parts(name, problem, residual) if len(rows)]
     if len(parts) < 2:
         return ()
@@ -95,7 +95,7 @@ def missed_parts(
     for what, rows, least in parts:
         square, n = float(rows @ rows), len(rows)
         if square > least * n and float(special.gammaincc(n / 2, square / 2)) * len(parts) < _RISK:
-            missed.append(Missed(what, n, found.n_data - n, square / n))
+            missed.append(Missed(what, n, found.goodness.n_data - n, square / n))
     return tuple(sorted(missed, key=lambda one: -one.chi_square_per_value))
 
 
@@ -107,5 +107,5 @@ def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[
             rows = residual[(kinds == kind) & (residual != 0)]
             yield f"the {kind} of {f'record {name}' if name else 'the modes'}", rows, _OF_MODES
         return
-    few = 1.0 if problem.averages is None else float(expected_square(problem.averages).mean())
+    few = 1.0 if problem.rows.averages is None else float(expected_square(problem.rows.averages).mean())
     yield f"the values of record {name}", residual, _OF_LINES * few

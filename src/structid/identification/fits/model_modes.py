@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.dynamics import Modes
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.external.model import SolverModel
 from structid.fem import Structure
 
@@ -25,11 +27,12 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
         structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
     )
     own = sum(element.own_modes for element in structure.elements if isinstance(element, SolverModel))
-    return modes(mass, stiffness, damping, structural, min(n_modes, own) if own else n_modes)
+    strains = partial(structure.strain_operator, values)
+    return modes(mass, stiffness, damping, structural, min(n_modes, own) if own else n_modes, strains)
 
 
 def rounding_warnings(rounding: FloatArray) -> list[str]:
-    """Whether the relative errors `Modes.rounding` of the lowest modes are worth a word."""
+    """True where the relative errors `Modes.rounding` of the lowest modes are worth a warning."""
     worst = float(rounding.max(initial=0.0))
     if worst <= _ROUNDING:
         return []

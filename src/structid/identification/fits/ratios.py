@@ -67,7 +67,7 @@ def ratios(problem: Problem, found: Estimate) -> Ratios | None:
     theta = np.asarray(found.theta)
     jacobian = relative_jacobian(problem, theta, problem.linearize(theta))
     scale = max(1.0, np.sqrt(found.chi_square_per_dof)) if found.covariance_basis == "model_error" else 1.0
-    members = common_scale(jacobian, found, scale)
+    members = common_scale(jacobian, found.kinds, scale)
     if members is None or found.identified[members].any():
         return None
     reference = int(next(i for kind in _INERTIAS for i in members if found.kinds[i] == kind))
@@ -97,7 +97,7 @@ def rests_on_force(problems: Sequence[Problem], found: Estimate) -> bool:
         if not isinstance(problem, FrfProblem) or problem.form == "equation" or not problem.facts.measures_force:
             return False
         theta = np.asarray(found.theta[[found.names.index(name) for name in problem.names]])
-        members = _scaled(problem)
+        members = _scaled(problem.unknowns.kinds)
         if problem.unknowns.priors.stated[members].any():
             return False
         frf = problem.predicted(theta)
@@ -108,19 +108,19 @@ def rests_on_force(problems: Sequence[Problem], found: Estimate) -> bool:
     return bool(problems)
 
 
-def common_scale(jacobian: FloatArray, named: Problem | Estimate, noise_scale: float = 1.0) -> np.ndarray | None:
+def common_scale(jacobian: FloatArray, kinds: Sequence[str], noise_scale: float = 1.0) -> np.ndarray | None:
     """All masses, stiffnesses and dampings where the data do not see their common scale; None where they do."""
-    members = _scaled(named)
-    kinds = {named.kinds[i] for i in members}
-    if not kinds & {"stiffness", "axial_force"} or not kinds & set(_INERTIAS):
+    members = _scaled(kinds)
+    scaled = {kinds[i] for i in members}
+    if not scaled & {"stiffness", "axial_force"} or not scaled & set(_INERTIAS):
         return None
     change = np.linalg.norm(jacobian[:, members].sum(axis=1)) / np.sqrt(len(members))
     return members if change <= noise_scale else None
 
 
-def _scaled(named: Problem | Estimate) -> np.ndarray:
-    """Positions of the parameters that a common scale of mass, damping and stiffness changes."""
-    return np.flatnonzero(np.isin(named.kinds, _SCALED))
+def _scaled(kinds: Sequence[str]) -> np.ndarray:
+    """Indices of the parameters that a common scale of mass, damping and stiffness changes, from their `kinds`."""
+    return np.flatnonzero(np.isin(kinds, _SCALED))
 
 
 def scale_words(names: list[str], reference: str = "") -> str:

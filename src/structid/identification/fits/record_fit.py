@@ -1,4 +1,4 @@
-"""What was identified, seen from one record of responses."""
+"""The identified model beside one record of responses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from structid.records import FrfRecord
 
 
 class Own(NamedTuple):
-    """Of one problem's own unknowns: free variables at the end, and physical values after and before."""
+    """Unknowns of one problem: free variables at the end, and physical values after and before."""
 
     theta: FloatArray
     values: FloatArray
@@ -42,7 +42,7 @@ class PredictedLines:
 
 @dataclass(frozen=True, eq=False)
 class RecordFit:
-    """What was identified, seen from one record.
+    """The identified model beside one record.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class RecordFit:
 
     @property
     def initial_relative_error(self) -> FloatArray:
-        """The same of the initial model."""
+        """Relative error of the initial model, (n_evaluated, n_outputs, n_inputs)."""
         return _relative(self.judged.initial, self.judged.record.values)
 
     @property

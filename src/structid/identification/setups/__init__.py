@@ -1,1 +1,1 @@
-"""What a record needs to become a problem, and what its answer is shown by: one file a kind of record."""
+"""Set-ups of records: each makes a problem of its record and shows the fit beside it; one file a kind of record."""

@@ -49,7 +49,7 @@ class AveragedHistories:
 
     @property
     def words(self) -> str:
-        """What is joint; "" where nothing is."""
+        """Names of the joint forces; "" where there are none."""
         if self._parts is None:
             return ""
         forces, shown = (", ".join(map(str, dofs)) for dofs in (self._loads, self.frfs.inputs))
@@ -57,7 +57,7 @@ class AveragedHistories:
 
     @cached_property
     def _parts(self) -> FloatArray | None:
-        """Of forces that are never apart, what each is made of; see `together`."""
+        """Combination of forces that always act together; see `together`."""
         return together(self.record.values[:, self._is_force])
 
     @property

@@ -12,13 +12,13 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.dynamics.reduced_sweep import FEWEST_LINES
 from structid.fem import Structure
-from structid.forward import ChannelUnknown, FrfProblem, Models, measures_everything, one_step_values
+from structid.forward import ChannelUnknown, FrfProblem, ResponseCache, measures_everything, one_step_values
 from structid.forward.channel_errors import ChannelErrors, Measured
 from structid.forward.channel_unknowns import channel_errors
 from structid.identification.before.reduction import Truncation, frf_truncation
 from structid.identification.checks import record_warnings
 from structid.identification.fits.record_fit import Own, RecordFit, record_fit
-from structid.identification.options import IdentifyOptions, LineOptions
+from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import Look, Prepared, RecordSetup, look
 from structid.records import FrfRecord
 from structid.records.quality.findings import Finding
@@ -46,7 +46,7 @@ class Setup(RecordSetup[FrfProblem]):
     channel_unknowns : sequence of ChannelUnknown
         Errors of this record's sensors and loads that are identified too.
     name : str
-    models : Models
+    cache : ResponseCache
         What its problems have in common, and those of other records of the same structure.
     faults : tuple of Finding
         What the histories behind the record show by themselves of single channels.
@@ -60,7 +60,7 @@ class Setup(RecordSetup[FrfProblem]):
     channel_unknowns: Sequence[ChannelUnknown] = ()
     name: str = ""
     time: InitVar[object] = None
-    models: Models = field(default_factory=Models, repr=False)
+    cache: ResponseCache = field(default_factory=ResponseCache, repr=False)
     faults: tuple[Finding, ...] = ()
     calibration: float | None = None
 
@@ -89,7 +89,7 @@ class Setup(RecordSetup[FrfProblem]):
             channels=self.channel_errors(self.channel_unknowns, used),
             start_error=options.start_error if options.start == "continuation" else None,
             reduced=_sweep_error(self.structure, used, options),
-            models=self.models,
+            cache=self.cache,
         )
         return Prepared(problem, tuple(warnings), tuple(_measured_warnings(self.structure, options)))
 
@@ -153,7 +153,7 @@ class Setup(RecordSetup[FrfProblem]):
 
 
 def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[str]:
-    """What is to be said of measured components, whatever the lines."""
+    """Warnings on measured components, whatever the lines."""
     words = [text for one in structure.measured for text in one.warnings]
     if structure.measured and options.start == "continuation":
         words.append(
@@ -173,13 +173,13 @@ def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptio
     return _USUAL_ERROR if is_worth else None
 
 
-def used_lines(record: FrfRecord, options: LineOptions) -> FrfRecord:
+def used_lines(record: FrfRecord, options: IdentifyOptions) -> FrfRecord:
     """The lines of `record` inside the band and outside the excluded stretches, every so many of them."""
     keep = inside(record.frequency, options)
     return record if keep.all() and options.every == 1 else record.lines(np.flatnonzero(keep)[:: options.every])
 
 
-def inside(frequency: FloatArray, options: LineOptions) -> np.ndarray:
+def inside(frequency: FloatArray, options: IdentifyOptions) -> np.ndarray:
     """Which frequencies lie inside the band and outside the excluded stretches, (n_frequencies,) bool."""
     low, high = options.band or (-np.inf, np.inf)
     in_band = (frequency >= low) & (frequency <= high)

@@ -33,7 +33,7 @@ _BARE = (
 
 
 class _Sensors(NamedTuple):
-    """What errors of channels are declared on; modes have no loads."""
+    """Channels that errors may be declared on; modes have no loads."""
 
     outputs: tuple[Dof, ...]
     inputs: tuple[Dof, ...]

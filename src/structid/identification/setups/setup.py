@@ -1,8 +1,8 @@
-"""What was measured together: a record, what it was measured on, and what identification asks of the two."""
+"""Set-ups of records: a record with the structure that it was measured on, as identification needs them."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import ABCMeta, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -55,34 +55,7 @@ class Prepared(Generic[P]):
     of_structure: tuple[str, ...] = ()
 
 
-class ShownBeside(ABC, Generic[P]):
-    """How the model, and the answer, are seen beside a record; what a kind of record does not show has a default here."""
-
-    def looked_at(self, prepared: Prepared[P], options: IdentifyOptions) -> Look:
-        """The initial model evaluated, and the record beside it.
-
-        Raises
-        ------
-        SingularModelError, InputError
-            If it cannot be evaluated.
-        """
-        return Look()
-
-    def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:
-        """What components of the structure leave out, seen by this record; None where it has none."""
-        values = problem.property_values(problem.physical(theta))
-        return modes_truncation(problem.structure, values, float(problem.frequency.max()))
-
-    def response_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> RecordFit | None:
-        """The answer beside its responses, where it has some."""
-        return None
-
-    def modal_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> ModalFit | None:
-        """The answer beside its modes, where it has some."""
-        return None
-
-
-class RecordSetup(ShownBeside[P]):
+class RecordSetup(Generic[P], metaclass=ABCMeta):
     """One record of any kind and what it was measured on; what it does not say has a default here.
 
     Attributes
@@ -115,10 +88,10 @@ class RecordSetup(ShownBeside[P]):
     def modelled_by(
         self, structure: Structure, parameters: Parameters, channel_unknowns: Sequence[ChannelUnknown] = ()
     ) -> RecordSetup[P]:
-        """The same record with another model, and other errors of channels where the record can have some."""
+        """A copy with another model, and other errors of channels where the record can have some."""
 
     def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
-        """What is unknown of its sensors and loads, of all lines or those given; None where nothing is declared.
+        """Unknown errors of its sensors and loads, for all lines or those given; None where none is declared.
 
         Raises
         ------
@@ -136,7 +109,7 @@ class RecordSetup(ShownBeside[P]):
 
     @abstractmethod
     def words(self, options: IdentifyOptions) -> str:
-        """What was measured, and which part of it is used, in a line."""
+        """One line on the record and the part of it that is used."""
 
     def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
         """Frequencies that are used and that are judged, Hz; infinite where the model is not evaluated at lines."""
@@ -148,12 +121,35 @@ class RecordSetup(ShownBeside[P]):
 
     @property
     def own_estimator(self) -> str:
-        """What it is fitted by instead of a search that takes other records as well; "" where by such a search."""
+        """Name of an estimator that takes this record alone; "" where it is fitted by a search together with other records."""
         return ""
 
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
         """The estimate by `own_estimator`."""
         raise TypeError("the record has no estimator of its own; search its problem")
+
+    def looked_at(self, prepared: Prepared[P], options: IdentifyOptions) -> Look:
+        """The initial model evaluated, and the record beside it.
+
+        Raises
+        ------
+        SingularModelError, InputError
+            If it cannot be evaluated.
+        """
+        return Look()
+
+    def truncation(self, problem: P, theta: FloatArray) -> Truncation | None:
+        """Truncation by reduced components of the structure, as this record sees it; None where it has none."""
+        values = problem.property_values(problem.physical(theta))
+        return modes_truncation(problem.structure, values, float(problem.frequency.max()))
+
+    def response_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> RecordFit | None:
+        """The answer beside its responses, where it has some."""
+        return None
+
+    def modal_fit(self, title: str, problem: P, own: Own, options: IdentifyOptions) -> ModalFit | None:
+        """The answer beside its modes, where it has some."""
+        return None
 
 
 def look(problem: FrfProblem, predicted: ComplexArray) -> Look:
@@ -167,17 +163,17 @@ AnySetup: TypeAlias = RecordSetup[Any]
 
 
 def titles(setups: Sequence[AnySetup]) -> list[str]:
-    """What reports call each record: its name, or its number."""
+    """Title of each record in reports: its name, or its number."""
     return [setup.name or f"record {number}" for number, setup in enumerate(setups, 1)]
 
 
 def prefixes(setups: Sequence[AnySetup]) -> list[str]:
-    """What stands before words about each record: its title where there are several."""
+    """Prefix of messages about each record: its title where there are several."""
     return [f"{title}: " if len(setups) > 1 else "" for title in titles(setups)]
 
 
 def prepared_warnings(setups: Sequence[AnySetup], prepared: Sequence[Prepared[Any]]) -> list[str]:
-    """What is worth a warning about structures, once, and about each record with its title before it."""
+    """Warnings about structures, each once, and about each record with its title before it."""
     left_aside = [words for setup in setups for words in setup.structure.left_aside]
     of_structures = dict.fromkeys([*left_aside, *(words for ready in prepared for words in ready.of_structure)])
     pairs = zip(prefixes(setups), prepared, strict=True)

@@ -17,8 +17,8 @@ from structid.fem import Structure
 from structid.forward import (
     ChannelUnknown,
     FrfProblem,
-    Models,
     RecordProblem,
+    ResponseCache,
     SpectraProblem,
     TimeOptions,
     channel_errors,
@@ -54,7 +54,7 @@ _LEAST_NOISE = 1e-6
 
 @dataclass(frozen=True)
 class TimeFit:
-    """How time histories are fitted.
+    """Options of the fit of time histories.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class TimeFit:
 
     @property
     def runs_straight(self) -> bool:
-        """Whether forces of ``spectra`` run straight between samples."""
+        """True where forces of ``spectra`` run straight between samples."""
         return self.hold == "first"
 
 
@@ -123,7 +123,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     shown : FrfRecord, optional
         FRFs of the same test, beside which the fitted model is drawn and judged; by default those of estimator Hv from
         four segments of the record. They have no part in the fit.
-    models : Models
+    cache : ResponseCache
         What its problems have in common, and those of other records of the same structure.
     faults : tuple of Finding
         What the record shows by itself of single channels.
@@ -138,7 +138,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     channel_unknowns: Sequence[ChannelUnknown] = ()
     name: str = ""
     shown: FrfRecord | None = None
-    models: Models = field(default_factory=Models, repr=False)
+    cache: ResponseCache = field(default_factory=ResponseCache, repr=False)
     faults: tuple[Finding, ...] = ()
     calibration: float | None = None
 
@@ -230,7 +230,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         error = _SHOWN_ERROR if used.variance is None else 0.0
         seen = None if channels is None else channels.seen_by(used)
         structure = self._averaged.drawn_on
-        return FrfProblem(structure, self.parameters, used, options.residual, error, channels=seen, models=self.models)
+        return FrfProblem(structure, self.parameters, used, options.residual, error, channels=seen, cache=self.cache)
 
 
 def _spectra(setup: TimeSetup, options: IdentifyOptions) -> SpectraProblem:
@@ -253,13 +253,13 @@ def _spectra(setup: TimeSetup, options: IdentifyOptions) -> SpectraProblem:
         transient_order(channels),
         record=record,
         channels=channels,
-        models=setup.models,
+        cache=setup.cache,
         tones=settings.tones,
     )
 
 
 def _options(settings: TimeFit, options: IdentifyOptions) -> TimeOptions:
-    """Those of `identify_time`."""
+    """Estimate by `identify_time`."""
     if settings.fit == "spectra":
         raise InputError("`fit` must be a method of `identify_time`, got 'spectra'; search its problem")
     return TimeOptions(

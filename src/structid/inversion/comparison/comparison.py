@@ -1,4 +1,4 @@
-"""What changed between two states of a structure: tests of every change, kept honest for their number."""
+"""Changes between two states of a structure, each tested, with probabilities corrected for the number of tests."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from structid.inversion.estimate import Status
 
 
 class Identified(Protocol):
-    """What a comparison takes from an estimate, be it fresh or read from a file."""
+    """The part of an estimate that a comparison needs, computed or read from a file."""
 
     @property
     def names(self) -> tuple[str, ...]: ...
@@ -37,7 +37,7 @@ class Identified(Protocol):
 
     @property
     def covariance_of_data(self) -> FloatArray:
-        """What of `covariance` held values have no part in."""
+        """`covariance` without the tolerances of fixed values, (n_params, n_params)."""
         ...
 
     @property
@@ -45,7 +45,7 @@ class Identified(Protocol):
 
     @property
     def fixed(self) -> FixedChanges | None:
-        """What the estimate owes to the values that its model holds; None where these are taken as exact."""
+        """Influence of the values that the model fixes; None where these are taken as exact."""
         ...
 
 
@@ -169,7 +169,7 @@ class Comparison(States):
 
     @property
     def probability(self) -> float:
-        """Of a larger `statistic` if nothing had changed."""
+        """Probability of a larger `statistic` if nothing had changed."""
         return _together(self.change, self.covariance)[1]
 
     @property
@@ -187,7 +187,7 @@ class Comparison(States):
 
     @property
     def is_complete(self) -> bool:
-        """Whether both states determine all that is compared."""
+        """True where both states determine all that is compared."""
         return self.status is Status.CONVERGED and bool(np.isfinite(self.p_values).all())
 
     @property
@@ -300,7 +300,7 @@ def compare_jointly(
     correction: Correction = "holm",
     least: float = 0.0,
 ) -> Comparison:
-    """The same from one estimate of both states at once, in which the shared parameters are common.
+    """Comparison from one estimate of both states at once, in which the shared parameters are common.
 
     Nothing is taken as linear but the covariance; it is the surer way where shared parameters are known poorly.
 

@@ -3,35 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from structid.core.errors import InputError
 from structid.inversion.problem import Problem
 from structid.inversion.problems.joint import JointProblem
-from structid.inversion.problems.wrapped import Wrapped
 
 #: What is added to the names of the later state's own parameters.
 LATER = " (later)"
 #: What stands before the name of a record in that of a value of its own; such values are of no state, so not compared.
 OF_RECORD = " @ "
-
-
-@dataclass(frozen=True, eq=False)
-class Renamed(Wrapped):
-    """A problem whose parameters have other names.
-
-    Parameters
-    ----------
-    problem : Problem
-    new_names : tuple of str
-        One a parameter, in order.
-    """
-
-    new_names: tuple[str, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.new_names
 
 
 def states_problem(baseline: Problem, later: Problem, shared: Sequence[str]) -> JointProblem:
@@ -55,4 +35,4 @@ def states_problem(baseline: Problem, later: Problem, shared: Sequence[str]) -> 
         if name not in baseline.names or name not in later.names:
             raise InputError(f"`shared` must name parameters of both states, got {name!r}; identify it in both")
     names = tuple(name if name in shared else name + LATER for name in later.names)
-    return JointProblem((baseline, Renamed(later, names)))
+    return JointProblem((baseline, later), labels=(baseline.names, names))

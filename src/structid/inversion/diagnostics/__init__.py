@@ -1,1 +1,1 @@
-"""What can be told of an estimate: residual tests, rank and undetermined directions, and which measurements would help."""
+"""Diagnostics of an estimate: residual tests, rank and undetermined directions, and measurements that would help."""

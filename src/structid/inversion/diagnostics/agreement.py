@@ -1,4 +1,4 @@
-"""Whether what several records measure alike, such as the k-th mode of each, asks for the same parameters as the rest."""
+"""Test that quantities which several records repeat, such as the k-th mode, agree on the parameters."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Agreement:
 
     @property
     def words(self) -> str:
-        """What a small probability says."""
+        """Meaning of a small probability, in a sentence."""
         return (
             f"each mode, as all records have it, asks for other values than the other modes do (F = {self.ratio:.2g},"
             f" {self.between:.0f} and {self.within:.0f} degrees of freedom, p = {self.probability:.1g}): model error that goes"
@@ -45,7 +45,7 @@ class Agreement:
 
 
 def agreement(problem: Problem, at: Linearization) -> Agreement | None:
-    """Whether the quantities that several records repeat agree on the parameters; None where they cannot be tested.
+    """Test that the quantities which several records repeat agree on the parameters; None where it cannot be made.
 
     With S the sum of squares that all quantities leave with the same parameters, S_q that of quantity q with parameters of its own,
     all to first order and without priors, (S - sum S_q) / between over (sum S_q) / within has Fisher's distribution where the

@@ -56,12 +56,12 @@ class AtBound:
 
     @property
     def push(self) -> float:
-        """How far beyond the bound the best value lies, to first order, in standard deviations (those of the fit)."""
+        """Distance of the best value beyond the bound, to first order, in standard deviations of the fit."""
         return self.multiplier * self.std / self.noise_scale
 
     @property
     def is_pushed(self) -> bool:
-        """Whether the data push it beyond by more than chance."""
+        """True where the data push it beyond the bound by more than chance."""
         return self.push > _HARD
 
     @property
@@ -105,7 +105,7 @@ def at_bounds(problem: Problem, theta: FloatArray, at: Linearization, noise_scal
     ----------
     Nocedal and Wright (2006), Numerical Optimization, section 12.3: multipliers of active bounds.
     """
-    bounds, values, slope = problem.bounds, problem.physical(theta), problem.slope(theta)
+    bounds, values, slope = problem.unknowns.bounds, problem.physical(theta), problem.slope(theta)
     span = bounds[:, 1] - bounds[:, 0]
     side = np.argmin(np.abs(bounds - values[:, None]), axis=1)
     limit = bounds[np.arange(len(values)), side]
@@ -126,10 +126,10 @@ def at_bounds(problem: Problem, theta: FloatArray, at: Linearization, noise_scal
         if not size > 0:
             continue
         std = 1 / size
-        size_here = float(problem.sizes(values)[i])
+        size_here = float(problem.unknowns.sizes(values)[i])
         is_beyond = multiplier * std**2 > distance[i] and distance[i] <= _CLOSE_STD * std
         if is_beyond and noise_scale * std <= max(span[i], size_here):
-            words = problem.names[i], problem.units[i]
+            words = problem.names[i], problem.unknowns.units[i]
             which: Literal["lower", "upper"] = "lower" if side[i] == 0 else "upper"
             found.append(AtBound(*words, i, which, float(limit[i]), multiplier, std, noise_scale))
     return tuple(found)

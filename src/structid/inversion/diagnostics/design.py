@@ -68,7 +68,7 @@ def merit(rows: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray 
 def gains(
     candidates: FloatArray, known: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray | None = None
 ) -> FloatArray:
-    """How much each candidate would add to the criterion, (n_candidates,).
+    """Increase of the criterion by each candidate, (n_candidates,).
 
     With C the covariance of what is known, A = (J'J)^-1, and C_i its part of the parameters of interest: ``d`` is the
     fall of log det C_i (D-optimality, Ds-optimality for a part of the parameters), ``a`` that of trace C_i. By the

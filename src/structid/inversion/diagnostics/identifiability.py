@@ -70,7 +70,7 @@ def identifiability(
     noise_scale: float = 1.0,
     free: np.ndarray | None = None,
 ) -> Identifiability:
-    """What the data rows of a Jacobian with respect to relative parameters say about each direction.
+    """Identifiability from the data rows of a Jacobian with respect to relative parameters.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def _joined(names: list[str]) -> str:
 
 
 def _gain_words(relative: FloatArray, names: list[str]) -> str:
-    """What to say where a common scale of everything else goes with gains of channels; "" where it does not."""
+    """Words on a common scale of all parameters that goes with gains of channels; "" where there is none."""
     is_gain = np.array([name.startswith("gain[") for name in names])
     others = relative[~is_gain]
     if not is_gain.any() or len(others) == 0 or np.ptp(others) > 0.1 * np.abs(others).max():
@@ -161,7 +161,7 @@ def _gain_words(relative: FloatArray, names: list[str]) -> str:
 
 
 def _together(relative: FloatArray, values: FloatArray, kind: str) -> str:
-    """How like parameters are seen together along an undetermined relative change; "" where it is neither way."""
+    """Words on parameters of one kind along an undetermined relative change: sum or ratio; "" where it is neither."""
     change, inverse = relative * values, relative / values
     as_sum = abs(change.sum()) < 0.05 * np.abs(change).sum()
     as_series = "stiffness" in kind and abs(inverse.sum()) < 0.05 * np.abs(inverse).sum()

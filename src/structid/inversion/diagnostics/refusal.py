@@ -1,4 +1,4 @@
-"""What data cannot carry: the Cramer-Rao bound where a search starts and where it ends, and the refusal that follows."""
+"""Refusal of parameters that the data cannot determine, by the Cramer-Rao bound at the start and the end of a search."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def bound_at(problem: Problem, theta: FloatArray, place: str) -> Bound:
             covariance = inverse_information(problem.linearize(theta).jacobian)
     except (SingularModelError, np.linalg.LinAlgError):
         covariance = np.full((len(values), len(values)), np.nan)
-    return Bound(locked(np.sqrt(np.diag(covariance)) * np.abs(slope)), problem.sizes(values), place)
+    return Bound(locked(np.sqrt(np.diag(covariance)) * np.abs(slope)), problem.unknowns.sizes(values), place)
 
 
 def carried(initial: Bound, sizes: FloatArray, std: FloatArray, fits: bool) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Whether a residual looks like the noise it should be: its size, its whiteness, its signs and its shape."""
+"""Tests that a residual is noise: its size, whiteness, signs and distribution."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class ResidualTests:
     Attributes
     ----------
     series : tuple of SeriesTest
-        One a channel (real and imaginary parts apart), in the order of `Problem.series`.
+        One a channel (real and imaginary parts apart), in the order of `DataRows.series`.
     chi_square_per_dof : float
     chi_square_probability : float
         Of a larger chi-square, if model and noise level were right. Where few averages tell the noise, by the law of
@@ -98,7 +98,7 @@ class ResidualTests:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What the tests say against the fit; empty where they say nothing."""
+        """Objections of the tests to the fit; empty where there are none."""
         said = []
         if self.chi_square_probability < _DOUBT:
             said.append(
@@ -130,7 +130,7 @@ class ResidualTests:
         return tuple(said)
 
     def named(self, names: Sequence[str]) -> ResidualTests:
-        """The same tests with the names of their channels, one a series."""
+        """A copy with the names of the channels, one for each series."""
         series = [replace(test, name=name) for test, name in zip(self.series, names, strict=True)]
         return replace(self, series=tuple(series))
 
@@ -165,28 +165,28 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: f
     chi_square = float(data @ data)
     freedom = degrees_of_freedom
     tests = []
-    for number in np.unique(problem.series):
-        rows = np.flatnonzero(problem.series == number)
-        tests.append(_series_test(f"series {number}", data[rows[np.argsort(problem.lines[rows], kind="stable")]]))
+    for number in np.unique(problem.rows.series):
+        rows = np.flatnonzero(problem.rows.series == number)
+        tests.append(_series_test(f"series {number}", data[rows[np.argsort(problem.rows.lines[rows], kind="stable")]]))
     return ResidualTests(
         series=tuple(tests),
         chi_square_per_dof=chi_square / freedom if freedom > 0 else float("nan"),
         chi_square_probability=misfit_probability(problem, chi_square, freedom) if freedom > 0 else float("nan"),
         whiteness_probability=_smallest(tests, lambda test: test.whiteness_probability),
         runs_probability=_smallest(tests, lambda test: test.runs_probability),
-        normality_probability=_normality(data, few_averages(problem.averages)) if freedom > 0 else float("nan"),
+        normality_probability=_normality(data, few_averages(problem.rows.averages)) if freedom > 0 else float("nan"),
     )
 
 
 def has_order(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> bool:
-    """Whether a channel's residual is correlated along its axis, or its signs are."""
+    """True where a channel's residual, or its signs, are correlated along its axis."""
     tests = residual_tests(problem, residual, degrees_of_freedom)
     return bool(tests.not_white or tests.one_sided)
 
 
 def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> float:
-    """Of a larger sum of squares of the data: of the two laws that it may have, the one that doubts it less."""
-    scale, share = row_law(problem.averages)
+    """Probability of a larger sum of squares of the data, by the one of its two possible laws that gives more."""
+    scale, share = row_law(problem.rows.averages)
     known, few = (special.gammaincc(freedom * f / 2, chi_square / s / 2) for s, f in ((1.0, 1.0), (scale, share)))
     return float(sorted((known, 0.5, few))[1]) if share < 1 else float(known)
 
@@ -243,7 +243,7 @@ def _smallest(tests: Sequence[SeriesTest], probability: Callable[[SeriesTest], f
 
 
 def _normality(values: FloatArray, averages: FloatArray | None) -> float:
-    """Of normal values, or of those that `normal_values` makes of them."""
+    """Probability by the test of normality, of the values or of those that `normal_values` makes of them."""
     own = _jarque_bera(values)
     return own if averages is None else max(own, _jarque_bera(normal_values(values, averages)))
 

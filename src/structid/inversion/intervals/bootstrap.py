@@ -15,7 +15,7 @@ from structid.inversion.averaging import few_averages, score_factor
 from structid.inversion.covariance import LEAST_FREEDOM, effective_blocks, error_blocks
 from structid.inversion.estimate import Estimate, Status, require_level
 from structid.inversion.problem import Problem
-from structid.inversion.problems.wrapped import Shifted
+from structid.inversion.problems.wrapped import ShiftedResidual
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.work import ALONE, Tools, Work
 
@@ -63,12 +63,12 @@ class Bootstrap:
 
     @property
     def is_reliable(self) -> bool:
-        """Whether at most 5 % of the replicates failed, and there are 40 at least."""
+        """True where at most 5 % of the replicates failed, and there are 40 at least."""
         return len(self.values) >= 40 and len(self.failures) <= _MOST_FAILURES * self.n_replicates
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the replicates, about their mean; NaN where they are not reliable."""
+        """Covariance of the replicates about their mean; NaN where they are not reliable."""
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, n_params), np.nan)
@@ -106,7 +106,7 @@ class Bootstrap:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """What the reader should know; empty where all is well."""
+        """Warnings on the replicates; empty where all is well."""
         said = []
         if self.failures:
             said.append(
@@ -184,17 +184,17 @@ def _refitted(
     """Physical values of one replicate, or why there are none."""
     problem, theta, at_minimum, kind = shared
     errors = rng.standard_normal(len(at_minimum))
-    few = few_averages(problem.averages)
+    few = few_averages(problem.rows.averages)
     if few is not None:
         errors[: problem.n_data] *= np.sqrt(score_factor(few))
     if kind == "blocks":
         data = at_minimum[: problem.n_data]
         signs = np.zeros(len(data))
-        for block in error_blocks(data, problem.lines, problem.series):
+        for block in error_blocks(data, problem.rows.lines, problem.rows.series):
             signs += rng.choice([-1.0, 1.0], int(block.max(initial=0)) + 1)[block]
         errors[: problem.n_data] = data * signs
     try:
-        found = tools.minimize(Shifted(problem, errors - at_minimum), _SEARCH, theta)
+        found = tools.minimize(ShiftedResidual(problem, errors - at_minimum), _SEARCH, theta)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         return f"the model cannot be evaluated: {error}"
     return problem.physical(found.theta) if found.converged else f"the search {found.message}"

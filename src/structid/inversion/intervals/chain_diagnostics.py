@@ -1,4 +1,4 @@
-"""Whether chains of samples agree and how many independent draws they are worth: R-hat and effective sample sizes."""
+"""Diagnostics of chains of samples: R-hat and effective sample sizes."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Drawn(Protocol):
-    """What can be drawn from: an `Estimate` (its Laplace interval), a `Profile`, a `Bootstrap`, `Samples`."""
+    """Sources of draws: an `Estimate` (its Laplace interval), a `Profile`, a `Bootstrap`, `Samples`."""
 
     @property
     def names(self) -> tuple[str, ...]: ...

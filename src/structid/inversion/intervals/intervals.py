@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -76,7 +76,7 @@ def intervals(
     if kind == "laplace" or estimate.fixed is None:
         ends, notes = _WAYS[kind](problem, estimate, level, seed, work)
         return Intervals(kind, level, locked(ends), notes)
-    ends, notes = _WAYS[kind](problem, replace(estimate, fixed=None), level, seed, work)
+    ends, notes = _WAYS[kind](problem, estimate.without_fixed_values(), level, seed, work)
     return Intervals(kind, level, locked(_with_tolerances(ends, estimate, level)), notes)
 
 
@@ -117,7 +117,7 @@ def _bootstrap(problem: Problem, estimate: Estimate, level: float, seed: int, wo
 
 
 def _sampling(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
-    if not np.isfinite(estimate.covariance_noise).all():
+    if not np.isfinite(estimate.spread.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)
         return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)
     found = sample(problem, estimate, rng=np.random.default_rng(seed), work=work)

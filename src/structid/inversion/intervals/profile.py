@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy import special
@@ -14,7 +14,7 @@ from structid.inversion.averaging import few_averages
 from structid.inversion.covariance import fit_covariance
 from structid.inversion.estimate import Estimate, require_level
 from structid.inversion.problem import Problem
-from structid.inversion.problems.wrapped import Held
+from structid.inversion.problems.wrapped import FixedVariable
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import Stored
@@ -94,7 +94,7 @@ class Profile:
 
     @property
     def words(self) -> str:
-        """What the profile says against the Laplace interval."""
+        """Comparison of the profile with the Laplace interval, in words."""
         if self.better < -_LOWER_BY:
             return f"{self.name}: the profile found a better fit; the estimate is not the minimum, search again"
         if all(self.is_open):
@@ -189,14 +189,14 @@ def profiles(
 ) -> tuple[Profile, ...]:
     """`profile` of each of `parameters`, all by default, each a task of `work`."""
     chosen = range(len(estimate.names)) if parameters is None else parameters
-    shared = (problem, replace(estimate, to_physical=np.array), level, max_points)
+    shared = (problem, estimate.with_transform(np.array), level, max_points)
     return tuple(Profile(**found) for found in work.map("profiles", _profiled, shared, list(chosen)))
 
 
 def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int, tools: Tools) -> Stored:
     """`profile` as a task."""
     problem, estimate, level, max_points = shared
-    found = profile(problem, replace(estimate, to_physical=problem.physical), parameter, level, max_points)
+    found = profile(problem, estimate.with_transform(problem.physical), parameter, level, max_points)
     return {entry.name: getattr(found, entry.name) for entry in fields(found)}
 
 
@@ -219,13 +219,15 @@ def _scale(problem: Problem, estimate: Estimate, index: int) -> float:
 
     For a parameter that is not identified these say nothing, and chi-square per degree of freedom stands for it.
     """
-    few = few_averages(problem.averages)
+    few = few_averages(problem.rows.averages)
     if estimate.covariance_basis == "noise" and few is None:
         return 1.0
     if not estimate.identified[index]:
         return max(estimate.chi_square_per_dof, 1.0)
     if few is None:
-        return float(estimate.covariance_model_error[index, index] / estimate.covariance_noise[index, index])
+        return float(
+            estimate.spread.covariance_model_error[index, index] / estimate.spread.covariance_noise[index, index]
+        )
     return float(estimate.std_free[index] ** 2 / fit_covariance(problem, estimate.theta)[index, index])
 
 
@@ -286,7 +288,7 @@ class _Side:
         return sorted(points, key=lambda p: self.sign * p[0]), self.sign * np.inf
 
     def _is_linear(self) -> bool:
-        """Whether the physical value has no end; a log or interval variable of 40 is at an end for all purposes."""
+        """True where the physical value has no limit; a log or interval variable of 40 is at its limit for all purposes."""
         ends = [
             self.problem.physical(_with(self.estimate.theta, self.index, end))[self.index] for end in (-np.inf, np.inf)
         ]
@@ -315,13 +317,15 @@ class _Side:
     def _fitted(self, theta: FloatArray, at: float) -> tuple[FloatArray, float, float] | None:
         """The constrained minimum at `at` from the point `theta`: all variables, deviance and its slope."""
         others = np.delete(theta, self.index)
-        held = Held(self.problem, self.index, at)
+        others_free = FixedVariable(self.problem, self.index, at)
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 begin = others + self._tangent(theta) * (at - theta[self.index])
-                if not np.isfinite(held.residual(begin)).all():
+                if not np.isfinite(others_free.residual(begin)).all():
                     begin = others
-                whole = held.whole(minimize(held, _SEARCH, begin).theta) if len(others) else held.whole(others)
+                if len(others):
+                    others = minimize(others_free, _SEARCH, begin).theta
+                whole = others_free.whole(others)
                 reached = self.problem.linearize(whole)
                 cost = float(reached.residual @ reached.residual)
         except (SingularModelError, np.linalg.LinAlgError):
@@ -337,7 +341,7 @@ class _Side:
         return float(residual @ residual)
 
     def _tangent(self, theta: FloatArray) -> FloatArray:
-        """How the other variables move with this one along the constrained minima, to first order."""
+        """Derivative of the other variables with respect to this one along the constrained minima, (n_params - 1,)."""
         jacobian = self.problem.linearize(theta).jacobian
         column = jacobian[:, self.index]
         return -np.linalg.lstsq(np.delete(jacobian, self.index, axis=1), column, rcond=None)[0]

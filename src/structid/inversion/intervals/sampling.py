@@ -89,12 +89,12 @@ class Samples:
 
     @property
     def is_reliable(self) -> bool:
-        """Whether R-hat is at most 1.01, 400 draws are effective and at most 1 % of the trajectories broke down."""
+        """True where R-hat is at most 1.01, 400 draws are effective and at most 1 % of the trajectories broke down."""
         return not self.words
 
     @property
     def covariance(self) -> FloatArray:
-        """Of the draws, physical units; NaN where they are not reliable."""
+        """Covariance of the draws, physical units; NaN where they are not reliable."""
         n_params = len(self.names)
         if not self.is_reliable:
             return np.full((n_params, n_params), np.nan)
@@ -170,7 +170,7 @@ def sample(
         raise InputError(f"`sampler` must be 'nuts' or 'emcee', got {sampler!r}; take 'nuts'")
     if flat_in not in ("physical", "free"):
         raise InputError(f"`flat_in` must be 'physical' or 'free', got {flat_in!r}; take 'physical'")
-    few = few_averages(problem.averages)
+    few = few_averages(problem.rows.averages)
     factor = _whitening(estimate, None if few is None else fit_covariance(problem, estimate.theta))
     target, counts = _Target(problem, np.array(estimate.theta), factor, flat_in), (n_draws, n_chains, n_warmup)
     rng = rng or np.random.default_rng(0)
@@ -183,7 +183,7 @@ def sample(
     columns = [theta[:, :, j] for j in range(theta.shape[2])]
     r_hat, bulk, tail = (locked([f(c) for c in columns]) for f in (split_r_hat, bulk_sample_size, tail_sample_size))
     counted = drawn.n_divergent, drawn.n_evaluations
-    return Samples(problem.names, problem.units, locked(physical), stretched, r_hat, bulk, tail, *counted)
+    return Samples(problem.names, problem.unknowns.units, locked(physical), stretched, r_hat, bulk, tail, *counted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,8 +197,8 @@ class _Drawn:
 
 def _whitening(estimate: Estimate, fitted: FloatArray | None = None) -> FloatArray:
     """Lower factor of the noise covariance of the free variables, or of that of the fit alone where it differs."""
-    slope = np.ones(len(estimate.names)) if estimate.slope is None else estimate.slope
-    covariance = estimate.covariance_noise / np.outer(slope, slope) if fitted is None else fitted
+    slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
+    covariance = estimate.spread.covariance_noise / np.outer(slope, slope) if fitted is None else fitted
     if not np.isfinite(covariance).all():
         lost = [n for n, v in zip(estimate.names, np.diag(covariance), strict=True) if not np.isfinite(v)]
         raise InputError(
@@ -248,7 +248,7 @@ def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
 
 def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
     """Symmetric root of the covariance that the estimate has, in coordinates in which that of `_whitening` is one."""
-    slope = np.ones(len(estimate.names)) if estimate.slope is None else estimate.slope
+    slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
     half = np.linalg.solve(factor, estimate.covariance / np.outer(slope, slope))
     values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))
     return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T

@@ -12,14 +12,14 @@ from scipy import sparse
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError
 from structid.inversion.linearization import Linearization, OperatorLinearization
-from structid.inversion.problem import BaseProblem, OfData, OfUnknowns, Problem, Stages
-from structid.inversion.problems.joint_parts import JointData, JointUnknowns
+from structid.inversion.problem import DataRows, Problem
+from structid.inversion.problems.joint_parts import JointNoise, JointUnknowns, joint_rows
 
 _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class JointProblem(OfUnknowns, OfData, BaseProblem):
+class JointProblem(Problem):
     """Several problems in one fit: different records, set-ups or kinds of data of one structure.
 
     Parameters are merged by name, in the order of their first appearance, and begin where the first problem that has
@@ -33,6 +33,8 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
     first_prior_counts : bool
         Whether the first of several different priors of one parameter is taken instead of an error raised, as in
         easier forms of a problem, whose priors only keep the search near.
+    labels : tuple of tuples of str, optional
+        Names of the parameters of each problem in the joint problem, where they are not those of the problem itself.
 
     Raises
     ------
@@ -42,6 +44,7 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
 
     problems: tuple[Problem, ...]
     first_prior_counts: bool = False
+    labels: tuple[tuple[str, ...], ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "problems", tuple(self.problems))
@@ -51,11 +54,17 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
 
     @cached_property
     def unknowns(self) -> JointUnknowns:
-        return JointUnknowns(self.problems)
+        labels = tuple(problem.names for problem in self.problems) if self.labels is None else self.labels
+        return JointUnknowns(tuple(problem.unknowns for problem in self.problems), labels)
 
     @cached_property
-    def data(self) -> JointData:
-        return JointData(self.problems, self.unknowns.columns)
+    def rows(self) -> DataRows:
+        return joint_rows([problem.rows for problem in self.problems])
+
+    def noise_law(self, theta: FloatArray) -> JointNoise:
+        parts = zip(self.problems, self.unknowns.split(theta), strict=True)
+        laws = tuple(problem.noise_law(part) for problem, part in parts)
+        return JointNoise(laws, tuple(problem.n_data for problem in self.problems), self.unknowns.columns)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         if self._is_one:
@@ -75,10 +84,6 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
         eliminated = sum(part.n_eliminated for part in parts)
         return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
 
-    @property
-    def matrix_free_obstacle(self) -> str:
-        return next((p.matrix_free_obstacle for p in self.problems if p.matrix_free_obstacle), "")
-
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
         parts = [
             problem.linearize_operator(own)
@@ -88,7 +93,7 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
         ends = np.cumsum([part.n_data for part in parts])[:-1]
         priors = [
             _widened_rows(part.prior[rows - part.n_data], index, n_params)
-            for (part, index), rows in zip(pairs, self._kept_priors, strict=True)
+            for (part, index), rows in zip(pairs, self._first_priors, strict=True)
         ]
         squares = np.zeros(n_params)
         for part, index in pairs:
@@ -114,58 +119,32 @@ class JointProblem(OfUnknowns, OfData, BaseProblem):
             jacobian=np.concatenate(stored) if len(stored) == len(parts) else None,
         )
 
-    def stage_plans(self) -> Sequence[Stages]:
-        """Ways to the answer: the ways of each problem, joined stage by stage.
-
-        A problem with fewer ways or stages than another stays in its last one, and one without any is as it is.
-        """
-        own = [problem.stage_plans() for problem in self.problems]
-        joined = []
-        for way in range(max(len(plans) for plans in own)):
-            paths = [plans[min(way, len(plans) - 1)] if plans else () for plans in own]
-            joined.append(tuple(_joined_stage(self.problems, paths, k) for k in range(max(map(len, paths)))))
-        return tuple(joined)
-
-    def thinned(self) -> JointProblem | None:
-        """The same with a part of the data; None where every problem is small enough."""
-        parts = [problem.thinned() for problem in self.problems]
-        if all(part is None for part in parts):
-            return None
-        return JointProblem(tuple(part or whole for part, whole in zip(parts, self.problems, strict=True)))
-
     @cached_property
-    def _kept_priors(self) -> tuple[IntArray, ...]:
-        """Of each problem the rows of those priors that no earlier problem states."""
+    def _first_priors(self) -> tuple[IntArray, ...]:
+        """For each problem the indices of the residual rows of priors that no earlier problem states."""
         priors = [
             problem.prior_rows(own)
             for problem, own in zip(self.problems, self.unknowns.split(self.theta_start), strict=True)
         ]
-        kept = _kept_prior_rows(priors, self.unknowns.columns, self.names, self.first_prior_counts)
+        kept = _first_prior_rows(priors, self.unknowns.columns, self.names, self.first_prior_counts)
         return tuple(problem.n_data + rows for problem, rows in zip(self.problems, kept, strict=True))
 
     @cached_property
     def _is_one(self) -> bool:
-        """Whether there is one problem alone, with its parameters in their order and each of its priors once."""
+        """True for a single problem with its parameters in their order and each of its priors once."""
         if len(self.problems) > 1:
             return False
-        [index], [rows], [problem] = self.unknowns.columns, self._kept_priors, self.problems
+        [index], [rows], [problem] = self.unknowns.columns, self._first_priors, self.problems
         n_rows = problem.n_data + len(problem.prior_rows(self.theta_start)[0])
         return np.array_equal(index, np.arange(len(problem.names))) and np.array_equal(
             rows, np.arange(problem.n_data, n_rows)
         )
 
     def _stacked(self, parts: Sequence[FloatArray]) -> FloatArray:
-        """Data rows of all problems, then the priors that are kept."""
+        """Data rows of all problems, then the rows of priors that no earlier problem states."""
         data = [part[: problem.n_data] for part, problem in zip(parts, self.problems, strict=True)]
-        priors = [part[rows] for part, rows in zip(parts, self._kept_priors, strict=True)]
+        priors = [part[rows] for part, rows in zip(parts, self._first_priors, strict=True)]
         return np.concatenate([*data, *priors])
-
-
-def _joined_stage(whole: Sequence[Problem], paths: Sequence[Stages], stage: int) -> tuple[str, JointProblem]:
-    """One stage of each path, its last one where it has fewer, or the whole problem where it has none."""
-    reached = [path[min(stage, len(path) - 1)] if path else ("", one) for one, path in zip(whole, paths, strict=True)]
-    words = ", ".join(dict.fromkeys(name for name, _ in reached if name))
-    return words, JointProblem(tuple(problem for _, problem in reached), first_prior_counts=True)
 
 
 def _widened(jacobian: FloatArray, index: IntArray, n_params: int) -> FloatArray:
@@ -180,13 +159,13 @@ def _widened_rows(rows: sparse.csr_array, index: IntArray, n_params: int) -> spa
     return sparse.csr_array((rows.data, index[rows.indices], rows.indptr), (rows.shape[0], n_params))
 
 
-def _kept_prior_rows(
+def _first_prior_rows(
     priors: Sequence[tuple[FloatArray, sparse.csr_array]],
     columns: Sequence[IntArray],
     names: tuple[str, ...],
     first_counts: bool,
 ) -> tuple[IntArray, ...]:
-    """Of each problem the rows of those priors that no earlier problem states: residual and derivative at the start tell."""
+    """For each problem the rows of those priors that no earlier problem states, by residual and derivative at the start."""
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
     found = []
     for number, ((residual, prior), index) in enumerate(zip(priors, columns, strict=True), 1):

@@ -1,4 +1,4 @@
-"""The unknowns of several problems as one list, those of the same name as one; and their data, one after another."""
+"""Unknowns, data rows and noise of several problems in one: unknowns of one name merged, data one after another."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError
-from structid.inversion.problem import Data, Unknowns
+from structid.inversion.problem import DataRows, NoiseLaw, Unknowns
 
 _SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class JointUnknowns:
-    """All unknowns of `parts`, in the order of their first appearance; each is as the first part that has it says.
+    """Unknowns of `parts` merged by name, in the order of their first appearance; the first part that has one defines it.
 
     Parameters
     ----------
     parts : tuple of Unknowns
+    labels : tuple of tuples of str
+        Names of the unknowns of each part among all.
 
     Raises
     ------
@@ -30,28 +32,29 @@ class JointUnknowns:
     """
 
     parts: tuple[Unknowns, ...]
+    labels: tuple[tuple[str, ...], ...]
 
     def __post_init__(self) -> None:
-        for number, (part, index) in enumerate(zip(self.parts, self.columns, strict=True), 1):
-            _require_alike(self, number, part, index)
+        for number in range(len(self.parts)):
+            _require_same_declaration(self, number)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(name for part in self.parts for name in part.names))
+        return tuple(dict.fromkeys(name for labels in self.labels for name in labels))
 
     @cached_property
     def columns(self) -> tuple[IntArray, ...]:
-        """For each part the position of its unknowns among all."""
-        place = {name: i for i, name in enumerate(self.names)}
-        return tuple(np.array([place[name] for name in part.names], dtype=int) for part in self.parts)
+        """Indices of the unknowns of each part among all."""
+        index = {name: i for i, name in enumerate(self.names)}
+        return tuple(np.array([index[name] for name in labels], dtype=int) for labels in self.labels)
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
-        return _first_words(self.parts, [part.kinds for part in self.parts])
+        return _first_words(self.labels, [part.kinds for part in self.parts])
 
     @cached_property
     def units(self) -> tuple[str, ...]:
-        return _first_words(self.parts, [part.units for part in self.parts])
+        return _first_words(self.labels, [part.units for part in self.parts])
 
     @cached_property
     def theta_start(self) -> FloatArray:
@@ -64,7 +67,7 @@ class JointUnknowns:
         return _first(self, [part.slope(own) for part, own in zip(self.parts, self.split(theta), strict=True)])
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """What each standard deviation is held against: the largest that a part names."""
+        """Size that each standard deviation is compared with: the largest of all parts."""
         sizes = np.zeros(len(self.names))
         for part, index in zip(self.parts, self.columns, strict=True):
             sizes[index] = np.maximum(sizes[index], part.sizes(physical[index]))
@@ -79,113 +82,110 @@ class JointUnknowns:
         return _first(self, [part.reach for part in self.parts])
 
     def split(self, values: FloatArray) -> list[FloatArray]:
-        """Of one value an unknown those of each part."""
+        """Values of the unknowns of each part, from one value for each of all unknowns."""
         return [values[index] for index in self.columns]
 
 
-def _first(every: JointUnknowns, values: Sequence[FloatArray]) -> FloatArray:
-    """Rows of all unknowns, each from the first part that has it."""
-    found = np.zeros((len(every.names), *values[0].shape[1:]))
-    for own, index in reversed(list(zip(values, every.columns, strict=True))):
-        found[index] = own
-    return found
+def _first(unknowns: JointUnknowns, values: Sequence[FloatArray]) -> FloatArray:
+    """One row for each of all unknowns, from the rows `values` of the first part that has it."""
+    rows = np.zeros((len(unknowns.names), *values[0].shape[1:]))
+    for part_rows, index in reversed(list(zip(values, unknowns.columns, strict=True))):
+        rows[index] = part_rows
+    return rows
 
 
-def _first_words(parts: Sequence[Unknowns], words: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    """A word of every unknown, each from the first part that has it."""
-    found: dict[str, str] = {}
-    for part, own in zip(parts, words, strict=True):
-        for name, word in zip(part.names, own, strict=True):
-            found.setdefault(name, word)
-    return tuple(found.values())
+def _first_words(labels: Sequence[tuple[str, ...]], words: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    """One word for each of all unknowns, from the `words` of the first part that has it."""
+    word_of: dict[str, str] = {}
+    for names, part_words in zip(labels, words, strict=True):
+        for name, word in zip(names, part_words, strict=True):
+            word_of.setdefault(name, word)
+    return tuple(word_of.values())
 
 
-def _require_alike(every: JointUnknowns, number: int, part: Unknowns, index: IntArray) -> None:
-    start = every.theta_start
-    for name, unit, column in zip(part.names, part.units, index, strict=True):
-        if unit != every.units[column]:
+def _require_same_declaration(unknowns: JointUnknowns, number: int) -> None:
+    """Raise `InputError` where the part at position `number` declares an unknown otherwise than the first part that has it."""
+    start, part = unknowns.theta_start, unknowns.parts[number]
+    index, names = unknowns.columns[number], unknowns.labels[number]
+    for name, unit, column in zip(names, part.units, index, strict=True):
+        if unit != unknowns.units[column]:
             raise InputError(
-                f"{name} must have one unit in all problems, got {every.units[column]} and {unit} in problem"
-                f" {number}; give one of the two another name"
+                f"{name} must have one unit in all problems, got {unknowns.units[column]} and {unit} in problem"
+                f" {number + 1}; give one of the two another name"
             )
     pairs = (
-        (part.physical(start[index]), every.physical(start)[index]),
-        (part.slope(start[index]), every.slope(start)[index]),
+        (part.physical(start[index]), unknowns.physical(start)[index]),
+        (part.slope(start[index]), unknowns.slope(start)[index]),
     )
-    alike = np.logical_and(*(np.isclose(a, b, rtol=_SAME, atol=0) for a, b in pairs))
-    if not alike.all():
+    is_same = np.logical_and(*(np.isclose(a, b, rtol=_SAME, atol=0) for a, b in pairs))
+    if not is_same.all():
         raise InputError(
-            f"{part.names[int(np.argmin(alike))]} must have the same bounds and transform in all problems,"
-            f" got others in problem {number}; declare it the same way"
+            f"{names[int(np.argmin(is_same))]} must have the same bounds and transform in all problems,"
+            f" got others in problem {number + 1}; declare it the same way"
         )
 
 
-@dataclass(frozen=True, eq=False)
-class JointData:
-    """The data rows of `parts` one after another, whose errors are not correlated.
+def joint_rows(parts: Sequence[DataRows]) -> DataRows:
+    """Labels of the data rows of all `parts`, one after another; lines and channels of different parts are different."""
+    return DataRows(
+        _laid_out([np.asarray(part.lines) for part in parts]),
+        _laid_out([np.asarray(part.series) for part in parts], 2),
+        tuple(name for part in parts for name in part.names),
+        _joint_quantities(parts),
+        _joint_averages(parts),
+    )
 
-    Parameters
+
+def _joint_quantities(parts: Sequence[DataRows]) -> IntArray | None:
+    """Quantity of each data row; None where parts do not have the same ones, whose numbers may then differ in meaning."""
+    numbers = [set(part.quantities[part.quantities >= 0].tolist()) for part in parts if part.quantities is not None]
+    if not numbers or any(other != numbers[0] for other in numbers):
+        return None
+    return np.concatenate([np.full(part.n_data, -1) if part.quantities is None else part.quantities for part in parts])
+
+
+def _joint_averages(parts: Sequence[DataRows]) -> FloatArray | None:
+    """Number of averages behind the variance of each data row; infinite in parts with known variances."""
+    if all(part.averages is None for part in parts):
+        return None
+    return np.concatenate([np.full(part.n_data, np.inf) if part.averages is None else part.averages for part in parts])
+
+
+@dataclass(frozen=True, eq=False)
+class JointNoise:
+    """Noise of several problems, independent of each other.
+
+    Attributes
     ----------
-    parts : tuple of Data
-    columns : tuple of (n_own,) int arrays
-        Positions of each part's unknowns among all; see `JointUnknowns`.
+    laws : tuple of NoiseLaw
+    n_data : tuple of int
+        Number of data rows of each.
+    columns : tuple of (n_part_params,) int arrays
+        Indices of the unknowns of each among all.
     """
 
-    parts: tuple[Data, ...]
+    laws: tuple[NoiseLaw, ...]
+    n_data: tuple[int, ...]
     columns: tuple[IntArray, ...]
 
-    @property
-    def n_data(self) -> int:
-        return sum(part.n_data for part in self.parts)
+    factor = None
 
-    @cached_property
-    def lines(self) -> IntArray:
-        """Position of each data row along the axes laid end to end."""
-        return _laid_out([np.asarray(part.lines) for part in self.parts])
-
-    @cached_property
-    def series(self) -> IntArray:
-        """Channel of each data row; those of another part are other channels."""
-        return _laid_out([np.asarray(part.series) for part in self.parts], 2)
-
-    @cached_property
-    def quantities(self) -> IntArray | None:
-        """Of each data row; None where parts do not have the same ones, whose numbers may then mean others in each."""
-        own = [part.quantities for part in self.parts]
-        told = [set(one[one >= 0].tolist()) for one in own if one is not None]
-        if not told or any(one != told[0] for one in told):
-            return None
-        pairs = zip(self.parts, own, strict=True)
-        return np.concatenate([np.full(part.n_data, -1) if one is None else one for part, one in pairs])
-
-    @property
-    def averages(self) -> FloatArray | None:
-        """Of each data row; infinite in parts with known variances."""
-        own = [part.averages for part in self.parts]
-        if all(one is None for one in own):
-            return None
-        pairs = zip(self.parts, own, strict=True)
-        return np.concatenate([np.full(part.n_data, np.inf) if one is None else one for part, one in pairs])
-
-    def data_changes(self, theta: FloatArray) -> FloatArray | None:
-        return None
-
-    def score_covariance(self, theta: FloatArray, jacobian: FloatArray) -> FloatArray | None:
-        """The sum of that of each part."""
+    def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
+        """Sum of the score covariances of all problems; None where all of them have independent errors of known variance."""
         total, first, independent = np.zeros((jacobian.shape[1],) * 2), 0, True
-        for part, index in zip(self.parts, self.columns, strict=True):
-            rows = jacobian[first : first + part.n_data][:, index]
-            own = part.score_covariance(theta[index], rows)
-            independent &= own is None
-            total[np.ix_(index, index)] += rows.T @ rows if own is None else own
-            first += part.n_data
+        for law, n_data, index in zip(self.laws, self.n_data, self.columns, strict=True):
+            rows = jacobian[first : first + n_data][:, index]
+            covariance = law.score_covariance(rows)
+            independent &= covariance is None
+            total[np.ix_(index, index)] += rows.T @ rows if covariance is None else covariance
+            first += n_data
         return None if independent else total
 
 
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
-    """Numbers of each part moved beyond those of the parts before, to a multiple of `step`."""
-    moved, first = [], 0
+    """Numbers of all parts, those of each raised beyond those of the parts before it by a multiple of `step`."""
+    raised, first = [], 0
     for part in parts:
-        moved.append(part + first)
+        raised.append(part + first)
         first += step * (int(part.max(initial=-1)) // step + 1)
-    return np.concatenate(moved)
+    return np.concatenate(raised)

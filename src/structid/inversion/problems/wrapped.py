@@ -1,8 +1,7 @@
-"""A problem around another one: as it is, with other errors in its rows, or with a variable held."""
+"""Problems made of another one: with other data of the same noise, or with one free variable fixed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,30 +9,25 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray
 from structid.inversion.linearization import Linearization, OperatorLinearization
-from structid.inversion.problem import Data, OfData, OfUnknowns, Problem, Stages, Unknowns
+from structid.inversion.problem import DataRows, NoiseLaw, Problem, Unknowns
 
 
 @dataclass(frozen=True, eq=False)
-class Wrapped(OfUnknowns, OfData):
-    """Everything as the inner `problem` has it; subclasses change some of it."""
+class Wrapped(Problem):
+    """A problem that answers as the inner `problem` does; subclasses change a part of it."""
 
     problem: Problem
 
-    def around(self, problem: Problem) -> Problem:
-        """The same around another problem with these parameters, such as an easier form."""
-        return replace(self, problem=problem)
-
     @property
     def unknowns(self) -> Unknowns:
-        return self.problem
+        return self.problem.unknowns
 
     @property
-    def data(self) -> Data:
-        return self.problem
+    def rows(self) -> DataRows:
+        return self.problem.rows
 
-    @property
-    def matrix_free_obstacle(self) -> str:
-        return self.problem.matrix_free_obstacle
+    def noise_law(self, theta: FloatArray) -> NoiseLaw:
+        return self.problem.noise_law(theta)
 
     def residual(self, theta: FloatArray) -> FloatArray:
         return self.problem.residual(theta)
@@ -47,20 +41,9 @@ class Wrapped(OfUnknowns, OfData):
     def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         return self.problem.prior_rows(theta)
 
-    def stage_plans(self) -> Sequence[Stages]:
-        plans = self.problem.stage_plans()
-        return tuple(tuple((name, self.around(stage)) for name, stage in plan) for plan in plans)
-
-    def ways(self) -> Sequence[Stages]:
-        return self.stage_plans()
-
-    def thinned(self) -> Problem | None:
-        part = self.problem.thinned()
-        return None if part is None else self.around(part)
-
 
 @dataclass(frozen=True, eq=False)
-class Shifted(Wrapped):
+class ShiftedResidual(Wrapped):
     """`problem` with `shift` added to its residual: other data of the same noise, in units of that noise.
 
     Parameters
@@ -75,116 +58,122 @@ class Shifted(Wrapped):
         return self.problem.residual(theta) + self.shift
 
     def linearize(self, theta: FloatArray) -> Linearization:
-        at = self.problem.linearize(theta)
-        return replace(at, residual=at.residual + self.shift)
+        linearization = self.problem.linearize(theta)
+        return replace(linearization, residual=linearization.residual + self.shift)
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
-        at = self.problem.linearize_operator(theta)
-        return replace(at, residual=at.residual + self.shift)
+        linearization = self.problem.linearize_operator(theta)
+        return replace(linearization, residual=linearization.residual + self.shift)
 
     def prior_rows(self, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         residual, rows = self.problem.prior_rows(theta)
         return residual + self.shift[self.n_data :], rows
 
-    def stage_plans(self) -> Sequence[Stages]:
-        """None: their rows are others than those that are shifted."""
-        return ()
-
-    def thinned(self) -> Problem | None:
-        return None
-
 
 @dataclass(frozen=True, eq=False)
-class _AllButOne:
-    """`every` unknown but the one at `index`, whose free variable is `value`."""
+class _OtherUnknowns:
+    """All of `unknowns` but the one at `index`, whose free variable is fixed at `value`."""
 
-    every: Unknowns
+    unknowns: Unknowns
     index: int
     value: float
 
     @property
     def names(self) -> tuple[str, ...]:
-        return self._rest(self.every.names)
+        return self._others(self.unknowns.names)
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        return self._rest(self.every.kinds)
+        return self._others(self.unknowns.kinds)
 
     @property
     def units(self) -> tuple[str, ...]:
-        return self._rest(self.every.units)
+        return self._others(self.unknowns.units)
 
     @property
     def theta_start(self) -> FloatArray:
-        return np.delete(self.every.theta_start, self.index)
+        return np.delete(self.unknowns.theta_start, self.index)
 
     def whole(self, others: FloatArray) -> FloatArray:
-        """All free variables, (n_params,)."""
+        """All free variables, (n_params,), from the others."""
         return np.insert(others, self.index, self.value)
 
     def physical(self, others: FloatArray) -> FloatArray:
-        return np.delete(self.every.physical(self.whole(others)), self.index)
+        return np.delete(self.unknowns.physical(self.whole(others)), self.index)
 
     def slope(self, others: FloatArray) -> FloatArray:
-        return np.delete(self.every.slope(self.whole(others)), self.index)
+        return np.delete(self.unknowns.slope(self.whole(others)), self.index)
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        own = self.every.physical(self.whole(self.theta_start))[self.index]
-        return np.delete(self.every.sizes(np.insert(physical, self.index, own)), self.index)
+        fixed = self.unknowns.physical(self.whole(self.theta_start))[self.index]
+        return np.delete(self.unknowns.sizes(np.insert(physical, self.index, fixed)), self.index)
 
     @property
     def bounds(self) -> FloatArray:
-        return np.delete(self.every.bounds, self.index, axis=0)
+        return np.delete(self.unknowns.bounds, self.index, axis=0)
 
     @property
     def reach(self) -> FloatArray:
-        return np.delete(self.every.reach, self.index, axis=0)
+        return np.delete(self.unknowns.reach, self.index, axis=0)
 
-    def _rest(self, entries: tuple[str, ...]) -> tuple[str, ...]:
+    def _others(self, entries: tuple[str, ...]) -> tuple[str, ...]:
         return entries[: self.index] + entries[self.index + 1 :]
 
 
 @dataclass(frozen=True, eq=False)
-class Held(Wrapped):
-    """`problem` with one free variable held at a value; the others are free.
+class _OtherScores:
+    """Noise `law` of a problem seen by all of its unknowns but the one at `index`."""
+
+    law: NoiseLaw
+    index: int
+
+    @property
+    def factor(self) -> FloatArray | None:
+        return self.law.factor
+
+    def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
+        whole = self.law.score_covariance(np.insert(jacobian, self.index, 0.0, axis=1))
+        return None if whole is None else np.delete(np.delete(whole, self.index, axis=0), self.index, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class FixedVariable(Problem):
+    """`problem` with one free variable fixed at a value; the others are its unknowns.
 
     Parameters
     ----------
     problem : Problem
     index : int
-        Of the variable that is held.
+        Index of the fixed variable.
     value : float
-        Where.
+        Its value.
     """
 
+    problem: Problem
     index: int
     value: float
 
     @property
-    def unknowns(self) -> _AllButOne:
-        return _AllButOne(self.problem, self.index, self.value)
+    def unknowns(self) -> _OtherUnknowns:
+        return _OtherUnknowns(self.problem.unknowns, self.index, self.value)
 
     @property
-    def matrix_free_obstacle(self) -> str:
-        return "takes no variable that is held"
+    def rows(self) -> DataRows:
+        return self.problem.rows
 
     def whole(self, others: FloatArray) -> FloatArray:
-        """All free variables, (n_params,)."""
+        """All free variables, (n_params,), from the others."""
         return self.unknowns.whole(others)
 
     def residual(self, others: FloatArray) -> FloatArray:
         return self.problem.residual(self.whole(others))
 
     def linearize(self, others: FloatArray) -> Linearization:
-        at = self.problem.linearize(self.whole(others))
-        return replace(at, jacobian=np.delete(at.jacobian, self.index, axis=1))
+        linearization = self.problem.linearize(self.whole(others))
+        return replace(linearization, jacobian=np.delete(linearization.jacobian, self.index, axis=1))
 
-    def data_changes(self, others: FloatArray) -> FloatArray | None:
-        return self.problem.data_changes(self.whole(others))
-
-    def score_covariance(self, others: FloatArray, jacobian: FloatArray) -> FloatArray | None:
-        found = self.problem.score_covariance(self.whole(others), np.insert(jacobian, self.index, 0.0, axis=1))
-        return None if found is None else np.delete(np.delete(found, self.index, axis=0), self.index, axis=1)
+    def noise_law(self, others: FloatArray) -> NoiseLaw:
+        return _OtherScores(self.problem.noise_law(self.whole(others)), self.index)
 
     def prior_rows(self, others: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
         residual, rows = self.problem.prior_rows(self.whole(others))

@@ -90,7 +90,7 @@ def _three(rows, k):
 
 @_part
 def _alike(blocks, row, other):
-    """Whether two rows of the operator are of the same fields."""
+    """True where two rows of the operator are of the same fields."""
     a, b, k = blocks.starts[row], blocks.starts[other], 0
     n = blocks.starts[row + 1] - a
     while k < n and blocks.which[a + k] == blocks.which[b + k]:

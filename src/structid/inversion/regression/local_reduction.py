@@ -33,7 +33,7 @@ _SHORTEST, _LONGEST, _ENTRIES = 64, 2048, 60_000  # samples, and numbers of a bl
 
 @dataclass(frozen=True, eq=False)
 class Kernels:
-    """How rows are folded.
+    """Folding of rows.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Kernels:
             raise InputError("`engine` is 'numba', which is not installed; pip install structid[fast], or use 'auto'")
 
     def compiled(self, size: int) -> bool:
-        """Whether work on so many samples times blocks is done by the compiled kernels."""
+        """True where work on so many samples times blocks is done by the compiled kernels."""
         return self.engine == "numba" or (self.engine == "auto" and size >= COMPILED_FROM and has_numba())
 
     def words(self, size: int) -> str:
@@ -68,7 +68,7 @@ class Kernels:
 
 
 def has_numba() -> bool:
-    """Whether numba is installed; it is not imported."""
+    """True where numba is installed; it is not imported."""
     return importlib.util.find_spec("numba") is not None
 
 
@@ -117,7 +117,7 @@ class Blocks(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RowMaker:
-    """What makes the rows of every block from fields; made once for all chunks of a record.
+    """Operator from fields to the rows of every block; made once for all chunks of a record.
 
     Attributes
     ----------

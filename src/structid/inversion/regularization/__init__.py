@@ -1,1 +1,1 @@
-"""How strongly what the data do not determine is held."""
+"""Strengths of regularization of what the data do not determine."""

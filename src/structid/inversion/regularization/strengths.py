@@ -1,4 +1,4 @@
-"""How strongly to hold an ill-posed problem: strengths from marginal likelihood, L-curve or discrepancy, and sparsity.
+"""Strengths of regularization of an ill-posed problem: from marginal likelihood, L-curve or discrepancy, and sparsity.
 
 All of it works on a `LocalModel`: residuals of the data and of unit-strength penalties as linear functions of the free
 variables. A nonlinear problem is fitted and linearized again until its strengths settle (`settled`).

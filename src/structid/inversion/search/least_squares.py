@@ -33,7 +33,7 @@ class End(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What came of one iteration.
+    """Result of one iteration.
 
     `step` is made where `gain`, the decrease in parts of what the linear model promises, is large enough; where there
     is none the search ends. `end` without a step ends it at once, with a step after it.
@@ -75,7 +75,7 @@ class Point(Generic[A]):
 
 @dataclass(frozen=True, eq=False)
 class Damping:
-    """How strongly steps are damped, in what units, and how far they may go: what an iteration hands to the next.
+    """Damping of the steps, its units and the limits of a step, as one iteration hands them to the next.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Damping:
     scale, limit : (n_params,) float arrays
         Recent largest lengths of the Jacobian's columns; most that each variable may change by in a step.
     reach : (n_params, 2) float array
-        Free variables between which the search stays (`Problem.reach`).
+        Free variables between which the search stays (`Unknowns.reach`).
     """
 
     factor: float
@@ -96,13 +96,13 @@ class Damping:
     reach: FloatArray
 
     def at(self, here: Point[A], largest_step: float) -> Damping:
-        """The same with the lengths and sizes of a point taken into account."""
+        """A copy that takes the lengths and sizes of a point into account."""
         scale = np.maximum(here.scale, 0.1 * self.scale)
         reach = np.where(here.size > 0, largest_step * here.size, np.inf)
         return replace(self, scale=scale, limit=np.maximum(self.limit, reach))
 
     def after(self, gain: float) -> Damping:
-        """The same after a step that kept the part `gain` of its promise."""
+        """A copy after a step that gained the part `gain` of the predicted decrease."""
         if gain > _ACCEPTED:
             factor = self.factor * max(1 / 10, 1 - (2 * min(gain, 1.0) - 1) ** 3)
             return replace(self, factor=max(factor, _LEAST_DAMPING), growth=2.0)
@@ -113,7 +113,7 @@ P = TypeVar("P", bound=Point)
 
 
 class Method(Protocol[P]):
-    """How a problem is solved: points and steps from them, and what the answer's linearization tells of it."""
+    """A method of least squares: points, steps from them, and the uncertainty at the minimum."""
 
     @property
     def max_iterations(self) -> int: ...
@@ -144,19 +144,19 @@ class Method(Protocol[P]):
         ...
 
     def for_polishing(self) -> Method[P]:
-        """The same where the minimum is known to be close."""
+        """A copy for a start that is known to be close to the minimum."""
         ...
 
     def raced(self, above: float) -> Method[P]:
-        """The same for one of several searches, which may end as `LEFT` where little is gained above a sum of squares."""
+        """A copy for one of several searches, which may end as `LEFT` where little is gained above a sum of squares."""
         ...
 
     def for_reduced(self) -> Method[P]:
-        """The same for a problem whose residual is off by a small part of its own."""
+        """A copy for a problem whose residual has a small relative error."""
         ...
 
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
-        """Whether the end of a search misses the noise: a larger chi-square has less than this probability."""
+        """True where a larger chi-square than that of the minimum has less than this probability."""
         ...
 
     def uncertainty(
@@ -167,7 +167,7 @@ class Method(Protocol[P]):
         seed: int,
         fixed: FixedColumns | None = None,
     ) -> Uncertainty:
-        """What is known of the parameters at the end of a search, with the values that the model holds, if they may be wrong."""
+        """Uncertainty of the parameters at the end of a search, with the influence of fixed values where they may be wrong."""
         ...
 
 
@@ -230,7 +230,9 @@ def minimize(
 
 def _reach(problem: Problem, start: FloatArray) -> FloatArray:
     """Between which free variables the search stays: the problem's, and its own start in any case."""
-    return np.stack([np.minimum(problem.reach[:, 0], start), np.maximum(problem.reach[:, 1], start)], axis=1)
+    return np.stack(
+        [np.minimum(problem.unknowns.reach[:, 0], start), np.maximum(problem.unknowns.reach[:, 1], start)], axis=1
+    )
 
 
 def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[float], inner: Sequence[int]) -> State:
@@ -250,7 +252,7 @@ def _state(damping: Damping, history: Sequence[FloatArray], costs: Sequence[floa
 def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
     """`Point.size` at free variables."""
     slope = np.maximum(np.abs(problem.slope(theta)), 1e-100)  # 0 where a bounded parameter is at its bound
-    size: FloatArray = problem.sizes(problem.physical(theta)) / slope
+    size: FloatArray = problem.unknowns.sizes(problem.physical(theta)) / slope
     return size
 
 

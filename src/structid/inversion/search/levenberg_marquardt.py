@@ -33,7 +33,7 @@ _LEFT_AT, _MOST_GAINED = 1e-5, 4.0
 
 
 class WithJacobian:
-    """What all methods that form a Jacobian have in common."""
+    """Base of the methods that form a Jacobian."""
 
     is_matrix_free: ClassVar[bool] = False
 
@@ -72,7 +72,7 @@ class FactoredPoint(Point[Linearization]):
 
     @property
     def rounding(self) -> float:
-        """What a relative rounding of all parameters does to the residual."""
+        """Change of the residual by a relative rounding of all parameters."""
         return _ROUNDING * float(np.linalg.norm(self.triangle * self.size))
 
     def promised(self, step: FloatArray) -> float:
@@ -95,12 +95,12 @@ class _Damped:
         return np.asarray(-linalg.solve_triangular(self.triangle, right, check_finite=False))
 
     def downhill(self, gradient: FloatArray) -> FloatArray:
-        """The same from J'r: minimizer of |J s|^2 + 2 s'J'r + damping |D s|^2."""
+        """The damped step from J'r: minimizer of |J s|^2 + 2 s'J'r + damping |D s|^2."""
         down = linalg.solve_triangular(self.triangle, gradient, trans=1, check_finite=False)
         return np.asarray(-linalg.solve_triangular(self.triangle, down, check_finite=False))
 
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
-        """The same minimizer with the entries `held` at their `values`."""
+        """The damped step with the entries `held` at their `values`."""
         right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
         orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
         step = np.array(values)

@@ -115,7 +115,7 @@ class MatrixFree:
     def misfits(self, problem: Problem, minimum: Minimum, probability: float) -> bool:
         """With as many degrees of freedom as there are more rows, those of priors included, than parameters."""
         at = minimum.linearization
-        freedom, (scale, share) = len(at.residual) - at.n_params, row_law(problem.averages)
+        freedom, (scale, share) = len(at.residual) - at.n_params, row_law(problem.rows.averages)
         return misses_noise(problem, at.residual, scale, share * freedom, probability)
 
     def uncertainty(
@@ -132,7 +132,7 @@ class MatrixFree:
 
 
 def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = DENSE_BYTES) -> tuple[bool, str]:
-    """Whether a search with its Jacobian fits in memory, and the reason in words.
+    """Decide if a search with its Jacobian fits in memory, with the reason in words.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a search for a minimum gives back, and what every search needs."""
+"""The result of a search for a minimum, and the parts that every search needs."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from structid.core.arrays import FloatArray, locked
 from structid.core.errors import InputError, SingularModelError
 from structid.inversion.diagnostics.bounds import at_bounds
 from structid.inversion.linearization import Linearization
-from structid.inversion.problem import Problem, Stages, Way
+from structid.inversion.problem import ContinuationPath, Problem, Schedule
 from structid.inversion.search.least_squares import LEFT, Method, sizes_at
 from structid.inversion.search.minimum import Minimum, Progress, Stored, residual_at, squared
 from structid.inversion.search.work import (
@@ -69,7 +69,7 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """How often and from where is searched.
+    """Number of searches and their starts.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class SearchedMinima:
 def searched_minima(
     problem: Problem,
     method: Method,
-    ways: Sequence[Way],
+    ways: Sequence[ContinuationPath],
     search: Search,
     fits: Callable[[Minimum], bool],
     progress: StageProgress | None = None,
@@ -141,8 +141,8 @@ def searched_minima(
     Where `work` has several workers, restarts run ahead of the verdict on those before them; the answer is the same.
     """
     start = np.array(problem.theta_start if search.start is None else search.start)
-    chosen: Sequence[Way] = ways or ((),)
-    spread = _SPREAD * problem.sizes(problem.physical(start)) / problem.slope(start)
+    chosen: Sequence[ContinuationPath] = ways or ((),)
+    spread = _SPREAD * problem.unknowns.sizes(problem.physical(start)) / problem.slope(start)
     rng = np.random.default_rng(search.seed)
     most = max(search.uniqueness_starts, search.doubt_starts)
     points = [spread * rng.standard_normal(len(start)) for _ in range(search.restarts + most)]
@@ -223,7 +223,7 @@ class _GroupedMinima:
 def _wide_minima(
     problem: Problem,
     method: Method,
-    way: Way,
+    way: ContinuationPath,
     start: FloatArray,
     search: Search,
     grouped: _GroupedMinima,
@@ -232,7 +232,7 @@ def _wide_minima(
 ) -> tuple[list[tuple[Minimum, int]], bool]:
     """The ends of searches from far about the start and along the weakest directions, and whether no more are to be expected."""
     rng = np.random.default_rng([search.seed, search.wide_starts])
-    reach, size = problem.reach, np.log(_WIDE) * sizes_at(problem, start)
+    reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
     minima: list[tuple[Minimum, int]] = []
     n_made, n_ended, n_followed = 0, 0, 0
 
@@ -261,7 +261,7 @@ def _wide_minima(
 
 
 def _search_widely(
-    shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools
+    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: Tools
 ) -> Stored:
     """One search from a wide start, as a task; it may come to where the data cannot be held against the model."""
     try:
@@ -313,7 +313,7 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
 
 
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
-    """Whether an answer asks for others beside it; see `Search`."""
+    """True where an answer is doubtful enough for more searches; see `Search`."""
     if not search.doubt_starts or method.is_matrix_free:
         return False
     moved = np.abs(best.theta - start)
@@ -323,8 +323,10 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
     return any(one.is_pushed for one in at_bounds(problem, best.theta, cast(Linearization, best.linearization)))
 
 
-def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, int, FloatArray], tools: Tools) -> Stored:
-    """One of several searches, as a task: its number, its way and its start are the item."""
+def _search(
+    shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: Tools
+) -> Stored:
+    """One of several searches, as a task; the item is its number, the index of its path and its start."""
     (problem, method, ways), (number, which, theta) = shared, item
     way = ways[which]
     stages = way(theta) if callable(way) else way
@@ -337,7 +339,7 @@ def _search(shared: tuple[Problem, Method, tuple[Way, ...]], item: tuple[int, in
 
 
 def _found(problem: Problem, method: Method, task: Stored) -> tuple[Minimum, int]:
-    """What the task found; its failure counts when its turn comes, as if it had run then."""
+    """Minimum and iterations of a task; its failure is raised when its turn comes, as if it had run then."""
     if "failed" in task:
         raise SingularModelError(task["failed"])
     return restored_minimum(problem, method, task), int(task["iterations"])
@@ -346,7 +348,7 @@ def _found(problem: Problem, method: Method, task: Stored) -> tuple[Minimum, int
 def staged(
     problem: Problem,
     method: Method,
-    stages: Stages,
+    stages: Schedule,
     theta: FloatArray,
     progress: StageProgress | None,
     prefix: str = "",
@@ -414,6 +416,23 @@ def distinct_answers(
 def cost_rank(minimum: Minimum) -> float:
     """The sum of squares of a minimum, the same for those that differ by rounding alone."""
     return float(np.floor(minimum.costs[-1] / _ROUNDED))
+
+
+def ends_at_other(problem: Problem, minimum: Minimum, end: FloatArray, other: Minimum, other_end: FloatArray) -> bool:
+    """Whether a refit from one minimum ends nearer to where the refit from another one ended than to where it began.
+
+    Parameters
+    ----------
+    problem : Problem
+    minimum, other : Minimum
+    end, other_end : (n_params,) float arrays
+        Free variables of their refits.
+    """
+    if _distance(other, minimum) <= _SAME:
+        return False
+    size = sizes_at(problem, minimum.theta)
+    begun, apart = ((end - point) / np.where(size > 0, size, 1.0) for point in (minimum.theta, other_end))
+    return bool(np.linalg.norm(apart) < np.linalg.norm(begun))
 
 
 def _distance(first: Minimum, second: Minimum) -> float:

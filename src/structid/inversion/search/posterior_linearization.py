@@ -74,7 +74,7 @@ def posterior_linearized(
         downhill = -slopes.T @ (weight * mean) + prior.T @ ((theta - middle) / deviation)
         values, directions = np.linalg.eigh(precision)
         step = np.clip((directions.T @ downhill) / values, -_FARTHEST, _FARTHEST)
-        middle = np.clip(middle + factor @ (directions @ step), *problem.reach.T)
+        middle = np.clip(middle + factor @ (directions @ step), *problem.unknowns.reach.T)
         if left.mean() < _LINEAR:
             break
         factor = factor @ (directions * np.maximum(1 / np.sqrt(values), _NARROWEST))
@@ -90,14 +90,14 @@ def _drawn(
     """
     n_params = len(middle)
     half = rng.standard_normal((max(_FEWEST_DRAWS, _DRAWS_EACH * n_params) // 2, n_params))
-    draws, low_high = np.concatenate([half, -half]), problem.reach.T
+    draws, low_high = np.concatenate([half, -half]), problem.unknowns.reach.T
     found = [residual_at(problem, np.clip(middle + factor @ draw, *low_high)) for draw in draws]
     had = [(draw, residual) for draw, residual in zip(draws, found, strict=True) if residual is not None]
     return np.array([draw for draw, _ in had]).reshape(-1, n_params), np.array([residual for _, residual in had])
 
 
 def _line(draws: FloatArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of every row over the draws: value in the middle, slopes as far as they are more than chance, variance left."""
+    """Linear regression of every row on the draws: value in the middle, significant slopes, variance that is left."""
     n_draws, n_params = draws.shape
     design = np.column_stack([np.ones(n_draws), draws])
     fitted = np.linalg.lstsq(design, residuals, rcond=None)[0]

@@ -30,10 +30,13 @@ class FixedValues:
         free variables and have Gaussian priors of mean 0.
     tolerances : mapping of str to float
         Standard deviation of each of these priors.
+    sample : Problem, optional
+        The problem on the part of the data that a search uses; on all data by default.
     """
 
     problem: Problem
     tolerances: Mapping[str, float]
+    sample: Problem | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -45,9 +48,9 @@ class FixedValues:
         """Standard deviation of the logarithm of each held value, (n_fixed,)."""
         return np.array([self.tolerances[name] for name in self.names])
 
-    def thinned(self) -> FixedValues:
-        """A copy on the part of the data that a search uses; on all data where it uses all."""
-        return FixedValues(self.problem.thinned() or self.problem, self.tolerances)
+    def on_sample(self) -> FixedValues:
+        """A copy on the part of the data that a search uses."""
+        return FixedValues(self.sample or self.problem, self.tolerances)
 
     def refit(self, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
         """The fit of all unknowns, held values included, from the free variables `theta` of the parameters `names`."""
@@ -65,7 +68,7 @@ class FixedValues:
         linearization = self.problem.linearize(self._whole(names, theta))
         columns = linearization.jacobian[: self.problem.n_data, self._index(self.names)]
         within = self.refit(names, theta) if is_doubtful else None
-        kinds = tuple(self.problem.kinds[i] for i in self._index(self.names))
+        kinds = tuple(self.problem.unknowns.kinds[i] for i in self._index(self.names))
         return FixedColumns(tuple(name.removeprefix(FIXED) for name in self.names), kinds, self.std, columns, within)
 
     def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What a search asks of whoever runs it: to run searches and repeated tasks, and perhaps to keep what is done."""
+"""Executors of searches and repeated tasks, which may keep what is done in a checkpoint."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Minimizer(Protocol):
 
 
 class Tools(NamedTuple):
-    """What a task may use besides its own data; on another process `progress` is None."""
+    """Context of a task beside its own data; `progress` is None in another process."""
 
     minimize: Minimizer
     progress: StageProgress | None
@@ -47,13 +47,13 @@ class Work(Protocol):
 
     @property
     def n_workers(self) -> int:
-        """How many tasks run at once."""
+        """Number of tasks that run at once."""
         ...
 
     def minimize(
         self, problem: Problem, method: Method, theta: FloatArray | None = None, progress: Progress | None = None
     ) -> Minimum:
-        """As `structid.inversion.minimize`."""
+        """Search for the minimum, as `structid.inversion.minimize`."""
         ...
 
     def keeper(self, problem: Problem) -> Keeper | None:

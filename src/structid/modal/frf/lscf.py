@@ -34,7 +34,7 @@ from structid.records.record import DERIVATIVES, FrfRecord
 
 _MAX_POLYNOMIAL = 60
 _MAX_ORDER = 120
-_LINES_A_COEFFICIENT = 4
+_VALUES_AN_UNKNOWN = 4  # real ones of the FRFs, for each coefficient of the polynomials
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ def pole_sweep(band: FrfBand, orders: Sequence[int] | None, criteria: HardCriter
         Numbers of states; polynomials have 1 / n_inputs of it as their order, rounded up.
     """
     n_inputs = band.values.shape[2]
-    degrees = polynomial_orders(len(band.laplace), n_inputs, orders)
+    degrees = polynomial_orders(band.values.shape, orders)
     omega, decay = band.laplace.imag, float(np.mean(band.laplace.real))
     span = omega[-1] - omega[0]
     start = 0.0 if omega[0] < 0.2 * span else omega[0]
@@ -136,27 +136,48 @@ def pole_sweep(band: FrfBand, orders: Sequence[int] | None, criteria: HardCriter
         ordered = np.argsort(np.abs(s), kind="stable")
         s, vectors = s[ordered], vectors[:, ordered]
         shapes = residue_shapes(band.laplace, band.values, common, s, vectors, band.power)
-        sweep.append(Poles(s, band.output_scale[:, None] * shapes, degree * n_inputs))
+        energy = _energy_shares(s, shapes, vectors, band.power)
+        sweep.append(Poles(s, band.output_scale[:, None] * shapes, degree * n_inputs, energy))
         participation.append(vectors)
     return PoleSweep(tuple(sweep), tuple(participation))
 
 
-def polynomial_orders(n_lines: int, n_inputs: int, given: Sequence[int] | None) -> list[int]:
+def _energy_shares(s: ComplexArray, shapes: ComplexArray, participation: ComplexArray, power: int) -> FloatArray:
+    """Root of the integral of each resonance squared over all frequencies, over that of all of them, (n_poles,)."""
+    peak = np.linalg.norm(shapes, axis=0) * np.linalg.norm(participation, axis=0) * np.abs(s) ** power
+    size = peak / np.sqrt(np.maximum(np.abs(s.real), 1e-6 * np.abs(s)))
+    return np.asarray(size / max(float(np.linalg.norm(size)), np.finfo(np.float64).tiny))
+
+
+def polynomial_orders(shape: tuple[int, ...], given: Sequence[int] | None) -> list[int]:
     """Orders n of the polynomials, increasing, for the numbers of states given.
+
+    FRFs of L lines, p outputs and m inputs hold 2 L p m real values, for n m^2 coefficients of A, which all outputs share,
+    and n m for each output: four values a coefficient leave room for L / 4 of one FRF, for nearly L / 2 of many outputs.
+
+    Parameters
+    ----------
+    shape : (n_lines, n_outputs, n_inputs)
+        Of the FRFs.
+    given : sequence of int, optional
+        Numbers of states.
 
     Raises
     ------
     InputError
         If there are too few lines for an order.
     """
-    room = n_lines // _LINES_A_COEFFICIENT
+    n_lines, n_outputs, n_inputs = shape
+    share = max(n_outputs / (n_outputs + n_inputs), 0.5)
+    room = int(2 * n_lines * share / _VALUES_AN_UNKNOWN)
     if given is None:
         top = min(_MAX_POLYNOMIAL, max(_MAX_ORDER // n_inputs, 4), room)
         return list(range(2, top + 1, 2 if top > 20 else 1))
     orders = sorted({-(-int(n) // n_inputs) for n in given})
     if not orders or orders[0] < 1 or orders[-1] > room:
         raise InputError(
-            f"`orders` must lie from 1 to {room * n_inputs} for {n_lines} lines and {n_inputs} inputs, got "
+            f"`orders` must lie from 1 to {room * n_inputs} for {n_lines} lines, {n_outputs} outputs and {n_inputs} inputs,"
+            " got "
             f"{list(given)}; widen the band, or lower the orders"
         )
     return orders

@@ -23,6 +23,8 @@ class Poles:
         Motion of every channel, in the unit of the channel.
     order : int
         States of the model that the poles come from.
+    energy : (n_poles,) float array, optional
+        Size of the part of each pole in what the model was fitted to, over that of the whole; unknown by default.
 
     Raises
     ------
@@ -33,14 +35,22 @@ class Poles:
     poles: ComplexArray
     shapes: ComplexArray
     order: int
+    energy: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "poles", locked(self.poles, np.complex128))
+        energy = np.full(len(self.poles), np.nan) if self.energy is None else self.energy
+        object.__setattr__(self, "energy", locked(energy, np.float64))
+        require_shape("energy", np.asarray(self.energy), (len(self.poles),), "one for each pole")
         object.__setattr__(self, "shapes", locked(self.shapes, np.complex128))
         require_shape("poles", self.poles, (None,))
         require_shape("shapes", self.shapes, (None, len(self.poles)), "one column a pole")
         require_finite("poles", self.poles)
         require_finite("shapes", self.shapes)
+
+    def select(self, indices: IntArray | NDArray[np.bool_]) -> Poles:
+        """The poles at `indices`, or where a mask of them is true."""
+        return Poles(self.poles[indices], self.shapes[:, indices], self.order, np.asarray(self.energy)[indices])
 
     @property
     def omega(self) -> FloatArray:
@@ -121,6 +131,25 @@ def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:
     return np.asarray(((xx - yy) ** 2 + 4 * xy**2) / np.where(total == 0, 1.0, total) ** 2)
 
 
+def modal_phase_deviation(shapes: ComplexArray) -> FloatArray:
+    """Mean phase deviation of each column from the straight line that fits it best, weighted by size, deg, (n_modes,).
+
+    0 for a real shape in any phase, 45 for a circular one. Unknown entries (NaN) have no part; NaN where all are unknown.
+
+    References
+    ----------
+    Heylen, Lammens and Sas (1997), Modal Analysis Theory and Testing, section A.4 (MPD); the line by total least squares,
+    as Reynders, Houbrechts and De Roeck (2012), Mech. Syst. Signal Process. 29, Eq. (10).
+    """
+    x, y = shapes.real, shapes.imag
+    xx, yy, xy = (np.nansum(a * b, axis=0) for a, b in ((x, x), (y, y), (x, y)))
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy)
+    turned, size = shapes * np.exp(-1j * angle), np.abs(shapes)
+    deviation = np.degrees(np.arctan2(np.abs(turned.imag), np.abs(turned.real)))
+    total = np.where(np.isnan(shapes).all(axis=0), np.nan, np.nansum(size, axis=0))
+    return np.asarray(np.nansum(deviation * size, axis=0) / np.where(total == 0, 1.0, total))
+
+
 def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
     """Derivative of all |s| / 2 pi, then -Re s / |s|, by all Re s, then Im s, (2 n_poles, 2 n_poles)."""
     size = np.abs(poles)
@@ -131,7 +160,9 @@ def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
     return slope
 
 
-def state_poles(transition: FloatArray, output: FloatArray, sampling_rate: float) -> Poles:
+def state_poles(
+    transition: FloatArray, output: FloatArray, sampling_rate: float, sizes: FloatArray | None = None
+) -> Poles:
     """Poles of x(k+1) = A x(k), y(k) = C x(k).
 
     Parameters
@@ -142,10 +173,19 @@ def state_poles(transition: FloatArray, output: FloatArray, sampling_rate: float
         C.
     sampling_rate : float
         Hz.
+    sizes : (order,) float array, optional
+        Singular values of the block Hankel matrix, where the states are those of its left singular vectors: they give the
+        energy of each pole, |v| |w S| over |S| for the right and left eigenvectors v and w with w v = 1.
     """
     values, vectors = np.linalg.eig(transition)
     kept = oscillating(values, sampling_rate)
-    return Poles(np.log(values[kept]) * sampling_rate, output @ vectors[:, kept], len(transition))
+    energy = None
+    if sizes is not None:
+        duals = np.linalg.inv(vectors)[kept]
+        energy = (
+            np.linalg.norm(vectors[:, kept], axis=0) * np.linalg.norm(duals * sizes, axis=1) / np.linalg.norm(sizes)
+        )
+    return Poles(np.log(values[kept]) * sampling_rate, output @ vectors[:, kept], len(transition), energy)
 
 
 def oscillating(values: ComplexArray, sampling_rate: float) -> IntArray:

@@ -1,8 +1,8 @@
 """From poles over model orders to modes: which poles stay, which of them are one mode, which mode is meant.
 
-No threshold is set by hand. Poles are called stable or not by two means of their distance to the nearest pole of
-the order before; the boundary between the two is the width of a cluster; two means of the numbers of poles tell
-modes from leftovers.
+Poles are called stable or not by two means of their distance to the nearest pole of the order before; the boundary
+between the two is the width of a cluster. Clusters are modes that are large, by two means of the numbers of poles, or that
+are likely to be modes (`mode_probability`).
 
 References
 ----------
@@ -17,12 +17,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
-from structid.modal.poles.poles import HardCriteria, Poles
+from structid.modal.poles.poles import HardCriteria, Poles, modal_phase_collinearity
 
 _STILL = 1e-3  # poles that move less from order to order are equally stable, those of noise-free motion included
 _APART = 1e3  # distance of two poles of one order, which cannot be one mode
+_FEWEST_POLES = 3  # of a cluster whose spread over the orders says something
+#: Log odds of being a mode, for 1, stability, log10 of the distance, log10 of the energy, and collinearity.
+_WEIGHTS = np.array([-8.92, 3.94, -2.18, 0.93, 2.21])
+_LIKELY = 0.8  # probability from which on a cluster is taken for a mode, however few its poles
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +42,14 @@ class Cluster:
         Hz and 1.
     chosen : int
         The pole nearest to all others, which stands for the mode.
+    stability : float
+        Part of the orders, from the first that has a pole of the cluster on, that have one.
+    distance : float
+        Mean `pole_distance` of the chosen pole to the others.
+    energy : float
+        Median of `Poles.energy`.
+    collinearity : float
+        Median modal phase collinearity.
     """
 
     number: IntArray
@@ -44,6 +57,20 @@ class Cluster:
     frequency: FloatArray
     damping_ratio: FloatArray
     chosen: int
+    stability: float = np.nan
+    distance: float = np.nan
+    energy: float = np.nan
+    collinearity: float = np.nan
+
+    @property
+    def probability(self) -> float:
+        """That the cluster is a mode (`mode_probability`); NaN where too little is known of it."""
+        return mode_probability(self)
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Order and index of the chosen pole."""
+        return int(self.number[self.chosen]), int(self.index[self.chosen])
 
     @property
     def size(self) -> int:
@@ -88,6 +115,7 @@ def clusters(
     shapes = np.asarray(np.concatenate(columns, axis=1) / scale[:, None], dtype=np.complex128)
     number = np.repeat(np.arange(len(sweep)), [len(k) for k in kept])
     index = np.concatenate(kept) if kept else np.zeros(0, dtype=int)
+    energy = np.concatenate([np.asarray(p.energy)[k] for p, k in zip(sweep, kept, strict=True)])
     nearest = _nearest_before(s, shapes, number)
     near = np.log10(np.maximum(nearest, _STILL))
     boundary = _two_means_boundary(near[np.isfinite(near)])
@@ -95,10 +123,11 @@ def clusters(
     if not len(chosen):
         return ()
     labels = _linked(s[chosen], shapes[:, chosen], number[chosen], 10.0**boundary)
-    found = [_cluster(chosen[labels == label], s, shapes, number, index) for label in np.unique(labels)]
+    pool = _Pool(s, shapes, number, index, energy, len(sweep))
+    found = [_cluster(chosen[labels == label], pool) for label in np.unique(labels)]
     sizes = np.array([c.size for c in found], dtype=float)
     large = sizes > _two_means_boundary(np.append(sizes, 0.0))
-    modes = [c for c, keep in zip(found, large, strict=True) if keep or keep_all]
+    modes = [c for c, keep in zip(found, large, strict=True) if keep or keep_all or c.probability >= _LIKELY]
     return tuple(sorted(modes, key=lambda c: c.frequency[c.chosen]))
 
 
@@ -138,13 +167,46 @@ def _linked(s: ComplexArray, shapes: ComplexArray, number: IntArray, width: floa
     return np.asarray(fcluster(tree, max(width, _STILL), criterion="distance"))
 
 
-def _cluster(members: IntArray, s: ComplexArray, shapes: ComplexArray, number: IntArray, index: IntArray) -> Cluster:
-    inside = pole_distance(s[members], shapes[:, members], s[members], shapes[:, members])
-    omega = np.abs(s[members])
+@dataclass(frozen=True, eq=False)
+class _Pool:
+    """All poles that meet the criteria, one after another, and of which order each is."""
+
+    poles: ComplexArray
+    shapes: ComplexArray
+    number: IntArray
+    index: IntArray
+    energy: FloatArray
+    n_orders: int
+
+
+def _cluster(members: IntArray, pool: _Pool) -> Cluster:
+    s, shapes, number = pool.poles[members], pool.shapes[:, members], pool.number[members]
+    inside = pole_distance(s, shapes, s, shapes)
+    omega, chosen = np.abs(s), int(inside.sum(axis=1).argmin())
     return Cluster(
-        number[members],
-        index[members],
+        number,
+        pool.index[members],
         omega / (2 * np.pi),
-        np.asarray(-s[members].real / omega),
-        int(inside.sum(axis=1).argmin()),
+        np.asarray(-s.real / omega),
+        chosen,
+        stability=len(members) / (pool.n_orders - int(number.min())),
+        distance=float(inside[chosen].sum() / max(len(members) - 1, 1)),
+        energy=float(np.median(pool.energy[members])),
+        collinearity=float(np.median(modal_phase_collinearity(shapes))),
     )
+
+
+def evidence(cluster: Cluster) -> FloatArray:
+    """What speaks for a cluster being a mode: 1, then stability, distance, energy and collinearity, (5,)."""
+    distance, energy = (float(np.log10(max(value, 1e-6))) for value in (cluster.distance, cluster.energy))
+    return np.array([1.0, cluster.stability, distance, energy, cluster.collinearity])
+
+
+def mode_probability(cluster: Cluster) -> float:
+    """Probability that a cluster is a mode, by logistic regression on simulated records.
+
+    The weights are those of `_WEIGHTS`, which `python benchmarks/accuracy/mode_probability.py` prints.
+    """
+    if cluster.size < _FEWEST_POLES:
+        return float("nan")
+    return float(special.expit(evidence(cluster) @ _WEIGHTS))

@@ -18,6 +18,7 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.core.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs
 from structid.modal.method import ModalOptions
+from structid.modal.modal_record import ModalRecord
 from structid.records.spectrum import SpectrumRecord
 
 #: Modal coherence that a peak must have.
@@ -26,6 +27,7 @@ _DEPTH = np.log(30.0)  # a band ends where the first singular value is down by 3
 _TOP = np.log(5.0)  # two half-power half-widths
 _MERGE = np.log(10.0)  # two peaks with a valley less deep than 10 share one band
 _AVERAGES = 40
+_PROMINENCE = 1.0  # decades of power by which a peak without a mode stands out
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,3 +301,26 @@ def mode_places(spectrum: Spectrum, low: float, high: float, peaks: Sequence[int
         missing = 1 + len(crests) - len(inside)
         places += [float(frequency[k]) for k in crests[: max(missing, 0)]]
     return tuple(sorted(places))
+
+
+def unexplained_peaks(frequency: FloatArray, level: FloatArray, modes: ModalRecord) -> FloatArray:
+    """Frequencies of peaks that stand out by 10 dB or more and lie at none of `modes`, Hz.
+
+    Parameters
+    ----------
+    frequency : (n_lines,) float array
+        Hz.
+    level : (n_lines,) float array
+        First singular value of a spectral matrix, or of an FRF matrix squared.
+    modes : ModalRecord
+        A mode explains peaks within two half-power bandwidths and three lines of it.
+    """
+    from scipy.signal import find_peaks
+
+    power = np.log10(np.maximum(level, 1e-300))
+    smooth = np.convolve(np.pad(power, 1, mode="edge"), np.full(3, 1 / 3), mode="valid")
+    places, _ = find_peaks(smooth, prominence=_PROMINENCE)
+    peaks = frequency[places]
+    line = float(np.median(np.diff(frequency))) if len(frequency) > 1 else 0.0
+    width = np.maximum(4 * np.nan_to_num(np.abs(modes.damping_ratio)) * modes.frequency, 3 * line)
+    return np.asarray(peaks[(np.abs(peaks[:, None] - modes.frequency) > width).all(axis=1)])

@@ -116,4 +116,7 @@ def poles_of_orders(subspace: Subspace, orders: Sequence[int] | IntArray) -> tup
                 f"`orders` must lie from 1 to {subspace.max_order}, got {order}; raise `block_rows` for more"
             )
     rate = subspace.data.sampling_rate
-    return tuple(state_poles(subspace.transition(int(n)), subspace.output(int(n)), rate) for n in orders)
+    return tuple(
+        state_poles(subspace.transition(int(n)), subspace.output(int(n)), rate, subspace.singular[: int(n)])
+        for n in orders
+    )

@@ -28,6 +28,9 @@ from structid.modal.subspace.kernel import Subspace
 _PEAK = 4.0  # peak over median of the residual's spectrum from which motion counts as forced
 _STILL = 1e-9  # of a channel's root mean square: nothing but rounding
 _BATCH = 2.0  # memories of the slowest mode in a batch
+_HARDLY = 0.2  # of the power of a few sums of channels: less than it, and a decay does not explain half of all
+_SUMS, _CHUNK = 4, 1024  # sums of channels, and samples of a chunk of theirs
+_OVERFLOW = 300.0  # exponent of a growing pole
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +56,8 @@ class FreeDecay:
     Attributes
     ----------
     decay, rest : lists of (n_times, n_channels) float arrays
-        The least-squares decay of every record, and the rest, scaled by its degrees of freedom.
+        The least-squares decay of every record, and the rest, scaled by its degrees of freedom; empty where decays explain
+        hardly anything.
     explains_most : bool
         Whether less than half of the power of the records is left.
     explains_all : bool
@@ -69,7 +73,9 @@ class FreeDecay:
 
 
 def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
-    """The records as free decays with `poles`."""
+    """The records as free decays with `poles`; nothing is fitted where a glance shows that these explain little."""
+    if _decay_share(data, poles) < _HARDLY:
+        return FreeDecay([], [], explains_most=False, explains_all=False)
     decay, rest = [], []
     for y in data.series:
         time = np.arange(len(y)) / data.sampling_rate
@@ -82,9 +88,39 @@ def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
         decay.append(fitted)
         rest.append((y - fitted) * np.sqrt(len(y) / max(len(y) - basis.shape[1], 1)))
     left, total = (sum(float(np.sum(np.square(y))) for y in part) for part in (rest, data.series))
-    explains_most = left < 0.5 * total
-    still = [_peak(y, data.sampling_rate, poles) <= _PEAK for y in rest if np.abs(y).max() > _STILL]
-    return FreeDecay(decay, rest, explains_most, explains_most and all(still))
+    if left >= 0.5 * total:
+        return FreeDecay(decay, rest, explains_most=False, explains_all=False)
+    still = (_peak(y, data.sampling_rate, poles) <= _PEAK for y in rest if np.abs(y).max() > _STILL)
+    return FreeDecay(decay, rest, explains_most=True, explains_all=all(still))
+
+
+def _decay_share(data: Outputs, poles: ComplexArray) -> float:
+    """Part of the power of the records that free decays with `poles` explain, from a few random sums of the channels.
+
+    By normal equations, whose matrix is a geometric series. 1 where a pole grows so fast that it would overflow.
+    """
+    if (poles.real * data.duration > _OVERFLOW).any():
+        return 1.0
+    step, signs = 1 / data.sampling_rate, np.random.default_rng(0).choice([-1.0, 1.0], (data.n_channels, _SUMS))
+    both = np.concatenate([poles, poles.conj()])
+    explained = total = 0.0
+    for y in data.series:
+        sums, n = y @ signs, len(y)
+        start = np.where(both.real > 0, (n - 1) * step, 0.0)
+        exponent = (both.conj()[:, None] + both) * step
+        series = np.where(exponent == 0, n, np.expm1(n * exponent) / np.where(exponent == 0, 1.0, np.expm1(exponent)))
+        gram = series * np.exp(-((both * start).conj()[:, None] + both * start))
+        length = min(_CHUNK, n)
+        chunks = np.concatenate([sums, np.zeros((-n % length, _SUMS))]).reshape(-1, length, _SUMS)
+        within = np.exp(poles.conj() * (np.arange(length) * step)[:, None])
+        ahead = np.exp(poles.conj() * (np.arange(len(chunks))[:, None] * length * step - start[: len(poles)]))
+        along = np.einsum("kp,kps->ps", ahead, within.T @ chunks)
+        along = np.concatenate([along, along.conj()])
+        size = np.sqrt(np.diag(gram).real)
+        fit = np.linalg.lstsq(gram / size[:, None] / size, along / size[:, None], rcond=1e-10)[0]
+        explained += float(np.sum((along / size[:, None]).conj() * fit).real)
+        total += float(np.sum(sums**2))
+    return explained / total if total > 0 else 1.0
 
 
 def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:

@@ -1,4 +1,4 @@
-"""Modes far below the sampling rate: a second look at the decimated record, and both looks as one answer.
+"""Modes far below the sampling rate: further looks at the decimated record, and all looks as one answer.
 
 A block Hankel matrix of few delays at a high rate spans less than a period of a low mode, which it then hardly sees;
 decimated, the same delays span it several times.
@@ -9,21 +9,25 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.modal.correlations import outputs
-from structid.modal.method import ModalIdentification
+from structid.modal.method import ModalIdentification, by_rising_frequency
 from structid.modal.modal_record import ModalRecord
 from structid.modal.modal_record import joined as joined_modes
-from structid.modal.poles.poles import Poles
-from structid.modal.poles.stabilization import Cluster
 from structid.modal.spectral.peaks import singular_spectrum
 from structid.records import TimeRecord
+from structid.similarity import mac
 
 _FEW_SAMPLES = 20  # a period of a mode that the record shows and the model at its own rate hardly does
 _SAMPLES = 12  # a period of the lowest mode after decimation, at least
 _LEAST, _SEGMENTS = 2000, 8
 _DECADES = 1.0  # by which a peak of the spectrum must stand out
 _SPLIT = (0.30, 0.38)  # parts of the lower rate between which the two looks are joined
+#: Part of the lower rate up to which the filter of the decimation is flat, and factor from one look to the next.
+FLAT, _STEP = 0.4, 3.0
+_ONE_SHAPE = 0.8  # MAC from which on two looks see one mode
+_OF_TWO = "come from the record at two sampling rates"
 
 
 def lower_rate(record: TimeRecord) -> float | None:
@@ -52,43 +56,97 @@ def join_frequency(low: ModalRecord, high: ModalRecord, rate: float) -> float:
     return float(places[np.abs(places[:, None] - modes).min(axis=1).argmax()])
 
 
-def joined(low: ModalIdentification, high: ModalIdentification, frequency: float) -> ModalIdentification:
-    """Everything of `low` below `frequency` (Hz) and of `high` from there on.
+def look_rates(record: TimeRecord) -> tuple[float, ...]:
+    """Sampling rates, Hz, decreasing, at which the record is looked at besides its own; () where that shows all modes."""
+    lowest = lower_rate(record)
+    if lowest is None:
+        return ()
+    factor = round(record.sampling_rate / lowest)
+    steps = max(1, round(np.log(factor) / np.log(_STEP)))
+    factors = sorted({round(factor ** ((k + 1) / steps)) for k in range(steps)})
+    return tuple(record.sampling_rate / own for own in factors if own > 1)
 
-    The covariance between the two is left out: it is 0 in the result, and a warning says so.
+
+def joined(
+    low: ModalIdentification, high: ModalIdentification, frequency: float, greatest: float = np.inf
+) -> ModalIdentification:
+    """Modes of `low` below `frequency` (Hz) and of `high` from there on; of a mode that both have, the surer one.
+
+    Parameters
+    ----------
+    low, high : ModalIdentification
+        Of the decimated record, and of the record at a higher rate.
+    frequency : float
+        Hz.
+    greatest : float
+        Hz, from which on `low` is distorted by the filter of the decimation.
+
+    Returns
+    -------
+    ModalIdentification
+        The covariance between the two is left out: it is 0 in the result, and a warning says so.
     """
-    low, high = _limited(low, 0.0, frequency), _limited(high, frequency, np.inf)
+    take_low, take_high = low.modes.frequency < frequency, high.modes.frequency >= frequency
+    for i, j in _same_modes(low.modes, high.modes):
+        std = (part.frequency_std[k] for part, k in ((low.modes, i), (high.modes, j)))
+        low_std, high_std = (float(np.nan_to_num(value, nan=np.inf)) for value in std)
+        if low_std != high_std and low.modes.frequency[i] < greatest:
+            take_low[i], take_high[j] = low_std < high_std, high_std < low_std
+        else:
+            take_low[i], take_high[j] = low.modes.frequency[i] < frequency, low.modes.frequency[i] >= frequency
+    low, high = _limited(low, take_low, 0.0, frequency), _limited(high, take_high, frequency, np.inf)
     parts = [found.modes for found in (low, high)]
     warnings = [*dict.fromkeys(words for part in parts if part.n_modes for words in part.warnings)]
-    if all(part.n_modes and part.covariance is not None for part in parts):
+    if all(part.n_modes and part.covariance is not None for part in parts) and not any(map(_is_of_two, warnings)):
         warnings.append(
-            f"modes below and above {frequency:.4g} Hz come from the record at two sampling rates: how their errors"
+            f"modes below and above {frequency:.4g} Hz {_OF_TWO}: how their errors"
             " move together is left out; give a sampling rate (--rate) to look once"
         )
     source = f"below {frequency:.4g} Hz: {low.modes.source}; above: {high.modes.source}"
     later = [replace(cluster, number=cluster.number + len(low.sweep)) for cluster in high.clusters]
+    order = np.argsort(np.concatenate([part.frequency for part in parts]), kind="stable").tolist()
+    clusters = [*low.clusters, *later]
     return replace(
         high,
         modes=joined_modes(parts, warnings, source),
         sweep=(*low.sweep, *high.sweep),
-        clusters=(*low.clusters, *later),
+        clusters=tuple(clusters[i] for i in order) if len(clusters) == len(order) else (),
+        left_out=by_rising_frequency((*low.left_out, *high.left_out)),
+        is_free_decay=low.is_free_decay or high.is_free_decay,
     )
 
 
-def _limited(found: ModalIdentification, least: float, greatest: float) -> ModalIdentification:
-    """The modes, poles and clusters from `least` to below `greatest`, Hz."""
-    inside = [(poles.frequency >= least) & (poles.frequency < greatest) for poles in found.sweep]
-    sweep = tuple(Poles(p.poles[keep], p.shapes[:, keep], p.order) for p, keep in zip(found.sweep, inside, strict=True))
-    clusters = []
-    for cluster in found.clusters:
-        if not least <= cluster.frequency[cluster.chosen] < greatest:
-            continue
-        keep = np.flatnonzero((cluster.frequency >= least) & (cluster.frequency < greatest))
-        pairs = zip(cluster.number[keep].tolist(), cluster.index[keep].tolist(), strict=True)
-        index = np.array([int(inside[number][:i].sum()) for number, i in pairs])
-        chosen = int(np.flatnonzero(keep == cluster.chosen)[0])
-        kept = cluster.number[keep], index, cluster.frequency[keep], cluster.damping_ratio[keep]
-        clusters.append(Cluster(*kept, chosen))
+def _is_of_two(words: str) -> bool:
+    return _OF_TWO in words
+
+
+def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
+    """Modes that both have: nearest to one another, within three deviations or half a bandwidth, and of one shape."""
+    if not (low.n_modes and high.n_modes):
+        return []
+    gap = np.abs(low.frequency[:, None] - high.frequency)
+    variance = np.nan_to_num(low.frequency_std)[:, None] ** 2 + np.nan_to_num(high.frequency_std) ** 2
+    width = np.maximum(3 * np.sqrt(variance), (np.nan_to_num(low.damping_ratio) * low.frequency)[:, None])
+    away = np.where((gap <= width) & (mac(low.mode_shapes, high.mode_shapes) >= _ONE_SHAPE), gap, np.inf)
+    pairs = ((int(i), int(away[i].argmin())) for i in range(low.n_modes) if np.isfinite(away[i]).any())
+    return [(i, j) for i, j in pairs if away[:, j].argmin() == i]
+
+
+def _limited(
+    found: ModalIdentification, keep_mode: NDArray[np.bool_], least: float, greatest: float
+) -> ModalIdentification:
+    """The modes marked in `keep_mode` with their poles, and the other poles from `least` to below `greatest`, Hz."""
     modes = found.modes
-    own = np.flatnonzero((modes.frequency >= least) & (modes.frequency < greatest))
-    return replace(found, modes=modes.some_modes(own), sweep=sweep, clusters=tuple(clusters))
+    clusters = [c for c, keep in zip(found.clusters, keep_mode, strict=True) if keep] if found.clusters else []
+    inside = [(poles.frequency >= least) & (poles.frequency < greatest) for poles in found.sweep]
+    for cluster in clusters:
+        for number, i in zip(cluster.number.tolist(), cluster.index.tolist(), strict=True):
+            inside[number][i] = True
+    sweep = tuple(poles.select(keep) for poles, keep in zip(found.sweep, inside, strict=True))
+    moved = []
+    for cluster in clusters:
+        pairs = zip(cluster.number.tolist(), cluster.index.tolist(), strict=True)
+        moved.append(replace(cluster, index=np.array([int(inside[number][:i].sum()) for number, i in pairs])))
+    left_out = tuple(part for part in found.left_out if least <= part.frequency < greatest)
+    few = modes.some_modes(np.flatnonzero(keep_mode))
+    return replace(found, modes=few, sweep=sweep, clusters=tuple(moved), left_out=left_out)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from structid._version import __version__
 from structid.core.arrays import FloatArray
-from structid.core.display import file_names
 from structid.core.dof import Dof
 from structid.core.errors import InputError, NoModesError, StoredSpectraError, UnnamedChannelsError
 from structid.core.provenance import Provenance
@@ -21,13 +21,13 @@ from structid.files.uff import dataset_lines
 from structid.modal.correlations import outputs
 from structid.modal.full_field import SharedMotions, at_all_channels, shared_motions
 from structid.modal.identification import modal_identification
-from structid.modal.merging import merged_setups
 from structid.modal.method import ModalIdentification
 from structid.modal.modal_record import ModalRecord
 from structid.modal.poles.window_damping import without_window_damping
-from structid.modal.spectral.peaks import singular_spectrum, stored_spectrum
+from structid.modal.spectral.peaks import singular_spectrum, stored_spectrum, unexplained_peaks
+from structid.modal.subspace.close_modes import NOT_TOLD_APART
 from structid.modal.survey.options import ModesOptions
-from structid.modal.survey.rates import join_frequency, joined, lower_rate
+from structid.modal.survey.rates import FLAT, join_frequency, joined, look_rates
 from structid.plotting import ModesPlots
 from structid.records import (
     Finding,
@@ -55,6 +55,8 @@ _SHORTEST_SEGMENT, _LONGEST_SEGMENT, _SEGMENTS = 512, 4096, 8
 _RATE_OVER_BAND, _FEWEST_SAMPLES = 4.0, 500
 #: Channels from which on those are looked at that they share, and how many of these at most.
 _MANY_CHANNELS, _SHARED = 200, 40
+#: Peaks that no mode explains, as many as are named.
+_MOST_PEAKS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +70,15 @@ class ModeSpectra:
     values : (n_lines, n_values) float array
         Singular values, greatest first.
     name, unit : str
+    is_power : bool
+        Whether they are powers, as of spectra of motion; else amplitudes, as of FRFs.
     """
 
     frequency: FloatArray
     values: FloatArray
     name: str
     unit: str
+    is_power: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,12 +176,13 @@ def modes_of_file(
     InputError
         If a file or an option cannot be used.
     """
-    return _modes_of_file(Path(path), options or ModesOptions(), read, geometry, alone=True)
+    return read_and_identify(Path(path), options or ModesOptions(), read, geometry, alone=True)
 
 
-def _modes_of_file(
+def read_and_identify(
     path: Path, options: ModesOptions, read: ReadOptions | None, geometry: str | Path | None, alone: bool
 ) -> ModesResult:
+    """`modes_of_file`; columns without names are numbered only where the record stands `alone`."""
     read = read or ReadOptions()
     if read.kind == SPECTRUM:
         return _modes_of_spectra(path, options, read, geometry)
@@ -188,9 +194,11 @@ def _modes_of_file(
     ready, steps, findings = _prepared(record, options)
     understood = how_read(record.source, path)
     steps = (f"read: {understood}", *steps) if understood else steps
-    looked_at, motions = _shared(ready)
+    looked_at, motions = shared_or_whole(ready)
     identification, more = _identified(looked_at, options)
-    kurtosis = _tone_kurtosis(looked_at, identification.modes)
+    spectra = mode_spectra(looked_at)
+    identification = _with_unexplained_peaks(identification, spectra)
+    kurtosis = _tone_kurtosis(looked_at, identification)
     if motions is not None and isinstance(ready, TimeRecord):
         identification = at_all_channels(identification, motions, ready.channels)
     if options.window is not None and isinstance(ready, TimeRecord):
@@ -200,9 +208,9 @@ def _modes_of_file(
         title=path.name,
         record=ready,
         identification=identification,
-        spectra=mode_spectra(looked_at),
+        spectra=spectra,
         geometry=places,
-        provenance=_provenance((path, geometry), options, read),
+        provenance=modes_provenance((path, geometry), options, read),
         steps=(*numbered, *steps, *more),
         findings=findings,
         options=options,
@@ -229,7 +237,7 @@ def _modes_of_spectra(path: Path, options: ModesOptions, read: ReadOptions, geom
             spectrum.frequency, spectrum.values, "singular values of the stored spectra, channels scaled", "1"
         ),
         geometry=record_geometry(path, record, None if geometry is None else Path(geometry)),
-        provenance=_provenance((path, geometry), options, read),
+        provenance=modes_provenance((path, geometry), options, read),
         steps=(f"read: {understood}",) if understood else (),
         options=options,
         kurtosis=np.full(identification.modes.n_modes, np.nan),
@@ -248,37 +256,6 @@ def _read(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptio
     return read_record(path, numbered), numbered, (words,)
 
 
-def modes_of_setups(
-    paths: Sequence[str | Path],
-    options: ModesOptions | None = None,
-    read: ReadOptions | None = None,
-    geometry: str | Path | None = None,
-) -> ModesResult:
-    """The modes of one structure from several set-ups with common reference sensors, each as `modes_of_file`, merged.
-
-    The record and the spectra of the result are those of the first set-up.
-
-    Raises
-    ------
-    InputError
-        As `modes_of_file` does, or if set-ups have no sensor or no mode in common.
-    """
-    each = [_modes_of_file(Path(path), options or ModesOptions(), read, geometry, alone=False) for path in paths]
-    first, merging = each[0], merged_setups([one.modes for one in each], names=file_names(paths))
-    found = ModalIdentification(merging.modes, first.identification.method, options=first.identification.options)
-    return replace(
-        first,
-        title=", ".join(one.title for one in each),
-        identification=found,
-        spectra=replace(first.spectra, name=f"{first.spectra.name}, of {first.title}"),
-        geometry=next((one.geometry for one in each if one.geometry is not None), None),
-        provenance=_provenance((*paths, geometry), first.options, read),
-        steps=tuple(f"{one.title}: {words}" for one in each for words in (*one.steps, f"{one.modes.n_modes} modes")),
-        findings=tuple(replace(f, words=f"{one.title}: {f.words}") for one in each for f in one.findings),
-        kurtosis=np.full(merging.modes.n_modes, np.nan),
-    )
-
-
 def _prepared(record: Record, options: ModesOptions) -> tuple[Record, tuple[str, ...], tuple[Finding, ...]]:
     """The record made ready, what was done, and what is doubtful about it."""
     steps: list[str] = []
@@ -295,11 +272,11 @@ def _prepared(record: Record, options: ModesOptions) -> tuple[Record, tuple[str,
             kept = replace(kept, decay=np.full(len(kept.frequency), 1 / options.window))
         return kept, tuple(steps), ()
     _require_below_nyquist(record, options)
-    ready = prepare(record, Preparation(detrend=options.detrend, sampling_rate=_rate(record, options)))
+    ready = prepare(record, Preparation(detrend=options.detrend, sampling_rate=rate_for(record, options)))
     return ready.record, (*ready.steps, *steps), ready.findings
 
 
-def _shared(record: Record) -> tuple[Record, SharedMotions | None]:
+def shared_or_whole(record: Record) -> tuple[Record, SharedMotions | None]:
     """The motions that very many channels share, in the place of the record."""
     if not isinstance(record, TimeRecord) or len(record.channels) <= min(_MANY_CHANNELS, len(record.values)):
         return record, None
@@ -323,7 +300,7 @@ def _require_below_nyquist(record: TimeRecord, options: ModesOptions) -> None:
         )
 
 
-def _rate(record: TimeRecord, options: ModesOptions) -> float | None:
+def rate_for(record: TimeRecord, options: ModesOptions) -> float | None:
     """The sampling rate to decimate to: as given, or by the highest frequency that is asked for."""
     if options.rate is not None:
         return options.rate
@@ -335,43 +312,80 @@ def _rate(record: TimeRecord, options: ModesOptions) -> float | None:
 
 
 def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentification, tuple[str, ...]]:
-    """The modes, and words on a second look at a lower rate."""
+    """The modes, and words on further looks at lower rates."""
     settings = options.modal
     asked = (options.method, options.rate, options.band, options.frequencies)
     if isinstance(record, FrfRecord) or any(given is not None for given in asked):
         return modal_identification(record, options.method, settings), ()
-    rate = lower_rate(record)
-    if rate is None:
-        return modal_identification(record, None, settings), ()
-    slow = prepare(record, Preparation(detrend="none", sampling_rate=rate))
-    low = modal_identification(slow.record, None, settings)
-    if not low.sweep:  # the method looks at frequencies one by one, where the rate does not matter
-        return modal_identification(record, None, settings), ()
+    best: ModalIdentification | None = None
+    steps: list[str] = []
     try:
-        high = modal_identification(record, None, settings)
+        best = modal_identification(record, None, settings)
     except NoModesError:
-        return low, slow.steps
-    split = join_frequency(low.modes, high.modes, rate)
-    words = f"modes below {split:.4g} Hz from a second look: {'; '.join(slow.steps)}"
-    return joined(low, high, split), (words,)
+        if not look_rates(record):
+            raise
+    for rate in look_rates(record) if best is None or best.sweep else ():
+        slow = prepare(record, Preparation(detrend="none", sampling_rate=rate))
+        try:
+            low = modal_identification(slow.record, None, settings)
+        except NoModesError:
+            continue
+        if best is None:
+            best = low
+            steps += slow.steps
+            continue
+        split = join_frequency(low.modes, best.modes, rate)
+        steps.append(f"modes below {split:.4g} Hz from a further look, the surer of both: {'; '.join(slow.steps)}")
+        best = joined(low, best, split, FLAT * rate)
+    return (modal_identification(record, None, settings) if best is None else best), tuple(steps)
 
 
-def _tone_kurtosis(record: Record, modes: ModalRecord) -> FloatArray:
-    """`harmonic_indicator` of the modes with hardly any damping."""
-    found = np.full(modes.n_modes, np.nan)
-    if isinstance(record, TimeRecord):
-        for k in np.flatnonzero(modes.damping_ratio < HARDLY_DAMPED):
-            f = float(modes.frequency[k])
-            if f > 0 and 1.25 * f < record.sampling_rate / 2:
-                found[k] = np.nanmedian(harmonic_indicator(record, f))
-    return found
+def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSpectra) -> ModalIdentification:
+    """`identification` with a warning that names peaks of the first singular value that no mode explains."""
+    low, high = identification.options.criteria.frequency
+    level = spectra.values[:, 0] if spectra.is_power else spectra.values[:, 0] ** 2
+    peaks = unexplained_peaks(spectra.frequency, level, identification.modes)
+    peaks = peaks[(peaks >= low) & (peaks <= high)]
+    if not len(peaks) or identification.options.frequencies is not None:
+        return identification
+    words = (
+        f"the first singular value of the spectra peaks at {', '.join(f'{f:.4g}' for f in peaks[:_MOST_PEAKS])} Hz"
+        f"{' and elsewhere' if len(peaks) > _MOST_PEAKS else ''}, where no mode was found: look at the spectrum, and ask for"
+        " these by `frequencies`, or in a narrower band"
+    )
+    modes = identification.modes
+    return replace(identification, modes=replace(modes, warnings=(*modes.warnings, words)))
+
+
+def _tone_kurtosis(record: Record, identification: ModalIdentification) -> FloatArray:
+    """`harmonic_indicator` of the modes with hardly any damping.
+
+    NaN for modes of a free decay whose damping is told from 0: no tone dies out.
+    """
+    modes = identification.modes
+    kurtosis = np.full(modes.n_modes, np.nan)
+    if not isinstance(record, TimeRecord):
+        return kurtosis
+    suspect = (modes.damping_ratio < HARDLY_DAMPED) & ~dies_out(identification)
+    for k in np.flatnonzero(suspect):
+        f = float(modes.frequency[k])
+        if f > 0 and 1.25 * f < record.sampling_rate / 2:
+            kurtosis[k] = np.nanmedian(harmonic_indicator(record, f))
+    return kurtosis
+
+
+def dies_out(identification: ModalIdentification) -> NDArray[np.bool_]:
+    """Whether each mode is one of a free decay with a damping ratio that is told from 0, (n_modes,)."""
+    modes = identification.modes
+    damping_std = modes.std[modes.n_modes :]
+    return np.asarray(identification.is_free_decay & (modes.damping_ratio > NOT_TOLD_APART * damping_std))
 
 
 def mode_spectra(record: Record) -> ModeSpectra:
     """Singular values of the spectral matrix of motion, or of the FRF matrix, line by line."""
     if isinstance(record, FrfRecord):
         values = np.linalg.svd(record.values, compute_uv=False)
-        return ModeSpectra(record.frequency, values, "singular values of the FRF matrix", record.unit)
+        return ModeSpectra(record.frequency, values, "singular values of the FRF matrix", record.unit, is_power=False)
     n = len(record.values)
     segment = min(n, 2 ** int(np.log2(np.clip(n // _SEGMENTS, _SHORTEST_SEGMENT, _LONGEST_SEGMENT))))
     found = singular_spectrum(outputs(record), segment)
@@ -379,7 +393,7 @@ def mode_spectra(record: Record) -> ModeSpectra:
     return ModeSpectra(found.frequency[1:], found.values[1:], name, "1/Hz")
 
 
-def _provenance(paths: Sequence[str | Path | None], options: ModesOptions, read: ReadOptions | None) -> Provenance:
+def modes_provenance(paths: Sequence[str | Path | None], options: ModesOptions, read: ReadOptions | None) -> Provenance:
     inputs = {Path(path).name: digest(path) for path in paths if path is not None}
     given: dict[str, object] = {} if read is None else {name: getattr(read, name) for name in read.given()}
     return Provenance(

@@ -30,7 +30,7 @@ def parameters_figure(identification: Identification) -> plot.Figure:
     one_std, normal = (ratio[:, None] + reach * std[:, None] * _BOTH for reach in (1.0, NORMAL_95))
     given = np.sort(identification.intervals.ends / scale[:, None], axis=1)
     interval = np.where(np.isfinite(given), given, normal)
-    prior = (identification.prior_mean / scale)[:, None] + (identification.prior_std / np.abs(scale))[:, None] * _BOTH
+    prior = (identification.priors.mean / scale)[:, None] + (identification.priors.std / np.abs(scale))[:, None] * _BOTH
     low, high, log = _ratio_limits(ratio, interval, prior, sure)
     shown, below, above = np.clip(ratio, low, high), ratio < low, ratio > high
     floor = low / 10 if log else None
@@ -104,7 +104,7 @@ def _ratio_axis(label: str, limits: plot.Limits, log: bool, room: float = 0.0) -
 def correlation_figure(identification: Identification) -> plot.Figure:
     """Heat map of the correlation matrix; grey where a standard deviation is not determined."""
     names = identification.estimate.names
-    matrix = np.clip(identification.estimate.correlation, -1.0, 1.0)
+    matrix = np.clip(identification.estimate.spread.correlation, -1.0, 1.0)
     scale = plot.ColourScale(palette.DIVERGING, -1.0, 1.0, "correlation (grey: not determined)")
     panel = plot.matrix_panel(matrix, names, "", scale)
     size = float(np.clip(200 + 26 * len(names) + 7 * max(len(name) for name in names), 550, 1100))
@@ -115,7 +115,7 @@ def correlation_figure(identification: Identification) -> plot.Figure:
 def convergence_figure(identification: Identification) -> plot.Figure:
     """Parameters over their initial values along the last stage; the largest changes in colour."""
     found = identification.estimate
-    ratio = found.history / np.where(found.initial != 0, found.initial, np.nan)
+    ratio = found.search.history / np.where(found.initial != 0, found.initial, np.nan)
     change = np.nan_to_num(np.abs(np.log(np.where(ratio[-1] > 0, ratio[-1], np.nan))))
     highlighted = np.argsort(-change, kind="stable")[:_N_HIGHLIGHTED].tolist()
     others = [i for i in range(len(found.names)) if i not in highlighted]

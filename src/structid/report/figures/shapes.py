@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -21,6 +21,8 @@ from structid.similarity.shapes import real_turn
 
 #: Largest displacement drawn, as a part of the diagonal of the geometry.
 _AMPLITUDE = 0.12
+#: Ellipse of a point, in parts of the square of the largest motion, below which all are lines; points drawn of each.
+_FLAT, _PHASES = 0.02, 37
 _SYMBOLS = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross")
 _DASHES: tuple[Literal["solid", "dash", "dot"], ...] = ("solid", "dash", "dot")
 
@@ -57,7 +59,12 @@ def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
     """The scene of `modes`, each turned to the phase in which most of it is real."""
     shapes = modes.mode_shapes * real_turn(modes.mode_shapes)
     signed = shapes * np.array([dof.sign for dof in modes.channels])[:, None]
-    return _row(modes.channels, signed) if geometry is None else _placed(modes.channels, signed, geometry)
+    still = np.where(modes.known, signed, 0.0)
+    scene = _row(modes.channels, still) if geometry is None else _placed(modes.channels, still, geometry)
+    if modes.known.all():
+        return scene
+    words = "Sensors that no set-up with this mode has stand still in its drawing; their motion is unknown."
+    return replace(scene, notes=(*scene.notes, words))
 
 
 def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
@@ -158,9 +165,27 @@ def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
         found.append(_curve(scene, path, plot.Pen(palette.RIGID, 1.6), plot.Marker(symbol, 4.0, palette.RIGID), label))
         pen, marker = plot.Pen(palette.VERMILLION, 2.5, dash), plot.Marker(symbol, 6.0, palette.VERMILLION)
         found.append(_curve(scene, path, pen, marker, name if is_row else "deflected", mode))
+    if not is_row and (orbits := _orbits(scene, mode)) is not None:
+        found.append(orbits)
     grey = plot.Pen(palette.FAINT, 1.6), plot.Marker(size=4.0, colour=palette.FAINT)
     found += [_curve(scene, path, *grey, f"at rest, {name}") for name, path in scene.still.items()]
     return sorted(found, key=lambda curve: curve.sway is not None)
+
+
+def _orbits(scene: Scene, mode: int) -> plot.Curve | None:
+    """The ellipse that each point runs through in a cycle; None for a mode whose points move to and fro on lines."""
+    motion = scene.motion[mode]
+    moving = np.flatnonzero(np.abs(motion).max(axis=1) > 0)
+    padded = np.zeros((len(motion), 3), dtype=complex)
+    padded[:, : motion.shape[1]] = motion
+    areas = np.linalg.norm(np.cross(padded.real, padded.imag), axis=1)
+    if not len(moving) or areas.max() <= _FLAT * np.abs(motion).max() ** 2:
+        return None
+    phases = np.exp(1j * np.linspace(0, 2 * np.pi, _PHASES))
+    path = scene.rest[moving, None, :] + (motion[moving, None, :] * phases[:, None]).real
+    lifted = np.concatenate([path, np.full((len(moving), 1, path.shape[2]), np.nan)], axis=1)
+    x, y, *deep = lifted.reshape(-1, path.shape[2]).T
+    return plot.Curve(x, y, plot.Pen(palette.FAINT, 1.0), None, "path of each point", z=deep[0] if deep else None)
 
 
 def _curve(

@@ -212,7 +212,7 @@ def complexity_figure(result: ModesResult) -> plot.Figure:
     """
     shapes, collinearity = np.asarray(result.modes.mode_shapes, dtype=np.complex128), mpc(result)
     shapes = shapes * real_turn(shapes)
-    shapes = shapes / np.abs(shapes).max(axis=0)
+    shapes = shapes / np.nanmax(np.abs(shapes), axis=0)
     names = [str(dof) for dof in result.modes.channels]
     panels = tuple(
         _circle(f"mode {k + 1}: {number(f)} Hz, MPC {collinearity[k]:.3f}", shapes[:, k], names)

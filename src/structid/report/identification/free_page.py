@@ -62,8 +62,8 @@ def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
         percent(float(np.median(np.concatenate([part.ravel() for part in parts]))), 3, signed=False)
         for parts in ([f.relative_error for f in found.fits], [f.initial_relative_error for f in found.fits])
     )
-    has_mass = np.isfinite(found.total_mass) and found.total_mass > 0
-    mass = f"{with_std(found.total_mass, found.total_mass_std)} kg" if has_mass else NOTHING
+    has_mass = np.isfinite(found.mass.total) and found.mass.total > 0
+    mass = f"{with_std(found.mass.total, found.mass.std)} kg" if has_mass else NOTHING
     beyond, limit = estimate.beyond_chance()
     lower, higher = (int((beyond & (sense * estimate.distance > 0)).sum()) for sense in (-1, 1))
     basis = "from the residual" if estimate.covariance_basis == "model_error" else "from the noise"
@@ -73,16 +73,24 @@ def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
             f"{len(estimate.names)}",
             f"{int(estimate.identified.sum())} of them identified, priors included",
         ),
-        ("Combinations that the data determine", number(estimate.determined, 3), "what is left is held by priors"),
+        (
+            "Combinations that the data determine",
+            number(estimate.spread.determined, 3),
+            "what is left is held by priors",
+        ),
         (
             "Changed beyond chance",
             f"{lower} lower, {higher} higher",
             f"more than {number(limit, 3)} standard deviations: 5 % risk of any by chance",
         ),
-        ("Misfit over what is expected", number(float(np.sqrt(estimate.misfit)), 3), f"{estimate.n_data} data"),
+        (
+            "Misfit over what is expected",
+            number(float(np.sqrt(estimate.goodness.misfit)), 3),
+            f"{estimate.goodness.n_data} data",
+        ),
         ("Median relative FRF error", error, f"initial model {before}"),
         ("Total mass", mass, f"standard deviations {basis}"),
-        ("Search", plural(estimate.n_iterations, "iteration"), search_reason(estimate)),
+        ("Search", plural(estimate.search.n_iterations, "iteration"), search_reason(estimate)),
     )
 
 

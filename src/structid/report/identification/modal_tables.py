@@ -120,7 +120,7 @@ def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], .
 
 def ratio_table(identification: Identification) -> Table | None:
     """Ratios that remain where a common scale is free; None where none is."""
-    found = identification.ratios
+    found = identification.mass.ratios
     if found is None:
         return None
     rows = [

@@ -137,12 +137,13 @@ def report_page(
         if identification.alternatives is None
         else (identification.alternatives.search_words, tables.alternatives_table(identification.alternatives)),
         "varied": [
-            (one.words, one.outlying_words, tables.varied_table(identification, one)) for one in identification.varied
+            (one.words, one.outlying_words, tables.varied_table(identification, one))
+            for one in identification.priors.varied
         ],
         "intervals": tables.interval_words(identification),
         "interval_notes": view.notes,
         "residual_tests": tables.residual_table(found),
-        "residual_words": () if found.residual_tests is None else found.residual_tests.words,
+        "residual_words": () if found.goodness.residual_tests is None else found.goodness.residual_tests.words,
         "modes": tables.mode_table(rows, band) if len(rows.frequency) else None,
         "resonances": tables.resonance_table(identification.resonances) if identification.resonances else None,
         "provenance": provenance_table(view.provenance),
@@ -170,7 +171,7 @@ def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
 def _modal(identification: Identification, place: int) -> dict[str, object]:
     """What the page shows of a record of modes."""
     fit = identification.modal_fits[place]
-    is_unknown = any(kind == "mass" for kind in fit.problem.kinds)
+    is_unknown = any(kind == "mass" for kind in fit.problem.unknowns.kinds)
     return {
         "number": place + 1,
         "title": fit.name,

@@ -139,7 +139,7 @@ def interval_words(identification: Identification) -> str:
 
 def residual_table(found: Estimate) -> Table | None:
     """Tests of every channel's residual; real and imaginary parts have a row each. None where nothing was tested."""
-    tests = found.residual_tests
+    tests = found.goodness.residual_tests
     if tests is None:
         return None
     header = (
@@ -266,14 +266,15 @@ def element_table(structure: Structure) -> Table:
 def summary_facts(identification: Identification) -> tuple[tuple[str, str, str], ...]:
     """The answer in a line: label, value and a remark."""
     found = identification.estimate
-    mass, std = identification.total_mass, identification.total_mass_std
+    mass, std = identification.mass.total, identification.mass.std
     has_mass = np.isfinite(mass) and mass > 0
     rank, n = found.identifiability.rank, found.identifiability.n_free
     of = f"{n} free ones" if n < len(found.names) else str(n)
     basis = "carries model error" if found.covariance_basis == "model_error" else "from noise alone"
-    chance = f"{found.degrees_of_freedom} degrees of freedom, probability {number(found.chi_square_probability, 2)}"
-    steps = f"{plural(found.n_iterations, 'iteration')}; {found.message}"
-    remark = "; an error of 1 % in the force is one of 1 % here" if identification.rests_on_force else ""
+    fit = found.goodness
+    chance = f"{fit.degrees_of_freedom} degrees of freedom, probability {number(fit.chi_square_probability, 2)}"
+    steps = f"{plural(found.search.n_iterations, 'iteration')}; {found.message}"
+    remark = "; an error of 1 % in the force is one of 1 % here" if identification.mass.rests_on_force else ""
     weighed = (
         (f"{with_std(mass, std)}\u00a0kg", f"standard deviation {basis}{remark}")
         if has_mass
@@ -283,7 +284,7 @@ def summary_facts(identification: Identification) -> tuple[tuple[str, str, str],
         ("Total mass", *weighed),
         ("Status", found.status.value.replace("_", " "), steps),
         ("Rank", f"{rank} of {of}", f"condition {number(found.identifiability.condition, 2)}"),
-        ("Misfit over what is expected", number(float(np.sqrt(found.misfit)), 3), chance),
+        ("Misfit over what is expected", number(float(np.sqrt(found.goodness.misfit)), 3), chance),
         *(_frf_cards(identification) if identification.fits else ()),
     )
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from structid.core.arrays import FloatArray
-from structid.dynamics.modes import modes
+from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 from structid.forward.motion.fit import motion_fit
 from structid.reproduce.chapter_3.data import (

@@ -19,12 +19,12 @@ _MOST_CHANGES = 50
 
 def search_summary(found: Estimate) -> dict[str, Entry]:
     """How a matrix-free search was done, and why."""
-    return {"search": "matrix_free", "reason": search_reason(found), "n_determined": found.determined}
+    return {"search": "matrix_free", "reason": search_reason(found), "n_determined": found.spread.determined}
 
 
 def search_reason(found: Estimate) -> str:
     """How much memory a search with a Jacobian would take."""
-    return dense_search_fits(len(found.names), found.n_data)[1]
+    return dense_search_fits(len(found.names), found.goodness.n_data)[1]
 
 
 def changes_summary(found: Estimate) -> dict[str, Entry]:

@@ -125,31 +125,31 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **({} if has_matrix else search_summary(estimate)),
         "rank": identifiability.rank,
         "n_parameters": len(estimate.names),
-        "n_free_parameters": int(estimate.is_free.sum()),
+        "n_free_parameters": int(estimate.spread.is_free.sum()),
         "condition": identifiability.condition,
-        "misfit": np.sqrt(estimate.misfit),
-        "misfit_text": estimate.misfit_words,
+        "misfit": np.sqrt(estimate.goodness.misfit),
+        "misfit_text": estimate.goodness.misfit_words,
         "assumption": answer.assumption,
         "chi_square_per_dof": estimate.chi_square_per_dof,
-        "chi_square_probability": estimate.chi_square_probability,
-        "degrees_of_freedom": estimate.degrees_of_freedom,
+        "chi_square_probability": estimate.goodness.chi_square_probability,
+        "degrees_of_freedom": estimate.goodness.degrees_of_freedom,
         "covariance_basis": estimate.covariance_basis,
-        "residual_correlation_lines": estimate.residual_correlation,
-        "n_iterations": estimate.n_iterations,
-        "n_starts": estimate.n_starts,
-        "n_agreeing_starts": estimate.n_agreeing,
+        "residual_correlation_lines": estimate.goodness.residual_correlation,
+        "n_iterations": estimate.search.n_iterations,
+        "n_starts": estimate.search.n_starts,
+        "n_agreeing_starts": estimate.search.n_agreeing,
         "fit": fit_summary(answer.fits[0]) if answer.fits else None,
         **record_summaries(answer.fits),
         **modal_summary(answer),
-        "total_mass": {"value": answer.total_mass, "std": answer.total_mass_std, "unit": "kg"},
-        "rests_on_force": answer.rests_on_force,
+        "total_mass": {"value": answer.mass.total, "std": answer.mass.std, "unit": "kg"},
+        "rests_on_force": answer.mass.rests_on_force,
         **_held(view.criticism.held),
         **_tolerances(estimate),
         **({"parameters": [_parameter(one) for one in view.parameters]} if has_matrix else changes_summary(estimate)),
         "regularization": [
             {"name": item.name, "rule": item.rule, **_strengths(item, has_matrix), "text": item.words,
              "settled": item.converged}
-            for item in answer.held
+            for item in answer.priors.regularizations
         ],
         **varied_summary(answer),
         **_alternatives(answer.alternatives),
@@ -161,13 +161,13 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
             {"words": g.words, "members": g.members, "relative_std_alone": g.alone, "relative_std_together": g.together}
             for g in identifiability.groups
         ],
-        **({"correlation": estimate.correlation} if has_matrix else {}),
+        **({"correlation": estimate.spread.correlation} if has_matrix else {}),
         "modes": [
             {"frequency_hz": frequency, "damping_ratio": ratio}
             for frequency, ratio in zip(answer.modes.frequency, answer.modes.damping_ratio, strict=True)
         ],
         "resonances": [{"measured_hz": r.measured, "predicted_hz": r.predicted} for r in answer.resonances],
-        "residual_tests": None if estimate.residual_tests is None else asdict(estimate.residual_tests),
+        "residual_tests": None if estimate.goodness.residual_tests is None else asdict(estimate.goodness.residual_tests),
         "intervals": {"kind": answer.intervals.kind, "level": answer.intervals.level, "notes": answer.intervals.notes},
         "warnings": answer.warnings,
         **reduction_summary(answer),
@@ -237,7 +237,7 @@ def reduction_summary(found: Identification) -> dict[str, Entry]:
 
 def varied_summary(answer: Identification) -> dict[str, Entry]:
     """The entry ``varied``: scatter and value for each record of parameters that vary between records; {} if none do."""
-    if not answer.varied:
+    if not answer.priors.varied:
         return {}
     index_of = {name: i for i, name in enumerate(answer.estimate.names)}
     return {
@@ -252,7 +252,7 @@ def varied_summary(answer: Identification) -> dict[str, Entry]:
                     for record, _, own, deviation, p, outlying in item.parts
                 ],
             }
-            for item in answer.varied
+            for item in answer.priors.varied
         ]
     }  # fmt: skip
 

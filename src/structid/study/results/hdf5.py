@@ -90,9 +90,9 @@ def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
     _put(group, "std", estimate.std, note)
     if estimate.uncertainty.has_matrix:
         _texts(group, "covariance_basis", [estimate.covariance_basis])
-        _put(group, "covariance_noise", estimate.covariance_noise, "products of units")
-        _put(group, "covariance_model_error", estimate.covariance_model_error, "products of units")
-        _put(group, "correlation", estimate.correlation, "1")
+        _put(group, "covariance_noise", estimate.spread.covariance_noise, "products of units")
+        _put(group, "covariance_model_error", estimate.spread.covariance_model_error, "products of units")
+        _put(group, "correlation", estimate.spread.correlation, "1")
         if estimate.fixed is not None:
             _texts(group, "fixed_names", estimate.fixed.change_names)
             _put(group, "fixed_tolerances", estimate.fixed.tolerance, "1")
@@ -105,7 +105,7 @@ def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
     _put(group, "singular_values", estimate.identifiability.singular_values, "1")
     directions = [item.vector for item in estimate.identifiability.directions]
     _put(group, "unidentifiable_directions", np.array(directions).reshape(len(directions), len(estimate.names)), "1")
-    _put(group, "history", estimate.history, note)
+    _put(group, "history", estimate.search.history, note)
 
 
 def _write_frf(group: h5py.Group, fit: RecordFit) -> None:

@@ -13,7 +13,7 @@ def modal_summary(identification: Identification) -> dict[str, Entry]:
     """The entries ``modal_records`` and ``ratios`` of estimate.json; {} if no record holds modes."""
     if not identification.modal_fits:
         return {}
-    ratios = identification.ratios
+    ratios = identification.mass.ratios
     if ratios is None:
         return {"modal_records": [_record(fit) for fit in identification.modal_fits], "ratios": None}
     rows = zip(ratios.names, ratios.values, ratios.std, ratios.ends, strict=True)

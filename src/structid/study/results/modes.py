@@ -10,7 +10,9 @@ import numpy as np
 from structid.core.json_types import Entry, json_text
 from structid.modal.formats.files import modal_fields, write_modes
 from structid.modal.modal_record import ModalRecord
+from structid.modal.poles.poles import modal_phase_deviation
 from structid.modal.survey.survey import ModesResult
+from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord, Geometry
 from structid.records.spectrum import SpectrumRecord
 
@@ -18,12 +20,12 @@ from structid.records.spectrum import SpectrumRecord
 def write_modes_results(result: ModesResult, folder: Path) -> None:
     """Write modes.json, modes.csv and modes.uff into the existing `folder`; the same result gives the same bytes.
 
-    modes.uff is left out where the format cannot hold the channels.
+    modes.uff is left out where the format cannot hold the channels, or entries of the shapes are unknown.
     """
     (folder / "modes.json").write_text(json_text(modes_summary(result)), encoding="utf-8")
     write_modes(folder / "modes.csv", result.modes)
     directions = [dof.unsigned for dof in result.modes.channels]
-    if len(set(directions)) == len(directions):
+    if len(set(directions)) == len(directions) and result.modes.known.all():
         write_modes(folder / "modes.uff", result.modes, result.geometry)
 
 
@@ -45,11 +47,14 @@ def modes_summary(result: ModesResult) -> dict[str, Entry]:
         "method": found.method,
         "n_modes": result.modes.n_modes,
         **{name: fields[name] for name in ("frequency_hz", "frequency_std_hz", "damping_ratio", "damping_std", "mpc")},
+        "mpd_deg": modal_phase_deviation(np.asarray(result.modes.mode_shapes, dtype=complex)),
+        "probability": found.probability,
         **_clusters(result),
         **{name: fields[name] for name in ("channels", "scaling")},
         "tone_kurtosis": result.kurtosis,
         "scale": result.scale_words,
         **{name: fields[name] for name in ("mode_shapes", "shape_std", "covariance")},
+        "left_out": [asdict(part) for part in found.left_out],
         "warnings": list(result.modes.warnings),
         "findings": [asdict(finding) for finding in result.findings],
         "preparation": list(result.steps),
@@ -110,3 +115,18 @@ def _record(result: ModesResult) -> dict[str, Entry]:
         "duration_s": len(record.values) / record.sampling_rate,
         "channels": [str(dof) for dof in record.channels], "quantities": record.quantities,
     }  # fmt: skip
+
+
+def write_tracks(tracks: ModeTracks, folder: Path) -> None:
+    """Write tracks.json into the existing `folder`: frequencies and damping ratios by record and mode, null where unseen."""
+    content: dict[str, Entry] = {
+        "records": list(tracks.names),
+        "members": tracks.members,
+        "frequency_hz": tracks.frequency,
+        "frequency_std_hz": tracks.frequency_std,
+        "damping_ratio": tracks.damping_ratio,
+        "damping_std": tracks.damping_std,
+        "mac_with_the_last": tracks.likeness,
+        "in_one_record_only": [{"record": tracks.names[n], "frequency_hz": f} for n, f in tracks.alone],
+    }
+    (folder / "tracks.json").write_text(json_text(content), encoding="utf-8")

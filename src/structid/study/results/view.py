@@ -196,7 +196,7 @@ class ResultsView(Shown):
     @property
     def misfit_ratio(self) -> float:
         """Root mean square of the residual over what noise and tolerances make of it."""
-        return float(np.sqrt(self.identification.estimate.misfit))
+        return float(np.sqrt(self.identification.estimate.goodness.misfit))
 
     @property
     def ranked_channels(self) -> tuple[ChannelFit, ...]:
@@ -290,7 +290,7 @@ def _advice(found: Identification, criticism: Criticism, sentences: Sequence[str
     elif criticism.suggestions and criticism.suggestions[0].study:
         first = criticism.suggestions[0]
         lines = [f"{line.removesuffix('.')} ({first.study})." if first.words in line else line for line in lines]
-    tests = () if estimate.residual_tests is None else estimate.residual_tests.words
+    tests = () if estimate.goodness.residual_tests is None else estimate.goodness.residual_tests.words
     elsewhere = {*tests, *unidentified_warnings(estimate), f"{estimate.status_words} ({estimate.message})"}
     of_estimate = set(estimate_warnings(estimate))
     acts = [
@@ -300,7 +300,7 @@ def _advice(found: Identification, criticism: Criticism, sentences: Sequence[str
         and not any(part in words for part in (INCLUDES_MODEL_ERROR, MAY_BE_ZERO, OTHER_MINIMA))
     ]
     lines.extend(sentence(words) for words in acts if words not in of_estimate)
-    flags = zip(estimate.names, estimate.identified, estimate.is_free, strict=True)
+    flags = zip(estimate.names, estimate.identified, estimate.spread.is_free, strict=True)
     lost = [name for name, is_identified, is_free in flags if is_free and not is_identified]
     if lost and estimate.uncertainty.has_matrix:
         are = "is" if len(lost) == 1 else "are"
@@ -334,9 +334,9 @@ def _parameters(found: Identification) -> tuple[ParameterResult, ...]:
     estimate = found.estimate
     n_params = len(estimate.names)
     chosen = range(n_params) if estimate.uncertainty.has_matrix else largest_changes(estimate, MOST_CHANGES)
-    shares = np.full(n_params, np.nan) if found.prior_share is None else found.prior_share
+    shares = np.full(n_params, np.nan) if found.priors.share is None else found.priors.share
     tolerances = np.zeros(n_params) if estimate.fixed is None else np.sqrt(np.diag(estimate.fixed.covariance))
-    bounds = {bound.index: bound for bound in estimate.at_bound}
+    bounds = {bound.index: bound for bound in estimate.spread.at_bound}
     parts = [problem.parameters for problem in found.problems]
     elements = {name: tuple(own) for part in parts for name, own in zip(part.names, part.elements, strict=True)}
     states = parameter_states(found)
@@ -351,14 +351,14 @@ def _parameters(found: Identification) -> tuple[ParameterResult, ...]:
             std=float(estimate.std[i]),
             interval=(float(found.intervals.ends[i, 0]), float(found.intervals.ends[i, 1])),
             std_noise=float(estimate.std_noise[i]),
-            std_model_error=float(estimate.std_model_error[i]),
+            std_model_error=float(estimate.spread.std_model_error[i]),
             std_tolerances=float(tolerances[i]),
             state=states[i],
             identified=bool(estimate.identified[i]),
             ran_away=i in found.ran_away,
             bound=bounds.get(i),
-            prior_mean=float(found.prior_mean[i]),
-            prior_std=float(found.prior_std[i]),
+            prior_mean=float(found.priors.mean[i]),
+            prior_std=float(found.priors.std[i]),
             prior_share=float(shares[i]),
             elements=elements.get(estimate.names[i], ()),
             is_own=i not in shared,
@@ -373,13 +373,13 @@ def parameter_states(found: Identification) -> tuple[str, ...]:
     weak = np.zeros(len(estimate.names), dtype=bool)
     for direction in estimate.identifiability.directions:
         weak |= np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
-    has_prior = bool(np.isfinite(found.prior_std).any())
+    has_prior = bool(np.isfinite(found.priors.std).any())
     states = np.full(len(estimate.names), "determined", dtype=object)
     states[np.abs(estimate.std) > _WEAK * np.abs(estimate.values)] = "weakly determined"
     states[weak] = "by prior" if has_prior else "weakly determined"
     states[list(found.by_prior)] = "by prior"
     states[~estimate.identified] = "not determined"
-    for bound in estimate.at_bound:
+    for bound in estimate.spread.at_bound:
         states[bound.index] = f"at its {bound.side} bound"
     states[list(found.ran_away)] = "ran away"
     return tuple(states.tolist())
@@ -400,10 +400,10 @@ def _statistics(found: Identification) -> tuple[tuple[str, str], ...]:
     estimate = found.estimate
     is_converged = estimate.status is Status.CONVERGED
     search = estimate.message if is_converged else f"{estimate.status.value.replace('_', ' ')}: {estimate.message}"
-    rows = [("Search", f"{search}, {plural(estimate.n_iterations, 'iteration')}")]
+    rows = [("Search", f"{search}, {plural(estimate.search.n_iterations, 'iteration')}")]
     if estimate.uncertainty.has_matrix:
         identifiability = estimate.identifiability
-        free = " free" if estimate.at_bound else ""
+        free = " free" if estimate.spread.at_bound else ""
         rows.append(
             (
                 "Rank",
@@ -412,19 +412,22 @@ def _statistics(found: Identification) -> tuple[tuple[str, str], ...]:
             )
         )
     else:
-        of_all = f"{number(estimate.determined, 3)} combinations of {len(estimate.names)} parameters"
+        of_all = f"{number(estimate.spread.determined, 3)} combinations of {len(estimate.names)} parameters"
         rows.append(("Rank", f"the data determine {of_all}"))
-    rows.append(("Misfit", estimate.misfit_words.removeprefix("misfit ")))
-    if estimate.degrees_of_freedom > 0:
-        size = f"{number(estimate.chi_square, 4)} with {number(estimate.degrees_of_freedom, 5)} degrees of freedom"
-        rows.append(("Chi-square", f"{size}, probability {number(estimate.chi_square_probability, 2)}"))
-    if estimate.n_starts > 1:
-        rows.append(("Starts", f"{estimate.n_agreeing} of {estimate.n_starts} searches ended at this minimum"))
+    rows.append(("Misfit", estimate.goodness.misfit_words.removeprefix("misfit ")))
+    fit = estimate.goodness
+    if fit.degrees_of_freedom > 0:
+        size = f"{number(fit.chi_square, 4)} with {number(fit.degrees_of_freedom, 5)} degrees of freedom"
+        rows.append(("Chi-square", f"{size}, probability {number(fit.chi_square_probability, 2)}"))
+    if estimate.search.n_starts > 1:
+        rows.append(
+            ("Starts", f"{estimate.search.n_agreeing} of {estimate.search.n_starts} searches ended at this minimum")
+        )
     basis = {"noise": "the noise of the data", "model_error": "the residual, so that they include the model error"}
     rows.append(("Standard deviations from", basis[estimate.covariance_basis]))
     rows.extend(_fit_rows(found.fits))
-    if found.total_mass > 0:
-        rows.append(("Total mass", f"{with_std(found.total_mass, found.total_mass_std)} kg"))
+    if found.mass.total > 0:
+        rows.append(("Total mass", f"{with_std(found.mass.total, found.mass.std)} kg"))
     return tuple(rows)
 
 

@@ -17,9 +17,9 @@ from structid.identification.fits.model_modes import rounding_warnings, structur
 from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.fixed_values import fixed_values, freed_problems
 from structid.identification.identify import mass_deviation
+from structid.identification.joint_problem import first_values, indices_of, joint_problem
 from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups.setup import AnySetup, prefixes
-from structid.identification.together import by_name, places, together
 from structid.identification.warning_words import unused_damping
 from structid.inversion import Covariance, DenseCovariance, Identifiability, Linearization, Problem
 from structid.inversion.covariance import inverse_information
@@ -123,12 +123,12 @@ class Predicted:
 
     @property
     def units(self) -> tuple[str, ...]:
-        return self.problem.units
+        return self.problem.unknowns.units
 
     @property
     def sizes(self) -> FloatArray:
         """What each standard deviation is held against, (n_params,)."""
-        return self.problem.sizes(self.start)
+        return self.problem.unknowns.sizes(self.start)
 
     @property
     def std(self) -> FloatArray:
@@ -204,7 +204,7 @@ def check_study(study: Study) -> CheckResult:
     coarse = None if isinstance(mesh, str) else coarse_elements(structure, values, mesh)
     row = np.zeros((1, len(problem.names)))
     gradient = study.structure.mass_gradient(options.direction, values)
-    row[0, places(problem.names, study.parameters.names)] = gradient @ study.parameters.design
+    row[0, indices_of(problem.names, study.parameters.names)] = gradient @ study.parameters.design
     fixed = fixed_properties(study.structure, study.parameters, options.tolerances)
     changes = gradient @ relative_sensitivities(values, fixed)
     fixed_masses = dict(zip((item.label for item in fixed), changes, strict=True))
@@ -246,7 +246,7 @@ def check_study(study: Study) -> CheckResult:
 def _with_strengths(ready: Start, terms: Sequence[Regularization], strengths: Sequence[float]) -> Problem:
     """All of the problems, with these regularizations."""
     rows = unit_penalties(ready.problems, terms)
-    return together(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
+    return joint_problem(coupled(ready.problems, [row.scaled(s) for row, s in zip(rows, strengths, strict=True)]))
 
 
 def _predict_by_jacobian(ready: Start) -> Predicted:
@@ -265,8 +265,8 @@ def _predict_by_jacobian(ready: Start) -> Predicted:
         covariance, assumption = DenseCovariance(of_data.matrix + influence.covariance), f"± includes {influence.words}"
     relative = relative_jacobian(problem, theta, linearization)
     identified_directions = identifiability(relative, problem.physical(theta), problem.names)
-    identified = of_data.std <= problem.sizes(problem.physical(theta))
-    warnings = unused_damping(ready.problems, problem.names, problem.kinds, identified)
+    identified = of_data.std <= problem.unknowns.sizes(problem.physical(theta))
+    warnings = unused_damping(ready.problems, problem.names, problem.unknowns.kinds, identified)
     if not all(part.facts.measures_force for part in ready.problems):
         warnings += _ratio_warnings(problem, relative, identified)
     not_included = [term_name(term) for term in ready.study.options.regularization if term not in terms]
@@ -303,7 +303,7 @@ def _predict_by_draws(ready: Start) -> Predicted:
 
 
 def _start(problem: Problem, ready: Start) -> FloatArray:
-    return by_name(problem.names, ready.problems, lambda part: part.start)
+    return first_values(problem.names, ready.problems, lambda part: part.start)
 
 
 def cramer_rao_bound(problem: Problem, at: Linearization) -> FloatArray:
@@ -368,7 +368,7 @@ def _mode_warnings(modes: tuple[ModeCheck, ...]) -> list[str]:
 
 def _ratio_warnings(problem: Problem, jacobian: FloatArray, identified: np.ndarray) -> list[str]:
     """A warning that modes alone give no absolute masses, if that is so."""
-    members = common_scale(jacobian, problem)
+    members = common_scale(jacobian, problem.unknowns.kinds)
     if members is None or identified[members].any():
         return []
     return [scale_words([problem.names[i] for i in members])]

@@ -57,7 +57,7 @@ class Reached:
         if self.problem is None or self.theta is None:
             return summary
         values = self.problem.physical(self.theta)
-        rows = zip(self.problem.names, self.problem.units, values.tolist(), strict=True)
+        rows = zip(self.problem.names, self.problem.unknowns.units, values.tolist(), strict=True)
         summary["parameters"] = [{"name": name, "unit": unit, "value": value} for name, unit, value in rows]
         return summary
 

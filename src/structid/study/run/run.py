@@ -8,9 +8,9 @@ import numpy as np
 
 from structid.core.errors import NoAnswerError, SingularModelError
 from structid.identification.identify import identify_together
+from structid.identification.joint_problem import indices_of
 from structid.identification.mesh_pieces import MeshPieces, judge_pieces
 from structid.identification.search import chosen_method
-from structid.identification.together import places
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.study.results.result import StudyResult, provenance
 from structid.study.run.before import mesh_warnings
@@ -97,7 +97,7 @@ def run_started(ready: Start, progress: StageProgress | None = None, work: Work 
             " the band"
         ) from error
     theta_of_records = [
-        answer.estimate.theta[places(answer.estimate.names, problem.names)] for problem in answer.problems
+        answer.estimate.theta[indices_of(answer.estimate.names, problem.names)] for problem in answer.problems
     ]
     mesh_words = mesh_warnings(ready.setups, answer.problems, theta_of_records)
     answer = replace(answer, warnings=(*ready.fault_warnings, *mesh_words, *ready.channel_warnings, *answer.warnings))

@@ -12,15 +12,15 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError, NoLinesError, SingularModelError
 from structid.external.model import SolverModel
 from structid.fem import Structure
-from structid.forward import Models, RecordProblem
+from structid.forward import RecordProblem, ResponseCache
 from structid.identification.before.mesh import MeshErrors
 from structid.identification.checks import require_sound_model
+from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
 from structid.identification.mesh_pieces import MeshPieces
 from structid.identification.setups.frf import Setup
 from structid.identification.setups.modal import ModalSetup
 from structid.identification.setups.setup import AnySetup, Look, Prepared, prefixes, prepared_warnings, titles
 from structid.identification.setups.time import TimeSetup
-from structid.identification.together import alike, together
 from structid.records import FrfRecord, TimeRecord
 from structid.study.run.before import checked_mesh
 from structid.study.schema.model.structure import AUTO
@@ -95,8 +95,8 @@ def compare_with_models(study: Study, setups: tuple[AnySetup, ...], mesh: MeshPi
     pairs = [_prepare_record(study, source, setup, name) for name, setup, source in records]
     prepared, looks = [ready for ready, _ in pairs], tuple(look for _, look in pairs)
     with study.root.located():
-        same = alike([ready.problem for ready in prepared], titles(setups))
-        together(same)
+        same = harmonize_shared_parameters([ready.problem for ready in prepared], titles(setups))
+        joint_problem(same)
     warnings = [f'`subdivide = "auto"`: {mesh.words}'] if mesh is not None and mesh.obstacle else []
     return Start(study, setups, same, (*warnings, *prepared_warnings(setups, prepared)), looks, mesh)
 
@@ -107,8 +107,8 @@ def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces |
     Where the study leaves open how many pieces beams are cut into, it comes back with as many as bring all modes in the band of
     its records to a tenth of their half-bandwidths; a fit then tells whether these are enough.
     """
-    models = Models()
-    setups = tuple(loaded(source, models) for source in study.setups)
+    cache = ResponseCache()
+    setups = tuple(loaded(source, cache) for source in study.setups)
     if study.root.inner("structure").table.get("subdivide") != AUTO:
         return study, setups, None
     judged = [checked_mesh(setup, setup.prepared(study.options).problem) for setup in setups]
@@ -120,8 +120,8 @@ def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple
     """A study with its beams cut into so many pieces, and its set-ups, whose records are not read again."""
     tables = dict(study.root.table)
     tables["structure"] = {**dict(study.section("structure").table), "subdivide": count}
-    cut, models = edited_study(study, tables), Models()
-    return cut, tuple(loaded(source, models, setup) for source, setup in zip(cut.setups, setups, strict=True))
+    cut, cache = edited_study(study, tables), ResponseCache()
+    return cut, tuple(loaded(source, cache, setup) for source, setup in zip(cut.setups, setups, strict=True))
 
 
 def study_problems(study: Study) -> tuple[RecordProblem, ...]:
@@ -133,17 +133,17 @@ def study_problems(study: Study) -> tuple[RecordProblem, ...]:
         If a record, its sensors or the band cannot be used.
     """
     study, setups, _ = load_setups(study)
-    return alike([setup.prepared(study.options).problem for setup in setups], titles(setups))
+    return harmonize_shared_parameters([setup.prepared(study.options).problem for setup in setups], titles(setups))
 
 
-def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None) -> AnySetup:
+def loaded(source: SetupSource, cache: ResponseCache, measured: AnySetup | None = None) -> AnySetup:
     """The set-up of a source: its record read, its channels part of the structure.
 
     Parameters
     ----------
     source : SetupSource
-    models : Models
-        Cache of models, shared by all set-ups of a study.
+    cache : ResponseCache
+        Cache shared by all set-ups of a study.
     measured : RecordSetup, optional
         One with the same record, which is then not read again.
     """
@@ -155,7 +155,7 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
         modes = source.record.modes
         setup = ModalSetup(structure, parameters, modes.load(), modes.settings, name, source.channel_unknowns)
     else:
-        setup = _measured_setup(source, read_files(source.record), models)
+        setup = _measured_setup(source, read_files(source.record), cache)
     if measured is None:
         source.require_channels(setup)
     for role, dofs in setup.channels:
@@ -164,7 +164,7 @@ def loaded(source: SetupSource, models: Models, measured: AnySetup | None = None
     return setup
 
 
-def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], models: Models) -> AnySetup:
+def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], cache: ResponseCache) -> AnySetup:
     """The set-up of histories or FRFs, as `read` from its files."""
     record, time, fault_list = source.record, source.record.time, faults(read)
     common = (source.structure, source.parameters)
@@ -175,7 +175,7 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], mod
             frfs,
             source.channel_unknowns,
             source.name,
-            models=models,
+            cache=cache,
             faults=fault_list,
             calibration=record.calibration,
         )
@@ -189,7 +189,7 @@ def _measured_setup(source: SetupSource, read: list[FrfRecord | TimeRecord], mod
         unknowns,
         source.name,
         frf_record,
-        models,
+        cache,
         fault_list,
         calibration=record.calibration,
     )

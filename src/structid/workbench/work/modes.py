@@ -19,7 +19,8 @@ from structid.modal import ModalRecord
 from structid.modal.formats.files import read_modes
 from structid.modal.merging import merged_setups
 from structid.modal.survey.options import ModesOptions
-from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file, modes_of_setups
+from structid.modal.survey.setups import modes_of_setups
+from structid.modal.survey.survey import MODES_PAGE, ModesResult, modes_of_file
 from structid.records import ReadOptions
 from structid.report.figures.survey import pole_kinds
 from structid.report.modes import modes_page

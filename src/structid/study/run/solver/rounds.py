@@ -15,8 +15,8 @@ from structid.forward import FrfProblem, RecordProblem
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
 from structid.identification.identify import identify_together
+from structid.identification.joint_problem import indices_of, joint_problem
 from structid.identification.options import IdentifyOptions
-from structid.identification.together import places, together
 from structid.inversion.search.work import ALONE, StageProgress, Work
 from structid.study.results.result import StudyResult
 from structid.study.results.solver import SolverAnswer
@@ -66,7 +66,7 @@ def about_answer(ready: Start, progress: StageProgress | None = None, work: Work
         known = dict(zip(identification.estimate.names, identification.estimate.values.tolist(), strict=True))
         if is_led:
             estimate = identification.estimate
-            end = estimate.theta[places(estimate.names, together(ready.problems).names)]
+            end = estimate.theta[indices_of(estimate.names, joint_problem(ready.problems).names)]
             moved = confirmed(ready, list, end, work)
             if moved is None:
                 return ready if max(moves) <= _OPEN else replace(ready, warnings=(*ready.warnings, _open_words(moves)))
@@ -121,7 +121,7 @@ def from_nominal(result: StudyResult) -> StudyResult:
         )
     return replace(
         result,
-        identification=replace(answer, estimate=replace(answer.estimate, initial=initial), fits=fits),
+        identification=replace(answer, estimate=answer.estimate.with_initial(initial), fits=fits),
     )
 
 

@@ -22,7 +22,7 @@ from structid.external.runs import RunFailedError
 from structid.fem import Structure
 from structid.forward import FrfProblem, RecordProblem
 from structid.forward.frf.continuation import level_frequencies, start_deviation
-from structid.identification.together import together
+from structid.identification.joint_problem import joint_problem
 from structid.inversion import LevenbergMarquardt
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.minimum import residual_at, squared
@@ -57,7 +57,7 @@ def led_near(ready: Start, work: Work) -> Start:
             continue
         ready = started(_with_step(ready, step, work))
         for _ in range(_ROUNDS_OF_LEVEL):
-            problem = together(_smoothed_problems(ready.problems, level))
+            problem = joint_problem(_smoothed_problems(ready.problems, level))
             end = minimize(problem, LevenbergMarquardt()).theta
             moved = confirmed(ready, partial(_smoothed_problems, level=level), end, work, step)
             if moved is None:
@@ -106,7 +106,7 @@ def confirmed(
     """
     solved = ready.study.solved
     assert isinstance(solved, SolvedFrfs)
-    here = together(form(ready.problems))
+    here = joint_problem(form(ready.problems))
     failed: RunFailedError | None = None
     begin, cost = here.theta_start, squared(residual_at(here, here.theta_start))
     for _ in range(_HALVINGS):
@@ -118,7 +118,7 @@ def confirmed(
         except RunFailedError as error:  # a solver may have no answer there, and one nearer
             failed, end = error, (begin + end) / 2
             continue
-        there = together(form([_with_runs(problem, run) for problem in ready.problems]))
+        there = joint_problem(form([_with_runs(problem, run) for problem in ready.problems]))
         if squared(residual_at(there, end)) < cost:
             known = dict(zip(here.names, values.tolist(), strict=True))
             return end, started(about(ready.study, goal, known, work, step))
@@ -153,7 +153,9 @@ def _smoothed_problems(problems: Sequence[RecordProblem], level: float) -> list[
         assert isinstance(problem, FrfProblem)
         if not level:
             own_form = replace(problem, form="pole_free", model_error=_LINE_ERROR)
-            problems_made.append(own_form.held(own_form.theta_start, start_deviation(own_form.unknowns, _START_ERROR)))
+            problems_made.append(
+                own_form.with_free_prior(own_form.theta_start, start_deviation(own_form.unknowns, _START_ERROR))
+            )
             continue
         record = problem.record.lines(np.flatnonzero(problem.record.frequency > 0))
         omega_level, weights = _level_weights(record.omega, level)
@@ -168,7 +170,7 @@ def _smoothed_problems(problems: Sequence[RecordProblem], level: float) -> list[
         power = np.abs(record.laplace) ** DERIVATIVES[record.kind]
         mapped = runs.mapped(smooth_record.frequency, partial(_smoothed_lines, weights, lines, power))
         made = _with_runs(replace(problem, record=smooth_record, form="log", model_error=_LINE_ERROR), mapped)
-        problems_made.append(made.held(made.theta_start, start_deviation(made.unknowns, _START_ERROR)))
+        problems_made.append(made.with_free_prior(made.theta_start, start_deviation(made.unknowns, _START_ERROR)))
     return problems_made
 
 

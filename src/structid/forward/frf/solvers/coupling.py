@@ -11,12 +11,12 @@ from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.forward.frf.channels import Channels, read
-from structid.forward.frf.lines.protocol import LineDerivatives, Lines
 from structid.forward.frf.slopes import StiffnessSlopes
+from structid.forward.frf.solvers.solver import FrfSolver, LineDerivatives
 
 
 @dataclass(frozen=True, eq=False)
-class CoupledLines:
+class SubstructureCoupling:
     """The lines of a model some of whose degrees of freedom are joined to something else; see `Response`.
 
     What is joined has the receptance Y there, and motions b of its own. The force between the two brings them together: with
@@ -30,7 +30,7 @@ class CoupledLines:
 
     Attributes
     ----------
-    free : Lines
+    free : FrfSolver
         Those of the model without what is joined.
     slopes : StiffnessSlopes
     channels : Channels
@@ -47,7 +47,7 @@ class CoupledLines:
     De Klerk, Rixen and Voormeeren (2008), AIAA Journal 46(5), 1169-1181.
     """
 
-    free: Lines
+    free: FrfSolver
     slopes: StiffnessSlopes
     channels: Channels
     joined: sparse.csc_array
@@ -86,7 +86,7 @@ class CoupledLines:
             )
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns).
+        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns).
 
         Small models solve for all columns, as derivatives do, so that the two share their poles.
         """

@@ -13,12 +13,12 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.dense_fields import DenseFields
 from structid.dynamics.receptance import single_blas
 from structid.forward.frf.channels import Channels
-from structid.forward.frf.lines.protocol import LineDerivatives
 from structid.forward.frf.slopes import StiffnessSlopes
+from structid.forward.frf.solvers.solver import LineDerivatives
 
 
 @dataclass(frozen=True, eq=False)
-class SmallLines:
+class DenseSolver:
     """The lines of a small model; see `Response`.
 
     Attributes
@@ -44,7 +44,7 @@ class SmallLines:
         return at.solve_in_chunks(coefficients, np.arange(at.loads.shape[1]))
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
+        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns)."""
         with single_blas():
             read = [
                 of for _, of in self.at(physical, coefficients).solve_in_chunks(coefficients, columns, self._reader)

@@ -5,30 +5,30 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from scipy import sparse
+from scipy.sparse import csc_array
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
-from structid.forward.frf.lines.large import LargeLines
-from structid.forward.frf.lines.protocol import LineDerivatives
-from structid.forward.frf.lines.small import SmallLines
+from structid.forward.frf.solvers.dense import DenseSolver
+from structid.forward.frf.solvers.solver import LineDerivatives
+from structid.forward.frf.solvers.sparse import SparseSolver
 
 #: Largest eigenvalue problem that is tried, in degrees of freedom.
 MEDIUM_UP_TO = 256
 
 
 @dataclass(frozen=True, eq=False)
-class MediumLines:
-    """The lines of a model of medium size, both ways; see `Response`."""
+class DenseOrSparseSolver:
+    """Solver of a model of medium size: dense where its poles are worth finding, sparse otherwise."""
 
-    small: SmallLines
-    large: LargeLines
+    dense: DenseSolver
+    sparse: SparseSolver
 
     @property
     def is_large(self) -> bool:
         return False
 
     def fields(
-        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
+        self, physical: FloatArray, coefficients: ComplexArray, loads: csc_array | None = None
     ) -> Iterator[tuple[slice, NumberArray]]:
         return self._serving(physical, coefficients, loads).fields(physical, coefficients, loads)
 
@@ -39,7 +39,7 @@ class MediumLines:
         return self._serving(physical, coefficients).derivatives(physical, coefficients)
 
     def _serving(
-        self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
-    ) -> SmallLines | LargeLines:
-        has_poles = self.small.at(physical, coefficients, loads).modal is not None
-        return self.small if has_poles else self.large
+        self, physical: FloatArray, coefficients: ComplexArray, loads: csc_array | None = None
+    ) -> DenseSolver | SparseSolver:
+        has_poles = self.dense.at(physical, coefficients, loads).modal is not None
+        return self.dense if has_poles else self.sparse

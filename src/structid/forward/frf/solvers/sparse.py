@@ -15,8 +15,8 @@ from structid.dynamics.receptance import DynamicStiffness, single_blas
 from structid.dynamics.reduced_sweep import FEWEST_LINES, ErrorOf, FieldSweep, reading_error, reduced_sweep
 from structid.forward.contraction import ParameterForces
 from structid.forward.frf.channels import Channels
-from structid.forward.frf.lines.protocol import LineDerivatives
 from structid.forward.frf.slopes import StiffnessSlopes
+from structid.forward.frf.solvers.solver import LineDerivatives
 
 #: Readings of so many sets of parameters are kept, sweeps, and derivatives up to so many bytes.
 _MOST_READINGS, _KEPT, _MOST_BYTES = 40, 2, 2e8
@@ -46,13 +46,13 @@ class Pattern:
 
     @cached_property
     def analysis(self) -> Analysis:
-        """What the factorizer knows of it; it serves all lines and iterations."""
+        """Symbolic analysis of the pattern by the factorizer; it serves all lines and iterations."""
         loaded = np.diff(self.channels.columns.tocsr().indptr) > 0
         return factorizer(self.factorizer).analyse(*self.indices, loaded)
 
 
 @dataclass(frozen=True, eq=False)
-class LargeLines:
+class SparseSolver:
     """The lines of a large model; see `Response`.
 
     Attributes
@@ -100,7 +100,7 @@ class LargeLines:
                 yield slice(line, line + 1), stiffness.solver(line).solve(right)[None]
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """What sensors and contacts read under some of the columns, (n_lines, n_sensors, n_columns)."""
+        """Readings of sensors and contacts under some of the load columns, (n_lines, n_sensors, n_columns)."""
         key = self._key(physical, coefficients)
         known = self.last_sweep.readings.get(key)
         if known is None:
@@ -186,7 +186,7 @@ class LargeLines:
 
     @staticmethod
     def _key(physical: FloatArray, coefficients: ComplexArray) -> bytes:
-        """Of what a sweep depends on: the values, but for their rounding, and the Laplace variables."""
+        """Key of a sweep: the values it depends on, but for their rounding, and the Laplace variables."""
         part, power = np.frexp(physical)
         return np.round(part, 14).tobytes() + power.tobytes() + coefficients[:, 1].tobytes()
 
@@ -202,7 +202,7 @@ def sweep_error(
     loads: IntArray,
     forces: tuple[ParameterForces, ComplexArray],
 ) -> ErrorOf:
-    """How far fields of a basis are off, in parts of what is allowed.
+    """Error of fields from a basis, in parts of what is allowed.
 
     Readings may be off by `tolerance` of the largest of their line, derivatives by ten times that in root mean square
     over parameters. As readings are off by the product of what the fields of loads and sensors are, and derivatives by
@@ -271,7 +271,7 @@ class LastSweep:
             return None if sweep.verified(error_of) is None else sweep
 
     def read(self, key: bytes, sweep: FieldSweep, sensors: sparse.csc_array) -> ComplexArray:
-        """What sensors read at all lines under all columns; kept, for parameters are come back to."""
+        """Readings of the sensors at all lines under all load columns; kept, as searches return to the same parameters."""
         while len(self.readings) >= _MOST_READINGS:
             del self.readings[next(iter(self.readings))]
         self.readings[key] = sweep.basis.read(sensors)
@@ -280,7 +280,7 @@ class LastSweep:
     def derived(
         self, key: bytes, sweep: FieldSweep, sides: Channels, forces: ParameterForces, factors: ComplexArray
     ) -> LineDerivatives:
-        """What sensors read at all lines under the loads, and its derivatives; the last ones are kept."""
+        """Readings of the sensors at all lines under the loads, and their derivatives; the last ones are kept."""
         x = sweep.basis.all_coordinates()
         used, place = np.unique(sides.inputs[0], return_inverse=True)
         change = forces.projected(factors, sweep.basis.vectors, x[:, :, used], sides.under_sensors(x))[:, :, place]

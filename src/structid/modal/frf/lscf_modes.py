@@ -19,11 +19,11 @@ from structid.modal.frf.spread import (
     frf_modes,
     scaled_shapes,
 )
-from structid.modal.method import ModalIdentification, ModalOptions
+from structid.modal.method import LeftOut, ModalIdentification, ModalOptions, by_rising_frequency
 from structid.modal.modal_record import ModalRecord, by_frequency, joined
 from structid.modal.poles.poles import Poles
 from structid.modal.poles.stabilization import Cluster
-from structid.modal.subspace.modes import picked_poles
+from structid.modal.subspace.subspace_modes import left_out_clusters, picked_poles
 from structid.records.record import FrfRecord
 
 _MOST_OUTSIDE = 6  # steps of `_outside` below the band, and above
@@ -41,6 +41,7 @@ class _BandModes:
     sweep: tuple[Poles, ...]
     clusters: tuple[Cluster, ...]
     notes: tuple[str, ...]
+    left_out: tuple[LeftOut, ...]
 
 
 def lscf(record: FrfRecord, options: ModalOptions) -> ModalIdentification:
@@ -82,7 +83,8 @@ def lscf(record: FrfRecord, options: ModalOptions) -> ModalIdentification:
     for outcome in outcomes:
         found += [replace(cluster, number=cluster.number + before) for cluster in outcome.clusters]
         before += len(outcome.sweep)
-    return ModalIdentification(modes, "lscf", sweep, tuple(found), options)
+    left_out = by_rising_frequency(part for outcome in outcomes for part in outcome.left_out)
+    return ModalIdentification(modes, "lscf", sweep, tuple(found), options, left_out)
 
 
 def _bands(record: FrfRecord, options: ModalOptions) -> list[tuple[float, float]]:
@@ -97,7 +99,8 @@ def _bands(record: FrfRecord, options: ModalOptions) -> list[tuple[float, float]
 def _of_band(record: FrfRecord, low: float, high: float, options: ModalOptions) -> _BandModes:
     band = frf_band(record, low, high)
     poles = pole_sweep(band, options.orders, options.criteria)
-    picked, found, notes = picked_poles(poles.sweep, band.output_scale, options)
+    selection = picked_poles(poles.sweep, band.output_scale, options)
+    picked, found, notes = selection.places, selection.clusters, selection.notes
     if not picked:
         raise NoModesError(
             f"`record` shows no mode from {low:g} to {high:g} Hz that is stable over `orders` and meets `criteria`; "
@@ -106,7 +109,9 @@ def _of_band(record: FrfRecord, low: float, high: float, options: ModalOptions) 
     start = _start(poles, picked, band)
     modes, kept, converged, words = _refined(band, start, options)
     found = tuple(found[i] for i in kept) if found else ()
-    return _BandModes(modes, converged, poles.sweep, found, (*notes, *words))
+    s, others = modes.at.poles, selection.others if options.frequencies is None else ()
+    left_out = left_out_clusters(others, np.abs(s) / (2 * np.pi), -s.real / np.abs(s))
+    return _BandModes(modes, converged, poles.sweep, found, (*notes, *words), tuple(left_out))
 
 
 def _start(poles: PoleSweep, picked: Sequence[tuple[int, int]], band: FrfBand) -> PolesAndParticipation:

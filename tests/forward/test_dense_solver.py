@@ -7,8 +7,8 @@ import pytest
 from scipy import optimize
 
 import structid as sid
-from structid.forward.frf.lines.medium import MediumLines
-from structid.forward.frf.response import Models, response
+from structid.forward.frf.response import ResponseCache, response
+from structid.forward.frf.solvers.dense_or_sparse import DenseOrSparseSolver
 from structid.records.record import DERIVATIVES
 
 LAWS = ("inertia", "viscous", "elastic", "structural")
@@ -83,7 +83,7 @@ def test_values_and_jacobian_equal_the_textbook(n_lines, viscous, kind):
     physical = made.start * np.exp(0.2 * np.random.default_rng(0).standard_normal(made.n_params))
     values, jacobian = textbook(structure, made, record, physical)
     found, derivative = at.derivatives_at(physical)
-    assert (at.lines.at(physical, at.fixed_coefficients).modal is not None) == (n_lines == 400)
+    assert (at.solver.at(physical, at.fixed_coefficients).modal is not None) == (n_lines == 400)
     assert close(found, values)
     assert close(derivative, jacobian)
     assert close(at.values_at(physical), values)
@@ -178,7 +178,7 @@ def test_friction_with_given_amplitudes_by_poles_and_by_factorization():
     at = response(structure, made, record, measured_sliding=True)
     values, jacobian = textbook(structure, made, record, made.start, amplitude)
     found, derivative = at.derivatives_at(made.start)
-    assert at.lines.at(made.start, at.fixed_coefficients).modal is not None
+    assert at.solver.at(made.start, at.fixed_coefficients).modal is not None
     assert close(found, values)
     assert close(derivative, jacobian)
 
@@ -189,9 +189,9 @@ def test_medium_models_equal_line_by_line(n_lines):
     at = response(structure, made, record)
     assert at.is_large == (n_lines == 40)
     if n_lines == 600:
-        assert isinstance(at.lines, MediumLines)
-        assert at.lines.small.at(made.start, at.fixed_coefficients).modal is not None
-        other = replace(at, lines=at.lines.large)
+        assert isinstance(at.solver, DenseOrSparseSolver)
+        assert at.solver.dense.at(made.start, at.fixed_coefficients).modal is not None
+        other = replace(at, solver=at.solver.sparse)
         # condition about 1e8: rounding of either shows as 1e-7 at most
         for found, exact in zip(at.derivatives_at(made.start), other.derivatives_at(made.start), strict=True):
             assert close(found, exact, 1e-7)
@@ -203,8 +203,8 @@ def test_medium_models_are_factorized_where_poles_do_not_serve(monkeypatch):
     structure, made, record = column(45, n_lines=600)
     at = response(structure, made, record)
     monkeypatch.setattr(np.linalg, "eig", lambda matrix: (np.ones(len(matrix)), np.eye(len(matrix))))
-    assert at.lines.small.at(made.start, at.fixed_coefficients).modal is None
-    large = replace(at, lines=at.lines.large)
+    assert at.solver.dense.at(made.start, at.fixed_coefficients).modal is None
+    large = replace(at, solver=at.solver.sparse)
     assert np.array_equal(at.values_at(made.start), large.values_at(made.start))
 
 
@@ -238,12 +238,12 @@ def test_thickness_enters_every_slope():
 
 def test_what_does_not_depend_on_priors_starts_or_lines_is_shared():
     structure, made, record = column()
-    models = Models()
-    one = response(structure, made, record, models=models)
+    cache = ResponseCache()
+    one = response(structure, made, record, cache=cache)
     moved = made.started_at(1.1 * made.start).kept_near_start(0.1)
-    assert one.slopes is response(structure, moved, record.lines(np.arange(50)), models=models).slopes
+    assert one.slopes is response(structure, moved, record.lines(np.arange(50)), cache=cache).slopes
     others = sid.parameters(structure, [sid.Unknown("mass", "beam")])
-    assert response(structure, others, record, models=models).slopes is not one.slopes
+    assert response(structure, others, record, cache=cache).slopes is not one.slopes
     again = sid.Structure(structure.nodes, structure.elements, ["0Y"])
-    assert response(again, made, record, models=models).slopes is not one.slopes
+    assert response(again, made, record, cache=cache).slopes is not one.slopes
     assert response(structure, made, record).slopes is not one.slopes

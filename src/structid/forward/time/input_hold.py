@@ -1,4 +1,4 @@
-"""How forces, or the motion of supports, run from the start over the samples of a record: exactly, between them too."""
+"""Forces, or motion of supports, between the samples of a record and before its start: zero-order or first-order hold."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from structid.forward.time.options import Hold, Oscillation
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
-    """What drives a structure, as the outputs of a linear system of its own.
+class InputHold:
+    """Input of a structure as the output of a linear system of its own.
 
     Parameters
     ----------
@@ -105,5 +105,5 @@ class Drive:
 
 
 def _summed(rates: FloatArray) -> FloatArray:
-    """What sums to before each sample, (n_times, n)."""
+    """Sum of the rates before each sample, (n_times, n)."""
     return np.concatenate([np.zeros((1, rates.shape[1])), np.cumsum(rates[:-1], axis=0)])

@@ -13,7 +13,7 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.core.errors import InputError
 from structid.external.frfs.model import SolverFrfs
 from structid.fem import Structure
-from structid.forward.frf.lines.protocol import LineDerivatives
+from structid.forward.frf.solvers.solver import LineDerivatives
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
 
@@ -25,8 +25,8 @@ NO_MATRICES = (
 
 
 @dataclass(frozen=True, eq=False)
-class SolvedLines:
-    """FRFs that a solver gave, between and beside the values of its runs; see `Lines`.
+class TabulatedFrf:
+    """FRFs that a solver gave, between and beside the values of its runs; see `FrfSolver`.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class SolvedLines:
         raise InputError(f"the motion of all nodes {NO_MATRICES}")
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """What sensors read under the distinct loads, each with the sense of its degree of freedom."""
+        """Readings of the sensors under the distinct loads, each with the sense of its degree of freedom."""
         values, _ = self._seen(physical)
         senses = np.array([dof.sign for dof in self.record.inputs])
         first = [list(self._columns).index(column) for column in columns.tolist()]

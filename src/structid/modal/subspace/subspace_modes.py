@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs, displacement_rows, outputs
-from structid.modal.method import ModalIdentification, ModalOptions
+from structid.modal.method import LeftOut, ModalIdentification, ModalOptions, by_rising_frequency
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles.poles import Poles, frequency_damping_slope, modal_phase_collinearity
 from structid.modal.poles.stabilization import Cluster, clusters
-from structid.modal.subspace.close_modes import close_mode_notes, repeated_modes
+from structid.modal.subspace.close_modes import NOT_TOLD_APART, close_mode_notes, repeated_modes
 from structid.modal.subspace.decay_fit import (
     decay_fit,
     decay_modes,
@@ -47,6 +48,11 @@ _SAME = 0.01  # of a frequency: distance below which a pole with damping takes t
 _LOST = 0.1  # of the noise left: amplitude of a free decay below which it tells nothing more
 _TRIES = 4  # poles in a row that explain a free decay no better, after which no more are tried
 _ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
+_PERHAPS = 0.3  # probability of being a mode from which on poles that are none are listed
+_STEADY, _FEWEST_DYING = (
+    0.1,
+    3,
+)  # of the usual damping ratio, that of a tone at most; modes that die out and tell the usual
 _STRONG = 0.01  # of the energy of a free decay: part from which on a mode is kept, however uncertain
 
 
@@ -64,7 +70,8 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
     subspace = SUBSPACE_METHODS[method](data, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
     wanted = [n for n in wanted if n <= subspace.max_order] if options.orders is None else wanted
     sweep = poles_of_orders(subspace, wanted)
-    picked, found, notes = picked_poles(sweep, data.scale, options)
+    selection = picked_poles(sweep, data.scale, options)
+    picked, found, notes, others = selection.places, selection.clusters, selection.notes, selection.others
     if not picked:
         raise NoModesError(
             "`records` show no mode that is stable over `orders` and meets `criteria`; widen the criteria, raise "
@@ -81,14 +88,17 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
         picked, found, motion = _with_left_over(data, sweep, picked, found, motion, options, notes)
     if not motion.explains_all and (_poles(sweep, picked).real >= 0).any():
         options = replace(options, criteria=options.criteria.damped)
-        picked, found, notes = _damped(sweep, data.scale, options, _poles(sweep, picked))
+        picked, found, notes, others = _damped(sweep, data.scale, options, _poles(sweep, picked))
         motion = free_decay(data, _poles(sweep, picked))
     if automatic and motion.explains_all:
         picked, found, motion = _standing_out(data, sweep, picked, found, motion, notes)
     modes = _modal_record(subspace, sweep, picked, motion, notes)
     if method in _REFINED and options.refine and motion.explains_all:
         modes = decay_modes(data, modes)
-    result = ModalIdentification(modes, method, sweep, found, options)
+    left_out = left_out_clusters(others, modes.frequency, modes.damping_ratio) if automatic else []
+    result = ModalIdentification(
+        modes, method, sweep, found, options, by_rising_frequency(left_out), motion.explains_most
+    )
     if automatic:
         result = _worthy(data, result, motion)
     more = close_mode_notes(result.modes, data.duration, len(data.series), motion.explains_all)
@@ -184,9 +194,10 @@ def _poles(sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]) -> Complex
 
 def _damped(
     sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions, before: ComplexArray
-) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str]]:
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str], tuple[Cluster, ...]]:
     """`picked_poles` of ambient motion without undamped ones, and words on those of `before` that this leaves out."""
-    picked, found, notes = picked_poles(sweep, scale, options)
+    selection = picked_poles(sweep, scale, options)
+    picked = selection.places
     omega, undamped = np.abs(_poles(sweep, picked)), np.abs(before[before.real >= 0])
     lost = [w for w in undamped if not (np.abs(omega / w - 1) < _SAME).any()]
     listed = ", ".join(f"{w / (2 * np.pi):.4g}" for w in sorted(lost))
@@ -195,7 +206,8 @@ def _damped(
     )
     if not picked:
         raise NoModesError(f"`records` show no mode; {words}. Measure longer, or choose another method")
-    return picked, found, [*notes, words] if lost else notes
+    notes = [*selection.notes, words] if lost else selection.notes
+    return picked, selection.clusters, notes, selection.others
 
 
 def _standing_out(
@@ -238,7 +250,22 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
         f"modes of the decay with a standard deviation of frequency above {100 * _CERTAIN:g} % and less than"
         f" {100 * _STRONG:g} % of the energy"
     )
-    return found.kept(~weak, words)
+    found = found.kept(~weak, words)
+    return found.kept(
+        ~_is_steady(data, found.modes),
+        "weak poles that stay while other modes die out, as the tone of a machine or the mains,",
+    )
+
+
+def _is_steady(data: Outputs, modes: ModalRecord) -> NDArray[np.bool_]:
+    """Which modes of a free decay are tones: weak, and of a damping ratio far below that of the modes that die out."""
+    ratio, std = modes.damping_ratio, np.nan_to_num(modes.std[modes.n_modes :])
+    dying = ratio > NOT_TOLD_APART * std
+    steady = np.zeros(modes.n_modes, dtype=bool)
+    if dying.sum() >= _FEWEST_DYING:
+        usual = float(np.median(ratio[dying]))
+        steady = (np.abs(ratio) + NOT_TOLD_APART * std < _STEADY * usual) & (energy_shares(data, modes.poles) < _STRONG)
+    return steady
 
 
 def _block_rows(data: Outputs, given: int | None) -> int:
@@ -265,37 +292,65 @@ def _orders(data: Outputs, rows: int, given: Sequence[int] | None) -> list[int]:
     return orders
 
 
-def picked_poles(
-    sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions
-) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str]]:
+@dataclass(frozen=True, eq=False)
+class PickedPoles:
     """What stands for each mode, by frequency.
 
-    Returns
-    -------
-    list of (int, int)
-        Number of the order in `sweep`, and index of the pole.
-    tuple of Cluster
+    Attributes
+    ----------
+    places : list of (int, int)
+        Number of the order in the sweep, and index of the pole.
+    clusters : tuple of Cluster
         The poles of all orders behind each mode; empty for a single order.
-    list of str
+    notes : list of str
         Words on doubtful modes.
+    others : tuple of Cluster
+        Stable poles that are no mode.
     """
+
+    places: list[tuple[int, int]]
+    clusters: tuple[Cluster, ...] = ()
+    notes: list[str] = field(default_factory=list)
+    others: tuple[Cluster, ...] = ()
+
+
+def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions) -> PickedPoles:
+    """The poles of `sweep` that stand for modes, or for the frequencies asked for."""
     criteria, frequencies = options.criteria, options.frequencies
     if len(sweep) == 1:
-        chosen = [(0, int(i)) for i in criteria.indices(sweep[0])]
+        places = [(0, int(i)) for i in criteria.indices(sweep[0])]
         if frequencies is not None:
-            found = sweep[0].frequency
-            chosen = sorted({min(chosen, key=lambda p: abs(found[p[1]] - f)) for f in frequencies}) if chosen else []
-        return chosen, (), []
-    found_clusters = clusters(sweep, scale, criteria, keep_all=frequencies is not None)
+            f = sweep[0].frequency
+            places = (
+                sorted({min(places, key=lambda p: abs(f[p[1]] - wanted)) for wanted in frequencies}) if places else []
+            )
+        return PickedPoles(places)
+    every = clusters(sweep, scale, criteria, keep_all=True)
+    chosen = every if frequencies is not None else clusters(sweep, scale, criteria)
     notes: list[str] = []
-    if frequencies is not None and found_clusters:
-        nearest = [min(found_clusters, key=lambda c: abs(c.frequency[c.chosen] - f)) for f in frequencies]
+    if frequencies is not None and chosen:
+        nearest = [min(chosen, key=lambda c: abs(c.frequency[c.chosen] - f)) for f in frequencies]
         for wanted, cluster in zip(frequencies, nearest, strict=True):
             got = cluster.frequency[cluster.chosen]
             if abs(got / wanted - 1) > 0.02:
                 notes.append(f"the stable pole nearest to {wanted:g} Hz is at {got:.4g} Hz; look at the spectrum")
-        found_clusters = tuple(sorted(set(nearest), key=lambda c: float(c.frequency[c.chosen])))
-    return [(int(c.number[c.chosen]), int(c.index[c.chosen])) for c in found_clusters], found_clusters, notes
+        chosen = tuple(sorted(set(nearest), key=lambda c: float(c.frequency[c.chosen])))
+    places = [cluster.place for cluster in chosen]
+    others = tuple(cluster for cluster in every if cluster.place not in places)
+    return PickedPoles(places, chosen, notes, others)
+
+
+def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, damping_ratio: FloatArray) -> list[LeftOut]:
+    """Those of `clusters` that may be modes, other than the modes at `frequency` (Hz), with the reason."""
+    width = np.maximum(np.abs(damping_ratio), _SAME) * frequency
+    listed = []
+    for cluster in clusters:
+        f, ratio = float(cluster.frequency[cluster.chosen]), float(cluster.damping_ratio[cluster.chosen])
+        if not cluster.probability >= _PERHAPS or (np.abs(frequency - f) <= width).any():
+            continue
+        reason = f"poles of {cluster.size} orders, too few or too far apart for a mode; `frequencies` takes them"
+        listed.append(LeftOut(f, ratio, cluster.size, cluster.probability, reason))
+    return listed
 
 
 def _modal_record(

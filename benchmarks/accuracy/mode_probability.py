@@ -1,0 +1,130 @@
+"""Weights of the probability that a cluster of poles is a mode, from simulated records whose modes are known.
+
+Random structures: 3 to 10 modes at random frequencies, damping ratios of 0.2 to 4 %, 3 to 8 channels, in turn ambient
+motion and free decays, and FRFs; noise of 1 to 50 % (FRFs: 0.3 to 10 %) of each channel. Every stable cluster of three
+poles or more is a mode if it is the nearest to a true one, within 3 half-power bandwidths and with a MAC above 0.8. Logistic
+regression with a ridge of 1; half of the records are held back, and the calibration on these is printed.
+
+    python benchmarks/accuracy/mode_probability.py [--records 120] [--seed 0]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from scipy import special
+from scipy.signal import lfilter
+
+import structid as sid
+from structid.modal import ModalOptions, modal_identification
+from structid.modal.correlations import outputs
+from structid.modal.poles.stabilization import clusters, evidence
+
+RATE = 50.0
+
+
+def truth(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frequencies (Hz), damping ratios and shapes (n_channels, n_modes)."""
+    n, m = int(rng.integers(3, 11)), int(rng.integers(3, 9))
+    frequency = np.sort(rng.uniform(1.0, 20.0, n))
+    return frequency, 10 ** rng.uniform(np.log10(0.002), np.log10(0.04), n), rng.standard_normal((m, n))
+
+
+def time_record(rng: np.random.Generator, free: bool) -> tuple[sid.TimeRecord, tuple[np.ndarray, ...]]:
+    """Velocities of a random structure under white forces, or in free decay."""
+    frequency, ratio, shapes = truth(rng)
+    n_samples = int(rng.integers(1500, 12000))
+    poles = 2 * np.pi * frequency * (-ratio + 1j * np.sqrt(1 - ratio**2)) / RATE
+    t = np.arange(n_samples)[:, None]
+    if free:
+        motion = np.exp(poles * t).real
+    else:
+        z = np.exp(poles)
+        force = rng.standard_normal((n_samples + 2000, len(z)))
+        motion = [lfilter([1.0], [1, -2 * p.real, abs(p) ** 2], f)[2000:] for p, f in zip(z, force.T, strict=True)]
+        motion = np.array(motion).T
+    motion = motion / motion.std(axis=0) * rng.uniform(0.2, 2.0, len(poles))
+    values = motion @ shapes.T
+    noise = 10 ** rng.uniform(-2, np.log10(0.5))
+    values = values + noise * values.std(axis=0) * rng.standard_normal(values.shape)
+    names = [f"{i + 1}X" for i in range(len(shapes))]
+    return sid.TimeRecord(RATE, values, names, ("velocity",) * len(names)), (frequency, ratio, shapes)
+
+
+def frf_record(rng: np.random.Generator) -> tuple[sid.FrfRecord, tuple[np.ndarray, ...]]:
+    """Accelerances of a random structure under one load."""
+    frequency, ratio, shapes = truth(rng)
+    lines = np.linspace(0.5, 22.0, int(rng.integers(100, 1000)))
+    s, omega = 2j * np.pi * lines[:, None], 2 * np.pi * frequency
+    load = rng.uniform(0.2, 1.0, len(omega))
+    values = (s**2 / (s**2 + 2 * ratio * omega * s + omega**2) * load) @ shapes.T
+    noise = 10 ** rng.uniform(-2.5, -1) * np.sqrt(np.mean(np.abs(values) ** 2, axis=0))
+    values = values + noise * (rng.standard_normal(values.shape) + 1j * rng.standard_normal(values.shape)) / np.sqrt(2)
+    names = [f"{i + 1}X" for i in range(len(shapes))]
+    return sid.FrfRecord(lines, values[:, :, None], names, names[:1], "accelerance"), (frequency, ratio, shapes)
+
+
+def labelled(seed: int) -> tuple[np.ndarray, np.ndarray, int, int, int]:
+    """Evidence of all clusters of a record, which are modes, and modes in all, right ones picked and others picked."""
+    rng = np.random.default_rng(seed)
+    record, (frequency, ratio, shapes) = frf_record(rng) if seed % 3 == 2 else time_record(rng, seed % 3 == 1)
+    found = modal_identification(record, options=ModalOptions(n_pieces=0, refine=False, deviation=None))
+    scale = np.ones(len(shapes)) if seed % 3 == 2 else outputs(record).scale
+    every = [c for c in clusters(found.sweep, scale, found.options.criteria, keep_all=True) if c.size >= 3]
+    f = np.array([c.frequency[c.chosen] for c in every])
+    seen = np.stack([found.sweep[c.number[c.chosen]].shapes[:, c.index[c.chosen]] for c in every], axis=1)
+
+    def right(f: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        width = 6 * np.maximum(ratio * frequency, 0.002 * frequency)
+        near = (np.abs(f[:, None] - frequency) < width) & (sid.mac(seen, shapes) > 0.8)
+        away = np.where(near, np.abs(f[:, None] - frequency) / width + 1 - sid.mac(seen, shapes), np.inf)
+        is_mode = np.zeros(len(f), dtype=bool)
+        for column in away.T:
+            if np.isfinite(column).any():
+                is_mode[column.argmin()] = True
+        return is_mode
+
+    picked = right(found.modes.frequency, np.asarray(found.modes.mode_shapes))
+    rows = np.array([evidence(c) for c in every])
+    return rows, right(f, seen), len(frequency), int(picked.sum()), int((~picked).sum())
+
+
+def weights(rows: np.ndarray, is_mode: np.ndarray) -> np.ndarray:
+    """Logistic regression by Newton's method with a ridge of 1 on all but the first weight."""
+    w, ridge = np.zeros(rows.shape[1]), np.diag([0.0, *np.ones(rows.shape[1] - 1)])
+    for _ in range(30):
+        p = special.expit(rows @ w)
+        hessian = rows.T @ (rows * (p * (1 - p))[:, None]) + ridge
+        w = w + np.linalg.solve(hessian, rows.T @ (is_mode - p) - ridge @ w)
+    return w
+
+
+def main() -> None:
+    """Print the weights, and how they do on the records held back."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--records", type=int, default=120)
+    parser.add_argument("--seed", type=int, default=0)
+    chosen = parser.parse_args()
+    parts = [labelled(seed) for seed in range(chosen.seed, chosen.seed + chosen.records)]
+    half = len(parts) // 2
+    train = np.concatenate([p[0] for p in parts[:half]]), np.concatenate([p[1] for p in parts[:half]])
+    test = np.concatenate([p[0] for p in parts[half:]]), np.concatenate([p[1] for p in parts[half:]])
+    w = weights(*train)
+    print("weights:", ", ".join(f"{value:.2f}" for value in w), f"({len(train[1])} clusters, {train[1].sum()} modes)")
+    p = special.expit(test[0] @ w)
+    print("held back: probability, clusters, modes among them")
+    for low, high in ((0, 0.05), (0.05, 0.3), (0.3, 0.7), (0.7, 0.95), (0.95, 1.01)):
+        inside = (p >= low) & (p < high)
+        print(f"  {low:.2f}-{min(high, 1):.2f}  {inside.sum():5d}  {test[1][inside].mean() if inside.any() else 0:.3f}")
+    n, right, others = (sum(part[i] for part in parts[half:]) for i in (2, 3, 4))
+    print(f"of {n} modes: {right} picked now, and {others} others; in clusters {int(test[1].sum())}")
+    for limit in (0.2, 0.5, 0.8):
+        print(f"  by probability above {limit}: {test[1][p > limit].sum()}, and {(~test[1][p > limit]).sum()} others")
+
+
+if __name__ == "__main__":
+    main()

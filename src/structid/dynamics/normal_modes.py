@@ -1,0 +1,375 @@
+"""Natural frequencies, damping ratios and mode shapes of (mass, damping, stiffness)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, sparse
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from structid.core.arrays import FloatArray
+from structid.core.errors import SingularModelError
+from structid.dynamics.factorization import factorizer
+
+_DENSE_UP_TO = 600
+#: Vectors, and times the shifted inverse is applied to them, that show where the lowest eigenvalues lie.
+_BLOCK, _ITERATIONS = 8, 3
+#: Part of the shift that the largest eigenvalue in sight must reach; part of the first shift that mechanisms are left.
+_NEAR, _LEAST = 0.5, 1e-7
+#: Times a block is looked through for modes passed over, and change of their eigenvalues, shifted, that counts as none.
+_MOST_ROUNDS, _SAME = 50, 1e-8
+#: Roundings of the largest eigenvalue that all eigenvalues of a dense problem are off by.
+_DENSE_ROUNDINGS = 4
+#: Mass of a combination of degrees of freedom, in parts of theirs, that is rounding.
+_MASSLESS = 1e-11
+#: Relative error of a frequency by rounding from which on modes are found again from a root of the stiffness.
+_ROUGH = 1e-9
+#: Roundings of a root of the stiffness that strains, and so frequencies, are off by.
+_ROOT_ROUNDINGS = 8
+#: Times that modes of a large model are found from strains: the first time with a scaling that rounding may have spoilt.
+_STRAIN_PASSES = 2
+#: Part of the modes of a large model from which on all of them are found, after condensation.
+_MOST_BY_LANCZOS = 3
+
+#: The matrix B with K = B'B; None where there is none (`structid.fem.matrices.strains`).
+Strains = Callable[[], sparse.csr_array | None]
+#: V'KV of a space V, (n, n).
+_Energy = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Normal modes, with damping by first-order perturbation.
+
+    Attributes
+    ----------
+    frequency : (n_modes,) float array
+        Undamped natural frequency, Hz.
+    damping_ratio : (n_modes,) float array
+        Viscous damping ratio at resonance: (phi' C phi omega + phi' H phi) / (2 omega^2) for unit modal mass.
+    mode_shapes : (n_dofs, n_modes) float array
+        Mass-normalized, largest entry positive.
+    rounding : (n_modes,) float array
+        Relative error of each frequency that rounding can make: of the stiffness matrix, eps phi'|K|phi / (2 omega^2),
+        and of a dense eigenvalue problem. A mode that does not rise above it, as a rigid body's, counts beside the
+        lowest that does.
+    """
+
+    frequency: FloatArray
+    damping_ratio: FloatArray
+    mode_shapes: FloatArray
+    rounding: FloatArray
+
+
+def modes(
+    mass: sparse.csc_array,
+    stiffness: sparse.csc_array,
+    damping: sparse.csc_array | None = None,
+    structural: sparse.csc_array | None = None,
+    n_modes: int | None = None,
+    strains: Strains | None = None,
+) -> Modes:
+    """The lowest modes of K phi = omega^2 M phi.
+
+    Parameters
+    ----------
+    mass, stiffness : (n_dofs, n_dofs) sparse arrays
+        Symmetric; degrees of freedom, or combinations of them, without mass follow the others statically.
+    damping, structural : the same, optional
+        Viscous damping, and imaginary part of the complex stiffness.
+    n_modes : int, optional
+        How many; all by default (up to 20 for more than 600 degrees of freedom).
+    strains : function without arguments, optional
+        Gives B with K = B'B, or None. It is called where rounding of the stiffness matrix shows in frequencies: modes are
+        then found from B, whose rounding they have the square root of.
+
+    Raises
+    ------
+    SingularModelError
+        If an entry is not finite, or a motion has neither mass nor stiffness.
+
+    Notes
+    -----
+    A dense eigenvalue problem is off by eps times its largest eigenvalue. Where that, or the rounding of K, shows in a
+    frequency, modes come from the singular values of R^-T L, largest first, with R'R = K + s M for a small shift s and
+    L L' = M: they are 1 / sqrt(omega^2 + s), and the largest of them are exact to eps times the condition number of R.
+    R comes from a QR decomposition of [B; sqrt(s) L'], or else from Cholesky's of K, which keeps its rounding.
+    Large models are solved through [[a I, B], [B', -s M / a]] (Bjoerck 1996, Numerical Methods for Least Squares
+    Problems, section 2.5.3).
+    """
+    if not (np.isfinite(mass.data).all() and np.isfinite(stiffness.data).all()):
+        raise SingularModelError("mass or stiffness of the model is not finite: a value has run away")
+    if mass.shape[0] <= _DENSE_UP_TO:
+        omega, shapes, rounding = _small_modes(mass, stiffness, n_modes, strains)
+    else:
+        omega, shapes, rounding = _large_modes(mass, stiffness, n_modes or 20, strains)
+    shapes = shapes * np.sign(shapes[np.abs(shapes).argmax(axis=0), np.arange(shapes.shape[1])])
+    loss = np.zeros(len(omega))
+    if damping is not None:
+        loss += omega * np.einsum("ij,ij->j", shapes, damping @ shapes)
+    if structural is not None:
+        loss += np.einsum("ij,ij->j", shapes, structural @ shapes)
+    ratio = np.divide(loss, 2 * omega**2, out=np.zeros_like(loss), where=omega > 1e-6 * omega.max(initial=0.0))
+    return Modes(omega / (2 * np.pi), ratio, shapes, rounding)
+
+
+def _small_modes(
+    mass: sparse.csc_array, stiffness: sparse.csc_array, n_modes: int | None, strains: Strains | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Circular frequencies, shapes and rounding of a model that is solved densely."""
+    eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
+    error = _DENSE_ROUNDINGS * np.finfo(np.float64).eps * float(eigenvalues[-1])
+    eigenvalues, shapes = eigenvalues[:n_modes], shapes[:, :n_modes]
+    omega = np.sqrt(np.maximum(eigenvalues, 0.0))
+    rounding = _rounding_errors(stiffness, omega, shapes, error)
+    if rounding.max(initial=0.0) <= _ROUGH:
+        return omega, shapes, rounding
+    clear = eigenvalues[eigenvalues > 2 * eigenvalues * rounding]
+    shift = float(clear.min()) if len(clear) else error
+    operator = None if strains is None else strains()
+    root = _root(mass.toarray(), stiffness.toarray(), operator, shift)
+    if root is None:
+        return omega, shapes, rounding
+    omega, shapes = (part[..., : len(omega)] for part in _modes_of_root(*root, shift))
+    exact = _rounding_errors(stiffness, omega, shapes, 0.0)
+    return omega, shapes, exact if operator is None else np.minimum(exact, _root_rounding(stiffness, omega, shapes))
+
+
+def _large_modes(
+    mass: sparse.csc_array, stiffness: sparse.csc_array, n_modes: int, strains: Strains | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Circular frequencies, shapes and rounding of a model that is too large to be solved densely."""
+    n_heavy = int((mass.diagonal() > 0).sum())
+    if _MOST_BY_LANCZOS * n_modes >= n_heavy:
+        eigenvalues, shapes = _dense_modes(mass.toarray(), stiffness.toarray())
+        error = _DENSE_ROUNDINGS * np.finfo(np.float64).eps * float(eigenvalues[-1])
+        omega, shapes = np.sqrt(np.maximum(eigenvalues[:n_modes], 0.0)), shapes[:, :n_modes]
+        return omega, shapes, _rounding_errors(stiffness, omega, shapes, error)
+    shift, inverse = _shift_below(stiffness, mass)
+    eigenvalues, shapes = _lanczos_modes(mass, stiffness, n_modes, shift, inverse, _energy_of(stiffness))
+    omega = np.sqrt(np.maximum(eigenvalues, 0.0))
+    rounding = _rounding_errors(stiffness, omega, shapes, 0.0)
+    operator = strains() if strains is not None and rounding.max(initial=0.0) > _ROUGH else None
+    if operator is None:
+        return omega, shapes, rounding
+    for _ in range(_STRAIN_PASSES):
+        strained = np.square(operator @ shapes).sum(axis=0)
+        size = np.einsum("ij,i,ij->j", shapes, stiffness.diagonal(), shapes)
+        low = int(np.argmin(np.where(strained > -_LEAST * shift, strained, np.inf)))
+        shift = -float(max(strained[low], -_LEAST * shift))
+        inverse = _strain_inverse(operator, mass, -shift, float(np.sqrt(-2 * shift / size[low])))
+        energy: _Energy = lambda space: (operator @ space).T @ (operator @ space)  # noqa: E731
+        eigenvalues, shapes = _lanczos_modes(mass, stiffness, n_modes, shift, inverse, energy)
+    omega = np.sqrt(np.maximum(eigenvalues, 0.0))
+    return omega, shapes, np.minimum(rounding, _root_rounding(stiffness, omega, shapes))
+
+
+def _energy_of(stiffness: sparse.csc_array) -> _Energy:
+    return lambda space: space.T @ (stiffness @ space)
+
+
+def _lanczos_modes(
+    mass: sparse.csc_array,
+    stiffness: sparse.csc_array,
+    n_modes: int,
+    shift: float,
+    inverse: LinearOperator | None,
+    energy: _Energy,
+) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues nearest above `shift`, ascending, and mass-normalized vectors."""
+    start = np.random.default_rng(0).standard_normal(mass.shape[0])
+    eigenvalues, shapes = eigsh(stiffness, n_modes, mass, sigma=shift, which="LM", v0=start, OPinv=inverse)
+    order = np.argsort(eigenvalues)
+    eigenvalues, shapes = eigenvalues[order], shapes[:, order]
+    return (
+        (eigenvalues, shapes)
+        if inverse is None
+        else _add_missed_modes(energy, mass, shift, inverse, eigenvalues, shapes)
+    )
+
+
+def _strain_inverse(operator: sparse.csr_array, mass: sparse.csc_array, shift: float, scale: float) -> LinearOperator:
+    """The inverse of B'B + `shift` M from B itself, with `scale` about the least singular value of B of unit columns."""
+    n_strains, n = operator.shape
+    size = 1 / np.sqrt(np.asarray(operator.multiply(operator).sum(axis=0)).ravel())
+    scaling = sparse.diags_array(size)
+    scaled = sparse.csc_array(operator @ scaling)
+    corner = sparse.csc_array((-shift / scale) * (scaling @ mass @ scaling))
+    matrix = sparse.block_array([[scale * sparse.eye_array(n_strains), scaled], [scaled.T, corner]], format="csc")
+    factor = splu(sparse.csc_matrix(matrix))
+
+    def solve(forces: FloatArray) -> FloatArray:
+        columns = forces.reshape(n, -1)
+        right = np.concatenate([np.zeros((n_strains, columns.shape[1])), (-size / scale)[:, None] * columns])
+        return np.asarray(size[:, None] * factor.solve(right)[n_strains:]).reshape(forces.shape)
+
+    return LinearOperator((n, n), matvec=solve, matmat=solve, dtype=np.float64)
+
+
+def _root(
+    mass: FloatArray, stiffness: FloatArray, operator: sparse.csr_array | None, shift: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.intp]] | None:
+    """R with R'R = K + `shift` M, L with L L' = M, and the order of the degrees of freedom in both; None without an R."""
+    heavy = np.diag(mass) > 0
+    size = np.sqrt(np.where(heavy, np.diag(mass), 1.0))
+    principal, turn = linalg.eigh(mass / size[:, None] / size)
+    kept = principal > _MASSLESS
+    mass_root = size[:, None] * turn[:, kept] * np.sqrt(principal[kept])
+    if operator is None:
+        shifted = stiffness + shift * mass
+        scale = np.sqrt(np.maximum(np.diag(shifted), np.finfo(np.float64).tiny))
+        try:
+            triangle = linalg.cholesky(shifted / scale[:, None] / scale) * scale
+        except linalg.LinAlgError:
+            return None
+        return triangle, mass_root, np.arange(len(mass))
+    rows = np.concatenate([operator.toarray(), np.sqrt(shift) * mass_root.T])
+    rows = rows[np.argsort(-np.abs(rows).max(axis=1), kind="stable")]  # large rows first, or they spoil the small ones
+    triangle, order = linalg.qr(rows, mode="r", pivoting=True)
+    triangle = triangle[: len(mass)]
+    return (triangle, mass_root[order], order) if np.diag(triangle).all() else None
+
+
+def _modes_of_root(
+    triangle: FloatArray, mass_root: FloatArray, order: NDArray[np.intp], shift: float
+) -> tuple[FloatArray, FloatArray]:
+    """Circular frequencies, ascending, and mass-normalized shapes of a stiffness R'R - `shift` M."""
+    left, singular, _ = linalg.svd(linalg.solve_triangular(triangle, mass_root, trans="T"), full_matrices=False)
+    shapes = np.empty_like(left)
+    shapes[order] = linalg.solve_triangular(triangle, left) / singular
+    return np.sqrt(np.maximum(1 / singular**2 - shift, 0.0)), shapes
+
+
+def _root_rounding(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray) -> FloatArray:
+    """Relative errors of frequencies that come from strains."""
+    size = np.abs(shapes)
+    strained = np.sqrt(np.einsum("ij,ij->j", size, abs(stiffness) @ size))
+    errors = _ROOT_ROUNDINGS * np.finfo(np.float64).eps * strained
+    clear = omega[omega > errors]
+    return np.asarray(errors / np.maximum(omega, clear.min() if len(clear) else np.inf))
+
+
+def _rounding_errors(stiffness: sparse.csc_array, omega: FloatArray, shapes: FloatArray, error: float) -> FloatArray:
+    """Relative errors of frequencies by rounding of the stiffness matrix, and `error` of the eigenvalues beside it."""
+    size = np.abs(shapes)
+    errors = error + np.finfo(np.float64).eps * np.einsum("ij,ij->j", size, abs(stiffness) @ size)
+    clear = omega[omega**2 > errors]
+    return np.asarray(errors / (2 * np.maximum(omega, clear.min() if len(clear) else np.inf) ** 2))
+
+
+def _shift_below(stiffness: sparse.csc_array, mass: sparse.csc_array) -> tuple[float, LinearOperator | None]:
+    """A shift just below the lowest eigenvalues, and the inverse of the stiffness so shifted.
+
+    A mean of all eigenvalues is a safe shift, also for a structure that can move freely, but on a fine mesh it lies
+    millions of times above the lowest, which Lanczos then cannot tell apart. A few inverse iterations of a small block
+    show how far below they lie, and the shift follows until it is near them.
+    """
+    shift = -1e-3 * abs(stiffness.diagonal()).sum() / max(mass.diagonal().sum(), np.finfo(float).tiny)
+    least = _LEAST * shift
+    block: FloatArray = np.random.default_rng(0).standard_normal((stiffness.shape[0], _BLOCK))
+    while True:
+        inverse = _shifted_inverse(sparse.csc_array(stiffness - shift * mass))
+        if inverse is None:
+            return shift, None
+        for _ in range(_ITERATIONS):
+            block = _orthonormal(inverse.matmat(mass @ block))
+        low = _ritz(_energy_of(stiffness), mass, block)[0][-1]
+        if low >= -_NEAR * shift or shift == least:
+            return shift, inverse
+        shift = min(-low, least)
+
+
+def _add_missed_modes(
+    energy: _Energy,
+    mass: sparse.csc_array,
+    shift: float,
+    inverse: LinearOperator,
+    eigenvalues: FloatArray,
+    shapes: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """The lowest modes, with those among them that Lanczos has passed over.
+
+    From one vector it sees one of several modes with the same frequency, as of equal parts of a structure, and the
+    others by rounding alone. What a block of vectors finds beside `shapes` is put among them until nothing changes.
+    """
+    count, rng = len(eigenvalues), np.random.default_rng(1)
+    for _ in range(_MOST_ROUNDS):
+        block: FloatArray = rng.standard_normal((len(shapes), min(_BLOCK, len(shapes) - count)))
+        for _ in range(_ITERATIONS):
+            block = block - shapes @ (shapes.T @ (mass @ block))
+            block = _orthonormal(inverse.matmat(mass @ block))
+        values, space = _ritz(energy, mass, _orthonormal(np.hstack([shapes, block])))
+        change = np.abs(values[:count] - eigenvalues) / (np.abs(eigenvalues) - shift)
+        if change.max() <= _SAME:
+            break
+        values, space = _ritz(energy, mass, _orthonormal(inverse.matmat(mass @ space)))
+        eigenvalues, shapes = values[:count], space[:, :count]
+    return eigenvalues, shapes
+
+
+def _orthonormal(block: FloatArray) -> FloatArray:
+    return np.asarray(linalg.qr(block, mode="economic")[0])
+
+
+def _ritz(energy: _Energy, mass: sparse.csc_array, space: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Eigenvalues, ascending, and mass-normalized vectors of the best approximation in `space`."""
+    values, turn = linalg.eigh(energy(space), space.T @ (mass @ space))
+    return values, space @ turn
+
+
+def _shifted_inverse(shifted: sparse.csc_array) -> LinearOperator | None:
+    """The inverse of the shifted stiffness by the factorizer in use; None where its diagonal is not complete."""
+    shifted.sort_indices()
+    if not shifted.diagonal().all():
+        return None
+    factor = factorizer().analyse(shifted.indices, shifted.indptr).factor(shifted.data)
+    return LinearOperator(
+        shifted.shape,
+        matvec=lambda x: factor.solve(x.reshape(-1, 1))[:, 0],
+        matmat=factor.solve,
+        dtype=np.float64,
+    )
+
+
+def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Modes after motions without mass have been condensed statically: degrees of freedom, or combinations of them."""
+    heavy = np.diag(mass) > 0
+    if _is_definite(mass[np.ix_(heavy, heavy)]):
+        return _condensed_modes(mass, stiffness, heavy)
+    size = 1 / np.sqrt(np.where(heavy, np.diag(mass), 1.0))
+    principal, turn = linalg.eigh(size[:, None] * mass * size)
+    basis, heavy = size[:, None] * turn, principal > _MASSLESS
+    eigenvalues, shapes = _condensed_modes(np.diag(principal), basis.T @ stiffness @ basis, heavy)
+    return eigenvalues, basis @ shapes
+
+
+def _is_definite(mass: FloatArray) -> bool:
+    """Whether no combination of degrees of freedom is without mass, rounding apart."""
+    try:
+        pivots = np.diag(linalg.cholesky(mass, lower=True)) ** 2
+    except linalg.LinAlgError:
+        return False
+    return bool((pivots > _MASSLESS * np.diag(mass)).all())
+
+
+def _condensed_modes(
+    mass: FloatArray, stiffness: FloatArray, heavy: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Modes whose other degrees of freedom follow those that are `heavy`."""
+    if heavy.all():
+        return linalg.eigh(stiffness, mass)
+    light = ~heavy
+    try:
+        follow = -linalg.solve(stiffness[np.ix_(light, light)], stiffness[np.ix_(light, heavy)], assume_a="sym")
+    except linalg.LinAlgError as error:
+        raise SingularModelError(
+            "part of the model has neither mass nor stiffness: hold it, or give it one of them"
+        ) from error
+    condensed = stiffness[np.ix_(heavy, heavy)] + stiffness[np.ix_(heavy, light)] @ follow
+    eigenvalues, shapes = linalg.eigh(0.5 * (condensed + condensed.T), mass[np.ix_(heavy, heavy)])
+    full = np.zeros((len(mass), shapes.shape[1]))
+    full[heavy], full[light] = shapes, follow @ shapes
+    return eigenvalues, full

@@ -1,0 +1,141 @@
+"""The joint problem of several records: shared parameters have one start and one prior, and every record counts once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray, locked
+from structid.core.errors import InputError
+from structid.forward import RecordProblem
+from structid.forward.scatter import ScatterProblem, scatter_problems
+from structid.identification.varying import varying
+from structid.inversion import JointProblem, Problem
+from structid.inversion.problem import ContinuationPath, Schedule
+from structid.unknowns.named_unknowns import N, NamedUnknowns
+from structid.unknowns.priors import Prior, priors_of
+
+
+def joint_problem(problems: Sequence[RecordProblem]) -> Problem:
+    """The joint problem of all records and of the scatters between them; the problem itself where there is one."""
+    parts = _parts(problems)
+    return parts[0] if len(parts) == 1 else JointProblem(parts)
+
+
+def joint_schedules(problems: Sequence[RecordProblem]) -> Sequence[Schedule]:
+    """Schedules of the joint problem: those of each problem, joined stage by stage.
+
+    A problem with fewer schedules or stages than another stays in its last one, and one without any is as it is.
+    """
+    parts = _parts(problems)
+    if len(parts) == 1:
+        return problems[0].schedules()
+    schedules = [part.schedules() if isinstance(part, RecordProblem) else () for part in parts]
+    joined = []
+    for number in range(max(map(len, schedules))):
+        chosen = [every[min(number, len(every) - 1)] if every else () for every in schedules]
+        joined.append(tuple(_joint_stage(parts, chosen, k) for k in range(max(map(len, chosen)))))
+    return tuple(joined)
+
+
+def joint_paths(problems: Sequence[RecordProblem]) -> Sequence[ContinuationPath]:
+    """Continuation paths of the joint problem: its schedules, and those made for a start where there is one problem."""
+    return problems[0].continuation_paths() if len(_parts(problems)) == 1 else joint_schedules(problems)
+
+
+def joint_sample(problems: Sequence[RecordProblem]) -> Problem | None:
+    """The joint problem with a part of the data, for searches; None where every problem is small enough."""
+    parts = _parts(problems)
+    samples = [part.subsampled() if isinstance(part, RecordProblem) else None for part in parts]
+    if all(sample is None for sample in samples):
+        return None
+    if len(parts) == 1:
+        return samples[0]
+    return JointProblem(tuple(sample or whole for sample, whole in zip(samples, parts, strict=True)))
+
+
+def joint_obstacle(problems: Sequence[RecordProblem]) -> str:
+    """Obstacle to a matrix-free search of the joint problem, in words; "" where there is none."""
+    obstacles = [problem.matrix_free_obstacle for problem in problems]
+    if scatter_problems(problems):
+        obstacles.append("takes no unknown that varies from record to record")
+    return next(filter(None, obstacles), "")
+
+
+def _parts(problems: Sequence[RecordProblem]) -> tuple[RecordProblem | ScatterProblem, ...]:
+    """Problems of the records, then those of the scatters between them."""
+    return (*problems, *scatter_problems(problems))
+
+
+def _joint_stage(parts: Sequence[Problem], schedules: Sequence[Schedule], stage: int) -> tuple[str, JointProblem]:
+    """One stage of each schedule: its last one where it has fewer, or the whole problem where it has none."""
+    reached = [
+        schedule[min(stage, len(schedule) - 1)] if schedule else ("", part)
+        for part, schedule in zip(parts, schedules, strict=True)
+    ]
+    names = ", ".join(dict.fromkeys(name for name, _ in reached if name))
+    return names, JointProblem(tuple(problem for _, problem in reached), first_prior_counts=True)
+
+
+def indices_of(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
+    """Indices in `names` of the names `wanted`."""
+    place = {name: i for i, name in enumerate(names)}
+    return np.array([place[name] for name in wanted], dtype=int)
+
+
+def first_values(
+    names: tuple[str, ...], problems: Sequence[RecordProblem], values: Callable[[NamedUnknowns], FloatArray]
+) -> FloatArray:
+    """Values of all parameters `names`, each from the first problem that has it."""
+    known: dict[str, float] = {}
+    for problem in problems:
+        for name, value in zip(problem.names, values(problem.unknowns), strict=True):
+            known.setdefault(name, value)
+    return np.array([known[name] for name in names])
+
+
+def harmonize_shared_parameters(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[RecordProblem, ...]:
+    """Copies of the problems in which parameters of one name have one start and the prior that any of them states.
+
+    What varies from record to record has a value of its own in each of them.
+
+    Parameters
+    ----------
+    problems : sequence of RecordProblem
+    titles : sequence of str
+        What each record is called.
+
+    Raises
+    ------
+    InputError
+        If two of them state different priors or scatters of one parameter, or too few records have one that varies.
+    """
+    problems = varying(problems, titles)
+    if len(problems) == 1:
+        return tuple(problems)
+    first: dict[str, tuple[NamedUnknowns, int]] = {}
+    priors: dict[str, Prior] = {}
+    for part in (part for problem in problems for part in problem.parts):
+        for i, name in enumerate(part.names):
+            first.setdefault(name, (part, i))
+            stated = part.priors.one(i)
+            if stated is not None and priors.setdefault(name, stated) != stated:
+                raise InputError(f"prior of {name} must be the same in all set-ups, got two; state it once, or alike")
+    return tuple(
+        problem.with_parts([_begun_alike(part, first, priors) for part in problem.parts]) for problem in problems
+    )
+
+
+def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, Prior]) -> N:
+    """A copy with start and scale of each unknown from where `first` has it, and with these `priors`."""
+    if not unknowns.names:
+        return unknowns
+    origin = [first[name] for name in unknowns.names]
+    return replace(
+        unknowns,
+        start=locked([one.start[i] for one, i in origin], float),
+        scale=locked([one.scale[i] for one, i in origin], float),
+        priors=priors_of(priors.get(name) for name in unknowns.names),
+    )

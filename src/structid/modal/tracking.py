@@ -1,0 +1,122 @@
+"""Modes of one structure followed over its records: which mode of one record is which of the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
+from structid.core.errors import InputError
+from structid.modal.merging import common_sensors, pair_worth
+from structid.modal.modal_record import ModalRecord
+from structid.similarity.pairing import assigned
+
+_LEAST_WORTH = 0.5  # of a mode beside the last one of its track
+_LEAST_RECORDS = 2  # in which a mode must be seen, to be a track
+
+
+@dataclass(frozen=True, eq=False)
+class ModeTracks:
+    """Modes that are seen in several records.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What the records are called.
+    members : (n_records, n_tracks) int array
+        Number (from 0) of the mode in every record; -1 where it was not seen.
+    frequency, frequency_std, damping_ratio, damping_std : (n_records, n_tracks) float arrays
+        Hz and 1; NaN where the mode was not seen.
+    likeness : (n_records, n_tracks) float array
+        MAC with the last record that shows the mode, at the sensors that all records have; NaN for the first.
+    alone : tuple of (int, float)
+        Record, and frequency in Hz, of modes that no other record shows.
+    """
+
+    names: tuple[str, ...]
+    members: IntArray
+    frequency: FloatArray
+    frequency_std: FloatArray
+    damping_ratio: FloatArray
+    damping_std: FloatArray
+    likeness: FloatArray
+    alone: tuple[tuple[int, float], ...]
+
+    @property
+    def n_tracks(self) -> int:
+        return self.members.shape[1]
+
+    @property
+    def change(self) -> FloatArray:
+        """Frequency over the first one of its track, less 1, (n_records, n_tracks)."""
+        first = np.array([column[np.isfinite(column)][0] for column in self.frequency.T])
+        return np.asarray(self.frequency / first - 1)
+
+
+def track_modes(
+    records: Sequence[ModalRecord], names: Sequence[str] | None = None, frequency_guard: float = 0.1
+) -> ModeTracks:
+    """The modes of `records`, in their order in time, put together to tracks.
+
+    Each record is paired with the tracks so far so that the sum of MAC times 1 / (1 + (log(f / f_last) / guard)^2), against
+    the last mode of each track, is as large as it can be; pairs worth less than one half are none, and begin a track. A track
+    may pause, and drift without limit.
+
+    Parameters
+    ----------
+    records : sequence of ModalRecord
+        Two or more, with a sensor in common.
+    names : sequence of str, optional
+        What the records are called.
+    frequency_guard : float
+        A pair is worth half as much at this logarithmic distance in frequency.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two records, they have no sensor in common, or no mode is seen twice.
+    """
+    called = tuple(names) if names is not None else tuple(f"record {i}" for i in range(1, len(records) + 1))
+    if len(records) < 2:
+        raise InputError(f"`records` must be two or more for modes to be followed, got {len(records)}")
+    shared = common_sensors([record.channels for record in records], None, called)
+    tracks: list[dict[int, int]] = []
+    alike: list[dict[int, float]] = []
+    for number, record in enumerate(records):
+        rest = set(range(record.n_modes))
+        if tracks and record.n_modes:
+            last = [max(track) for track in tracks]
+            likeness, worth = np.zeros((2, record.n_modes, len(tracks)))
+            for before in set(last):
+                mac, value = pair_worth(record, records[before], shared, frequency_guard)
+                for place in (place for place, seen in enumerate(last) if seen == before):
+                    likeness[:, place], worth[:, place] = (part[:, tracks[place][before]] for part in (mac, value))
+            for mode, place in zip(*assigned(worth), strict=True):
+                if worth[mode, place] >= _LEAST_WORTH:
+                    tracks[place][number] = int(mode)
+                    alike[place][number] = float(likeness[mode, place])
+                    rest.discard(int(mode))
+        tracks += [{number: mode} for mode in sorted(rest)]
+        alike += [{} for _ in rest]
+    kept = [i for i, track in enumerate(tracks) if len(track) >= _LEAST_RECORDS]
+    if not kept:
+        raise InputError(
+            f"{', '.join(called)} have no mode in common: no MAC at the shared sensors with a frequency nearby; check the"
+            " senses of the sensors, or widen `frequency_guard`"
+        )
+    kept.sort(key=lambda i: np.mean([records[n].frequency[m] for n, m in tracks[i].items()]))
+    members = np.array([[tracks[i].get(n, -1) for i in kept] for n in range(len(records))], dtype=int)
+    alone = [(n, float(records[n].frequency[m])) for t in tracks if len(t) < _LEAST_RECORDS for n, m in t.items()]
+    frequency, frequency_std, damping, damping_std = (
+        np.array([np.append(values, np.nan)[row] for values, row in zip(every, members, strict=True)])
+        for every in (
+            [record.frequency for record in records],
+            [record.frequency_std for record in records],
+            [record.damping_ratio for record in records],
+            [record.std[record.n_modes :] for record in records],
+        )
+    )
+    mac_of = np.array([[alike[i].get(n, np.nan) for i in kept] for n in range(len(records))])
+    return ModeTracks(called, members, frequency, frequency_std, damping, damping_std, mac_of, tuple(sorted(alone)))
