@@ -50,7 +50,7 @@ def predictive(found: Answer, arrangements: Sequence[int], model: Model) -> tupl
     The covariance of an arrangement's errors is that of its frequencies plus what its own clamp and the parameters add.
     """
     known = dict(zip(found.estimate.names, found.estimate.values, strict=True))
-    scatter = {one.name: one.scatter for one in found.priors.varied}
+    scatter = {one.name: one.scatter for one in found.varied}
     errors, density, n = [], 0.0, 0
     for part in problems("healthy", arrangements, model):
         theta = part.unknowns.transforms.free(np.array([known[name] for name in part.names]))
@@ -88,8 +88,8 @@ def report_choices(arrangements: Sequence[int], names: Sequence[str], model: Mod
             density.append(part[1])
         of = found.estimate
         masses = " ".join(f"{100 * of[f'mass[{one}]'][0] / LENGTH:.2f}" for one in MASSES)
-        words = "; ".join(one.words for one in found.priors.varied)
-        outlying = [words for one in found.priors.varied for words in one.outlying_words]
+        words = "; ".join(one.words for one in found.varied)
+        outlying = [words for one in found.varied for words in one.outlying_words]
         rms = np.sqrt((np.concatenate(errors) ** 2).mean())
         print(
             f"  {name:32s} error {100 * fitted.error:.3f} % | held out {rms:.3f} %, density {np.mean(density):+.3f}"
@@ -116,7 +116,7 @@ def report_losses(arrangements: Sequence[int], model: Model) -> None:
         found = both(state, arrangements, model)
         share, std, _ = loss(found.estimate, accelerometer=False)
         low, high = share - 1.96 * std, share + 1.96 * std
-        varied = found.priors.varied
+        varied = found.varied
         print(
             f"  {state}: lost {share:.2f} +- {std:.2f} % [{low:.2f}, {high:.2f}], reference {reference:.2f}"
             f" {'inside' if low <= reference <= high else 'OUTSIDE'}; chi2/dof {found.estimate.chi_square_per_dof:.2f},"
