@@ -458,7 +458,7 @@ def _judged(
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(identification) else _off(identification)
     is_far = estimate.goodness.misfit > FAR_BEYOND
-    moving = None if fits_noise(identification) else _moving(suggestions)
+    moving = None if fits_noise(identification) else find_moving_change(suggestions)
     if moving is not None:
         change, shift = moving
         words = (
@@ -538,9 +538,13 @@ def _judged(
     return Judgement("approximate", words, (misfit, *pushed, *map(_apart, apart)))
 
 
-def _moving(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
-    """The first of the likeliest changes that moves a value beyond its interval, and the value that it moves farthest."""
-    for change in (one for k, one in enumerate(changes) if k == 0 or one.is_alike):
+def find_moving_change(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
+    """The first of the likeliest changes that removes most of the misfit and moves a value beyond its interval, and that value.
+
+    A change that removes less is carried by the intervals, which include it.
+    """
+    likely = [change for k, change in enumerate(changes) if k == 0 or change.is_alike]
+    for change in (one for one in likely if one.share >= MOST_OF_MISFIT):
         shift = next((shift for shift in change.moved if _matters(shift)), None)
         if shift is not None:
             return change, shift
