@@ -33,7 +33,7 @@ def intervals_of(fitted: Fitted, level: float) -> Ends:
 
 
 def widened(found: Identification, likely: Sequence[Fitted], direction: str | None) -> Identification:
-    """An answer whose intervals and standard deviations reach over enlarged models that may be the truth.
+    """The identification with intervals and standard deviations that cover likely changed models as well.
 
     Intervals are the union of its own and theirs; its covariance is the mean over all of these models of their own
     covariance and of the square of their distance from its values. No weights: with misfits as large as those of wrong models they

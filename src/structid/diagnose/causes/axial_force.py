@@ -32,6 +32,7 @@ class AxialForce(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
+        """A candidate axial force for each beam or bar set that has none; no candidates for many sets."""
         structure = model.setups[0].structure
         slack = [
             one

@@ -33,7 +33,7 @@ class DryFriction(Candidate):
 
     @classmethod
     def can_act(cls, receptances: Receptances) -> bool:
-        """Whether the record has one load, and that is a force."""
+        """Friction can be looked at in this record: its only load is a measured force."""
         problem = receptances.problem
         return len(problem.record.inputs) == 1 and problem.facts.measures_force
 
