@@ -21,7 +21,7 @@ _LOUDEST, _SKIRT = 6, 4
 
 
 def scaled_misfit(squares: float, n_rows: int) -> float:
-    """Misfit of rows with a sum of `squares`, their errors larger by the likeliest factor where that helps.
+    """Misfit, -2 ln likelihood, of rows with this sum of squares, their errors larger by the likeliest factor.
 
     Rows as stated have `squares` instead; one parameter is the price of the factor.
     """
