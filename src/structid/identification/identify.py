@@ -74,7 +74,7 @@ def identify_together(
     progress: StageProgress | None = None,
     work: Work = ALONE,
 ) -> Identification:
-    """Identification of parameters from several records in one fit, of one structure in different states.
+    """Identification of parameters from several records of a structure, with other sensors, loads, supports or masses.
 
     Records of responses (`Setup`), of modes (`ModalSetup`) and of time histories (`TimeSetup`) go together as they come.
     Very many parameters are searched for without a Jacobian; see `IdentifyOptions.matrix_free`.
