@@ -105,7 +105,7 @@ def effect_of_coupling(receptances: Receptances, directions: Directions, k: Comp
 
 
 def effect_of_friction(receptances: Receptances, directions: Directions, strengths: FloatArray) -> ComplexArray:
-    """Change of the FRF for dry friction r per unit of drive along one direction, by harmonic balance: stiffness i r / |x|.
+    """Change of the FRF by dry friction r (force per unit load) in one direction, as a stiffness i r / |x|.
 
     |x| is the sliding amplitude with friction: |x|^2 - 2 r |x| Im g + r^2 |g|^2 = |x0|^2, where x0 is the motion without it
     and g = d' Z^-1 d. For one load.
@@ -124,7 +124,7 @@ def effect_of_friction(receptances: Receptances, directions: Directions, strengt
 def effect_of_release(
     receptances: Receptances, coupling: ComplexArray, own: ComplexArray, strengths: FloatArray
 ) -> ComplexArray:
-    """Change of the FRF for a part that gets a compliance q: dh = (R'y)' q / (1 + q zeta) R'x, zeta = Z_cc - R' Z^-1 R.
+    """Change of the FRF by a compliance q: dh = (R'y)' q / (1 + q zeta) R'x, zeta = Z_cc - R' Z^-1 R.
 
     Parameters
     ----------

@@ -217,7 +217,7 @@ def _diagnose_sound(
 
 
 def _can_be_asked(model: TestedModel, identification: Identification) -> bool:
-    """A linear look at all single changes is possible and quick: small models, FRFs, and a known Jacobian."""
+    """True where a first-order test of all single changes is quick: small models, FRFs, and a known Jacobian."""
     are_frfs = all(isinstance(problem, FrfProblem) for problem in identification.problems)
     is_whole = identification.target is not None and identification.estimate.uncertainty.has_matrix
     return are_small(model.setups) and are_frfs and is_whole and model.setups[0].structure.has_matrices

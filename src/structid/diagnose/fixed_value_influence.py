@@ -1,4 +1,4 @@
-"""What the values of an answer rest on: the properties that its model holds."""
+"""Sensitivity of identified values to the properties that the model fixes."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class FixedValueSensitivity:
         return f"{words}, and then {self.parameters[at]} {_percent(self.influence[at] * self.pull)}"
 
     def is_doubted(self, among: int, risk: float = DOUBT_RISK) -> bool:
-        """The record prefers another value, beyond chance among `among` fixed ones, and a parameter moves."""
+        """True where the record prefers another value, beyond chance `among` so many, and it matters."""
         if not self.pull_std > 0 or self.moved_by_pull is None or abs(self.pull) <= DOUBTED_TOLERANCES * self.tolerance:
             return False
         return abs(self.pull) > float(special.ndtri(1 - risk / (2 * among))) * self.pull_std

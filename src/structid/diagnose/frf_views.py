@@ -68,7 +68,7 @@ class View:
 def views(
     setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray], options: IdentifyOptions
 ) -> tuple[View, ...]:
-    """Every record as FRFs.
+    """Records of a study as FRFs: as measured, averaged from histories, or synthesized from modes.
 
     Parameters
     ----------

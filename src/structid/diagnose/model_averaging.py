@@ -22,7 +22,7 @@ Ends = dict[str, tuple[float, float]]
 
 
 def intervals_of(fitted: Fitted, level: float) -> Ends:
-    """Normal intervals of the free variables of a fitted study, in physical units by name; see `Estimate.interval`."""
+    """Normal intervals at `level` of the parameters of a fitted study, (low, high) in physical units by name."""
     target, theta = fitted.modified.target, fitted.theta
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         std = np.sqrt(np.diag(fitted.covariance_with_tolerances)) / np.abs(target.slope(theta))

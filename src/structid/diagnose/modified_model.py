@@ -165,7 +165,7 @@ class ModifiedModel:
         return JointProblem(self.anchored_problems(), first_prior_counts=True)
 
     def anchored_problems(self) -> tuple[RecordProblem, ...]:
-        """Problems of the anchored fit: log-FRFs on some lines with 10 % of model error; modes as they are.
+        """Problems of the quick fit: log-FRFs on some lines with 10 % of model error; modes as they are.
 
         Every parameter is held near its start.
         """
@@ -198,7 +198,7 @@ class ModifiedModel:
         return point_at(problems, theta, silent, most_lines)
 
     def fit_near(self, above: float = np.inf) -> NearFit:
-        """The anchored fit, begun at the nearest smoothed stages; it ends early where its misfit would stay `above`."""
+        """The quick fit with parameters held near their start; it ends early where its misfit would stay `above`."""
         theta, stop = np.asarray(self.target.theta_start), time_limit_callback(self.fit_seconds)
         for _, stage in self.smoothed(NEAR_LEVELS):
             theta = minimize(stage, QUICK, theta, stop).theta

@@ -122,7 +122,7 @@ class Receptances:
 
     @cached_property
     def under_loads(self) -> ComplexArray:
-        """x = G f under forces, x = b - G Z b under motions b of supports, (n_lines, n_dofs, n_inputs)."""
+        """Motion x = G f under unit forces f, or x = b - G Z b under support motions b, (n_lines, n_dofs, n_inputs)."""
         loads = self.structure.selection(self.problem.record.inputs).toarray()
         if not self._bases:
             return self.flexibility @ loads

@@ -101,7 +101,7 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, cost: float, aside: fl
 
 
 def is_beyond_noise(fitted: Fitted) -> bool:
-    """A fit leaves more misfit than chance makes of noise, with fixed values as they are."""
+    """True where a fit leaves more misfit than chance makes of noise, with fixed values as they are."""
     target = fitted.modified.target
     dof = target.n_data - n_parameters(fitted.modified)
     return dof > 0 and misfit_probability(target, fitted.cost - fitted.aside, dof) < MISFIT
@@ -136,7 +136,7 @@ Item = tuple[Candidate, float, FloatArray]
 
 
 def fit_near(base: Fitted, change: Near, tools: Tools) -> Fit:
-    """Free variables and misfit of the anchored fit of a change; empty where the model has no place for it.
+    """Free variables and misfit of a quick fit with a change, parameters held near their start; empty if impossible.
 
     The misfit is only known to be above the one given where it would end there.
     """
@@ -151,7 +151,7 @@ def fit_near(base: Fitted, change: Near, tools: Tools) -> Fit:
 
 
 def fit_fully(base: Fitted, item: Item, tools: Tools) -> Fit:
-    """The fit of a change as the options ask for, started at the near fit; empty where no model has the change."""
+    """The fit of a change as the options ask for, started at its quick fit; empty where no model has the change."""
     candidate, strength, theta = item
     try:
         if isinstance(candidate, OtherState) and not _fits_alone(base, candidate):
@@ -163,7 +163,7 @@ def fit_fully(base: Fitted, item: Item, tools: Tools) -> Fit:
 
 
 def _is_no_gain(base: Fitted, found: Fitted) -> bool:
-    """The fitted gain is so far from 1 that it only leaves the channel out, and it is that of no unit."""
+    """True where the fitted gain is so far from 1 that it only leaves the channel out, and is that of no unit."""
     candidate = found.cause
     assert isinstance(candidate, SensorGain | LoadGain)
     added = [value for name, value in found.values.items() if name not in base.values and value > 0]
@@ -195,7 +195,7 @@ def reuse_equivalent_fit(base: Fitted, item: tuple[Task, Near | Item, Fit], tool
 
 
 def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
-    """The model fits the candidate's record by itself, with values of its own, so that it may be of another state.
+    """True where the model fits the candidate's record by itself, with values of its own, as another state.
 
     Without one of two records little is left to misfit, whatever is wrong with the model.
     """
@@ -292,7 +292,7 @@ def _seen_from(base: Fitted, modified: ModifiedModel, theta: FloatArray, of: Pro
 
 
 def _left_out(base: Fitted, modified: ModifiedModel, theta: FloatArray, is_near: bool = False) -> float:
-    """Misfit of the data that the last change leaves out, in the fit or, with `is_near`, in the anchored one.
+    """Misfit of the data that the last change leaves out; with `is_near` in the form of the quick fit.
 
     Their errors are larger by the likeliest factor.
     """

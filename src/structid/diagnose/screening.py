@@ -90,7 +90,7 @@ def _stepped(base: Fitted, change: Sized, tools: Tools) -> dict[str, float]:
 
 
 def screening_points(base: Fitted) -> list[Point]:
-    """Linearized problems to screen candidates at: on smoothed data, at the anchored fit, and at the fit."""
+    """Linearized problems to screen candidates at: on smoothed data, at the quick fit, and at the fit."""
     modified, points = base.modified, []
     if modified.is_large:  # every fit costs
         start = np.asarray(modified.target.theta_start)
@@ -279,7 +279,7 @@ def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
 
 
 def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: TimeBudget) -> list[Screened]:
-    """The candidates sorted by the misfit of the modes themselves after a linear step; the first few keep their place.
+    """Candidates sorted by the misfit of measured modes after a linear step; the first few keep their place.
 
     Modes weigh a change quite unlike the FRFs that they make up: where those promise a tenth, four fifths may go.
     """

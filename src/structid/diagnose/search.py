@@ -176,7 +176,7 @@ def _of_two(explanation: Explanation, work: Work, budget: TimeBudget, tried: Seq
 
 
 def _first(explanation: Explanation, item: Item, work: Work) -> Fitted | None:
-    """The fit to the end of a change that was fitted near; None where it has none."""
+    """The full fit of a change that had a quick fit (its free variables are in `item`); None where it fails."""
     known = [one for one in explanation.causes if one.cause.place == item[0].place]
     fits = known or _refits(explanation.base, [item], work, "a first of two causes")
     return fits[0] if fits else None
@@ -187,7 +187,7 @@ def _paired(explanation: Explanation, work: Work, budget: TimeBudget) -> Explana
 
     Beside the second, another first is looked for: a change that only looks like the first of two faults gives way once the
     second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
-    nothing, a second is looked for beside the next of the first causes.
+    nothing, a second is looked for with another of the first causes.
     """
     if budget.left < explanation.spent / 2:
         return replace(explanation, is_single=True)
@@ -252,7 +252,7 @@ def _from_next(
 
 
 def _is_better(one: Explanation, other: Explanation) -> bool:
-    """The first cause of `one` has a clearly better criterion than that of `other`."""
+    """True where the first cause of `one` has a clearly better criterion than that of `other`."""
     if not one.causes:
         return False
     mine, theirs = one.causes[0], other.causes[0]
@@ -289,7 +289,7 @@ def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | Non
 
 
 def _from_elsewhere(base: Fitted) -> Fitted | None:
-    """The unchanged study fitted from the near fit that candidates start at; None where that is not clearly better."""
+    """The unchanged study fitted anew from its quick fit; None where that is not clearly better than `base`."""
     try:
         minimum = base.modified.fitted([base.modified.fit_near().theta, base.theta])
     except (StructidError, np.linalg.LinAlgError):
@@ -299,7 +299,7 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
 
 
 def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
-    """An explanation of the misfit of `base` by single changes: screened, fitted near, the likeliest fitted fully."""
+    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully."""
     clock, looks = TimeBudget(), budget.part(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
     problems = base.modified.problems
@@ -345,7 +345,7 @@ def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Ex
 
 
 def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
-    """Ranks, for near fits, of changes without a linear look: behind the finalists, except supports that turn together.
+    """Ranks, for quick fits, of changes without a first-order test: supports that turn together come first.
 
     These come first where a look promises something of one of them.
     """
@@ -380,7 +380,7 @@ def _fit_near_all(
     name: str,
     budget: TimeBudget,
 ) -> list[Fit | None]:
-    """Near fits of every change, of those of low `rank` first; None of those that there is no time for.
+    """Quick fits (`fit_near`) of every change, of low `rank` first; None of those that there is no time for.
 
     Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
     whatever comes of it.
@@ -565,7 +565,7 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
 
 
 def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
-    """A local resonance is the mass or spring that it has as a limit, or fits no better by a likelihood ratio."""
+    """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it."""
     if not isinstance(one.cause, Appendage):
         return False
     limit, dof = _limit_of(base, one), parse_dof(one.cause.where[0])
@@ -592,7 +592,7 @@ def _criterion(base: Fitted, one: Fitted, scale: float) -> float:
 
 
 def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:
-    """A change lowers the misfit by more than chance among all `tried`, and by a part that matters."""
+    """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters."""
     more = max(n_parameters(one.modified) - len(base.modified.target.names), 1)
     drop = base.misfit - one.misfit
     probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
@@ -601,7 +601,7 @@ def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:
 
 
 def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
-    """Data that a change leaves out miss more than the others, by an F test; true where none are left out."""
+    """True where data that a change leaves out miss more than the others, by an F test, or none are left out."""
     left = one.modified.target.n_data
     out = base.modified.target.n_data - left
     if out <= 0:

@@ -216,7 +216,7 @@ def noise_ratio(identification: Identification) -> float | None:
 
 
 def fits_noise(identification: Identification) -> bool:
-    """The residual is what the noise leaves: it has the right size, as a whole and in parts, and no order."""
+    """True where the residual is what the noise leaves: of the right size, as a whole and in parts, and without order."""
     fixed = identification.estimate.fixed
     if identification.missed or (fixed is not None and fixed.beyond):
         return False
@@ -237,13 +237,13 @@ def _is_quiet(identification: Identification) -> bool:
 
 
 def _is_unforced(identification: Identification) -> bool:
-    """The search converged, and no parameter has run away or is at a bound that the data push at."""
+    """True where the search converged, and no parameter ran away or is at a bound that the data push at."""
     forced = identification.ran_away or any(one.is_pushed for one in identification.estimate.spread.at_bound)
     return identification.estimate.status is Status.CONVERGED and not forced
 
 
 def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
-    """The changes are the causes of the misfit, and do not only lower it.
+    """True where changes are the causes of the misfit, and do not only lower it.
 
     The first is where it leaves no more than noise and tolerances do, and removes most of the misfit or moves a value by more
     than its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. A change
@@ -270,7 +270,7 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 
 
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
-    """The first cause leaves no more than noise, and it removes most of the misfit or moves a value that matters."""
+    """True where a cause leaves no more than noise, and removes most of the misfit or moves a value that matters."""
     left = cause.rest_per_dof if cause.leaves_data_out else cause.chi_square_per_dof
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
     is_noise = cause.leaves_noise or left <= NOISE_TOLERANCE * expected
@@ -289,7 +289,7 @@ def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
 
 
 def _is_scatter(cause: Cause) -> bool:
-    """A cause is one element that differs from its group no more than manufacture makes it, and nothing moves."""
+    """True where one element differs from its group no more than manufacture makes it, and no value moves."""
     is_small = all(unit == "1" and abs(ratio - 1) < ELEMENT_SCATTER for _, ratio, unit in cause.found[:1])
     return cause.kind == "untied" and is_small and not any(map(_matters, cause.moved))
 
@@ -322,7 +322,7 @@ def judged(
     untried : str
         Why no changes were tried, where they might tell more.
     held : sequence of FixedValueSensitivity
-        What the values rest on.
+        Fixed values with the sensitivity of the answer to them.
     is_asked : bool
         Whether the record of an answer within its noise asks for the `suggestions` beyond chance.
     work : Work
@@ -571,7 +571,7 @@ def _by_priors(identification: Identification) -> list[str]:
 
 
 def _is_large(identification: Identification) -> bool:
-    """The misfit is large beside the measured responses or modes, not only beside a very small noise."""
+    """True where the misfit is large beside the measured responses or modes, not only beside a small noise."""
     measured = [(fit.judged.record.values, fit.judged.final) for fit in identification.fits]
     of_frfs = [bool(np.linalg.norm(of_model - own) > LARGE_ERROR * np.linalg.norm(own)) for own, of_model in measured]
     of_modes = [

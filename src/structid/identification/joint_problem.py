@@ -57,7 +57,7 @@ def joint_sample(problems: Sequence[RecordProblem]) -> Problem | None:
 
 
 def joint_obstacle(problems: Sequence[RecordProblem]) -> str:
-    """Obstacle to a matrix-free search of the joint problem, in words; "" where there is none."""
+    """The obstacle to a matrix-free search of the joint problem, in words; "" where there is none."""
     obstacles = [problem.matrix_free_obstacle for problem in problems]
     if scatter_problems(problems):
         obstacles.append("takes no unknown that varies from record to record")

@@ -217,7 +217,7 @@ def sum_over_poles(reduced: ReducedMatrices, damping: FloatArray | None = None) 
 
 
 def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float, derivatives: int) -> FloatArray:
-    """Motion from rest under loads that run in straight lines between samples, exact at the samples: (n_times, n_outputs).
+    """Motion (n_times, n_outputs) from rest under loads that are linear between samples, exact at the samples.
 
     Parameters
     ----------

@@ -226,7 +226,7 @@ class _Equations:
 
     @classmethod
     def of(cls, reduced: ReducedMatrices, derivatives: int) -> _Equations:
-        """State equations with modal displacements (times omega) and speeds; their outputs are 0 to 2 derivatives."""
+        """State equations of modal displacements (times omega) and speeds; outputs are speeds for 1, 2 derivatives."""
         rigid = reduced.is_rigid
         order = np.concatenate([np.flatnonzero(rigid), np.flatnonzero(~rigid)])
         omega, n, n_rigid = reduced.omega[order], len(order), int(rigid.sum())

@@ -53,7 +53,7 @@ class AxialForce(Candidate):
 
 
 def _first_guess(structure: Structure, element: ElementSet) -> float:
-    """The Euler load of a set as one pinned strut, or the force of a small strain where it does not bend, N."""
+    """A first guess of a set's axial force, N: its Euler load as one strut, or that of a small strain for bars."""
     values = vars(element)
     bending = next((values[key] for key in _BENDING if key in values), None)
     if bending is None:

@@ -33,7 +33,7 @@ class DryFriction(Candidate):
 
     @classmethod
     def can_act(cls, receptances: Receptances) -> bool:
-        """Friction can be looked at in this record: its only load is a measured force."""
+        """True where the record has one load, a measured force: friction is computed for that alone."""
         problem = receptances.problem
         return len(problem.record.inputs) == 1 and problem.facts.measures_force
 

@@ -81,7 +81,7 @@ class ShearFlexibility(Candidate):
 
 
 def _acts(structure: Structure, item: Property) -> bool:
-    """A stiffness property acts on free degrees of freedom: its matrix there is not zero."""
+    """True where a stiffness property acts on free degrees of freedom: its assembled matrix is not zero."""
     own = [part for part in structure.contributions if part.law == "elastic" and part.value == item.values]
     return any(part.blocks.assemble(part.weights(structure.values)).count_nonzero() for part in own)
 

@@ -76,7 +76,7 @@ class Aligned:
 
 
 def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
-    """Mean cosine of the angle between two arrays over the first axis; NaN where there are no values."""
+    """Mean cosine of the phase angle between two complex arrays over the first axis; NaN where there are no values."""
     product = measured * model.conj()
     cosine = product.real / np.maximum(np.abs(product), np.finfo(float).tiny)
     count = (~np.isnan(cosine)).sum(axis=0)

@@ -94,7 +94,7 @@ class MeshErrors:
 
     @property
     def half_bandwidths(self) -> FloatArray:
-        """Errors in half-bandwidths, without sign."""
+        """Relative errors over damping ratios, without sign, (n_judged,): parts of half the resonance width."""
         return np.abs(self.error) / self.damping_ratio
 
     @property
