@@ -216,7 +216,7 @@ def noise_ratio(identification: Identification) -> float | None:
 
 
 def fits_noise(identification: Identification) -> bool:
-    """True where the residual is what the noise leaves: of the right size, as a whole and in parts, and without order."""
+    """True where the residual is what the noise leaves: of the right size, in whole and in parts, and without order."""
     fixed = identification.estimate.fixed
     if identification.missed or (fixed is not None and fixed.beyond):
         return False
