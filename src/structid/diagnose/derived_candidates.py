@@ -25,7 +25,7 @@ _NEIGHBOURS = 4
 
 
 def derived_candidates(base: Fitted, shortlist: Shortlist) -> list[Screened]:
-    """Further changes that are worth a fit, which follow from the ones that a linear look promises much of.
+    """Further changes that are worth a fit, which follow from the most promising screened ones.
 
     Sensors that are late together, masses off their nodes otherwise, sensors of the wrong sense and at other nodes where they
     are better left out, loads at other nodes, and feet that let go of all rotations.

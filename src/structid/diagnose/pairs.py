@@ -21,7 +21,7 @@ from structid.inversion.search.work import Tools, Work
 
 
 def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget: TimeBudget = UNLIMITED) -> list[Item]:
-    """Changes, best first, beside which a linear look promises that a second one leaves little misfit.
+    """Changes, best first, beside which the best screened second change leaves little misfit.
 
     Looks are taken at near fits, of the logarithm of the FRFs with the start held: a full fit of one of two faults is bent
     to the other.
@@ -51,7 +51,7 @@ def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget
 
 
 def _looked_beside(base: Fitted, item: Item, tools: Tools) -> dict[str, float]:
-    """The misfit that the best second change beside this one leaves by a linear look; infinite where there is none."""
+    """The misfit that the best second change beside this one leaves, parameters following linearly; else infinite."""
     candidate, strength, theta = item
     try:
         modified = base.modified.changed(candidate, strength)

@@ -89,7 +89,7 @@ class Point:
         return float(rest[keep] @ rest[keep]) + scaled_misfit(float(rest[~keep] @ rest[~keep]), int((~keep).sum()))
 
     def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
-        """Every candidate with the strength that removes most of the misfit, by a linear look, in the given order."""
+        """Every candidate, in the given order, with its best strength, the parameters following linearly."""
         keys = [self._key(candidate) for candidate in candidates]
         known: dict[_Key, _Look] = {}
         for key, candidate in zip(keys, candidates, strict=True):
@@ -143,7 +143,7 @@ class Point:
         return *values, *moves
 
     def _look(self, candidate: Candidate) -> _Look:
-        """A candidate's misfit at each of its strengths, and what its slope promises."""
+        """A candidate's misfit at each strength, parameters following linearly, and what its slope promises."""
         strengths = candidate.strengths
         if len(strengths) == 1:
             left = self._left_by(candidate, strengths)
@@ -156,7 +156,7 @@ class Point:
         return _Look(strengths, left, step, float(min(left.min(), linear)))
 
     def _closer(self, candidate: Candidate, look: _Look) -> _Look:
-        """The look at a candidate with further strengths about its best and its linear estimate."""
+        """The screening result of a candidate with further strengths about its best and its linear estimate."""
         low, high = candidate.bounds
         best = look.best(candidate)
         about = (0.5 * look.step, look.step, 2 * look.step, 0.75 * best.strength, 1.35 * best.strength)

@@ -131,7 +131,7 @@ class Shortlist(NamedTuple):
 
 
 def shortlist_candidates(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMITED) -> Shortlist:
-    """The candidates that are worth a fit, from linear looks at several points.
+    """The candidates that are worth a fit, screened at several points with parameters that follow linearly.
 
     Parameters
     ----------

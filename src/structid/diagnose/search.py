@@ -365,7 +365,7 @@ def _beside(first: Fitted, work: Work, which: str, budget: TimeBudget) -> Explan
 
 
 def _first_alike(rows: Sequence[Screened]) -> list[int]:
-    """For each change the position of the first one that a linear look cannot distinguish from it, mostly its own."""
+    """For each change the position of the first one with the same screening result, mostly its own."""
     seen = [(one.candidate.place[0], f"{one.strength:.9e}", f"{one.left:.9e}") for one in rows]
     return [seen.index(key) for key in seen]
 

@@ -541,7 +541,7 @@ def _judged(
 
 
 def _moving(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
-    """The first of the likeliest changes that moves a value beyond its interval, and the value moved farthest."""
+    """The first of the likeliest changes that moves a value beyond its interval, and the value that it moves farthest."""
     for change in (one for k, one in enumerate(changes) if k == 0 or one.is_alike):
         shift = next((shift for shift in change.moved if _matters(shift)), None)
         if shift is not None:

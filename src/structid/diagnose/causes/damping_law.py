@@ -63,7 +63,7 @@ class DampingLaw(Candidate):
             yield cls(where=(element.name, "loss factor"), strengths=np.array([_FIRST_LOSS]))
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that give the sets a loss factor, or viscous damping in place of it, as unknowns."""
+        """The edits that give the sets a loss factor, or viscous damping beside their loss factor, as unknowns."""
         *names, law = self.where
         edits: list[Edit] = []
         if law == "loss factor":
