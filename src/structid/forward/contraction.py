@@ -219,7 +219,7 @@ class DenseForces:
         return found
 
     def _forces(self, coefficients: ComplexArray, x: NumberArray) -> ComplexArray:
-        """The forces for fields x, (n_forces, n_lines, n_x)."""
+        """Forces (dZ/dp) x for fields x (n_lines, n_dofs, n_x): (n_forces, n_lines, n_x)."""
         n_lines, n_dofs, n_x = x.shape
         flat = np.ascontiguousarray(np.moveaxis(x, 1, 0), np.complex128).reshape(n_dofs, -1).view(np.float64)
         total = np.zeros((len(self.dofs), n_lines, n_x), dtype=np.complex128)
@@ -254,7 +254,7 @@ class DenseSlopes:
     operators: tuple[sparse.csr_array, ...]
 
     def at(self, values: FloatArray) -> DenseForces:
-        """The forces where the structure has these `values`."""
+        """Forces (dZ/dp) x, ready to be contracted, of the structure with these physical `values` (n_values,)."""
         slopes: list[FloatArray] = [np.zeros(0)]
         for member, used in self.slots:
             slopes += [self.structure.contributions[member].slope(values, k) for k in used]
@@ -330,7 +330,7 @@ def _weighed_entries(
 def _joined(
     entries: tuple[IntArray, IntArray, IntArray, FloatArray], design: sparse.csr_array, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
-    """Each entry of element matrices with each parameter of its element: key of its force, column, element and value."""
+    """Entries of (matrix times parameter): key of parameter and force row, column, element and value, by stretches."""
     row, column, element, value = entries
     counts = np.diff(design.indptr)
     for k in range(int(counts.max(initial=0))):

@@ -118,7 +118,7 @@ class WeightedParts:
 
 
 def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]) -> IntArray:
-    """Which values of the structure `weighted_elements` depends on: factors, and what they multiply if they vary."""
+    """Indices of structure values that set the element weights: factors, and what they multiply if they vary."""
     counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
         item = structure.contributions[member]

@@ -39,7 +39,7 @@ class ErrorsOfEntry:
 
 
 def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-    """Errors of every entry with stated variance, with friction as it is at `physical`.
+    """Errors of all measured components' receptance entries with stated variance, at `physical` parameters (n_params,).
 
     With g and q the forces at the interface under a unit force at a sensor and under the load, dH = g' dY q.
     """
@@ -131,7 +131,7 @@ def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatAr
 
 
 def _whitened(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
-    """Each entry twice: with whitened rows (n_lines, n_channels) for its real part, then for its imaginary part."""
+    """Whitened rows (n_rows, n_channels) of each entry's error, first for its real and then its imaginary part."""
     for entry in errors:
         for part in (1.0, 1j):
             rows = whitening.rows(part * entry.change[..., None])

@@ -159,7 +159,7 @@ def balanced_amplitudes(
 def _newton_step(
     flexibility: ComplexArray, free: ComplexArray, force: FloatArray, floor: FloatArray, size: FloatArray
 ) -> FloatArray:
-    """The next amplitudes from `size`, no more than five times larger or smaller."""
+    """Sliding amplitudes (n_frequencies, n_contacts) after one Newton step from `size`, changed fivefold at most."""
     n_contacts = len(force)
     pull = 1j * force / size
     system = np.eye(n_contacts) + flexibility * pull[:, None, :]
@@ -176,7 +176,7 @@ def _newton_step(
 
 
 def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray) -> ComplexArray | None:
-    """Readings with friction from those without it; None where their difference would lose digits.
+    """Readings of a structure with friction from its readings without; None where the difference would lose digits.
 
     Parameters
     ----------

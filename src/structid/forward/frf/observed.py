@@ -55,7 +55,7 @@ class ObservedFrf:
         return values * factor[..., 0], np.concatenate([derivative, change], axis=-1) * factor
 
     def _moved(self, channels: ChannelErrors, rest: FloatArray) -> tuple[Response, ComplexArray]:
-        """The response and its Laplace variables, moved by the window's decay where that is a parameter.
+        """Response and its Laplace variables (1/s), shifted by the window's decay rate if that is a parameter.
 
         A window exp(-decay t) makes of H at i omega that at s = decay + i omega. The structure has no friction then.
         """

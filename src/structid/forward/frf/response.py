@@ -57,7 +57,7 @@ class Response:
         return self.solver.is_large
 
     def values_at(self, physical: FloatArray) -> ComplexArray:
-        """The FRF, (n_frequencies, n_outputs, n_inputs)."""
+        """Model's FRF at physical parameters (n_params,): (n_frequencies, n_outputs, n_inputs)."""
         coefficients, readings = self._sliding.at(physical) if self.contacts else (self.fixed_coefficients, None)
         if readings is None:
             used, place = np.unique(self.channels.inputs[0], return_inverse=True)
@@ -132,6 +132,7 @@ class ResponseCache:
     """
 
     def __init__(self, factorizer: str | None = None) -> None:
+        """Empty cache; `factorizer` names the sparse solver, by default the one that is installed."""
         self.factorizer = factorizer
         self._slopes: WeakSet[StiffnessSlopes] = WeakSet()
         self._patterns: WeakValueDictionary[tuple[object, ...], Pattern] = WeakValueDictionary()
@@ -258,7 +259,7 @@ def _coupled(
     sides: Channels,
     slopes: StiffnessSlopes,
 ) -> SubstructureCoupling:
-    """The solver of a structure released at the `bases` that drive it and coupled to its measured components."""
+    """Solver of a structure with its driving supports released, coupled to its measured components."""
     driven = _driven(structure, bases, record, sides)
     own = structure.selection([dof for one in structure.measured for dof in one.interface])
     receptance = np.zeros((len(record.frequency), *[driven.shape[1] + own.shape[1]] * 2), dtype=np.complex128)
@@ -274,7 +275,7 @@ def _coupled(
 
 
 def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> sparse.csc_array:
-    """Columns of what `bases` drive of a structure let go, (n_dofs, n_bases), which no sensor may read."""
+    """Unit-motion columns (n_dofs, n_bases) of the released `bases`; raises `InputError` if a sensor reads one."""
     if bases and sides.n_contacts:
         raise InputError("dry friction takes no motion of supports; take the friction out, or measure the force")
     columns = structure.selection([base.supports[0].unsigned for base in bases])

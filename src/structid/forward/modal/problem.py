@@ -90,6 +90,7 @@ class ModalProblem(RecordProblem):
     matrix_free_obstacle = "takes records of responses, got one of modes"
 
     def __new__(cls, *given: object, **named: object) -> Self:
+        """New problem; raises `InputError` if settings are given one by one and not in `settings`."""
         moved = [one.name for one in fields(ModalSettings) if one.name in named]
         if moved or any(isinstance(one, str) for one in given):
             example = f"{moved[0]}={named[moved[0]]!r}" if moved else 'form="dynamic"'
@@ -97,6 +98,7 @@ class ModalProblem(RecordProblem):
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if structure, measured modes, form and channel errors do not fit together."""
         self.structure.require_modes("modes")
         _ = self.data, self.model.sensors
         if self.settings.form == "dynamic" and not self.data.has_shapes:
@@ -180,6 +182,7 @@ class ModalProblem(RecordProblem):
         return replace(self, in_order=True) if is_ordered else self
 
     def residual(self, theta: FloatArray) -> FloatArray:
+        """Weighted residual (n_data,) at the free variables `theta` (n_params,), prior rows included."""
         known = self.linearize(theta) if self.settings.form == "dynamic" else self._last.known(theta)
         if known is not None:
             return known.residual
@@ -192,7 +195,10 @@ class ModalProblem(RecordProblem):
         return LastEvaluation()
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
+
         def found(theta: FloatArray) -> Linearization:
+            """Linearization at `theta`, computed afresh."""
             physical = self.physical(theta)
             if self.settings.form == "dynamic":
                 data, change, eliminated = *dynamic_rows(self.data, self.model, physical), 0
@@ -258,6 +264,7 @@ def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float
 
 
 def _require_sound_channels(form: ModalForm, channels: ChannelErrors) -> None:
+    """Raise `InputError` unless form is 'output' and all channel errors are gains of sensors."""
     if form == "dynamic":
         raise InputError("form 'dynamic' takes no errors of channels; use form 'output'")
     if set(channels.kinds) != {"gain"} or channels.polarity_names:

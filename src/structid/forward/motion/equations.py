@@ -171,6 +171,7 @@ def time_equations(structure: Structure, unknown: Parameters, row_weights: Array
 
 
 def _require_linear(structure: Structure, unknown: Parameters) -> None:
+    """Raise `InputError` unless the equation of motion is linear in the unknowns and these have no priors."""
     require_linear_weights(structure, unknown)
     require_laws_in_time(structure, unknown)
     if unknown.has_priors:

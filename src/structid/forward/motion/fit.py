@@ -120,7 +120,7 @@ class RecursiveMotionFit:
 def reduced_state(
     equations: TimeEquations, state: StreamingQr, rows: RowMaker | None, fields: FloatArray, work: Kernels | None = None
 ) -> StreamingQr:
-    """`state` after the rows that `rows`, by default those of the equations, makes of (n_fields, n_times)."""
+    """QR `state` updated by the equation rows of samples `fields` (n_fields, n_times); `rows` makes rows of them."""
     if len(equations.columns) == equations.n_dofs:
         return state.reduced(equations.operator if rows is None else rows, fields, work)
     operator = equations.operator if rows is None else rows.operator

@@ -44,6 +44,7 @@ class Motion:
     displacement: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        """Convert arrays to float, and raise `InputError` on wrong shapes, non-finite values or time that falls."""
         for item in fields(self):
             given = getattr(self, item.name)
             if given is not None:
@@ -144,6 +145,7 @@ def completed(
 
 
 def _integrated(motion: Motion, displacement_0: ArrayLike | None, velocity_0: ArrayLike | None) -> Motion:
+    """Motion with missing velocity and displacement integrated from acceleration by the trapezoidal rule."""
     if motion.acceleration is None:
         raise InputError(
             "rule 'trapezoid' starts from acceleration, which is missing; measure it, or take rule 'difference'"
@@ -171,6 +173,7 @@ def _from_start(name: str, start: ArrayLike | None, rate: FloatArray, time: Floa
 
 
 def _differenced(motion: Motion) -> Motion:
+    """Motion with missing velocity and acceleration by central differences; its first and last sample are lost."""
     if motion.displacement is None:
         raise InputError(
             "rule 'difference' starts from displacement, which is missing; measure it, or take rule 'trapezoid'"
@@ -226,7 +229,7 @@ def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity
 
 
 def _motion_of(structure: Structure, sensors: sparse.csc_array, quantity: str) -> sparse.sparray:
-    """(S S')^-1 S: motion of the free degrees of freedom from what sensors S' read of it."""
+    """Matrix (S S')^-1 S from sensor readings to free degrees of freedom; `InputError` where some are not measured."""
     from scipy.sparse.linalg import splu  # here, because it takes time to load
 
     gram = sparse.csc_array(sensors @ sensors.T)

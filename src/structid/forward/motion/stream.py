@@ -186,7 +186,7 @@ class RecordRows:
     gross: sparse.csr_array
 
     def reduced(self, fit: RecursiveMotionFit, chunk: FloatArray, work: Kernels | None = None) -> RecursiveMotionFit:
-        """`fit` after a chunk of the record, (n_channels, n_times)."""
+        """The fit `fit` updated by a chunk of channel samples, (n_channels, n_times)."""
         state = reduced_state(fit.equations, fit.state, self.rows, chunk, work)
         channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
         energy = locked(fit.energy + (self.gross @ channels) ** 2)
@@ -238,6 +238,7 @@ class FitKeeper:
             self._write(self.path, fit)
 
     def _write(self, path: Path, fit: RecursiveMotionFit) -> None:
+        """Save the fit at `path`, and note the seconds it took and the samples it holds."""
         begun = time.perf_counter()
         save_motion_fit(path, fit)
         self.ended = time.perf_counter()

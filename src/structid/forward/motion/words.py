@@ -80,7 +80,7 @@ def _words(equations: TimeEquations, found: LinearFit, n_samples: int, bias: Flo
 
 
 def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int, n_samples: int) -> list[str]:
-    """Words on what is missing and what would supply it, then on the quality of the fit."""
+    """Sentences on what the data lack and how to supply it, then on rank and residual of the linear fit."""
     n_params, n = unknown.n_params, n_rows // max(1, n_samples)
     words = []
     if n_rows < n_params:
@@ -113,6 +113,7 @@ def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int
 
 
 def _bias_words(equations: TimeEquations, found: LinearFit, bias: FloatArray | None) -> list[str]:
+    """Sentences on the predicted `bias` (n_params,) of a fit from noise in the motion, and where it is too large."""
     if bias is None:
         return [_BIAS]
     relative = np.abs(bias / found.values)

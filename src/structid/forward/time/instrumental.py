@@ -153,7 +153,7 @@ def instrumental_fit(
 
 
 def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
-    """Error covariance of each quantity at the free degrees of freedom, as `recorded_motion` makes it from channels."""
+    """Error covariance (n_dofs, n_dofs) of each measured quantity at the free degrees of freedom, by its name."""
     variance, found = declared_variance(record), {}
     for quantity in (*MOTION_QUANTITIES, "force"):
         reader = field_map(structure, record, quantity)
@@ -197,13 +197,14 @@ class _End:
 
     @property
     def chi_square(self) -> float:
+        """Weighted sum of squared residuals at the final values; infinite where there are none."""
         if self.rows is None or self.values is None:
             return float("inf")
         residual = self.rows.residual(self.values)
         return float(residual @ residual)
 
     def fits(self, known_noise: bool, probability: float) -> bool:
-        """True where chi-square is no larger than noise makes it, or the noise is not known."""
+        """True if chi-square is not improbably large at level `probability`, or if the noise level is not known."""
         if self.rows is None or not known_noise:
             return self.rows is not None
         freedom = self.rows.n_data - len(self.history[0])
@@ -222,7 +223,7 @@ def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tupl
 
 
 def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:
-    """From a stage of `size` samples by doubling to all of them."""
+    """Instrumental fit from `size` samples and parameters `values` on, samples doubling up to all of them."""
     history = [values]
     while size < fit.motion.n_times:
         stage, _, _ = _iterated(fit.first(size), values, _STEPS_A_STAGE, history, steps)

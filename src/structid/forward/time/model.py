@@ -51,6 +51,7 @@ class TimeModel:
     bases: tuple[Base, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if the model is too large, or force and initial state do not suit a time-domain fit."""
         require_viscous(self.structure, self.unknown)
         if self.structure.n_dofs > _MOST_DOFS:
             raise InputError(
@@ -232,14 +233,14 @@ class LinearSystem:
 
     @cached_property
     def _steps(self) -> tuple[Step, Step]:
-        """The first step, and all others."""
+        """State transition of the first step, and of all others."""
         step, gap = self.model.drive.step, self.model.drive.gap
         usual = self._step(step)
         same = gap == 0 or abs(gap - step) < 1e-12 * step
         return (usual if same else self._step(gap)), usual
 
     def _pieces(self, n_times: int, width: int) -> Iterator[tuple[Step, slice]]:
-        """Steps and stretches of them that fit into memory; the first may be of another length than the others."""
+        """Time step and range of step numbers of each stretch that fits in memory; a first step may differ."""
         n_steps = n_times - 1 + (self.model.drive.gap > 0)
         first = 0
         if self.model.drive.gap > 0:
@@ -250,7 +251,7 @@ class LinearSystem:
             yield self._steps[1], slice(begin, min(begin + chunk, n_steps))
 
     def start_of(self, initial: FloatArray | None) -> FloatArray:
-        """Modal state of displacement and velocity (2 n_free, ...); rest for None."""
+        """Modal state from `initial` displacements and velocities (2 n_free, ...); rest if that is None."""
         n = len(self.scale)
         if initial is None:
             return np.zeros(2 * n)

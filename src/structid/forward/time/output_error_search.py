@@ -59,7 +59,7 @@ def identified_by_output_error(
     work: Work = ALONE,
     progress: StageProgress | None = None,
 ) -> Estimate:
-    """Maximum likelihood, first from few samples and then from ever more of them.
+    """Maximum-likelihood estimate from time histories, fitted to few samples first and then to ever more.
 
     A long record has a narrow valley about the answer, since phase errors grow with time; a short one has a wide one.
     Each stage doubles the samples and starts where the one before ended. A stage that misses the noise by its
@@ -115,7 +115,7 @@ def _tried(
 
 
 def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Start, tools: Tools) -> dict[str, Any]:
-    """The way from one start, as a task; one that ends at its first stage has passed none."""
+    """Result of the search from one start, as a parallel task; a start that ends at its first stage passes none."""
     problem, sizes, options = shared
     reached, excess, theta, spent = _followed(problem, sizes[start.first :], start.theta, options, True, tools)
     reached += start.first if reached else 0
@@ -123,7 +123,7 @@ def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Star
 
 
 def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
-    """Numbers of samples, the last all of them."""
+    """Numbers of samples of the stages, doubling; the last is the whole record."""
     size = options.first_samples or max(2, _samples(problem, 1))
     sizes = []
     while size < problem.n_times:
@@ -190,7 +190,7 @@ def _rounds(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
-    """Where to start from: linear fits where they can be had, the given start, and others.
+    """Starting points of the search in rounds: linear fits where possible, the given start, then random points.
 
     The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
     of the first. Between the first two and the rest comes where posterior linearization leads, which costs more and
@@ -222,7 +222,7 @@ def _far_rounds(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
-    """Where posterior linearization leads, once from the given start and twice from the best minimum so far, in turn.
+    """Starting points by posterior linearization, in turn from the given start and twice from the best minimum.
 
     The one looks far; what it misses are often a few high modes, some periods off, which the others find. A way
     begins at the samples that were linearized, since fewer may lead away again, and then at the first. Where the data
@@ -250,7 +250,7 @@ def _confirmed(
     work: Work,
     progress: StageProgress | None,
 ) -> tuple[FloatArray, int]:
-    """An answer that others missed before, or a better one near it, and the iterations spent.
+    """Best of `theta` and an answer found near it by posterior linearization, and the iterations spent.
 
     Where there are minima that miss the noise, there may be one beside the answer that does not.
     """

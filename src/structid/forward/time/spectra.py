@@ -103,6 +103,7 @@ class SpectraProblem(RecordProblem):
     tones: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if the structure has friction or no modes, or a window's decay is unknown."""
         self.structure.require_modes("histories")
         friction = [e.name for e in self.structure.elements if isinstance(e, Friction)]
         if friction:
@@ -170,6 +171,7 @@ class SpectraProblem(RecordProblem):
         return residual_with_priors(self.unknowns, theta, self.model.evaluated(self.physical(theta)).data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
         at, change = self.model.changes(self.physical(theta))
         rows = stack_real(change.reshape(-1, change.shape[2]))
         rows -= at.basis @ (at.basis.T @ rows)

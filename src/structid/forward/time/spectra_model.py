@@ -141,7 +141,7 @@ class Transient:
         return np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
 
     def columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
-        """Every linear unknown in the whitened motions: jumps of each mode, then each output's polynomial and tones.
+        """Whitened columns of all linear unknowns: modal jumps at both ends, then each output's polynomial and tones.
 
         Shape (n_frequencies * n_outputs, n_unknowns).
         """
@@ -204,7 +204,7 @@ class SpectraModel:
         return self._state(*self._split(physical))[2]
 
     def evaluated(self, physical: FloatArray) -> Evaluation:
-        """All that is known at these parameters, kept for `changes` where it is small."""
+        """Predicted spectra, residual and noise at `physical` parameters (n_params,); small ones are cached."""
         at = self._found(physical)
         if at.is_small:
             self._last.keep(physical, at)
@@ -249,6 +249,7 @@ class SpectraModel:
         return own, self.spectra.output_powers * sensors, self.spectra.input_powers * loads
 
     def _found(self, physical: FloatArray) -> Evaluation:
+        """Predicted spectra at `physical` parameters, transients fitted by least squares; computed afresh."""
         spectra = self.spectra
         own, read, stated = self._split(physical)
         x, y, h = self._state(own, read, stated)
@@ -290,7 +291,7 @@ class SpectraModel:
 
 
 def _response(model: SpectraModel, frequency: FloatArray) -> Response:
-    """The structure at these lines; of its sensors one stands for each place and direction."""
+    """Receptance model of the structure at lines `frequency` (Hz), with each sensor place and direction once."""
     distinct = tuple(dict.fromkeys(model.spectra.outputs))
     shape = (len(frequency), len(distinct), len(model.spectra.inputs))
     decay = np.full(shape[0], model.spectra.decay)
