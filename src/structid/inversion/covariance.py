@@ -166,7 +166,7 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
 
 
 def repeated_quantities(problem: Problem) -> IntArray | None:
-    """Which quantity each data row measures, 0, 1, ..., -1 for none, (n_data,), where several records repeat them.
+    """Number of the measured quantity of each data row, (n_data,), -1 for none; None if too few are repeated.
 
     None where there are fewer than four, or where one is measured at one line only, which is a block already.
     """
@@ -232,7 +232,7 @@ def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tuple[IntArray, ...]:
-    """Which block each data row belongs to, (n_data,) each: stretches of lines, and channels where there are four."""
+    """Block number of each data row, (n_data,): by stretches of lines, and by channels if there are at least four."""
     n_lines = int(lines.max(initial=0)) + 1
     length = 4 * correlation_length(residual, lines, series)
     n_blocks = int(np.clip(n_lines / length, min(_FEWEST_BLOCKS, n_lines), n_lines))
@@ -256,7 +256,7 @@ def effective_blocks(problem: Problem, at: Linearization) -> FloatArray:
 
 
 def _block_scores(jacobian: FloatArray, residual: FloatArray, block: IntArray) -> FloatArray:
-    """Sum over blocks of g g' with g = J_b' r_b, times B / (B - 1)."""
+    """Sum over blocks b of g g', g = J_b' r_b, times B / (B - 1) for B blocks: (n_params, n_params)."""
     n_blocks = int(block.max(initial=0)) + 1
     scores = np.zeros((n_blocks, jacobian.shape[1]))
     np.add.at(scores, block, jacobian * residual[:, None])

@@ -322,7 +322,7 @@ class Estimate(Shown):
 
     @property
     def status_words(self) -> str:
-        """The status in a sentence, with remedies."""
+        """Status of the estimate in a sentence, with remedies."""
         few = self.uncertainty.has_matrix
         spread, n_fitting = self.spread, self.search.n_fitting
         is_known = bool((self.identified | ~spread.is_free).all())
@@ -385,7 +385,7 @@ class Estimate(Shown):
         return ends
 
     def may_be_absent(self, level: float = 0.95) -> np.ndarray:
-        """Which positive parameters the data determine, and do not tell from 0, (n_params,) bool."""
+        """True for identified positive parameters not significantly different from 0, (n_params,) bool."""
         if self.parameters.scale is None:
             return np.zeros(len(self.names), dtype=bool)
         quantile = float(special.ndtri(0.5 + level / 2))
@@ -516,7 +516,7 @@ def estimate(
     accepted: list[tuple[Minimum, FloatArray]] = []
 
     def refit(minimum: Minimum) -> FitWithinTolerances | None:
-        """The fit with held values free within their tolerances, where noise alone does not explain a minimum."""
+        """Refit of a misfitting minimum with held values free within their tolerances; None where it is not needed."""
         if sampled is None or not chosen.misfits(searched, minimum, misfit_probability):
             return None
         if id(minimum) not in refits:
@@ -524,6 +524,7 @@ def estimate(
         return refits[id(minimum)]
 
     def fits(minimum: Minimum) -> bool:
+        """True if the data allow `minimum`, with held values free within tolerances, and it is a new answer."""
         within = refit(minimum)
         if within is None:
             is_fitting, end = not chosen.misfits(searched, minimum, misfit_probability), minimum.theta

@@ -50,7 +50,7 @@ class LeakedFrf:
         return self._summed(values), self._summed(derivative)
 
     def _summed(self, parts: ComplexArray) -> ComplexArray:
-        """Weighted sums, (n_lines, ...), of FRF values `parts` (n_shifted_lines, ...) over each line's shifted lines."""
+        """Weighted sums, (n_lines, ...), of FRFs `parts` (n_shifted_lines, ...) over each line's shifted lines."""
         flat = parts.reshape(len(parts), -1)
         found = np.zeros((len(self.place), flat.shape[1]), dtype=np.complex128)
         for weight, place in zip(PARTS, self.place.T, strict=True):

@@ -97,7 +97,7 @@ class _Directions:
 
 
 def variance_proportions(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Condition index of each singular direction, and the part of each parameter's variance that comes along it.
+    """Singular-value ratio of each direction, and each direction's share of every parameter's variance.
 
     Shapes (n_params,) and (n_params, n_params): ``proportions[k, j]`` for direction k and parameter j; columns sum to 1.
     The columns of the Jacobian are scaled to unit length first.
@@ -111,7 +111,7 @@ def variance_proportions(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _by_correlation(size: FloatArray) -> list[set[int]]:
-    """Sets whose correlations all reach the limit, the strongest pairs joined first."""
+    """Sets of parameters whose correlations all reach the limit in magnitude, strongest pairs joined first."""
     clusters: dict[int, set[int]] = {i: {i} for i in range(len(size))}
     first, second = np.triu_indices(len(size), 1)
     strong = np.flatnonzero(size[first, second] >= STRONG_CORRELATION)

@@ -98,7 +98,7 @@ class ResidualTests:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Objections of the tests to the fit; empty where there are none."""
+        """Sentences on what the residual tests object to in the fit; empty if nothing."""
         said = []
         if self.chi_square_probability < _DOUBT:
             said.append(
@@ -192,6 +192,7 @@ def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> f
 
 
 def _series_test(name: str, values: FloatArray) -> SeriesTest:
+    """Whiteness tests of one residual series (n,): lag-1 correlation, periodogram and runs; NaN if too short."""
     n, nan = len(values), float("nan")
     if n < _FEWEST_ROWS or np.ptp(values) == 0:
         return SeriesTest(name, n, nan, nan, nan, 0, nan, nan)

@@ -50,7 +50,7 @@ def intervals(
     seed: int = 0,
     work: Work = ALONE,
 ) -> Intervals:
-    """Intervals of every parameter.
+    """Intervals of every parameter at probability `level`, by the method that `kind` names.
 
     Parameters
     ----------
@@ -117,6 +117,7 @@ def _bootstrap(problem: Problem, estimate: Estimate, level: float, seed: int, wo
 
 
 def _sampling(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
+    """Interval ends (n_params, 2) from posterior draws, and warnings; NaN if the posterior is not proper."""
     if not np.isfinite(estimate.spread.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)
         return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)

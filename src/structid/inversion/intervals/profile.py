@@ -94,7 +94,7 @@ class Profile:
 
     @property
     def words(self) -> str:
-        """Comparison of the profile with the Laplace interval, in words."""
+        """Sentence that compares the profile-likelihood interval with the Laplace interval."""
         if self.better < -_LOWER_BY:
             return f"{self.name}: the profile found a better fit; the estimate is not the minimum, search again"
         if all(self.is_open):
@@ -201,6 +201,7 @@ def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int
 
 
 def _position(estimate: Estimate, parameter: str | int) -> int:
+    """Index of a parameter given by name or by index; `InputError` if there is none."""
     if isinstance(parameter, str):
         if parameter not in estimate.names:
             raise InputError(
@@ -215,7 +216,7 @@ def _position(estimate: Estimate, parameter: str | int) -> int:
 
 
 def _scale(problem: Problem, estimate: Estimate, index: int) -> float:
-    """Ratio of the parameter's variance to that of the fit alone, where model error or few averages make it larger.
+    """Ratio by which the parameter's variance exceeds that of the fit, for model error or few averages.
 
     For a parameter that is not identified these say nothing, and chi-square per degree of freedom stands for it.
     """
@@ -253,7 +254,7 @@ class _Side:
     max_points: int
 
     def walked(self) -> tuple[list[_Point], float]:
-        """Points from the estimate outwards and the end; +-infinity where none was found."""
+        """Points of the profile from the estimate outwards, and the interval end; infinite if none was found."""
         start = float(self.estimate.theta[self.index])
         std = float(self.estimate.std_free[self.index])
         step = std if np.isfinite(std) and std > 0 else 1.0

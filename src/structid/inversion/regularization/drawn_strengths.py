@@ -89,7 +89,7 @@ def settled_strengths(
     progress: Progress | None = None,
     search: Minimizer = minimize,
 ) -> SettledStrengths:
-    """Fits and strengths in turn, until each strength changes by less than it is known to.
+    """Penalty strengths and fits for very many parameters, iterated until each strength settles.
 
     l_k = g_k / |x_k|^2 with x_k the rows of penalty k at strength 1 and g_k = tr_k(C H) - nullity, where C is the
     posterior covariance of the free variables, H the information of everything but these penalties, and the trace
@@ -170,6 +170,7 @@ def balanced_strengths(
 
 
 def _chosen(term: Differences, physical: FloatArray, determined: float, strength: float, begun: float) -> float:
+    """New strength of penalty `term`: determined combinations over its squared residual, limited in its change."""
     rows = term.residual(physical)
     cost = float(rows @ rows)
     wanted = determined / cost if determined > 0 and cost > 0 else np.inf
@@ -185,7 +186,7 @@ def _determined(
     strengths: Sequence[float],
     seed: int,
 ) -> tuple[float, ...]:
-    """g_k of every penalty."""
+    """Number of parameter combinations that the data determine within each penalty, by posterior draws."""
     slope, physical = problem.slope(theta), problem.physical(theta)
     draws, _ = posterior_draws(at, _DRAWS, np.random.default_rng(seed))
     rows = [term.jacobian(physical) @ sparse.diags_array(slope) for term in terms]

@@ -256,7 +256,7 @@ def _row_strength(variance: float, rest: float, strength: float, held: float) ->
 def absolute_strengths(
     model: LocalModel, index: int, strengths: tuple[FloatArray | float, ...], strength: float, smoothing: float
 ) -> FloatArray:
-    """One strength a row of penalty `index` that makes of its squares 2 strength sum sqrt(x^2 + smoothing^2).
+    """Strength for each row of penalty `index` that makes its quadratic penalty act as a sum of magnitudes.
 
     That is a sum of magnitudes, rounded off where they are smaller than `smoothing`; by iteratively reweighted least
     squares.
