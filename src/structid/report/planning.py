@@ -40,7 +40,7 @@ def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[Renderabl
 
 
 def options_text(found: Plan) -> str:
-    """What was chosen from, in one line."""
+    """Sentence on the candidates and assumptions of a test plan."""
     options = found.options
     frequency = options.frequency
     interest = f", for {', '.join(options.of_interest)}" if options.of_interest else ""
@@ -54,6 +54,7 @@ def options_text(found: Plan) -> str:
 
 
 def _noise_words(found: Plan) -> str:
+    """Words on the noise that a test plan assumes."""
     options = found.options
     noise = [f"{100 * options.relative_noise:.3g} % of each value"] if options.relative_noise else []
     noise += [f"{options.absolute_noise:.3g} {FRF_UNITS[options.kind]}"] if options.absolute_noise else []
@@ -102,7 +103,7 @@ def parameter_table(found: Plan) -> Table:
 
 
 def choice_lines(found: Plan) -> list[str]:
-    """Where the chosen sensors, loads and lines are, the most telling first."""
+    """Lines of text on the chosen sensors, loads and frequency lines, most informative first."""
     lines = [
         f"chosen sensors: {places(found.chosen.sensors)}; loads: {places(found.chosen.loads)}",
         *([] if found.kammer is None else [f"effective independence would take: {places(found.kammer.sensors)}"]),
@@ -119,7 +120,7 @@ def choice_lines(found: Plan) -> list[str]:
 
 
 def enough_lines(found: Plan) -> list[str]:
-    """What reaches the wanted accuracy."""
+    """Lines of text on how many sensors, lines and averages reach the wanted accuracy."""
     enough = found.enough
     if enough is None:
         return []
@@ -139,7 +140,7 @@ def enough_lines(found: Plan) -> list[str]:
 
 
 def next_lines(found: Plan) -> list[str]:
-    """The best sensors to add, and what each would give."""
+    """Lines of text on the best sensors to add next, and the gain by each."""
     if not found.next_sensors:
         return []
     base = found.installed or found.chosen

@@ -19,7 +19,7 @@ _ROUNDING = 1e-9
 
 
 def modes_table(found: Prediction | PredictedChange) -> Table:
-    """Natural frequencies and damping ratios, before and after changes where there are any."""
+    """Table of predicted natural frequencies and damping ratios, before and after changes if there are any."""
     parts = parts_of(found)
     header: tuple[str, ...]
     if isinstance(found, PredictedChange):
@@ -44,7 +44,7 @@ def modes_table(found: Prediction | PredictedChange) -> Table:
 
 
 def maxima_table(found: Prediction | PredictedChange) -> Table:
-    """The largest motion of each sensor."""
+    """Table of the largest predicted motion of each sensor."""
     parts = parts_of(found)
     first = next(iter(parts.values()))
     unit = unit_text(first.quantity.unit)
@@ -108,7 +108,7 @@ def prediction_text(found: StudyPrediction) -> list[RenderableType]:
 
 
 def prediction_page(found: StudyPrediction) -> Page:
-    """The page and its figures."""
+    """Report page of a prediction, with its figures."""
     figures = {}
     if found.frf is not None:
         figures["prediction_frf"] = frf_figure(found.frf)

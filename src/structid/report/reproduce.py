@@ -30,7 +30,7 @@ _MORE_DECIMALS = 2
 
 
 def write_reproduction(items: Sequence[Item], folder: Path, png: bool = False) -> Path:
-    """Path of ``reproduction.html`` in `folder`, written with ``reproduction.json``.
+    """Write ``reproduction.html`` and ``reproduction.json`` into `folder`, and return the page's path.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def _rounded(value: Plain) -> Plain:
 
 
 def reproduction_page(items: Sequence[Item]) -> Page:
-    """The page and its figures."""
+    """Report page of reproduced published results, with its figures."""
     counts = [(verdict, sum(item.verdict is verdict for item in items)) for verdict in Verdict]
     words = {
         "counts": [(verdict.value, _CLASSES[verdict], count) for verdict, count in counts if count],

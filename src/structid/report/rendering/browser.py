@@ -126,7 +126,7 @@ def _panel(figure: Figure, number: int, arrays: Arrays) -> Described:
 
 
 def _domains(panel: Panel, height: float) -> list[list[float]]:
-    """Foot and top of every strip, in parts of the height between the margins."""
+    """Lower and upper end of every strip of a panel, as fractions of the plot height."""
     shares = np.array([strip.weight for strip in panel.strips])
     tops = 1.0 - np.concatenate([[0.0], np.cumsum(shares)]) / shares.sum()
     gap = _GAP / (height - _TOP - _BOTTOM)
@@ -175,7 +175,7 @@ def _colours(scale: ColourScale) -> Described:
 
 
 def _space(*axes: Axis) -> Described:
-    """Axes of equal scale, seen from `VIEW`."""
+    """Plotly description of three axes of equal scale, seen from `VIEW`."""
     turn, tilt = np.radians(VIEW)
     eye = 1.8 * np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)])
     spans = np.ptp([axis.limits or (0.0, 1.0) for axis in axes], axis=1)

@@ -105,7 +105,7 @@ class Curve:
         canvas.curve(self)
 
     def at(self, phase: float | None = None) -> tuple[FloatArray, ...]:
-        """Coordinates by axis, two or three; at rest, or at `phase`, rad."""
+        """Coordinates of the curve, one array for each of two or three axes, at rest or at `phase` (rad)."""
         places = (self.x, self.y) if self.z is None else (self.x, self.y, self.z)
         if self.sway is None or phase is None:
             return places
@@ -299,7 +299,7 @@ class Figure:
 
     @property
     def legend(self) -> tuple[Trace, ...]:
-        """The first trace of each label."""
+        """Traces for the legend: the first one of each label."""
         found: dict[str, Trace] = {}
         for panel in self.panels:
             for trace in panel.traces:

@@ -105,7 +105,7 @@ class NotebookPicture(Picture):
 
 
 def plotted(figure: Figure, axes: Axes | Sequence[Axes] | None = None) -> Picture:
-    """The figure with all strips, above each other; on `axes` where they are given, one for each strip from the first on.
+    """Matplotlib picture of a figure with all strips one above the other, on the given `axes` or new ones.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def _whole_panel(
 
 
 def drawn(figure: Figure) -> Picture:
-    """The figure of Matplotlib; its panels have one strip each."""
+    """Matplotlib picture of a figure whose panels have one strip each."""
     choice = figure.choice
     shown = figure.panels if choice is None else tuple(figure.panels[i] for i in choice.shown)
     width, height = figure.size if choice is None else choice.size
@@ -261,7 +261,7 @@ class _Canvas:
             self.handles.setdefault(plain(trace.label), line)
 
     def area(self, trace: Area) -> None:
-        """Polygons."""
+        """Draw filled polygons."""
         edge = trace.edge or _NONE
         shape = PolyCollection(
             _pieces(trace.x, trace.y), facecolor=trace.colour, edgecolor=edge.colour, linewidth=edge.width * _PIXEL,
@@ -273,7 +273,7 @@ class _Canvas:
             self.handles.setdefault(plain(trace.label), shape)
 
     def heat_map(self, trace: HeatMap) -> None:
-        """Cells, and their values where they are written."""
+        """Draw coloured cells, with their values if these are to be written."""
         scale = self.panel.scale or ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "")
         colours, norm = _colours(scale.colours), _norm(scale)
         self.axes.pcolormesh(
@@ -304,7 +304,7 @@ class _Canvas:
 
 
 def _pieces(x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
-    """The outlines between NaN."""
+    """Separate outlines of a path with NaN between them, each (n, 2)."""
     points = np.column_stack([x, y])
     gaps = np.flatnonzero(np.isnan(x))
     pieces = (piece[~np.isnan(piece[:, 0])] for piece in np.split(points, gaps))
