@@ -189,7 +189,7 @@ def _is_channel(word: str) -> bool:
 
 
 def read_modes_csv(path: Path) -> ModalRecord:
-    """The modes in the CSV table at `path`; it needs ``frequency_hz`` and one column for each channel, the rest is optional.
+    """Modes in the CSV table at `path`; it needs ``frequency_hz`` and a column for each channel, others are optional.
 
     ``Frequency [Hz]``, ``Std. Frequency [Hz]``, ``Damping [%]`` and the like of other programs are understood, and a
     table with one column a mode. Standard deviations of shape entries are in columns such as ``1X+ std``. A shape entry

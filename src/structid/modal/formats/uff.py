@@ -258,7 +258,7 @@ def _drop_duplicates(path: Path, modes: list[_Mode], notes: list[str]) -> list[_
 
 
 def _require_vibrations(modes: list[_Mode]) -> None:
-    """Refuse modes that are damped too much to vibrate, and one that stands twice."""
+    """Raise `FileError` if modes are overdamped or one of them is stored twice."""
     for mode in modes:
         if mode.damping_ratio >= 1:
             raise FileError(
@@ -271,7 +271,7 @@ def _require_vibrations(modes: list[_Mode]) -> None:
 
 
 def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tuple[float, float, bool]:
-    """The file's units of length and force in m and N, and whether the file or the options state them."""
+    """Units of length (m) and force (N) of a universal file, and True if file or options state them."""
     factors = read_unit_factors(path, blocks)
     stated = (1.0, 1.0) if factors is None else (1 / factors.length, 1 / factors.force)
     units = []

@@ -85,7 +85,7 @@ class Cluster:
 def pole_distance(
     first: ComplexArray, first_shapes: ComplexArray, second: ComplexArray, second_shapes: ComplexArray
 ) -> FloatArray:
-    """|s_i - s_j| / max(|s_i|, |s_j|) + 1 - MAC_ij, (n_first, n_second)."""
+    """Distance of poles, |s_i - s_j| / max(|s_i|, |s_j|) + 1 - MAC_ij, (n_first, n_second)."""
     size = np.maximum(np.abs(first)[:, None], np.abs(second)[None, :])
     x, y = (z / np.linalg.norm(z, axis=0) for z in (first_shapes, second_shapes))
     likeness = np.minimum(np.abs(x.conj().T @ y) ** 2, 1.0)
@@ -180,6 +180,7 @@ class _Pool:
 
 
 def _cluster(members: IntArray, pool: _Pool) -> Cluster:
+    """Cluster of the poles `members` of a pool, with its central pole, stability and spread."""
     s, shapes, number = pool.poles[members], pool.shapes[:, members], pool.number[members]
     inside = pole_distance(s, shapes, s, shapes)
     omega, chosen = np.abs(s), int(inside.sum(axis=1).argmin())

@@ -72,7 +72,7 @@ def without_window_damping(modes: ModalRecord, decay: float) -> ModalRecord:
 
 
 def _carried(covariance: FloatArray | None, moved: FloatArray) -> FloatArray | None:
-    """The covariance after a linear change; NaN where it rests on one."""
+    """Covariance after the linear map `moved`; NaN where it depends on an unknown (NaN) entry."""
     if covariance is None:
         return None
     lost = np.isnan(covariance)

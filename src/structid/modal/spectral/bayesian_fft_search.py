@@ -72,7 +72,7 @@ def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
 
 
 def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, float, FloatArray]:
-    """Newton's method with the magnitudes of the curvatures, so that it goes down from anywhere.
+    """Chart at the minimum found by Newton's method, the decrease still expected, and the Hessian there.
 
     A chart centred where it ends, the fall of twice the negative log-likelihood that is still to be expected (Newton's
     decrement), and the Hessian there; NaN where the steps did not suffice.
@@ -121,7 +121,7 @@ def _limits(data: BandLines, start: BandModes) -> tuple[FloatArray, FloatArray]:
 
 
 def _refined(data: BandLines, modes: BandModes) -> Posterior:
-    """Newton's method from nearly there, and the inverse of the Hessian at its end."""
+    """Most probable modes by Newton's method from a near start, with covariance from the Hessian's inverse."""
     place, decrement, curvature = _newton(data, modes, _STEPS)
     modes = place.centre
     n, m = modes.shapes.shape
@@ -146,7 +146,7 @@ def hessian(data: BandLines, place: Chart, x: FloatArray) -> FloatArray:
 
 
 def _inverse(curvature: FloatArray) -> FloatArray | None:
-    """Inverse of a positive definite matrix; None where it is not, to what differences can tell."""
+    """Inverse of a symmetric matrix; None if it is not positive definite within numerical accuracy."""
     if not np.isfinite(curvature).all():
         return None
     values, vectors = np.linalg.eigh(curvature)
@@ -156,7 +156,7 @@ def _inverse(curvature: FloatArray) -> FloatArray | None:
 
 
 def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
-    """Where the search begins: shapes from the lines near each place, and from the whole band."""
+    """Starting points for the search for modes near `places` (Hz), with shapes from local and all lines."""
     m, n = len(places), data.n_channels
     whole = np.linalg.eigh((data.lines.T @ data.lines.conj()).real)[1][:, ::-1]
     basis = whole[:, : min(m, n)]
@@ -175,7 +175,7 @@ def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
 
 
 def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
-    """Principal directions of the lines nearest to each place, less those of the places before where they agree."""
+    """Shapes (n_channels, n_modes) by principal directions of the lines nearest each place (Hz), kept distinct."""
     shapes: list[FloatArray] = []
     width = max(5, len(data.frequency) // (4 * len(places)))
     for f in places:

@@ -89,7 +89,7 @@ def hann(segment: int) -> FloatArray:
 
 
 def segments(data: Outputs, segment: int) -> Iterator[FloatArray]:
-    """All stretches of `segment` samples, each half over the next, (segment, n_channels)."""
+    """Half-overlapping stretches of `segment` samples of all records, (segment, n_channels) each."""
     shortest = min(len(y) for y in data.series)
     if not 8 <= segment <= shortest:
         raise InputError(
@@ -123,7 +123,7 @@ def singular_spectrum(data: Outputs, segment: int) -> Spectrum:
 
 
 def coherence(spectrum: Spectrum, line: int) -> float:
-    """Mean MAC of the first singular vector of `line` with those of the two lines on one side, the better one.
+    """Modal coherence of a line: mean MAC of its first singular vector with two neighbours on the better side.
 
     One side, because the vector turns quickly between the peaks of close modes.
     """
@@ -196,7 +196,7 @@ def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, IntArr
 
 
 def stored_spectrum(record: SpectrumRecord) -> tuple[Outputs, Spectrum]:
-    """What the channels of stored spectra are, scaled to equal power, and their singular spectrum.
+    """Channels of a record of spectra, scaled to equal power, and its singular value spectrum.
 
     Where the references are not all channels, the singular vectors on the side of the channels are taken.
     """
@@ -260,7 +260,7 @@ def valley(spectrum: Spectrum, first: int, second: int) -> float:
 
 
 def automatic_bands(spectrum: Spectrum, peaks: Sequence[int]) -> tuple[Band, ...]:
-    """Bands around peaks; those that meet in a shallow valley are one, and the second singular value adds modes."""
+    """Frequency bands around spectral peaks, merged across shallow valleys, with the places of their modes."""
     lines = sorted(int(k) for k in peaks)
     ends = {k: peak_range(spectrum, k, [other for other in lines if other != k]) for k in lines}
     groups: list[list[int]] = []
@@ -279,7 +279,7 @@ def automatic_bands(spectrum: Spectrum, peaks: Sequence[int]) -> tuple[Band, ...
 
 
 def mode_places(spectrum: Spectrum, low: float, high: float, peaks: Sequence[int]) -> tuple[float, ...]:
-    """Where the modes of a band may be (Hz): its peaks, and of the second singular value what they leave unexplained.
+    """Frequencies (Hz) where modes of a band may lie: peaks of the first and crests of the second singular value.
 
     Between two peaks of different shape the second singular value has one crest, where the modes change places. Modes
     that fall together show one peak and one crest. So there are as many modes as peaks, or one more than crests. Crests
