@@ -104,7 +104,7 @@ def expansion_table(part: ModesCorrelation) -> Table | None:
 
 
 def resonances_table(part: ResponsesCorrelation) -> Table | None:
-    """Table of resonance peaks of a record with the model's nearest ones; None if there are no peaks."""
+    """Table of resonances of a record with the closest ones of the model; None if there are no peaks."""
     if not part.resonances:
         return None
     rows = tuple(

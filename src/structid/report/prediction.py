@@ -72,6 +72,7 @@ def _percent(part: Prediction, index: tuple[int, ...]) -> str:
 
 
 def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> str:
+    """Text of the interval of the value at `index`, times `factor` (100 for per cent); a dash if not finite."""
     low, high = factor * float(part.low[index]), factor * float(part.high[index])
     if not np.isfinite([low, high]).all():
         return NOTHING
@@ -86,7 +87,7 @@ def heading(found: StudyPrediction) -> str:
 
 
 def width_words(found: StudyPrediction) -> str:
-    """How wide the bands of the FRFs are; "" where there are none."""
+    """Sentence on the median half-width of the predicted FRFs' 95 % bands; "" if no FRF is predicted."""
     if found.frf is None:
         return ""
     words = []

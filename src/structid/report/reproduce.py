@@ -185,6 +185,7 @@ class _Digits:
 
     @classmethod
     def of(cls, printed: FloatArray) -> _Digits:
+        """Number format for a table column: decimals and significant digits of its `printed` values (n,)."""
         given = [float(value) for value in printed[np.isfinite(printed)]]
         digits = [np.format_float_positional(value, unique=True, trim="-") for value in given]
         decimals = max(len(text.partition(".")[2]) for text in digits)
@@ -192,7 +193,7 @@ class _Digits:
         return cls(decimals, max(significant - 1, 1), decimals <= 7 and max(map(abs, given)) < 1e7)
 
     def text(self, value: float, more: int = 0) -> str:
-        """`value` with the digits of the column, and `more` after them."""
+        """Text of `value` in the format of the column, with `more` further digits."""
         if not np.isfinite(value) or not self.fixed or abs(value) >= 1e9:
             return number(value, self.significant + more)
         decimals = self.decimals + more

@@ -35,7 +35,7 @@ class Table:
 
 
 def printed(table: Table) -> rich.table.Table:
-    """`table` as a terminal shows it."""
+    """Rich table for the terminal with the header and rows of `table`."""
     found = rich.table.Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
     for column in table.header:
         found.add_column(column, overflow="fold")

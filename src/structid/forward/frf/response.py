@@ -132,7 +132,7 @@ class ResponseCache:
     """
 
     def __init__(self, factorizer: str | None = None) -> None:
-        """Empty cache; `factorizer` names the sparse solver, by default the one that is installed."""
+        """Empty cache for solvers with this `factorizer` ("pardiso" or "superlu"), by default the fastest installed."""
         self.factorizer = factorizer
         self._slopes: WeakSet[StiffnessSlopes] = WeakSet()
         self._patterns: WeakValueDictionary[tuple[object, ...], Pattern] = WeakValueDictionary()

@@ -257,7 +257,7 @@ class Raced(LevenbergMarquardt):
     left_at: Positive = _LEFT_AT
 
     def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
-        """Damped step from `here`, or the end of a search that is predicted to stay above the sum of squares `above`."""
+        """Damped step from `here`, or the end of a search that will probably stay above the sum of squares `above`."""
         promised = float(here.projected @ here.projected)
         if promised < self.left_at * here.cost and here.cost - _MOST_GAINED * promised > self.above:
             return Trial(None, end=End(False, LEFT))

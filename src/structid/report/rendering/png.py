@@ -77,7 +77,7 @@ _NONE = Pen("none", 0.0)
 
 
 def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
-    """Write a PNG file into `folder`, which is made where it does not exist, for each of `pictures`."""
+    """Write a PNG file for each figure into `folder`, created if missing."""
     make_folder(folder)
     for name, figure in pictures(figures).items():
         with atomic_write(folder / f"{name}.png") as temporary, matplotlib.rc_context(STYLE):
@@ -184,7 +184,7 @@ def drawn(figure: Figure) -> Picture:
 
 
 def _panel(axes: Axes, panel: Panel, handles: dict[str, Artist]) -> None:
-    """What stands on `axes`; what is in the legend is added to `handles`."""
+    """Draw a panel with one strip on Matplotlib `axes`, and add its legend entries to `handles`."""
     (strip,) = panel.strips
     axes.set_facecolor(panel.background)
     beside = axes.twinx() if strip.right is not None else axes
@@ -223,6 +223,7 @@ def _scale(axes: Axes, which: Literal["x", "y"], axis: Axis, width: float, is_na
 
 
 def _bar(picture: Picture, axes: Axes, scale: ColourScale) -> None:
+    """Add a bar for the colour scale beside `axes`."""
     extend = "both" if scale.is_exceeded else "neither"
     colours = ScalarMappable(_norm(scale), _colours(scale.colours))
     bar = picture.colorbar(colours, ax=axes, aspect=25, shrink=0.9, extend=extend)
@@ -242,7 +243,7 @@ class _Canvas:
     handles: dict[str, Artist]
 
     def curve(self, trace: Curve) -> None:
-        """A line; where it sways, one at each end of the motion."""
+        """Draw a curve; a swaying one is drawn at both ends of its motion."""
         self._line(trace, trace.at(0.0))
         if trace.sway is not None:
             marker = trace.marker and replace(trace.marker, colour=palette.BLUE)
@@ -250,6 +251,7 @@ class _Canvas:
             self._line(later, trace.at(np.pi))
 
     def _line(self, trace: Curve, places: tuple[np.ndarray, ...]) -> None:
+        """Draw one line of a curve through `places` (x, y and perhaps z), and note its legend entry."""
         pen, marker = trace.pen or _NONE, trace.marker or Marker("none", 0.0, "")
         edge, axes = marker.edge or _NONE, self.beside if trace.right else self.axes
         (line,) = axes.plot(
