@@ -81,7 +81,7 @@ class ChannelErrors(NamedUnknowns):
         return np.array([i for i, own in enumerate(self.kinds) if own == kind], dtype=int)
 
     def readings(self, physical: FloatArray, laplace: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Readings of sensors and of load cells over the truth, (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
+        """Factors from true to read values of sensors and load cells, (n_frequencies, n_outputs) and (..., n_inputs).
 
         Parameters
         ----------

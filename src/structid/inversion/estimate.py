@@ -160,7 +160,7 @@ class Goodness:
 
     @property
     def chi_square_probability(self) -> float:
-        """Probability of a larger chi-square if model and noise level were right."""
+        """Probability of a larger chi-square than found, if model and noise level are right."""
         if not self.degrees_of_freedom > 0:
             return float("nan")
         if self.residual_tests is not None:
@@ -363,7 +363,7 @@ class Estimate(Shown):
         return np.abs(np.nan_to_num(self.distance)) > limit, limit
 
     def interval(self, level: float = 0.95) -> FloatArray:
-        """Interval of each parameter in physical units, lower and upper end: (n_params, 2), NaN where not determined.
+        """Confidence interval of each parameter at `level`, lower and upper end: (n_params, 2).
 
         The normal interval of the free variable, taken to physical units: of a positive parameter it is
         exp(log p -+ z s / p), positive and longer upwards; of a bounded one it stays between the bounds. A positive one
@@ -394,7 +394,7 @@ class Estimate(Shown):
             return is_positive & (self.parameters.scale > 0) & self.identified & (self.values < quantile * self.std)
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """Draws in physical units, (1, n_draws, n_params), of which `interval` holds the ends: normal in the free variables.
+        """Random draws of the parameters in physical units, (1, n_draws, n_params), normal in the free variables.
 
         Parameters too many for a covariance matrix have as many draws as they were found with. NaN where not determined.
         """
@@ -598,7 +598,7 @@ def estimate(
 
 
 def _status(best: Minimum, uncertainty: Uncertainty, searches: SearchRecord) -> Status:
-    """Status of an estimate from its minimum, its uncertainty and the distinct answers."""
+    """Status word of an estimate, from its minimum, uncertainty and number of distinct answers."""
     spread = uncertainty.spread
     is_determined = bool((spread.identified | ~spread.is_free).all())
     if not best.converged and uncertainty.carried.all() and (uncertainty.misfit or is_determined):

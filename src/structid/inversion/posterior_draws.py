@@ -120,7 +120,7 @@ def posterior_draws(
     errors: Callable[[np.random.Generator], FloatArray] | None = None,
     precondition: Solver | None = None,
 ) -> tuple[FloatArray, int]:
-    """Draws of what errors of the data and the priors do to the answer, (count, n_params), and how many failed (NaN).
+    """Draws of the answer's errors in the free variables, (count, n_params), and how many failed (NaN).
 
     A draw solves J'J s = J'e. With e of unit variance, as by default, its covariance is (J'J)^-1, the posterior's.
 
@@ -157,7 +157,7 @@ def posterior_draws(
 def counted_draws(
     at: OperatorLinearization, count: int, generator: np.random.Generator, precondition: Solver | None = None
 ) -> tuple[FloatArray, float, int]:
-    """Posterior draws that converged, how many combinations the data determine, and how many draws did not converge.
+    """Draws of the answer's errors that converged, number of combinations that the data determine, failed draws.
 
     The number is tr(C J'J) = E |J s|^2 of the data rows; NaN without draws.
     """

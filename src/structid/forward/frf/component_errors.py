@@ -105,7 +105,7 @@ class ComponentNoise:
 
 
 def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening, jacobian: FloatArray) -> FloatArray:
-    """Covariance that the errors add to J'r, for the data rows J (real parts, then imaginary) of the Jacobian."""
+    """Covariance of J'e (n_params, n_params) by the errors e of measured components, for data rows J."""
     n_params = jacobian.shape[1]
     top, low = np.split(jacobian, 2)
     total = np.zeros((n_params, n_params))
@@ -118,7 +118,7 @@ def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening
 
 
 def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatArray | None:
-    """Changes (n_errors, n_data) of the data rows by one standard deviation of each error; None where they are too many."""
+    """Changes (n_errors, n_data) of the data by one standard deviation of each component error; None if too many."""
     changes: list[FloatArray] = []
     for entry, rows in _whitened(errors, whitening):
         n_data, n_changes = 2 * rows.size, (len(changes) + 1) * len(entry.deviation)

@@ -134,7 +134,7 @@ def response_products(
     whitening: Callable[[ComplexArray, slice], Whitening],
     stored_bytes: float = STORED_BYTES,
 ) -> ResponseProducts:
-    """The `ResponseProducts` of a model at `physical`: one factorization a line.
+    """Products of the FRF's derivative and its adjoint with vectors, at `physical` parameters (n_params,).
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ class Response:
         return readings[:, : self.channels.n_outputs] * self.kind_factor[:, None, None]
 
     def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """The FRF and its derivative with respect to the physical parameters, (..., n_params).
+        """FRF, (n_frequencies, n_outputs, n_inputs), and its derivative by physical parameters, (..., n_params).
 
         By the adjoint method: with y = Z^-1 s for each sensor and x = Z^-1 f for each load, dH/dp is
         -y' (dZ/dp) x, a sum of element-local products; one factorization a frequency serves all of it. Where a large
@@ -142,7 +142,7 @@ class ResponseCache:
         return ResponseCache, (self.factorizer,)
 
     def slopes(self, structure: Structure, parameters: Parameters) -> StiffnessSlopes:
-        """Derivatives of the dynamic stiffness of a parametrized structure, made once."""
+        """Derivatives of the dynamic stiffness of a parametrized structure, computed once and cached."""
         found = next((known for known in self._slopes if known.serves(structure, parameters)), None)
         if found is None:
             found = StiffnessSlopes(structure, parameters)
@@ -152,7 +152,7 @@ class ResponseCache:
     def sparse_solver(
         self, slopes: StiffnessSlopes, sides: Channels, record: FrfRecord, reduced: float | None = None
     ) -> SparseSolver:
-        """Solver for the channels of `record`, made once; with contacts, which may slide as measured, each record has its own."""
+        """Sparse solver for the channels of `record`, cached; with friction contacts each record has its own."""
         own = record if sides.n_contacts else None
         key: tuple[object, ...] = (
             slopes,
@@ -174,7 +174,7 @@ def response(
     reduced: float | None = None,
     cache: ResponseCache | None = None,
 ) -> Response:
-    """The `Response` of `structure` at the frequencies, sensors and loads of `record`, in its kind.
+    """FRF model of `structure` at the frequencies, sensors and loads of `record`.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def response(
 
 
 def driving_bases(structure: Structure, record: FrfRecord) -> tuple[Base, ...]:
-    """The bases whose motion the inputs of `record` are; () where they are forces.
+    """Supports whose motion is the input of `record`; () if the inputs are forces.
 
     Raises
     ------

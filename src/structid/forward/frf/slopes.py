@@ -53,7 +53,7 @@ class StiffnessSlopes:
         return same and self.structure is structure
 
     def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
-        """The element matrices that the parameters weigh, and the factor of each kind at every line.
+        """Element matrices weighted by the parameters, and the factor of each kind at every line.
 
         Parameters
         ----------

@@ -39,7 +39,7 @@ class MatrixSlopes:
     def products(
         self, physical: FloatArray, laws: Iterable[str], y: FloatArray, x: FloatArray
     ) -> dict[str, FloatArray]:
-        """y' (dA/dp) x for the matrix A of each law.
+        """Products y' (dA/dp) x of the matrix A of each law and parameter.
 
         Parameters
         ----------

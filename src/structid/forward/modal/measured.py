@@ -127,7 +127,7 @@ class MeasuredModes:
         return by_mode(self.groups, [np.full(len(group.members), len(group.members) == 1) for group in self.groups])
 
     def whitened(self, frequency: FloatArray, damping: FloatArray) -> FloatArray:
-        """Rows for frequencies and damping ratios, (n_measured, n) each, in their standard deviations.
+        """Rows for frequencies (Hz) and damping ratios divided by their standard deviations, (n_measured, n) each.
 
         Those of damping ratios, which follow where these count, are empty for modes in groups.
         """
@@ -142,7 +142,7 @@ class MeasuredModes:
 
     @cached_property
     def changes(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Changes whose products sum to the covariance: of frequencies, of damping ratios and of `shapes`.
+        """Changes whose products sum to the covariance of frequencies, damping ratios and shapes; None if unknown.
 
         (n_changes, n_measured) twice and (n_changes, n_channels, n_modes); None where the record does not say how its
         numbers vary together. Those of unknown entries mean nothing.

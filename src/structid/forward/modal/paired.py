@@ -59,7 +59,7 @@ def _groups_at(
 def output_rows(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool, with_slopes: bool = True
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Data rows of form ``output``, their slopes by physical values, and how many rows stand for what is eliminated."""
+    """Weighted data rows of form ``output``, their slopes by parameters, and the number of eliminated unknowns."""
     fits: list[GroupFit] = []
     rows: list[FloatArray] = []
     slopes: list[FloatArray] = []
@@ -87,7 +87,7 @@ def output_rows(
 
 
 def output_changes(data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool) -> FloatArray | None:
-    """Changes of the data rows whose products sum to their covariance, (n_changes, n_data).
+    """Changes (n_changes, n_data) of the data rows whose products sum to their covariance; None if unknown.
 
     None where the record does not say how its numbers vary together; the rows then count as independent.
     """

@@ -132,7 +132,7 @@ class ModalProblem(RecordProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Rows of each mode, its line and quantity: known channels; other values have channels of their own.
+        """Labels of data rows: mode, channel and quantity of each.
 
         Channels without a row have no name: those that are unknown in all modes, or in one of every group.
         """
@@ -174,7 +174,7 @@ class ModalProblem(RecordProblem):
         return schedules
 
     def keeping_order(self, theta: FloatArray) -> ModalProblem:
-        """A problem with the same pairs everywhere as at `theta`, where no shape is known and modes are in their order there."""
+        """Problem with modes paired in order, if no shape is known and they are in order at `theta`; else itself."""
         if self.data.has_shapes or self.settings.form != "output":
             return self
         state = self.model.state(self.physical(theta))
@@ -240,7 +240,7 @@ def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
 
 
 def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
-    """Count, number of determined parameters and part of the misfit of each kind of value.
+    """Count of values, of determined parameters, and share of the misfit, for each kind of value (such as shape).
 
     Parameters determined are the trace of (J'J)^-1 J_k'J_k, J_k being the rows of the kind: kinds and priors together
     give the number of parameters. Empty where the data do not determine all.

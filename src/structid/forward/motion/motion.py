@@ -65,7 +65,7 @@ class Motion:
         return len(self.time)
 
     def at(self, rows: slice | ArrayLike) -> Motion:
-        """A copy with some of its instants only."""
+        """Copy of the motion with only the instants `rows`."""
         index = rows if isinstance(rows, slice) else np.asarray(rows)
         motions = (getattr(self, name) for name in MOTION_QUANTITIES)
         chosen = (None if part is None else part[index] for part in motions)
@@ -80,7 +80,7 @@ def recorded_motion(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
 ) -> Motion:
-    """The motion that `record` holds, each quantity on all free degrees of freedom.
+    """Motion of all free degrees of freedom, from the measured channels of `record`.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def completed(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
 ) -> Motion:
-    """`motion` with its missing quantities made from the others.
+    """Motion with unmeasured quantities integrated (trapezoid) or differentiated (difference) from measured ones.
 
     ``trapezoid`` integrates upwards by the cumulative trapezoidal rule: velocity from acceleration, displacement
     from velocity. ``difference`` goes down by central differences, (w_{k+1} - w_{k-1}) / 2h and
@@ -164,7 +164,7 @@ def _integrated(motion: Motion, displacement_0: ArrayLike | None, velocity_0: Ar
 
 
 def _from_start(name: str, start: ArrayLike | None, rate: FloatArray, time: FloatArray) -> FloatArray:
-    """Integral of `rate` from its first sample, plus `start`."""
+    """Cumulative trapezoidal integral (n_times, n_dofs) of `rate` over `time` (s), from the value `start`."""
     from scipy.integrate import cumulative_trapezoid  # here, because it brings all of scipy.optimize
 
     first = np.zeros(rate.shape[1]) if start is None else np.asarray(start, dtype=np.float64)
@@ -210,7 +210,7 @@ def _forces(structure: Structure, record: TimeRecord, force: ArrayLike | None) -
 
 
 def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity: str) -> sparse.csr_array | None:
-    """The field of `quantity` on all free degrees of freedom from the channels of one sample, (n_dofs, n_channels).
+    """Sparse matrix (n_dofs, n_channels) from the channels of one sample to `quantity`; None if not measured.
 
     By least squares where a motion is measured more than once. None where no channel is of that quantity.
 

@@ -147,7 +147,7 @@ def reduced_by_chunks(
     first: int = 0,
     last: int | None = None,
 ) -> RecursiveMotionFit:
-    """`fit` after samples `first` to `last` of the record; parts of a record may be reduced apart and `merged`."""
+    """Fit updated by samples `first` to `last` of a record that is read in pieces."""
     at = record_rows(fit.equations, structure, record)
     _give_back_memory()
     keeper = FitKeeper(checkpoint)
@@ -207,7 +207,7 @@ def record_rows(equations: TimeEquations, structure: Structure, record: ChunkedR
 
 
 def channel_rows(equations: TimeEquations, mapping: sparse.csr_array) -> RowMaker:
-    """Operator from the channels of a record to the rows of the equations."""
+    """Operator from the channels of a record directly to the rows of the equations of motion."""
     operator = equations.operator  # shared where the channels are the fields, one by one
     if not _is_identity(mapping):
         operator = sparse.csr_array(operator @ mapping)
@@ -246,7 +246,7 @@ class FitKeeper:
 
 
 def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> MotionSolution:
-    """The parameters that a fit holds, without any dense matrix of their number.
+    """Solution of a motion fit with very many parameters, by sparse factors.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> Mot
 
 
 def channel_map(structure: Structure, record: ChunkedRecord) -> sparse.csr_array:
-    """[acceleration velocity displacement force] of all free degrees of freedom from the channels of one sample.
+    """Sparse matrix (4 n_dofs, n_channels) from one sample to accelerations, velocities, displacements, forces.
 
     (4 n_dofs, n_channels), without entries for what the record does not hold.
 

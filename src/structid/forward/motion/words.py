@@ -35,7 +35,7 @@ _SWAMPED = 0.5
 def motion_estimate(
     equations: TimeEquations, found: LinearFit, n_samples: int, bias: FloatArray | None = None
 ) -> Estimate:
-    """The `Estimate` of a linear fit; `bias` is the predicted one, where the noise of the motion is known."""
+    """Estimate with covariance, status and messages from a linear fit to motion; `bias` (n_params,) if known."""
     unknown = equations.unknown
     std = np.sqrt(np.diag(found.covariance))
     identified = std <= np.abs(found.values)
@@ -131,7 +131,7 @@ def _bias_words(equations: TimeEquations, found: LinearFit, bias: FloatArray | N
 
 
 def _identifiability(equations: TimeEquations, found: LinearFit) -> Identifiability:
-    """Directions in relative parameters; each parameter that is not seen at all is a direction of its own."""
+    """Directions of relative parameter change that the equations leave undetermined."""
     unknown = equations.unknown
     values = np.where(np.isfinite(found.values) & (found.values != 0), found.values, unknown.start)
     values = np.where(values != 0, values, 1.0)

@@ -77,7 +77,7 @@ class InstrumentalFit:
         return replace(self, motion=self.motion.at(slice(0, n_times)), force=force)
 
     def rows(self, values: FloatArray) -> WhitenedRows:
-        """Equations and instruments for the parameters `values`.
+        """Regression equations and simulated instruments at the parameters `values` (n_params,).
 
         Raises
         ------
@@ -123,7 +123,7 @@ class InstrumentalFit:
 def instrumental_fit(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions
 ) -> InstrumentalFit:
-    """The `InstrumentalFit` of a record.
+    """Set-up of the instrumental-variables fit of a structure to a record.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
 def identified_by_instruments(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, work: Work = ALONE
 ) -> Estimate:
-    """Refined instrumental variables, first from few samples and then from ever more; see `identify_time`."""
+    """Estimate by refined instrumental variables, from few samples first and then from ever more."""
     fit = instrumental_fit(structure, unknown, record, options)
     size = options.first_samples or max(4, -(-2 * unknown.n_params // structure.n_dofs))
     steps = InstrumentalSteps(work.keeper(_no_rows(unknown)))
@@ -212,7 +212,7 @@ class _End:
 
 
 def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tuple[int, FloatArray]]:
-    """Samples of the first stage and start: least squares of few and of all samples, and the given start, in turn."""
+    """Number of samples of the first stage and starting parameters, for each attempt in turn."""
     n_times, given = fit.motion.n_times, np.array(unknown.start)
     for first in dict.fromkeys((min(size, n_times), min(8 * size, n_times))):
         found = identify_motion(fit.structure, unknown, fit.motion.at(slice(0, first))).values

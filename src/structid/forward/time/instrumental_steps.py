@@ -53,7 +53,7 @@ class InstrumentalSteps:
                 self.steps.append(Step(int(outcome), np.asarray(solution), np.asarray(deviation), None))
 
     def taken(self, fit: RowsAt, values: FloatArray) -> Step:
-        """The next iteration, from the parameters `values`."""
+        """Step with the next iterate, from the parameters `values`; read from the checkpoint if it is there."""
         self.count += 1
         if self.count <= len(self.steps):
             return self.steps[self.count - 1]

@@ -157,7 +157,7 @@ class TimeModel:
         return found
 
     def _linear(self, values: FloatArray, derivatives: bool) -> LinearSystem:
-        """State-space matrices at these parameters, and their derivatives."""
+        """State-space system of the structure at parameter `values`, with its derivatives if wanted."""
         properties = self.unknown.values(values)
         whole = [self.moving.matrix(law, properties).toarray() for law in _LAWS]
         mass, damping, stiffness = (matrix[np.ix_(self.free, self.free)] for matrix in whole)
@@ -260,7 +260,7 @@ class LinearSystem:
 
     @cached_property
     def _output(self) -> tuple[FloatArray, FloatArray]:
-        """Rows of the sensors for state (n_sensors, n_states) and input (n_sensors, n_inputs)."""
+        """Output matrices of the sensors: (n_sensors, n_states) for the state, (n_sensors, n_inputs) for inputs."""
         n, seen = len(self.scale), self.model.sensor_columns.T @ self.shapes
         order = self.model.orders[:, None]
         slow = [np.where(order == 0, seen / self.scale, 0.0), np.where(order == 1, seen, 0.0)]
@@ -318,7 +318,7 @@ class LinearSystem:
         return np.concatenate([own[..., None], stepped(step.transition, drive, state[:, 1:])], axis=2)
 
     def _read(self, states: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Readings and their derivatives at some states, (n_times, n_sensors) and (n_times, n_sensors, n_params)."""
+        """Sensor readings and their derivatives at given states, (n_times, n_sensors) and (..., n_params)."""
         of_state, of_input = self._output
         n_params, n = self.rate_change.shape[1], len(self.scale)
         found = of_state @ states

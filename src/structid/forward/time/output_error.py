@@ -191,7 +191,7 @@ class OutputErrorProblem(RecordProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Readings of each sensor at each sample, then samples of each noisy load."""
+        """Labels of data rows: readings of each sensor at each sample, then samples of each noisy load."""
         (n_times, n_sensors), noisy = self.measured.shape, self.histories.noisy_loads
         index, forces = np.arange(n_times), n_sensors + np.arange(len(noisy))
         kind = "motion of" if self.model.bases else "force at"

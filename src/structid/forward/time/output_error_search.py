@@ -104,7 +104,7 @@ def _tried(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[tuple[_Way, int]]:
-    """Result of each start in turn with the iterations spent; `rounds` is asked for more when these are taken."""
+    """Result of each starting point in turn, with the iterations spent; further `rounds` are drawn when needed."""
     count = 0
     for starts in rounds:
         for first in range(0, len(starts), work.n_workers):
@@ -169,7 +169,7 @@ def _followed(
 
 
 def _misfit(problem: OutputErrorProblem, at: Linearization | OperatorLinearization) -> tuple[float, float]:
-    """Chi-square per degree of freedom, and the probability of a larger one."""
+    """Chi-square per degree of freedom at a linearization, and the probability of a larger one."""
     data = at.residual[: problem.n_data]
     freedom, chi_square = problem.n_data - at.n_params - at.n_eliminated, float(data @ data)
     if freedom <= 0:
@@ -285,7 +285,7 @@ def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], t
 
 
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
-    """Free variables of linear fits to the first 4, 8 and 16 samples, where every degree of freedom is measured."""
+    """Starting points (free variables) by linear fits to the first 4, 8 and 16 samples, if all motion is measured."""
     for n_samples in _LINEAR_SAMPLES:
         if n_samples > len(record.values):
             return
@@ -302,7 +302,7 @@ def _given_start(structure: Structure, unknown: Parameters, record: TimeRecord) 
 
 
 def _weak_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
-    """Free variables of the weak form, which needs no start, where every degree of freedom is measured."""
+    """Starting point (free variables) by the weak form, if all degrees of freedom are measured."""
     try:
         found = identified_by_weak_form(structure, unknown.without_priors(), record, TimeOptions(method="weak"))
     except InputError:

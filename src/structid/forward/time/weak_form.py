@@ -94,7 +94,7 @@ class WeakForm:
         return total
 
     def noise(self, values: FloatArray, weighted: FloatArray) -> FloatArray:
-        """Noise of the fields expected from C^-1 R = `weighted` (n_windows, n_dofs), (4 n_dofs, n_windows)."""
+        """Expected noise of the fields (4 n_dofs, n_windows), given weighted residuals (n_windows, n_dofs)."""
         matrices, n = self._matrices(values), self.equations.n_dofs
         found = np.zeros((3, n, self.n_windows))
         for order, spread in self.spread.items():
@@ -110,7 +110,7 @@ class WeakForm:
         return [self.structure.matrix(law, properties).toarray() for law in _LAWS]
 
     def rows(self, values: FloatArray) -> WhitenedRows:
-        """Equations weighted by their covariance at `values`, and instruments freed of the noise that they share.
+        """Weak-form equations weighted by their covariance at `values`, with noise-free instruments.
 
         Raises
         ------
@@ -140,7 +140,7 @@ class WeakForm:
 
 
 def weak_form(structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions) -> WeakForm:
-    """The `WeakForm` of a record.
+    """Weak-form equations of motion of a record, with test functions over windows.
 
     Raises
     ------
@@ -236,7 +236,7 @@ def _filters(
 
 
 def modulating_function(place: FloatArray, order: int) -> FloatArray:
-    """Derivative of cos(pi x)^16 on |x| < 1/2, 0 elsewhere; x in window lengths.
+    """Derivative of given `order` of the test function cos(pi x)^16, |x| < 1/2, at `place` x in window lengths.
 
     Its first 15 derivatives vanish at both ends, so that sums over samples integrate it as exactly as the samples show
     the motion.

@@ -378,7 +378,7 @@ def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
 def _by_held_values(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Changes of the parameters in both states for one tolerance of each held value of either, (n, n_changes) each.
+    """Changes of the parameters of both states per tolerance of each held value, (n, n_changes) each.
 
     The prior of carried parameters moves with the baseline, and with them the later state; what that says of them moves the
     baseline.

@@ -101,7 +101,7 @@ def gains(
 
 
 def _gains(reached: FloatArray, inverse: FloatArray, criterion: Criterion, is_all: bool) -> FloatArray:
-    """Gains of candidates whose rows, G R^-1, are `reached`; `inverse` are the rows of R^-1 of interest."""
+    """Gain of the criterion by each candidate, with rows G R^-1 `reached` and `inverse` rows of R^-1 of interest."""
     grown = np.eye(reached.shape[1]) + reached @ np.swapaxes(reached, 1, 2)
     if criterion == "a":
         seen = reached @ inverse.T
@@ -155,7 +155,7 @@ def exchanged(
     criterion: Criterion = "d",
     of_interest: np.ndarray | None = None,
 ) -> tuple[int, ...]:
-    """`chosen` with members exchanged for better candidates until no single exchange gains (Fedorov's algorithm)."""
+    """Candidates `chosen`, improved by single exchanges until none gains (Fedorov's algorithm)."""
     members = list(chosen)
     for _ in range(_MOST_PASSES):
         changed = False
@@ -179,7 +179,7 @@ def optimal(
     criterion: Criterion = "d",
     of_interest: np.ndarray | None = None,
 ) -> tuple[int, ...]:
-    """The best `count` candidates found: greedy, then exchanged; the most telling first."""
+    """Indices of the best `count` candidates found by greedy choice and exchange, most informative first."""
     first = greedy(candidates, known, count, criterion, of_interest)
     members = exchanged(candidates, known, first, criterion, of_interest)
     order = greedy(candidates[list(members)], known, count, criterion, of_interest)

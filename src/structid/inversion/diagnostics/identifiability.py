@@ -70,7 +70,7 @@ def identifiability(
     noise_scale: float = 1.0,
     free: np.ndarray | None = None,
 ) -> Identifiability:
-    """Identifiability from the data rows of a Jacobian with respect to relative parameters.
+    """Rank and undetermined directions of the parameters, from a Jacobian by relative parameters.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def identifiability(
 
 
 def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ...]) -> str:
-    """A sentence for an undetermined direction of relative changes.
+    """Sentence on which parameters an undetermined direction of relative change involves.
 
     Examples
     --------

@@ -136,7 +136,7 @@ class ResidualTests:
 
 
 def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> ResidualTests:
-    """Tests of the whitened `residual` of `problem` at its minimum.
+    """Tests of the whitened `residual` at the minimum for white, normal noise, by channel.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def _series_test(name: str, values: FloatArray) -> SeriesTest:
 
 
 def periodogram_test(values: FloatArray) -> tuple[float, float]:
-    """Largest distance of the cumulative periodogram from that of white noise, and the probability of a larger one.
+    """Kolmogorov distance of the cumulative periodogram from that of white noise, and its p-value.
 
     For normal white noise the ordinates without frequency 0 and the last are independent exponentials, so that their
     cumulative sums over the total are ordered uniform numbers for any length: Kolmogorov's distance, with Stephens'
@@ -219,7 +219,7 @@ def periodogram_test(values: FloatArray) -> tuple[float, float]:
 
 
 def runs_test(values: FloatArray) -> tuple[int, float, float]:
-    """Runs of one sign, their mean for independent signs, and the two-sided probability by the normal limit.
+    """Number of runs of equal sign, its expectation for independent signs, and the two-sided p-value.
 
     With n1 positive and n2 negative values the mean is 2 n1 n2 / n + 1 and the variance (mean - 1)(mean - 2) / (n - 1);
     the count is drawn half a run towards the mean.
@@ -250,7 +250,7 @@ def _normality(values: FloatArray, averages: FloatArray | None) -> float:
 
 
 def _jarque_bera(values: FloatArray) -> float:
-    """Probability of a larger n/6 (skewness^2 + excess^2 / 4) for normal values."""
+    """p-value of the Jarque-Bera test for normality of `values` (n,)."""
     if len(values) < _FEWEST_FOR_SHAPE or np.ptp(values) == 0:
         return float("nan")
     z = (values - values.mean()) / values.std()

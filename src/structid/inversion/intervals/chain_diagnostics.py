@@ -9,7 +9,7 @@ from structid.core.arrays import FloatArray
 
 
 def split_r_hat(draws: FloatArray) -> float:
-    """Rank-normalized split R-hat of one quantity: the larger of its bulk and its folded form; 1 where chains agree.
+    """Rank-normalized split R-hat of one quantity, about 1 for chains that agree.
 
     Parameters
     ----------

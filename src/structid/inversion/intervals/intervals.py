@@ -81,7 +81,7 @@ def intervals(
 
 
 def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> FloatArray:
-    """Intervals from the data with what the tolerances of held values add, in the logarithm of what is positive.
+    """Interval ends (n_params, 2) widened by the tolerances of held values.
 
     Half-widths add in squares; an end that the data do not give stays open.
     """

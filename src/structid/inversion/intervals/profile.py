@@ -71,7 +71,7 @@ class Profile:
         return (self.name,)
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """Draws, (1, n_draws, 1), whose signed root of the deviance is normal: each interval holds what its level says.
+        """Random draws of the parameter, (1, n_draws, 1), distributed as the profile likelihood.
 
         Beyond the last point of the profile the root goes on straight.
 
@@ -301,7 +301,7 @@ class _Side:
         outside: tuple[float, float, float] | None,
         last: tuple[float, float, float],
     ) -> float:
-        """Newton's next place for the end, kept inside the bracket or within three times the way so far."""
+        """Next trial value of the parameter for the interval end, by Newton's method kept inside its bracket."""
         start = float(self.estimate.theta[self.index])
         at, root, rate = last
         newton = at + self.sign * (self.quantile - root) / rate if rate > 0 else self.sign * np.inf
@@ -316,7 +316,7 @@ class _Side:
         return inside[0] + min(max(share, 0.1), 0.9) * (outside[0] - inside[0])
 
     def _fitted(self, theta: FloatArray, at: float) -> tuple[FloatArray, float, float] | None:
-        """The constrained minimum at `at` from the point `theta`: all variables, deviance and its slope."""
+        """Constrained fit with the parameter at `at`: free variables, deviance and its slope; None if it fails."""
         others = np.delete(theta, self.index)
         others_free = FixedVariable(self.problem, self.index, at)
         try:

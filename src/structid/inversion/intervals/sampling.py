@@ -121,7 +121,7 @@ def sample(
     rng: np.random.Generator | None = None,
     work: Work = ALONE,
 ) -> Samples:
-    """Draws from the posterior of the parameters, started around the estimate in coordinates whitened by Laplace.
+    """Posterior draws of the parameters by Markov chains started around the estimate.
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ def _by_nuts(
 
 
 def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -> Stored:
-    """The next draws of a chain, as a task: its state with the random numbers is the item."""
+    """Next draws of one Markov chain, as a parallel task; `item` is the chain's stored state."""
     target, n_warmup, n_draws = shared
     rng = _generator(item["random"])
     if item["chain"] is not None:

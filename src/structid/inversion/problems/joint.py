@@ -135,7 +135,7 @@ class JointProblem(Problem):
 
     @cached_property
     def _is_one(self) -> bool:
-        """True for a single problem with its parameters in their order and each of its priors once."""
+        """True if the joint problem is a single problem with its own order of parameters."""
         if len(self.problems) > 1:
             return False
         [index], [rows], [problem] = self.unknowns.columns, self._first_priors, self.problems

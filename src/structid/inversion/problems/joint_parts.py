@@ -137,7 +137,7 @@ def joint_rows(parts: Sequence[DataRows]) -> DataRows:
 
 
 def _joint_quantities(parts: Sequence[DataRows]) -> IntArray | None:
-    """Quantity of each data row; None where parts do not have the same ones, whose numbers may then differ in meaning."""
+    """Quantity number of each data row of all problems, (n_data,); None if the problems' quantities differ."""
     numbers = [set(part.quantities[part.quantities >= 0].tolist()) for part in parts if part.quantities is not None]
     if not numbers or any(other != numbers[0] for other in numbers):
         return None

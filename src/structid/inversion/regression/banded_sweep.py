@@ -84,7 +84,7 @@ def _neighbours(columns: IntArray, n_params: int) -> sparse.csr_array:
 def swept(
     triangles: FloatArray, columns: IntArray, layout: BandLayout, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Banded triangle (row i: columns i, i + 1, ...), right-hand side and sum of squared residuals.
+    """QR factorization with a band: triangle (n, width), right-hand side (n,), and residual sum of squares.
 
     Parameters
     ----------

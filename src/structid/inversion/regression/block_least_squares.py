@@ -67,7 +67,7 @@ class BlockFit:
         return _condition(self._factor, _rows(self._state, self._scale)[0]) if full else np.inf
 
     def covariance(self, indices: IntArray) -> FloatArray:
-        """Covariance of these parameters, residual variance times (B'B)^-1, (k, k); NaN where values are."""
+        """Covariance (k, k) of the parameters `indices`, in physical units; NaN for undetermined ones."""
         chosen = np.asarray(indices, dtype=np.int64).ravel()
         if chosen.size and (chosen.min() < 0 or chosen.max() >= len(self.values)):
             raise InputError(
@@ -125,7 +125,7 @@ class _Normal:
 
 
 def block_solution(state: StreamingQr, size: FloatArray | None = None) -> BlockFit:
-    """The least-squares solution of all rows that `state` has seen.
+    """Least-squares solution of all rows reduced into the QR `state`.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def _partners(rows: sparse.csr_array, weak: np.ndarray, factor: _Band) -> np.nda
 
 
 def _rows(state: StreamingQr, scale: FloatArray) -> tuple[sparse.csr_array, FloatArray]:
-    """The compressed rows of all blocks with scaled columns, and their right-hand sides."""
+    """Compressed rows of all blocks with scaled columns, as a sparse matrix, and their right-hand sides."""
     n_blocks, side = state.triangles.shape[:2]
     used = np.broadcast_to((state.columns >= 0)[:, None, :], (n_blocks, side - 1, side - 1))
     used = used & np.triu(np.ones((side - 1, side - 1), dtype=bool))

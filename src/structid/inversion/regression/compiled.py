@@ -53,7 +53,7 @@ class Rows(NamedTuple):
 
 @_part
 def _products(b, left, right, count, sums):
-    """`sums` plus the products of rows: entry i len(right) + j is of rows left[i] and right[j]."""
+    """`sums` plus the inner products of each row `left` with each row `right` of `b` over `count` samples."""
     for t in range(uint64(count)):
         for i in range(len(left)):
             x = b[uint64(left[i]) + t]
@@ -100,7 +100,7 @@ def _alike(blocks, row, other):
 
 @_part
 def _make_alike(b, at, samples, blocks, row, side, factors):
-    """Rows of the operator from `row`, each `side` after the other, of the same fields: four fields at a time."""
+    """Form rows of up to three blocks with the same fields in `b`, four fields at a time."""
     start, end = blocks.starts[row], blocks.starts[row + 1]
     if start == end:
         for i in range(len(at)):
@@ -137,7 +137,7 @@ def _make(b, at, block, samples, blocks, row, side, n):
 
 @_part
 def _put_triangle_first(r, q, rows, new):
-    """Put the triangle in front of the `new` last samples of the rows; zeros where there is nothing."""
+    """Prepend the triangle `r` to the `new` samples of the rows, padded with zeros."""
     n, last = _padded(q), r.shape[0] - 1
     for k in range(n + 1):
         at = rows.first + k * rows.apart
@@ -152,7 +152,7 @@ def _put_triangle_first(r, q, rows, new):
 
 @_part
 def _take(r, q, rows, i, j):
-    """Entry i of row j, which no later reflection touches, goes to the triangle; zero in its place."""
+    """Move entry i of row j to the triangle `r`, and put zero in its place."""
     at = rows.first + j * rows.apart + i
     if i < q and (j < q or j == _padded(q)):
         r[i, j if j < q else r.shape[0] - 1] = rows.b[at]
@@ -161,7 +161,7 @@ def _take(r, q, rows, i, j):
 
 @_part
 def _reflect_panel(r, q, rows, k):
-    """Reflections that clear rows k to k + 2 below the diagonal, one by one, on these and the right-hand side.
+    """Householder reflections of rows k to k + 2 and the right-hand side, with their factors.
 
     Returns their factors and the products of their vectors, which stand in the rows, with one another.
     """
@@ -212,7 +212,7 @@ def _by_reflections(r, q, rows):
 
 @_part
 def _cholesky(g, q):
-    """The triangle in place of its products g, its inverse transposed below; the square sum of that with unit columns.
+    """Cholesky factor of the products `g`, in place, with its inverse; returns the inverse's squared norm.
 
     The last column, of right-hand sides, is divided by the triangle transposed. Infinity where g is singular.
     """
@@ -307,7 +307,7 @@ def _by_products(r, q, rows):
 
 @_whole
 def fold_fields(triangles, fields, blocks, first, last, longest):
-    """Fold the rows of groups `first` to `last` over all samples, at most `longest` at a time, into `triangles`.
+    """Reduce the rows of block groups `first` to `last`, formed from `fields`, into their triangles.
 
     Group h is the blocks heads[h] to heads[h + 1], three at most.
     """

@@ -87,7 +87,7 @@ def shared_out(n: int, threads: int, work: Callable[[int, int], object]) -> None
 
 
 def block_widths(columns: IntArray) -> IntArray:
-    """Number of columns in use of each block, (n_blocks,); unused ones, -1, must come last."""
+    """Number of used columns of each block, (n_blocks,); unused ones (-1) must come last."""
     widths = (columns >= 0).sum(axis=1)
     if (columns[np.arange(columns.shape[1]) < widths[:, None]] < 0).any():
         raise InputError("unused columns (-1) must come last in every block")
@@ -154,7 +154,7 @@ def _groups(columns: IntArray) -> IntArray:
 
 
 def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: Kernels) -> FloatArray:
-    """Triangles of [triangle; rows of all samples], (n_blocks, k + 1, k + 1).
+    """Block triangles (n_blocks, k + 1, k + 1) updated by the rows that `maker` forms of `fields`.
 
     Parameters
     ----------

@@ -187,7 +187,7 @@ def folded_triangle(triangles: FloatArray, columns: IntArray, n_params: int) -> 
 
 
 def triangle_solution(triangle: FloatArray, n_rows: int, size: FloatArray | None = None) -> LinearFit:
-    """The least-squares solution that one triangle [R | z], (n_params + 1, n_params + 1), of `n_rows` rows holds."""
+    """Least-squares solution from one triangle [R | z], (n_params + 1, n_params + 1), of `n_rows` rows."""
     n_params = len(triangle) - 1
     factor, right = np.array(triangle[:n_params, :n_params]), triangle[:n_params, n_params]
     norm = np.linalg.norm(factor, axis=0)

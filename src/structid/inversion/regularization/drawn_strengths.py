@@ -157,7 +157,7 @@ def _later(progress: Progress, done: int, iteration: int, cost: float) -> None:
 def balanced_strengths(
     problem: Problem, theta: FloatArray, terms: Sequence[Differences], given: Sequence[float | None]
 ) -> tuple[float, ...]:
-    """Strengths at which data and penalty weigh the same at `theta`, where none is given."""
+    """Penalty strengths at which penalty and data have equal weight at `theta`; `given` ones are kept."""
     if all(value is not None for value in given):
         return tuple(float(value) for value in given if value is not None)
     at, slope, physical = problem.linearize_operator(theta), problem.slope(theta), problem.physical(theta)

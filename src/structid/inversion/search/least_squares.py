@@ -178,7 +178,7 @@ def minimize(
     progress: Progress | None = None,
     keeper: Keeper | None = None,
 ) -> Minimum:
-    """The nearest minimum of the sum of squared residuals that `method` reaches from `theta`.
+    """Nearest minimum of the sum of squared residuals, from `theta` by `method`.
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ class _Damped:
         return np.asarray(-linalg.solve_triangular(self.triangle, down, check_finite=False))
 
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
-        """The damped step with the entries `held` at their `values`."""
+        """Damped step (n_params,) with the entries `held` fixed at `values`."""
         right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
         orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
         step = np.array(values)

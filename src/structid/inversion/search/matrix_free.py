@@ -133,7 +133,7 @@ class MatrixFree:
 
 
 def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = DENSE_BYTES) -> tuple[bool, str]:
-    """Decide if a search with its Jacobian fits in memory, with the reason in words.
+    """True if a search with a dense Jacobian fits in memory, and the reason in words.
 
     Parameters
     ----------

@@ -132,7 +132,7 @@ def searched_minima(
     progress: StageProgress | None = None,
     work: Work = ALONE,
 ) -> SearchedMinima:
-    """The minima of all searches, with the iterations that each took.
+    """Minima found by all searches, with the iterations of each.
 
     The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
     then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not, and so do
@@ -271,7 +271,7 @@ def _search_widely(
 
 
 def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
-    """Points on both sides of an answer along the directions that the data determine worst, as far off as wide starts."""
+    """Starting points on both sides of an answer, along its worst-determined directions."""
     size = sizes_at(problem, answer.theta)
     rows = np.linalg.svd(cast(Linearization, answer.linearization).jacobian * size)[2][-_WEAKEST:]
     steps = [np.log(_WIDE) * row / np.abs(row).max() * size for row in rows]
@@ -313,7 +313,7 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
 
 
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
-    """True where an answer is doubtful enough for more searches; see `Search`."""
+    """True if an answer is doubtful enough to start more searches; see `Search`."""
     if not search.doubt_starts or method.is_matrix_free:
         return False
     moved = np.abs(best.theta - start)
@@ -354,7 +354,7 @@ def staged(
     prefix: str = "",
     minimize: Minimizer = ALONE.minimize,
 ) -> tuple[Minimum, int]:
-    """The minimum that the stages and then the problem itself lead to, and the iterations spent.
+    """Minimum reached through the stages and then the problem itself, and the number of iterations.
 
     Where the stages end with a larger sum of squares of the problem itself than they began with, they led astray: the
     problem is then solved from where they began.

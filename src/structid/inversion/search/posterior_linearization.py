@@ -84,7 +84,7 @@ def posterior_linearized(
 def _drawn(
     problem: Problem, middle: FloatArray, factor: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Standard normal draws in pairs of opposite sign, (n_draws, n_params), and residuals there, (n_draws, n_rows).
+    """Antithetic standard normal draws, (n_draws, n_params), and the residuals there, (n_draws, n_rows).
 
     Those where the model cannot be evaluated are left out.
     """

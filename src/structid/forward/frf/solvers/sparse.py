@@ -172,7 +172,7 @@ class SparseSolver:
         return LastSweep()
 
     def _reduced_sweep(self, physical: FloatArray, coefficients: ComplexArray) -> FieldSweep | None:
-        """Fields of all columns from few factorizations, verified; None where each line is to be solved for."""
+        """Fields of all columns at all lines from few factorizations; None if each line must be solved."""
         if self.reduced is None or self.channels.n_contacts:
             return None
 
