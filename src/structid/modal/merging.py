@@ -74,7 +74,7 @@ def merged_setups(
     frequency_guard: float = 0.05,
     names: Sequence[str] | None = None,
 ) -> Merging:
-    """Modes that two set-ups or more have, with shapes at all sensors.
+    """Modes of several set-ups merged by their shared sensors, with shapes at all sensors.
 
     Modes of all set-ups are grouped: each set-up in turn is paired with the groups so that the sum of their worth is as
     large as it can be, and again until no mode changes its group. A pair of modes is worth MAC at the references times
@@ -280,7 +280,7 @@ def _values_of(values: FloatArray, row: IntArray) -> FloatArray:
 
 
 def _covariance(setup: ModalRecord, row: IntArray) -> FloatArray:
-    """Covariance of the frequencies, then damping ratios, of the modes in `row`; NaN where none is stated, or no mode is."""
+    """Covariance of frequencies, then damping ratios, of the modes `row` of a set-up; NaN if not stated."""
     covariance = np.full((2 * len(row), 2 * len(row)), np.nan)
     there = np.flatnonzero(row >= 0)
     if setup.covariance is not None:
@@ -297,7 +297,7 @@ def _inverse_variances(variance: FloatArray, counts: NDArray[np.bool_]) -> Float
 
 
 def _scatter(values: FloatArray, variance: FloatArray) -> FloatArray:
-    """Variance between set-ups beyond what each states, (n_quantities,): DerSimonian and Laird (1986), Eq. (8)."""
+    """Between-set-up variance of each quantity, (n_quantities,), by DerSimonian and Laird."""
     counts = _stated(variance) & ~np.isnan(values)
     weight = _inverse_variances(variance, counts)
     total = np.maximum(weight.sum(axis=0), np.finfo(np.float64).tiny)
@@ -314,7 +314,7 @@ def _stated(variance: FloatArray) -> NDArray[np.bool_]:
 def _weighted_mean(
     values: FloatArray, variance: FloatArray, covariances: Sequence[FloatArray], scatter: FloatArray
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Mean over the set-ups, (n_quantities,), with weights 1 / (variance + `scatter`), and its covariance.
+    """Weighted mean (n_quantities,) of frequencies and damping ratios over set-ups, and its covariance.
 
     A quantity whose deviation no set-up states is the plain mean of those that know it, with NaN in the covariance.
     """
@@ -460,7 +460,7 @@ def _all_stated(
 
 
 def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
-    """Standard deviation of every entry of the shape with its scale free; NaN where none is known."""
+    """Standard deviation of every shape entry of a mode, (n_channels,), scale free; NaN if unknown."""
     if setup.shape_std is None:
         return np.full(len(setup.channels), np.nan)
     shape = np.asarray(setup.mode_shapes[:, [mode]])
@@ -472,7 +472,7 @@ def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
 def merged_shape(
     parts: Sequence[ComplexArray], errors: Sequence[FloatArray], index: Sequence[IntArray], n_channels: int
 ) -> tuple[ComplexArray, FloatArray]:
-    """The shape psi and factors c_s that make the sum of |part_s - c_s psi|^2 / error_s^2 least.
+    """Merged shape (n_channels,) and scale factors of parts, by weighted least squares.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ _HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "wors
 
 
 def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
-    """Heading, options, the tests side by side, the next sensor, what is enough, and what moves together."""
+    """Terminal text of a test plan: options, compared tests, next sensor, sufficient tests, correlated parameters."""
     parts: list[RenderableType] = [Text(title, style="bold"), *(Text(f"note: {note}") for note in notes)]
     parts.append(Text(options_text(found)))
     parts.append(printed(test_table(found)))
@@ -91,7 +91,7 @@ def test_table(found: Plan) -> Table:
 
 
 def parameter_table(found: Plan) -> Table:
-    """The predicted relative standard deviation of each parameter, before and after."""
+    """Table of the predicted relative standard deviation of each parameter in every compared test."""
     tests = compared(found)
     header = ("parameter", "unit", "initial", *(f"std, {test.label}" for test in tests))
     rows = []

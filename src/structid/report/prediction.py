@@ -100,7 +100,7 @@ def width_words(found: StudyPrediction) -> str:
 
 
 def prediction_text(found: StudyPrediction) -> list[RenderableType]:
-    """Heading, natural modes, largest motions, and what the bands include."""
+    """Terminal text of a prediction: natural modes, largest motions, and what the bands include."""
     parts: list[RenderableType] = [Text(heading(found), style="bold"), printed(modes_table(found.modes))]
     if found.maxima is not None:
         parts.append(printed(maxima_table(found.maxima)))

@@ -146,7 +146,7 @@ class TableText:
 
 
 def table_text(table: Table) -> TableText:
-    """`table` as text; a single row of many whole numbers is turned upright."""
+    """Table as plain text; a single row of many integers is transposed."""
     whole = bool(np.isfinite(table.printed).all()) and _is_whole(table.printed)
     if whole and len(table.rows) == 1 and len(table.columns) > 3:
         table = Table(table.columns, table.rows, table.printed.T, table.computed.T)
@@ -208,7 +208,7 @@ def _whole(value: float) -> str:
 
 
 def _signed(value: float) -> str:
-    """A difference with its sign, to two digits."""
+    """Text of a difference with its sign and two digits."""
     if not np.isfinite(value):
         return NOTHING
     if value == 0:

@@ -20,7 +20,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
-    """`text` with `edits` made, in order.
+    """TOML text after the `edits` (mappings with "set", "remove", "add" or "list"), made in order.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ class OpenFolder:
     root: Path
 
     def inside(self, name: str) -> Path:
-        """The path of `name`, given by slashes from the folder.
+        """Absolute path of `name` in the open folder; raises `OutsideError` if it leads out of the folder.
 
         Raises
         ------
@@ -205,7 +205,7 @@ class OpenFolder:
         return sorted(files[:most])
 
     def text(self, name: str) -> tuple[str, str]:
-        """The text of a study and its digest.
+        """Text of the study file `name` and its digest.
 
         Raises
         ------

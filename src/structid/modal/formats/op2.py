@@ -137,7 +137,7 @@ def _records(path: Path, content: bytes, words: _Words) -> Iterator[bytes]:
 
 
 def _tables(path: Path, content: bytes, words: _Words) -> Iterator[_Table]:
-    """The tables of a file in order."""
+    """Tables of an op2 file in their order, each with its name and records."""
     records = _records(path, content, words)
     table: _Table | None = None
     part = 0

@@ -233,7 +233,7 @@ def _read_datasets(path: Path, blocks: Sequence[Block], notes: list[str]) -> lis
 
 
 def _drop_duplicates(path: Path, modes: list[_Mode], notes: list[str]) -> list[_Mode]:
-    """One shape for each mode: displacements where there are several kinds of motion, one mode of each conjugate pair."""
+    """Modes with one shape each: displacements preferred, and one mode of each conjugate pair."""
     numbers = {mode.number for mode in modes}
     if len(numbers) > 1:
         first, second = ([mode for mode in modes if mode.number == number] for number in (55, 2414))
@@ -289,7 +289,7 @@ def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tup
 
 
 def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list[complex]:
-    """Factors that give each shape a modal mass of 1; empty if a mode does not state its own.
+    """Factors that scale each shape to unit modal mass (kg); empty if a mode's modal mass is not stated.
 
     Parameters
     ----------

@@ -153,7 +153,7 @@ def modal_phase_deviation(shapes: ComplexArray) -> FloatArray:
 
 
 def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
-    """Derivative of all |s| / 2 pi, then -Re s / |s|, by all Re s, then Im s, (2 n_poles, 2 n_poles)."""
+    """Derivative of frequencies (Hz) and damping ratios by Re s and Im s, (2 n_poles, 2 n_poles)."""
     size = np.abs(poles)
     across = poles.imag / size**3
     slope = np.block([[np.diag(poles.real / size), np.diag(poles.imag / size)],
@@ -165,7 +165,7 @@ def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
 def state_poles(
     transition: FloatArray, output: FloatArray, sampling_rate: float, sizes: FloatArray | None = None
 ) -> Poles:
-    """Poles of x(k+1) = A x(k), y(k) = C x(k).
+    """Continuous-time poles (rad/s) and shapes of the state-space model x(k+1) = A x(k), y(k) = C x(k).
 
     Parameters
     ----------

@@ -94,7 +94,7 @@ class FreeMotion:
 
     @property
     def misfit(self) -> float:
-        """Part of `curvature` that no constant matrix times y explains, relative, in root mean square.
+        """Relative RMS part of the acceleration that no constant matrix times the motion explains.
 
         Undamped modes no more than channels leave nothing, whatever the step: the second difference of cos(w t) is
         -(4/h^2) sin^2(w h/2) cos(w t), and the central difference of its derivative -(w/h) sin(w h) cos(w t).

@@ -210,7 +210,7 @@ def _smooth_end_corrected(z: FloatArray, derivative: FloatArray, to_z: FloatArra
 def _independent_motions(
     motion: FreeMotion, tolerance: float, n_modes: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Maps y -> z (n_channels, rank) and z -> y with <z z'> = 1, and the eigenvalues of A over the largest."""
+    """Maps between channels y and independent motions z, <z z'> = 1, and relative eigenvalues of <y y'>."""
     if not 0 < tolerance < 1:
         raise InputError(f"`tolerance` must lie between 0 and 1, got {tolerance!r}")
     scale = _channel_scale(motion.base, motion.channels)
@@ -231,7 +231,7 @@ def _independent_motions(
 
 
 def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
-    """Root mean square of all translations, or of all rotations, for each channel."""
+    """Scale of each channel: root mean square of all translations or of all rotations."""
     turning = np.array([dof.is_rotation for dof in channels])
     scale = np.ones(len(channels))
     for group in (turning, ~turning):
@@ -243,7 +243,7 @@ def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
 
 
 def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberArray, NumberArray]:
-    """Conjugate pairs that are a repeated real value up to rounding become two real vectors of the same plane.
+    """Eigenvalues and vectors with nearly real conjugate pairs replaced by two real vectors each.
 
     Pairs stand side by side, the positive imaginary part first, as LAPACK gives them.
     """
@@ -281,7 +281,7 @@ def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[n
 
 
 def _by_mass(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
-    """M^-1 V with V = M Phi (Phi' M Phi)^-1, the dual of Phi that needs no sensor beyond the measured motion."""
+    """Mode shapes from the dual vectors V = M Phi (Phi' M Phi)^-1, by the mass matrix M."""
     matrix = locked(mass, np.float64)
     require_finite("mass", matrix)
     n = len(shapes)

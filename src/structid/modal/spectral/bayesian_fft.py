@@ -103,7 +103,7 @@ def bayesian_fft(
 
 
 def band_lines(data: Outputs, low: float, high: float) -> tuple[BandLines, tuple[Dof, ...]]:
-    """Fourier lines of all records from `low` to `high` Hz, and the places of their channels.
+    """Scaled Fourier lines of all records from `low` to `high` (Hz), and the degrees of freedom measured.
 
     Returns
     -------
@@ -162,7 +162,7 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
 
 
 def _doubts(number: int, band: Band, found: Posterior, data: Outputs) -> list[str]:
-    """Words on a band whose result is doubtful."""
+    """Notes on a frequency band whose modes are doubtful."""
     words, spacing = [], 1 / data.duration
     where = f"band {number}, {band.low:.4g} to {band.high:.4g} Hz"
     if not found.converged:

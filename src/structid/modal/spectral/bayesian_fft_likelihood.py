@@ -219,7 +219,7 @@ def negative_log_likelihood(data: BandLines, modes: BandModes) -> float:
 
 
 def gradient(data: BandLines, place: Chart, x: FloatArray) -> tuple[float, FloatArray]:
-    """`negative_log_likelihood` at coordinates x, and its gradient, (size,).
+    """Negative log-likelihood at coordinates `x` (size,) of a chart, and its gradient (size,).
 
     With W_k = E_k^-1 - a_k a_k^*, a_k = E_k^-1 F_k, the change is the sum of tr(W_k dE_k).
     """
@@ -254,7 +254,7 @@ def _along_tangents(place: Chart, x: FloatArray, modes: BandModes, slope: FloatA
 
 
 def _of_triangle(root: ComplexArray, slope: ComplexArray) -> FloatArray:
-    """Slopes to L as slopes to coordinates: logarithms of its diagonal, then parts of the rest."""
+    """Gradient by the coordinates of a Cholesky factor L, from the gradient by L itself."""
     below, size, lower = np.tril_indices(len(root), -1), root.diagonal().real, np.tril(root)
     slope_log = np.sum(slope.real * lower.real + slope.imag * lower.imag, axis=1)
     part = slope[below] * size[below[0]]

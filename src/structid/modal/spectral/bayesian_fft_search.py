@@ -54,7 +54,7 @@ class Posterior:
 
 
 def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
-    """Most probable modes near `places` (Hz, one a mode), and their covariance from the Hessian there.
+    """Most probable modes near `places` (Hz, one for each mode) and their posterior covariance.
 
     They are searched from several starts, with a part of the lines and in the directions in which the band has most
     power; the best goes on with all lines and channels.
@@ -103,7 +103,7 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
 
 
 def _shortened(data: BandLines, place: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
-    """A step of 1 at the most in every coordinate, which keeps frequencies in the band and damping ratios sensible."""
+    """Step shortened to 1 in every coordinate, and so that frequencies and damping ratios stay sensible."""
     step = step / max(1.0, float(np.abs(step).max()))
     m = place.centre.n_modes
     low, high = _limits(data, place.centre)
@@ -112,7 +112,7 @@ def _shortened(data: BandLines, place: Chart, x: FloatArray, step: FloatArray) -
 
 
 def _limits(data: BandLines, start: BandModes) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest coordinates of frequencies in the band and damping ratios, (2 m,) each."""
+    """Least and greatest coordinates of frequencies and damping ratios in the search, (2 m,) each."""
     zeta = start.damping_ratio
     ends = [np.log(f / start.frequency) / zeta for f in (data.frequency.min(), data.frequency.max())]
     ratios = [np.log(limit / zeta) for limit in _DAMPING_LIMITS]
@@ -138,7 +138,7 @@ def _refined(data: BandLines, modes: BandModes) -> Posterior:
 
 
 def hessian(data: BandLines, place: Chart, x: FloatArray) -> FloatArray:
-    """Second derivatives of the negative log-likelihood to coordinates x, by differences of its gradient."""
+    """Hessian of the negative log-likelihood at coordinates `x`, by differences of its gradient; (size, size)."""
     rows = []
     for e in np.eye(len(x)) * _STEP:
         rows.append((gradient(data, place, x + e)[1] - gradient(data, place, x - e)[1]) / (2 * _STEP))
@@ -187,7 +187,7 @@ def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
 
 
 def _rough(data: BandLines, places: Sequence[float], zetas: Sequence[float], shapes: FloatArray) -> BandModes:
-    """Spectral densities that go with frequencies, damping ratios and shapes, in powers over the band."""
+    """Rough modal parameters with force spectra fitted to given frequencies (Hz), damping ratios and shapes."""
     m, n = len(places), data.n_channels
     frequency = np.array(places, dtype=float)
     for r in range(1, m):  # modes that begin alike stay alike

@@ -107,7 +107,7 @@ def default_segment(data: Outputs) -> int:
 
 
 def singular_spectrum(data: Outputs, segment: int) -> Spectrum:
-    """Welch's average of Hann-windowed, half-overlapping segments, decomposed line by line."""
+    """Singular value decomposition of the Welch spectral matrix at every line, with Hann windows."""
     data = centred(data)
     window = hann(segment)
     total, count = np.zeros((segment // 2 + 1, data.n_channels, data.n_channels), dtype=complex), 0
@@ -136,7 +136,7 @@ def coherence(spectrum: Spectrum, line: int) -> float:
 
 
 def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
-    """Lines of the peaks of a singular value that stand out of the errors of the spectrum, lowest first.
+    """Line indices of significant peaks of a singular value of the spectrum, lowest first.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
 
 
 def peak_range(spectrum: Spectrum, line: int, others: Sequence[int] = ()) -> tuple[int, int]:
-    """First and last line of the band of a peak.
+    """First and last line index of the frequency band of a peak.
 
     The band ends where the first singular value is down by 30, or at the errors of the background, or in the valley
     before another peak, or at three times the distance at which the steeper flank is down by 5 (six half-power

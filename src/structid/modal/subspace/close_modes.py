@@ -58,7 +58,7 @@ def close_groups(modes: ModalRecord) -> tuple[IntArray, ...]:
 
 
 def repeated_modes(modes: ModalRecord) -> np.ndarray:
-    """Modes that are told from one of a better known damping ratio neither by frequency nor by shape, (n_modes,) bool array.
+    """Mask (n_modes,) of modes that duplicate a better known one in frequency and shape.
 
     Models of more states than a record of random motion carries give a resonance two stable poles. None where the modes
     have no covariance, or the channels are too few for shapes to differ.

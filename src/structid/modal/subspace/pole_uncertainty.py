@@ -73,7 +73,7 @@ class FreeDecay:
 
 
 def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
-    """The records as free decays with `poles`; nothing is fitted where a glance shows that these explain little."""
+    """Records split into free decays with the given `poles` (rad/s) and the rest."""
     if _decay_share(data, poles) < _HARDLY:
         return FreeDecay([], [], explains_most=False, explains_all=False)
     decay, rest = [], []
@@ -95,7 +95,7 @@ def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
 
 
 def _decay_share(data: Outputs, poles: ComplexArray) -> float:
-    """Part of the power of the records that free decays with `poles` explain, from a few random sums of the channels.
+    """Share of the records' power that free decays with `poles` (rad/s) explain, estimated quickly.
 
     By normal equations, whose matrix is a geometric series. 1 where a pole grows so fast that it would overflow.
     """
@@ -124,7 +124,7 @@ def _decay_share(data: Outputs, poles: ComplexArray) -> float:
 
 
 def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
-    """Greatest level of the spectrum at the `poles`, averaged over channels and a 32nd of the lines, over its median."""
+    """Ratio of the highest spectral level near the `poles` (rad/s) to the median level."""
     n = len(y)
     size = np.sqrt(np.mean(y**2, axis=0))
     window = np.sin(np.pi * (np.arange(n) + 0.5) / n)[:, None]
@@ -162,7 +162,7 @@ def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
 def overlapping_batches(
     ds: ComplexArray, dshape: ComplexArray, piece: float, memory: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Sums of neighbouring changes, whose products add up to a covariance that counts how neighbours vary together.
+    """Sums of neighbouring changes of poles and shapes, for a covariance that includes their correlation.
 
     Pieces short against the memory of a mode are no independent repeats. Every run of L of them is one, L the least
     with L pieces as long as `_BATCH` memories, but at most an eighth of all pieces; runs overlap. Standard deviations

@@ -37,7 +37,7 @@ def modes_of_setups(
     read: ReadOptions | None = None,
     geometry: str | Path | None = None,
 ) -> ModesResult:
-    """The modes of one structure from several set-ups with common reference sensors, each as `modes_of_file`, merged.
+    """Modes of one structure from several set-ups with common reference sensors, identified and merged.
 
     A mode that two set-ups or more have, and one has not, is looked for in that one's record at the others' frequency. The
     record and the spectra of the result are those of the first set-up.

@@ -182,7 +182,7 @@ def modes_of_file(
 def read_and_identify(
     path: Path, options: ModesOptions, read: ReadOptions | None, geometry: str | Path | None, alone: bool
 ) -> ModesResult:
-    """`modes_of_file`; columns without names are numbered only where the record stands `alone`."""
+    """Modes of the file at `path` (see `modes_of_file`); unnamed columns are numbered if it stands `alone`."""
     read = read or ReadOptions()
     if read.kind == SPECTRUM:
         return _modes_of_spectra(path, options, read, geometry)
@@ -342,7 +342,7 @@ def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentificat
 
 
 def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSpectra) -> ModalIdentification:
-    """`identification` with a warning that names peaks of the first singular value that no mode explains."""
+    """Identification with a warning on spectral peaks that no mode explains, if there are any."""
     low, high = identification.options.criteria.frequency
     level = spectra.values[:, 0] if spectra.is_power else spectra.values[:, 0] ** 2
     peaks = unexplained_peaks(spectra.frequency, level, identification.modes)
@@ -383,7 +383,7 @@ def dies_out(identification: ModalIdentification) -> NDArray[np.bool_]:
 
 
 def mode_spectra(record: Record) -> ModeSpectra:
-    """Singular values of the spectral matrix of motion, or of the FRF matrix, line by line."""
+    """Singular values of the spectral matrix, or of the FRF matrix, at every line."""
     if isinstance(record, FrfRecord):
         values = np.linalg.svd(record.values, compute_uv=False)
         return ModeSpectra(record.frequency, values, "singular values of the FRF matrix", record.unit, is_power=False)
@@ -404,7 +404,7 @@ def modes_provenance(paths: Sequence[str | Path | None], options: ModesOptions, 
 
 
 def record_geometry(path: Path, record: Record | SpectrumRecord, given: Path | None) -> Geometry | None:
-    """The geometry in the file `given`, or else in the record's file `path`; None where there is none.
+    """Geometry from the file `given`, or from the record's own file; None if there is none.
 
     Raises
     ------

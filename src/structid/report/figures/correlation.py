@@ -21,7 +21,7 @@ _MOST_MAPS = 2
 
 
 def mac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.Figure:
-    """MAC of measured and modelled modes, one panel a model; pairs are framed."""
+    """Matrix figure of the MAC between measured and model modes, one panel for each model, pairs framed."""
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
     panels, largest = [], 1
     for part, word in zip(parts, words, strict=True):
@@ -94,7 +94,7 @@ def frac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> 
 
 
 def fdac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> plot.Figure | None:
-    """FDAC of the first loads, of one model after the other; None with a single output."""
+    """Matrix figure of FDAC for the first loads and each model; None if there is a single output."""
     if any(part.fdac is None for part in parts):
         return None
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "FDAC")

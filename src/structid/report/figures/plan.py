@@ -43,7 +43,7 @@ def _places(found: Plan, test: PlannedTest) -> plot.Figure:
 
 
 def std_figure(found: Plan) -> plot.Figure:
-    """Predicted relative standard deviation of every parameter, one mark a test, on a logarithmic axis."""
+    """Figure of the predicted relative standard deviation of every parameter, one marker for each test."""
     tests, target = compared(found), found.options.target
     of_interest = zip(found.parameters.names, found.chosen.of_interest, strict=True)
     names = [name + ("" if counts else " (nuisance)") for name, counts in of_interest]
@@ -81,7 +81,7 @@ def _limits(finite: np.ndarray) -> tuple[float, float]:
 
 
 def lines_figure(found: Plan, chosen: PlannedTest) -> plot.Figure:
-    """The chosen lines over the response of the initial model at the chosen places."""
+    """Figure of the chosen frequency lines over the response of the initial model at the chosen sensors."""
     frequency, magnitude = _response(found, found.chosen.sensors, found.chosen.loads)
     at = np.interp(chosen.frequency, frequency, magnitude)
     spread = np.diff(np.log(np.maximum(frequency, np.finfo(float).tiny)))

@@ -40,7 +40,7 @@ def _panel(panel: Panel, labels: list[str]) -> plot.Panel:
 
 
 def _x_axis(panel: Panel) -> plot.Axis:
-    """Whole numbers where all are whole; a logarithmic axis where few points are spread over powers of ten."""
+    """Horizontal axis of a panel, with integer ticks for integer data or a logarithmic scale for few wide data."""
     points = np.unique(np.concatenate([np.asarray(curve.x, dtype=np.float64) for curve in panel.curves]))
     first, last = float(points[0]), float(points[-1])
     if 3 <= len(points) <= 12 and first > 0 and last > 100 * first:

@@ -103,7 +103,7 @@ def responses_figure(fit: RecordFit) -> plot.Figure:
 
 
 def extremes_figure(fit: RecordFit) -> plot.Figure:
-    """Magnitude of the channel that is fitted worst and of the one that is fitted best."""
+    """Figure of the FRF magnitudes of the worst and the best fitted channel."""
     whole = responses_figure(fit)
     errors = np.array([channel.median_error for channel in channels(fit)])
     chosen = dict.fromkeys((int(np.argmax(errors)), int(np.argmin(errors))))
@@ -157,7 +157,7 @@ def _coherence(frequency: FloatArray, used: np.ndarray, values: FloatArray) -> p
 
 
 def residual_channels_figure(fit: RecordFit) -> plot.Figure:
-    """Median relative error of every channel, with the 90 % quantile and the initial model."""
+    """Figure of the median relative error of every channel, with 90 % quantile and initial model."""
     found = channels(fit)
     labels, place = [c.label for c in found], np.arange(len(found), dtype=float)
     rows = np.array([(c.median_error, c.high_error, c.median_error_initial) for c in found])
@@ -186,7 +186,7 @@ def residual_channels_figure(fit: RecordFit) -> plot.Figure:
 
 
 def residual_map_figure(fit: RecordFit) -> plot.Figure:
-    """Size of the whitened residual over frequency and channel."""
+    """Map of the size of the whitened residual over frequency and channel."""
     labels = tuple(channel.label for channel in channels(fit))
     frequency, values = whitened(fit)
     stride = max(1, -(-values.size // MOST_VALUES))
@@ -217,7 +217,7 @@ def whitened(fit: RecordFit) -> tuple[FloatArray, FloatArray]:
 
 
 def line_edges(frequency: FloatArray) -> FloatArray:
-    """Edges of cells centred on lines, (n_lines + 1,), for maps over frequency."""
+    """Frequencies (n_lines + 1,) of the cell edges between lines, for maps over frequency."""
     if len(frequency) == 1:
         return np.array([frequency[0] - 0.5, frequency[0] + 0.5])
     middle = 0.5 * (frequency[1:] + frequency[:-1])

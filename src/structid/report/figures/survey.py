@@ -52,7 +52,7 @@ def pole_kinds(result: ModesResult) -> list[np.ndarray]:
 
 
 def stabilization_figure(result: ModesResult) -> plot.Figure | None:
-    """Poles of every order, over the first singular value; None where the method has no orders."""
+    """Stabilization diagram: poles by model order over the first singular value; None without orders."""
     sweep = result.identification.sweep
     if not sweep:
         return None
@@ -121,7 +121,7 @@ def _mode_marks(result: ModesResult, limits: plot.Limits) -> tuple[plot.Trace, .
 
 
 def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, FloatArray]:
-    """Frequencies and the first singular values: all lines, or the largest of neighbours where there are too many."""
+    """Frequencies (Hz) and first singular values; only the largest of neighbouring lines if there are many."""
     frequency, values = result.spectra.frequency, result.spectra.values[:, :n_values]
     step = -(-len(frequency) // _MOST_LINES)
     if step == 1:
@@ -163,7 +163,7 @@ def spectra_figure(result: ModesResult) -> plot.Figure:
 
 
 def damping_figure(result: ModesResult) -> plot.Figure | None:
-    """Damping ratio over frequency with one standard deviation; None where the method gives no damping."""
+    """Figure of damping ratio over frequency with standard deviations; None if damping is not identified."""
     modes, n = result.modes, result.modes.n_modes
     known = np.flatnonzero(np.isfinite(modes.damping_ratio))
     if not len(known):
@@ -206,7 +206,7 @@ def mpc(result: ModesResult) -> FloatArray:
 
 
 def complexity_figure(result: ModesResult) -> plot.Figure:
-    """Entries of every shape in the complex plane, one circle a mode.
+    """Figure of the complex entries of every mode shape, one circle for each mode.
 
     The largest entry has size 1, and each shape is turned so that most of it is real.
     """

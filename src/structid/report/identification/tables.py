@@ -250,7 +250,7 @@ def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
 
 
 def element_table(structure: Structure) -> Table:
-    """Element sets with their types and nominal properties; properties that are all 0 are left out."""
+    """Table of element sets with their types and nominal properties, without those that are all 0."""
     rows = []
     for element in structure.sets:
         own = [p for p in structure.properties if p.element == element.name]
@@ -316,7 +316,7 @@ def _gaps(whole: FloatArray, used: FloatArray) -> str:
 
 
 def _listed(items: Iterable[str]) -> str:
-    """`items` with commas; the count first where there are many."""
+    """Items joined by commas, with the count first if they are many."""
     words = list(items)
     if not words:
         return "none"

@@ -67,7 +67,7 @@ class Arrays:
 
 
 def numbers(values: FloatArray) -> list[float | None]:
-    """`values` with six significant digits; None for what is not finite."""
+    """List of `values` rounded to six significant digits, with None for values that are not finite."""
     given = np.asarray(values, dtype=np.float64)
     finite = np.isfinite(given)
     size = np.abs(np.where(finite & (given != 0), given, 1.0))
@@ -272,7 +272,7 @@ def _marker(marker: Marker) -> Described:
 
 
 def legend(figure: Figure) -> list[tuple[str, Markup]]:
-    """Labels and their swatches, small drawings of 26 by 12 pixels."""
+    """Legend entries of a figure: labels and SVG swatches of 26 by 12 pixels."""
     found = []
     for trace in figure.legend:
         swatch = _Swatch()

@@ -324,7 +324,7 @@ def matrix_panel(
     columns: Sequence[str] = (),
     across: str = "",
 ) -> Panel:
-    """A heat map with a name for every row and column, the first row on top.
+    """Heat map panel of a matrix with a name for every row and column, first row on top.
 
     Without `columns` it is square, with the names of the rows and the same `label` on both axes. Values are written into
     the cells of a small matrix, to two decimals.
@@ -388,7 +388,7 @@ def decade_ticks(low: float, high: float) -> Ticks:
 
 
 def decade_limits(values: ArrayLike) -> Limits:
-    """Ends of a logarithmic axis that holds what is positive of `values` and is at least a decade long."""
+    """Limits of a logarithmic axis that hold the positive `values` and span at least a decade."""
     given = np.ravel(values)
     powers = np.log10(given[np.isfinite(given) & (given > 0)])
     low, high = (float(powers.min()), float(powers.max())) if powers.size else (0.0, 0.0)

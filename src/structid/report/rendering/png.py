@@ -85,7 +85,7 @@ def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
 
 
 def pictures(figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    """A picture for each figure, and for each strip of figures whose panels have several."""
+    """Figures to be drawn as pictures: one for each figure, or for each of its strips if panels have several."""
     found = {}
     for name, figure in figures.items():
         strips = figure.panels[0].strips
@@ -147,7 +147,7 @@ def plotted(figure: Figure, axes: Axes | Sequence[Axes] | None = None) -> Pictur
 def _whole_panel(
     picture: Picture, axes: Axes, panel: Panel, handles: dict[str, Artist], width: float, named: tuple[bool, bool]
 ) -> None:
-    """A panel of one strip with its scales, `width` pixels wide; `named` says which of x and y is told."""
+    """Draw a panel of one strip with its axes; `named` tells if the x and the y axis get a title."""
     _panel(axes, panel, handles)
     _scale(axes, "x", panel.x, width, named[0])
     _scale(axes, "y", panel.strips[0].y, width, named[1])
@@ -207,7 +207,7 @@ def _panel(axes: Axes, panel: Panel, handles: dict[str, Artist]) -> None:
 
 
 def _scale(axes: Axes, which: Literal["x", "y"], axis: Axis, width: float, is_named: bool) -> None:
-    """Scale, limits, ticks and name of an axis of `axes`, which are `width` pixels wide."""
+    """Set scale, limits, ticks and title of the `which` axis of Matplotlib `axes` that are `width` pixels wide."""
     own = axes.xaxis if which == "x" else axes.yaxis
     if axis.log:
         axes.set(**{f"{which}scale": "log"})
@@ -289,7 +289,7 @@ class _Canvas:
             self.axes.text(*at, text, ha="center", va="center", size=7.0, color="white" if light < 0.5 else palette.INK)
 
     def texts(self, trace: Texts) -> None:
-        """Words with a white halo, so that they can be read over lines."""
+        """Draw texts with a white halo, legible over lines."""
         up, along = trace.side.split()
         aside = {"left": "right", "right": "left", "center": "center"}[along]
         below = {"top": "bottom", "bottom": "top", "middle": "center"}[up]
