@@ -476,7 +476,7 @@ def estimate(
     fixed: FixedValues | None = None,
     **moved: object,
 ) -> Estimate:
-    """Parameters that minimize the problem's sum of squares, with their uncertainty.
+    """Least-squares or maximum-posterior estimate of the problem's parameters, with uncertainty and diagnostics.
 
     Parameters
     ----------

@@ -327,7 +327,7 @@ class FrfProblem(RecordProblem):
         )
 
     def schedules(self) -> tuple[FrfSchedule, ...]:
-        """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
+        """Sequences of easier problems for poor starts: a short one, and a longer one if that fails.
 
         Both begin with the pole-free residual and every parameter drawn to its start: what the data say weakly stays
         where it is until the rest has settled. The short way takes errors of half of each value, which follows a
@@ -369,7 +369,7 @@ def _has_friction(structure: Structure) -> bool:
 
 
 def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> None:
-    """Refuse values whose weight would be infinite, and zeros where the form divides by what was measured."""
+    """Raise `InputError` if a value has infinite weight, or is zero where `form` divides by measured values."""
     if form != "equation" and not (deviation > 0).all():
         line, output, load = np.argwhere(deviation <= 0)[0]
         raise InputError(
@@ -427,7 +427,7 @@ def _pole_free_schedule(problem: FrfProblem, std: float, errors: tuple[float, ..
 
 
 def decay_continuation(problem: FrfProblem, start_error: float = START_ERROR) -> FrfSchedule:
-    """Stages from smooth data far right of the axis down to the axis; empty where lines are too few, or parts were measured.
+    """Stages of fits at s = omega (a + i), a falling to 0, for poor starts; empty if lines are too few.
 
     At s = omega (a + i) with a near 1 an FRF has no resonances, and a fit cannot be caught between them; as a goes
     to 0 it becomes what was measured. Each stage fits the logarithm of the FRF, weighted by the error that

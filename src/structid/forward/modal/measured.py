@@ -96,7 +96,7 @@ class MeasuredModes:
 
     @cached_property
     def groups(self) -> tuple[GroupData, ...]:
-        """Measured modes in groups that are too close in frequency to tell apart, lowest group first.
+        """Measured modes in groups of close frequencies, lowest group first.
 
         A mode without a known shape entry stands alone, and those about it are close or not as if it were not there.
         """

@@ -101,7 +101,7 @@ class RecursiveMotionFit:
             )
 
     def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
-        """Predicted bias (n_params,) of the fit by noise of the motion, at `values` or those of the fit."""
+        """Predicted bias (n_params,) of the fit by noise of the motion, at `values` or the fitted parameters."""
         found = self.solution()
         p = found.values if values is None else np.asarray(values, dtype=np.float64)
         gram, cross = self.equations.noise_gram(self.error)

@@ -82,7 +82,7 @@ class WhitenedRows(Problem):
         return np.asarray(np.linalg.solve(system, right) / scale)
 
     def covariance(self) -> FloatArray:
-        """(Z'B)^-1 Z'Z (B'Z)^-1 for rows of unit variance; NaN for what is not determined."""
+        """Covariance (n_params, n_params) of the instrumental-variables solution; NaN for undetermined parameters."""
         if self._system is None:
             return inverse_information(self.instruments)
         system, _, scale = self._system

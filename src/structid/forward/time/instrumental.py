@@ -100,7 +100,7 @@ class InstrumentalFit:
         )
 
     def _whitening(self, values: FloatArray, residual: FloatArray) -> FloatArray:
-        """L^-1 with L L' the covariance of the equation error at an instant, (n_dofs, n_dofs)."""
+        """Inverse Cholesky factor (n_dofs, n_dofs) of the covariance of the equation error at an instant."""
         if self.noise is None:
             size = np.sqrt((residual**2).mean(axis=0))
             return np.diag(1 / np.where(size > 0, size, max(float(size.max(initial=0.0)), 1e-300)))
@@ -236,7 +236,7 @@ def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, st
 def _iterated(
     fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray], steps: InstrumentalSteps
 ) -> tuple[FloatArray | None, bool, WhitenedRows | None]:
-    """Parameters after at most so many solutions, whether they stay, and the rows of the last one.
+    """Parameters after at most `most` iterations, True if converged, and the rows of the last iteration.
 
     Solutions that swing to and fro are halved in between.
     """

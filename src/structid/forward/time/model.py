@@ -85,7 +85,7 @@ class TimeModel:
 
     @cached_property
     def sensor_columns(self) -> FloatArray:
-        """Reading of each sensor as a combination of the motion, (n_free, n_sensors).
+        """Matrix (n_free, n_sensors) of sensor readings as combinations of the free motion.
 
         Raises
         ------
@@ -197,7 +197,7 @@ class TimeModel:
 def _change_between(
     structure: Structure, unknown: Parameters, law: str, left: FloatArray, right: FloatArray, properties: FloatArray
 ) -> FloatArray:
-    """left' (dA/dp) right of a matrix A for each parameter, (n_left, n_params, n_right)."""
+    """Products left' (dA/dp) right with the matrix A of `law`, for each parameter, (n_left, n_params, n_right)."""
     n_params, n_left, n_right = unknown.n_params, left.shape[1], right.shape[1]
     total = np.zeros((n_params, n_left * n_right))
     for part in structure.contributions:
@@ -233,7 +233,7 @@ class LinearSystem:
 
     @cached_property
     def _steps(self) -> tuple[Step, Step]:
-        """State transition of the first step, and of all others."""
+        """State transitions over the first time step, and over all later ones."""
         step, gap = self.model.drive.step, self.model.drive.gap
         usual = self._step(step)
         same = gap == 0 or abs(gap - step) < 1e-12 * step

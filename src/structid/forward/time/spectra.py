@@ -211,7 +211,7 @@ def transient_order(channels: ChannelErrors | None) -> int:
 
 
 def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Schedule, ...]:
-    """Ways to the answer of `problem` from a poor start: the same record with its signals faded out, less and less.
+    """Two sequences of stages for a poor start, fits to the record times exp(-sigma t), with falling sigma.
 
     Multiplied by exp(-sigma t), forces and motions obey the same equation at s = sigma + i omega, with the transient
     exp(-sigma T) w(T) - w(0); nothing is approximated. Far from the axis there are no resonances to be caught

@@ -381,7 +381,7 @@ def distinct_answers(
     least_cost: Callable[[Minimum], float],
     probability: float,
 ) -> tuple[Answer, ...]:
-    """Distinct converged minima, best first.
+    """Distinct converged minima, best first, with whether each fits the data within noise.
 
     Two are the same where they are at most three posterior standard deviations apart.
 

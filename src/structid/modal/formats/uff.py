@@ -341,7 +341,7 @@ def _turn_to_global_axes(
 
 
 def _read_55(where: str, lines: list[str]) -> _Mode | str:
-    """The mode in one dataset 55 (its `lines`), or a phrase on what the dataset holds instead."""
+    """Mode in one dataset 55 of a universal file (its `lines`), or words on why it holds no mode."""
     kind = _Kind(*_integers_of(where, lines, 5, 6, "record 6"))
     if words := kind.objection():
         return words
@@ -359,7 +359,7 @@ def _read_55(where: str, lines: list[str]) -> _Mode | str:
 
 
 def _read_2414(where: str, lines: list[str]) -> _Mode | str:
-    """The mode in one dataset 2414 (its `lines`), or a phrase on what the dataset holds instead."""
+    """Mode in one dataset 2414 of a universal file (its `lines`), or words on why it holds no mode."""
     (location,) = _integers_of(where, lines, 2, 1, "record 3")
     kind = _Kind(*_integers_of(where, lines, 8, 6, "record 9"))
     if words := kind.objection():

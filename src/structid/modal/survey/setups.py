@@ -82,7 +82,7 @@ def modes_of_setups(
 
 
 def recovered_modes(result: ModesResult, merging: Merging, number: int) -> ModalRecord | None:
-    """Modes of set-up `number`, missing in `merging`, that its record does show at the others' frequency; or None."""
+    """Modes that set-up `number` lacks in `merging` but its record shows at the merged frequency; None if none."""
     lost = np.flatnonzero(merging.members[number] < 0)
     limits = result.identification.options.criteria.frequency
     lost = lost[(merging.modes.frequency[lost] > limits[0]) & (merging.modes.frequency[lost] < limits[1])]

@@ -61,7 +61,7 @@ def changes_figure(found: Comparison) -> plot.Figure:
 
 
 def _axis_limit(found: Comparison) -> float:
-    """Largest relative change shown: what the changes and most intervals need."""
+    """Largest relative change on the axis, chosen to hold all changes and most intervals."""
     reach = np.abs(found.relative_change) + NORMAL_95 * found.relative_std
     reach = reach[np.isfinite(reach)]
     if not reach.size:

@@ -82,7 +82,7 @@ def stabilization_figure(result: ModesResult) -> plot.Figure | None:
 
 
 def _view(result: ModesResult) -> plot.Limits:
-    """Frequency range (Hz) that is shown first."""
+    """Frequency range (low, high) in Hz of the plots' initial view."""
     lines, modes = result.spectra.frequency, result.modes.frequency
     high = min(float(lines[-1]), 1.5 * float(modes.max(initial=0.0)) or float(lines[-1]))
     low = 0.0
