@@ -472,7 +472,7 @@ def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
 def merged_shape(
     parts: Sequence[ComplexArray], errors: Sequence[FloatArray], index: Sequence[IntArray], n_channels: int
 ) -> tuple[ComplexArray, FloatArray]:
-    """Merged shape (n_channels,) and scale factors of parts, by weighted least squares.
+    """Merged shape, largest entry 1, by weighted least squares over parts of free scale, and its standard deviations.
 
     Parameters
     ----------

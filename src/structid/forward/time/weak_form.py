@@ -110,7 +110,7 @@ class WeakForm:
         return [self.structure.matrix(law, properties).toarray() for law in _LAWS]
 
     def rows(self, values: FloatArray) -> WhitenedRows:
-        """Weak-form equations weighted by their covariance at `values`, with noise-free instruments.
+        """Weak-form equations weighted by their covariance at `values`, with instruments freed of shared noise.
 
         Raises
         ------

@@ -281,7 +281,7 @@ def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[n
 
 
 def _by_mass(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
-    """Mode shapes from the dual vectors V = M Phi (Phi' M Phi)^-1, by the mass matrix M."""
+    """Phi (Phi' M Phi)^-1 for `shapes` Phi (n_channels, n_modes) and the mass matrix M, full or its diagonal."""
     matrix = locked(mass, np.float64)
     require_finite("mass", matrix)
     n = len(shapes)

@@ -121,7 +121,7 @@ def _mode_marks(result: ModesResult, limits: plot.Limits) -> tuple[plot.Trace, .
 
 
 def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, FloatArray]:
-    """Frequencies (Hz) and first singular values; only the largest of neighbouring lines if there are many."""
+    """Frequencies (Hz) and first `n_values` singular values; the largest of neighbouring lines if there are many."""
     frequency, values = result.spectra.frequency, result.spectra.values[:, :n_values]
     step = -(-len(frequency) // _MOST_LINES)
     if step == 1:
