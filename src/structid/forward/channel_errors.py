@@ -81,7 +81,7 @@ class ChannelErrors(NamedUnknowns):
         return np.array([i for i, own in enumerate(self.kinds) if own == kind], dtype=int)
 
     def readings(self, physical: FloatArray, laplace: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Readings of sensors and of load cells over the truth, (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
+        """Factors from true to read values of sensors and load cells, (n_frequencies, n_outputs) and (..., n_inputs).
 
         Parameters
         ----------
@@ -121,6 +121,7 @@ class ChannelErrors(NamedUnknowns):
         return np.einsum("fk,ko->fok", self._each_slope(physical, laplace), self.of_outputs)
 
     def _each_slope(self, physical: FloatArray, laplace: ComplexArray) -> ComplexArray:
+        """Log-derivative of readings by each error, (n_frequencies, n_params): 1 / gain, or -s for a delay."""
         slopes = np.zeros((len(laplace), self.n_params), dtype=np.complex128)
         gains = self.rows("gain")
         slopes[:, gains] = 1 / physical[gains]
@@ -133,7 +134,7 @@ class ChannelErrors(NamedUnknowns):
         return float(physical[rows[0]]) if len(rows) else None
 
     def decided(self, measured: ComplexArray, predicted: ComplexArray) -> ChannelErrors:
-        """A copy with the polarities by which model and measurement agree best in phase.
+        """Copy of these errors with the polarities by which model and measurement agree best in phase.
 
         Each line of each FRF has one vote, so that resonances do not outweigh the rest; one polarity is decided after
         another until none changes.

@@ -81,7 +81,7 @@ class _Group:
 
 
 def _members(chosen: Sequence[tuple[int, ...]], n_channels: int) -> np.ndarray:
-    """Which channels each parameter belongs to, (n_params, n_channels) bool."""
+    """Table of the channels that each parameter belongs to, (n_params, n_channels) bool."""
     made = np.zeros((len(chosen), n_channels), dtype=bool)
     for row, own in zip(made, chosen, strict=True):
         row[list(own)] = True
@@ -138,6 +138,7 @@ def channel_errors(record: Measured, unknowns: Iterable[ChannelUnknown]) -> Chan
 
 
 def _groups(record: Measured, unknown: ChannelUnknown) -> list[_Group]:
+    """Parameters that one declaration makes, with their names and channels: one for each channel, or one for all."""
     if unknown.property not in (*_CONTINUOUS, "polarity"):
         known = ", ".join((*_CONTINUOUS, "polarity"))
         raise InputError(f"channel error `property` must be one of {known}, got {unknown.property!r}")
@@ -164,7 +165,7 @@ def _groups(record: Measured, unknown: ChannelUnknown) -> list[_Group]:
 
 
 def _chosen(key: str, given: str | Sequence[str], channels: tuple[Dof, ...]) -> tuple[int, ...]:
-    """Positions among `channels` of those named, whatever their sense."""
+    """Indices in `channels` of the ones that the texts `given` name, in either direction; "all" names every one."""
     texts = (given,) if isinstance(given, str) else tuple(given)
     if texts == (_ALL,):
         return tuple(range(len(channels)))
@@ -188,6 +189,7 @@ def _chosen(key: str, given: str | Sequence[str], channels: tuple[Dof, ...]) -> 
 
 
 def _require_distinct(groups: list[_Group]) -> None:
+    """Raise `InputError` if two groups have one name, or claim one property of the same channel."""
     names: set[str] = set()
     owner: dict[tuple[str, str, int], str] = {}
     for group in groups:
@@ -207,6 +209,7 @@ def _start(group: _Group) -> float:
 
 
 def _limits(group: _Group) -> tuple[float, float]:
+    """Lower and upper bound of a group's parameter: the declared ones, or 0 to infinity, or any value of a delay."""
     if group.unknown.bounds is not None:
         low, high = group.unknown.bounds
         if not low < high or (group.unknown.property != "delay" and low < 0):
@@ -216,6 +219,7 @@ def _limits(group: _Group) -> tuple[float, float]:
 
 
 def _require_ranges(groups: list[_Group], made: ChannelErrors) -> None:
+    """Raise `InputError` if a start lies outside its bounds, or a prior is unsound or does not fit the bounds."""
     rows = zip(groups, made.names, made.start, made.transforms.lower, made.transforms.upper, strict=True)
     for group, name, value, low, high in rows:
         prior = group.unknown.prior

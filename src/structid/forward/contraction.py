@@ -64,7 +64,7 @@ class ParameterForces:
         return len(self.indptr) - 1
 
     def entries(self, factors: ComplexArray, x: NumberArray) -> NumberArray:
-        """The forces for fields x (n_dofs, n_x), (n_forces, n_x), with the `factors` (n_maps,) of one line."""
+        """Forces (n_forces, n_x) of fields `x` (n_dofs, n_x), with the `factors` (n_maps,) of one frequency line."""
         is_complex = np.iscomplexobj(x)
         flat = np.ascontiguousarray(x)
         flat = flat.view(np.float64) if is_complex else flat
@@ -111,7 +111,7 @@ class ParameterForces:
 
 
 def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: int) -> ParameterForces:
-    """The `ParameterForces` of element matrices with weights that depend on parameters."""
+    """Operator for the forces (dZ/dp) x of all parameters, from element matrices with parameter-dependent weights."""
     keys = [key for part in parts for key in _force_keys(part, n_dofs)]
     pattern = np.unique(np.concatenate([np.zeros(0, np.int64), *keys]))
     shape = (len(pattern), n_dofs)
@@ -129,7 +129,7 @@ def parameter_forces(parts: Sequence[WeightedElements], n_params: int, n_dofs: i
 
 
 def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Element, parameter and slope of every weight that depends on a parameter, in stretches that fit in memory."""
+    """Element index, parameter index and slope of every weight that depends on a parameter, in memory-sized parts."""
     element = np.repeat(np.arange(part.slope.shape[0]), np.diff(part.slope.indptr))
     local = part.blocks.dofs.shape[1] ** 2 if isinstance(part.blocks, Blocks) else 1
     step = max(1, _CHUNK_ENTRIES // max(1, local))
@@ -139,7 +139,7 @@ def _pairs(part: WeightedElements) -> Iterator[tuple[IntArray, IntArray, FloatAr
 
 
 def _force_keys(part: WeightedElements, n_dofs: int) -> Iterator[IntArray]:
-    """Parameter times n_dofs plus degree of freedom wherever there are forces, each once in a stretch."""
+    """Keys, parameter index times n_dofs plus degree of freedom, of all forces; each key once in a part."""
     if not isinstance(part.blocks, Blocks):
         yield np.unique(_matrix_entries(part, n_dofs)[0])
         return
@@ -170,7 +170,7 @@ def _force_maps(
 
 
 def _matrix_entries(part: WeightedElements, n_dofs: int) -> tuple[IntArray, IntArray, FloatArray]:
-    """Entries of d(sum of weights B_e)/dp: parameter times n_dofs plus row, column and value."""
+    """Entries of d(sum of weights B_e)/dp as row (parameter times n_dofs plus row), column and value."""
     joined = _joined(part.blocks.entries(), part.slope, n_dofs)
     pieces = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)), *((k, c, v) for k, c, _, v in joined)]
     key, column, value = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
@@ -219,7 +219,7 @@ class DenseForces:
         return found
 
     def _forces(self, coefficients: ComplexArray, x: NumberArray) -> ComplexArray:
-        """The forces for fields x, (n_forces, n_lines, n_x)."""
+        """Forces (dZ/dp) x for fields x (n_lines, n_dofs, n_x): (n_forces, n_lines, n_x)."""
         n_lines, n_dofs, n_x = x.shape
         flat = np.ascontiguousarray(np.moveaxis(x, 1, 0), np.complex128).reshape(n_dofs, -1).view(np.float64)
         total = np.zeros((len(self.dofs), n_lines, n_x), dtype=np.complex128)
@@ -254,7 +254,7 @@ class DenseSlopes:
     operators: tuple[sparse.csr_array, ...]
 
     def at(self, values: FloatArray) -> DenseForces:
-        """The forces where the structure has these `values`."""
+        """Forces (dZ/dp) x, ready to be contracted, of the structure with these physical `values` (n_values,)."""
         slopes: list[FloatArray] = [np.zeros(0)]
         for member, used in self.slots:
             slopes += [self.structure.contributions[member].slope(values, k) for k in used]
@@ -267,7 +267,7 @@ class DenseSlopes:
 
 
 def dense_slopes(structure: Structure, laws: Sequence[str], design: sparse.sparray) -> DenseSlopes:
-    """The `DenseSlopes` of a structure whose values are changed by parameters through `design` (n_values, n_params)."""
+    """Derivatives of dense system matrices by parameters that change values through `design` (n_values, n_params)."""
     table, n_dofs, members = sparse.csr_array(design), structure.n_dofs, structure.contributions
     n_weights = sum(item.blocks.n_elements for item in members)
     changes, numbers = np.diff(table.indptr) > 0, np.arange(table.shape[0])
@@ -330,7 +330,7 @@ def _weighed_entries(
 def _joined(
     entries: tuple[IntArray, IntArray, IntArray, FloatArray], design: sparse.csr_array, n_dofs: int
 ) -> Iterator[tuple[IntArray, IntArray, IntArray, FloatArray]]:
-    """Each entry of element matrices with each parameter of its element: key of its force, column, element and value."""
+    """Entries of (matrix times parameter): key of parameter and force row, column, element and value, by stretches."""
     row, column, element, value = entries
     counts = np.diff(design.indptr)
     for k in range(int(counts.max(initial=0))):

@@ -23,7 +23,7 @@ from structid.unknowns.transforms import Transform, Transforms
 def with_fixed_values(
     problem: RecordProblem, tolerances: Tolerances, calibration: float | None = None, record: str = "record"
 ) -> RecordProblem:
-    """The problem with a factor on every held value among its unknowns, each 1 within its tolerance.
+    """Problem with a factor, 1 within its tolerance, on every fixed model value as a further unknown.
 
     They are called ``fixed mass[deck]``, and ``fixed calibration[record 1]`` of the common gain of a record. The logarithm of each
     has its tolerance as the standard deviation of a Gaussian prior. Where responses do not come from matrices, only the gain is

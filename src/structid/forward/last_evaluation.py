@@ -20,7 +20,7 @@ class LastEvaluation(Generic[T]):
         return LastEvaluation, ()
 
     def at(self, theta: FloatArray, made: Callable[[FloatArray], T]) -> T:
-        """The evaluation at `theta`: the one that is kept, or that of `made`, which is then kept."""
+        """Evaluation at free variables `theta` (n_params,): the cached one, or that of `made`, which is then cached."""
         found = self.known(theta)
         if found is None:
             found = made(theta)

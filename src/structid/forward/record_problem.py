@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def complex_rows(n_lines: int, names: Sequence[str], averages: FloatArray | None = None) -> DataRows:
-    """Labels of real parts of the values of all lines and channels, channels fastest, then of imaginary parts."""
+    """Labels of data rows for complex values of lines and channels: real parts first, then imaginary parts."""
     index, channel = np.repeat(np.arange(n_lines), len(names)), np.tile(2 * np.arange(len(names)), n_lines)
     both = tuple(name for name in names for _ in range(2))
     lines, series = np.concatenate([index, index]), np.concatenate([channel, channel + 1])
@@ -143,7 +143,7 @@ class RecordProblem(Problem):
         return (self.parameters,) if self.channels is None else (self.parameters, self.channels)
 
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> Self:
-        """A copy with other starts or priors of its `parts`."""
+        """Copy of the problem with other unknowns `parts`, such as other starts or priors."""
         changed: dict[str, object] = {"parameters": parts[0]}
         if len(parts) > 1:
             changed["channels"] = parts[1]

@@ -68,7 +68,7 @@ class ScatterProblem(Problem):
 
 
 def scatter_problems(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ...]:
-    """A problem for each scatter of the parameters, over all records that have it."""
+    """Problems, one for each scatter name, that tie parameters of several records to their common mean."""
     members: dict[str, list[RecordProblem]] = {}
     for problem in problems:
         for scatter in problem.parameters.scatters:
@@ -78,6 +78,7 @@ def scatter_problems(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem,
 
 
 def _scatter_problem(name: str, problems: Sequence[RecordProblem]) -> ScatterProblem:
+    """Problem that ties each record's own parameters in scatter `name` to the common ones, in logarithms."""
     scatters = [next(s for s in p.parameters.scatters if s.name == name) for p in problems]
     where: dict[str, tuple[NamedUnknowns, int]] = {}
     for problem, scatter in zip(problems, scatters, strict=True):

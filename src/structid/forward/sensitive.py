@@ -24,7 +24,7 @@ _REMEDIES = {"thickness": "take Young's modulus as the unknown", "position": "fi
 
 
 def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
-    """Raise `InputError` where what weighs matrices other than in proportion is a parameter or not nominal.
+    """Raise `InputError` if a value that enters matrices non-linearly is a parameter or not nominal.
 
     A thickness, the place of a node, bending and shear stiffness of a beam that shears, and modal damping.
     """
@@ -47,7 +47,7 @@ def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
 
 
 def require_laws_in_time(structure: Structure, unknown: Parameters) -> None:
-    """Raise `InputError` where friction or loss factors take part, which have no linear equation in time."""
+    """Raise `InputError` if the structure has friction or loss factors, which have no linear equation in time."""
     touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
     for part in structure.contributions:
         if part.law.startswith("friction:") and touched[part.value].any():
@@ -72,7 +72,7 @@ class SensitiveElements:
 
 
 def sensitive_elements(structure: Structure, unknown: Parameters) -> tuple[SensitiveElements, ...]:
-    """Families of element matrices that the parameters weigh, contributions that share matrices together."""
+    """Families of element matrices whose weights depend on parameters; shared matrices are listed once."""
     touched = np.diff(unknown.design.tocsr().indptr) > 0
     families: dict[int, list[int]] = {}
     for member, part in enumerate(structure.contributions):
@@ -118,7 +118,7 @@ class WeightedParts:
 
 
 def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...]) -> IntArray:
-    """Which values of the structure `weighted_elements` depends on: factors, and what they multiply if they vary."""
+    """Indices of structure values that set the element weights: factors, and what they multiply if they vary."""
     counts, marks = np.diff(unknown.design.tocsr().indptr), np.zeros(len(unknown.offset), dtype=bool)
     for member in (member for group in sensitive for member in group.members):
         item = structure.contributions[member]
@@ -132,7 +132,7 @@ def steering_values(structure: Structure, unknown: Parameters, sensitive: tuple[
 def weighted_elements(
     structure: Structure, unknown: Parameters, sensitive: tuple[SensitiveElements, ...], physical: FloatArray
 ) -> WeightedParts:
-    """The `WeightedParts` of a parametrized structure.
+    """Weighted element matrices of the system at `physical` parameters (n_params,), with their derivatives.
 
     A loss factor that is one number in all elements of a family, and no parameter, is a multiple of their stiffness:
     the two laws then share one part. Parts that enter alike are of one kind.

@@ -41,7 +41,7 @@ def score_factor(averages: FloatArray) -> FloatArray:
 
 
 def normal_values(values: FloatArray, averages: FloatArray) -> FloatArray:
-    """Whitened real rows, which are sqrt(n / (n - 1)) times Student's t of 2 (n - 1) degrees of freedom, as normal ones."""
+    """Whitened rows from few averages, which follow Student's t, transformed to standard normal values."""
     known = np.isinf(averages)
     n = np.where(known, 2.0, averages)
     size = special.stdtr(2 * (n - 1), -np.abs(values) * np.sqrt(1 - 1 / n))

@@ -19,7 +19,7 @@ LEAST_FREEDOM = 2.0
 
 
 def inverse_information(jacobian: FloatArray) -> FloatArray:
-    """(J'J)^-1 by a scaled singular value decomposition; NaN for every parameter that takes part in a null direction.
+    """Inverse (J'J)^-1 by singular values, (n_params, n_params); NaN for parameters in a null direction.
 
     A direction is null where its singular value, with unit columns, is below 1e-10 of the largest.
     """
@@ -75,7 +75,7 @@ def chi_square_law(problem: Problem, theta: FloatArray, at: Linearization) -> tu
 
 
 def row_law(averages: FloatArray | None) -> tuple[float, float]:
-    """Scale of the chi-square that the squares of data rows have by mean and variance, and its degrees of freedom a row.
+    """Scale and degrees of freedom per row of the chi-square law of data rows with few averages.
 
     Their product is the chi-square per degree of freedom that is expected where all is right.
 
@@ -118,7 +118,7 @@ def correlation_length(residual: FloatArray, lines: IntArray, series: IntArray) 
 
 
 def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
-    """Covariance that counts each stretch of lines, and each channel, as one observation of the model's error.
+    """Cluster-robust covariance of the parameters: stretches of lines, and channels, as independent units.
 
     With A = J'J and g_b = J_b' r_b summed over a block b of rows, it is A^-1 (sum of g_b g_b') A^-1, with blocks
     along the frequency or time axis (four correlation lengths long, at least ten of them). Where there are four
@@ -166,7 +166,7 @@ def model_error_covariance(problem: Problem, at: Linearization) -> FloatArray:
 
 
 def repeated_quantities(problem: Problem) -> IntArray | None:
-    """Which quantity each data row measures, 0, 1, ..., -1 for none, (n_data,), where several records repeat them.
+    """Number of the measured quantity of each data row, (n_data,), -1 for none; None if too few are repeated.
 
     None where there are fewer than four, or where one is measured at one line only, which is a block already.
     """
@@ -182,7 +182,7 @@ def repeated_quantities(problem: Problem) -> IntArray | None:
 
 
 def left_out_covariance(at: Linearization, block: IntArray) -> FloatArray:
-    """Jackknife over blocks of rows: (B - 1) / B times the sum of d_b d_b', d_b the step of all parameters when b is left out.
+    """Jackknife covariance of the parameters, leaving out one block of rows at a time.
 
     To first order d_b = (A - A_b)^-1 J_b' r_b. With few blocks that carry much each it is rather too large than too small, and is
     not widened by Student's t besides. NaN for a parameter that one block alone carries.
@@ -212,7 +212,7 @@ def left_out_covariance(at: Linearization, block: IntArray) -> FloatArray:
 
 
 def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
-    """`first` raised so that the variance of no combination of parameters is below that by either.
+    """Covariance `first` (n, n), raised so that no combination has a variance below that by `second`.
 
     With first = L L' and L^-1 second L^-T = V diag(w) V' it is L V diag(max(w, 1)) V' L'. Where one of the two is NaN, `first`
     stays.
@@ -232,7 +232,7 @@ def larger_covariance(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def error_blocks(residual: FloatArray, lines: IntArray, series: IntArray) -> tuple[IntArray, ...]:
-    """Which block each data row belongs to, (n_data,) each: stretches of lines, and channels where there are four."""
+    """Block number of each data row, (n_data,): by stretches of lines, and by channels if there are at least four."""
     n_lines = int(lines.max(initial=0)) + 1
     length = 4 * correlation_length(residual, lines, series)
     n_blocks = int(np.clip(n_lines / length, min(_FEWEST_BLOCKS, n_lines), n_lines))
@@ -256,7 +256,7 @@ def effective_blocks(problem: Problem, at: Linearization) -> FloatArray:
 
 
 def _block_scores(jacobian: FloatArray, residual: FloatArray, block: IntArray) -> FloatArray:
-    """Sum over blocks of g g' with g = J_b' r_b, times B / (B - 1)."""
+    """Sum over blocks b of g g', g = J_b' r_b, times B / (B - 1) for B blocks: (n_params, n_params)."""
     n_blocks = int(block.max(initial=0)) + 1
     scores = np.zeros((n_blocks, jacobian.shape[1]))
     np.add.at(scores, block, jacobian * residual[:, None])

@@ -160,7 +160,7 @@ class Goodness:
 
     @property
     def chi_square_probability(self) -> float:
-        """Probability of a larger chi-square if model and noise level were right."""
+        """Probability of a larger chi-square than found, if model and noise level are right."""
         if not self.degrees_of_freedom > 0:
             return float("nan")
         if self.residual_tests is not None:
@@ -322,7 +322,7 @@ class Estimate(Shown):
 
     @property
     def status_words(self) -> str:
-        """The status in a sentence, with remedies."""
+        """Status of the estimate in a sentence, with remedies."""
         few = self.uncertainty.has_matrix
         spread, n_fitting = self.spread, self.search.n_fitting
         is_known = bool((self.identified | ~spread.is_free).all())
@@ -363,7 +363,7 @@ class Estimate(Shown):
         return np.abs(np.nan_to_num(self.distance)) > limit, limit
 
     def interval(self, level: float = 0.95) -> FloatArray:
-        """Interval of each parameter in physical units, lower and upper end: (n_params, 2), NaN where not determined.
+        """Confidence interval of each parameter at `level`, lower and upper end: (n_params, 2).
 
         The normal interval of the free variable, taken to physical units: of a positive parameter it is
         exp(log p -+ z s / p), positive and longer upwards; of a bounded one it stays between the bounds. A positive one
@@ -385,7 +385,7 @@ class Estimate(Shown):
         return ends
 
     def may_be_absent(self, level: float = 0.95) -> np.ndarray:
-        """Which positive parameters the data determine, and do not tell from 0, (n_params,) bool."""
+        """True for identified positive parameters not significantly different from 0, (n_params,) bool."""
         if self.parameters.scale is None:
             return np.zeros(len(self.names), dtype=bool)
         quantile = float(special.ndtri(0.5 + level / 2))
@@ -394,7 +394,7 @@ class Estimate(Shown):
             return is_positive & (self.parameters.scale > 0) & self.identified & (self.values < quantile * self.std)
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """Draws in physical units, (1, n_draws, n_params), of which `interval` holds the ends: normal in the free variables.
+        """Random draws of the parameters in physical units, (1, n_draws, n_params), normal in the free variables.
 
         Parameters too many for a covariance matrix have as many draws as they were found with. NaN where not determined.
         """
@@ -476,7 +476,7 @@ def estimate(
     fixed: FixedValues | None = None,
     **moved: object,
 ) -> Estimate:
-    """Parameters that minimize the problem's sum of squares, with their uncertainty.
+    """Least-squares or maximum-posterior estimate of the problem's parameters, with uncertainty and diagnostics.
 
     Parameters
     ----------
@@ -516,7 +516,7 @@ def estimate(
     accepted: list[tuple[Minimum, FloatArray]] = []
 
     def refit(minimum: Minimum) -> FitWithinTolerances | None:
-        """The fit with held values free within their tolerances, where noise alone does not explain a minimum."""
+        """Refit of a misfitting minimum with held values free within their tolerances; None where it is not needed."""
         if sampled is None or not chosen.misfits(searched, minimum, misfit_probability):
             return None
         if id(minimum) not in refits:
@@ -524,6 +524,7 @@ def estimate(
         return refits[id(minimum)]
 
     def fits(minimum: Minimum) -> bool:
+        """True if the data allow `minimum`, with held values free within tolerances, and it is a new answer."""
         within = refit(minimum)
         if within is None:
             is_fitting, end = not chosen.misfits(searched, minimum, misfit_probability), minimum.theta
@@ -597,7 +598,7 @@ def estimate(
 
 
 def _status(best: Minimum, uncertainty: Uncertainty, searches: SearchRecord) -> Status:
-    """Status of an estimate from its minimum, its uncertainty and the distinct answers."""
+    """Status word of an estimate, from its minimum, uncertainty and number of distinct answers."""
     spread = uncertainty.spread
     is_determined = bool((spread.identified | ~spread.is_free).all())
     if not best.converged and uncertainty.carried.all() and (uncertainty.misfit or is_determined):

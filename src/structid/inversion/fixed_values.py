@@ -85,7 +85,7 @@ class FixedValueInfluence:
 
     @property
     def words(self) -> str:
-        """The tolerances in words, such as ``1 % of held masses and stiffnesses, 30 % of held dampings``."""
+        """Tolerances of held values in words, such as ``1 % of held masses and stiffnesses``."""
         held: dict[str, list[str]] = {}
         for what, kinds in _CALLED.items():
             own = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind in kinds})
@@ -135,7 +135,7 @@ class FitWithinTolerances:
         return float(data @ data + self.asked @ self.asked)
 
     def misfits(self, probability: float) -> bool:
-        """True where noise and tolerances explain the misfit, or the error of a fixed value, with less than this probability."""
+        """True if misfit or error of a held value is less probable than this, given noise and tolerances."""
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True
         scale, freedom = chi_square_law(self.problem, self.theta, self.at)
@@ -165,7 +165,7 @@ class FixedColumns:
     within: FitWithinTolerances | None
 
     def influence(self, theta: FloatArray, at: Linearization, slope: FloatArray) -> FixedValueInfluence:
-        """Influence of the fixed values on the parameters; NaN for those that the data do not determine.
+        """Change of the parameters per relative change of each held value; NaN for undetermined parameters.
 
         Parameters
         ----------

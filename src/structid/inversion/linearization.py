@@ -50,7 +50,7 @@ class Linearization:
 
 
 def triangle_of(rows: FloatArray) -> FloatArray:
-    """R of the QR factorization of `rows`.
+    """Upper triangle R of the QR factorization of `rows` (n_rows, n_columns), by stretches if there are many.
 
     That of the triangles of stretches of rows, which takes a fifth of the time where they are many.
     """
@@ -120,7 +120,7 @@ class OperatorLinearization:
 
     @cached_property
     def sketch(self) -> tuple[FloatArray, FloatArray]:
-        """Y (n_params, k) and C (k, k) of the randomized approximation J'J = Y C^-1 Y' of the data rows.
+        """Y (n_params, k) and C (k, k) of the randomized low-rank approximation J'J = Y C^-1 Y' of the data.
 
         Y = J'J W and C = W'J'J W with W spanning S^-1 J'G, G Gaussian, S the information of the priors with a part of
         diag(J'J): it takes 3 k products, and holds the directions that the data see best beside the priors.
@@ -140,7 +140,7 @@ class OperatorLinearization:
 
 
 def solved_by(prior: sparse.csr_array, diagonal: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    """x of (P'P + diagonal) x = b; P sparse, ones where the diagonal and P leave nothing."""
+    """Solver of (P'P + diagonal) x = b for sparse prior rows P; unit diagonal where both P and it are zero."""
     from scipy.sparse.linalg import splu
 
     own = np.asarray(prior.multiply(prior).sum(axis=0)).ravel()

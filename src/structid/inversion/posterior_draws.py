@@ -31,7 +31,7 @@ def drawn_uncertainty(
     misfit_probability: float,
     seed: int,
 ) -> Uncertainty:
-    """By draws from the Gaussian posterior near `theta`.
+    """Uncertainty of the parameters by draws from the Gaussian posterior near `theta`, for very many parameters.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def drawn_uncertainty(
 def drawn_covariance(
     problem: Problem, theta: FloatArray, at: OperatorLinearization, sampled: FloatArray
 ) -> DrawnCovariance:
-    """In physical units, of draws of the free variables; NaN for parameters that neither data nor priors see."""
+    """Covariance by draws `sampled` (n_draws, n_params) of free variables, in physical units; NaN if unseen."""
     slope, count = problem.slope(theta), len(sampled)
     std = np.sqrt((sampled**2).mean(axis=0)) if count > 1 else np.full(at.n_params, np.nan)
     std[at.squares <= 0] = np.nan
@@ -102,6 +102,7 @@ def _place(names: tuple[str, ...], name: str) -> int:
 
 
 def _std_words(draws: int, n_solved: int, missed: int) -> str:
+    """Words on how standard deviations were found: number of draws, of parameters solved for and of failed draws."""
     words = (
         f"standard deviations from {draws} posterior draws, +-{100 / np.sqrt(2 * draws):.0f} % each"
         if draws > 1
@@ -119,7 +120,7 @@ def posterior_draws(
     errors: Callable[[np.random.Generator], FloatArray] | None = None,
     precondition: Solver | None = None,
 ) -> tuple[FloatArray, int]:
-    """Draws of what errors of the data and the priors do to the answer, (count, n_params), and how many failed (NaN).
+    """Draws of the answer's errors in the free variables, (count, n_params), and how many failed (NaN).
 
     A draw solves J'J s = J'e. With e of unit variance, as by default, its covariance is (J'J)^-1, the posterior's.
 
@@ -156,7 +157,7 @@ def posterior_draws(
 def counted_draws(
     at: OperatorLinearization, count: int, generator: np.random.Generator, precondition: Solver | None = None
 ) -> tuple[FloatArray, float, int]:
-    """Posterior draws that converged, how many combinations the data determine, and how many draws did not converge.
+    """Draws of the answer's errors that converged, number of combinations that the data determine, failed draws.
 
     The number is tr(C J'J) = E |J s|^2 of the data rows; NaN without draws.
     """
@@ -167,7 +168,7 @@ def counted_draws(
 
 
 def error_draws(problem: Problem, at: OperatorLinearization) -> Callable[[np.random.Generator], FloatArray]:
-    """Errors of the data as its residual shows them: each stretch of lines times a factor of its own, mean 0.
+    """Function that draws data errors (n_data,): the residual with one random factor for each stretch of lines.
 
     Their scores J'e have the covariance sum of g_b g_b' of `model_error_covariance`, raised for few blocks in the
     same way.
@@ -187,7 +188,7 @@ def error_draws(problem: Problem, at: OperatorLinearization) -> Callable[[np.ran
 
 
 def solved_std(at: OperatorLinearization, place: int, precondition: Solver | None = None) -> float:
-    """sqrt of entry `place` of the diagonal of (J'J)^-1, NaN where the equations could not be solved."""
+    """Standard deviation of parameter number `place` by conjugate gradients; NaN if these do not converge."""
     unit = np.zeros(at.n_params)
     unit[place] = 1.0
     precondition = precondition or preconditioner(at, np.zeros(at.n_params))

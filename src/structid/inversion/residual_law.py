@@ -13,7 +13,7 @@ from structid.inversion.problem import Problem
 def misses_noise(
     problem: Problem, residual: FloatArray, scale: float, freedom: float, probability: float, more: float = 0.0
 ) -> bool:
-    """True where a larger chi-square than that of `residual` has less than this probability by its law.
+    """True if noise alone would leave a chi-square above that of `residual` with less than this `probability`.
 
     `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where it has an
     order that noise has not. Without degrees of freedom

@@ -96,6 +96,7 @@ class DenseCovariance:
         return np.zeros((0, len(self.matrix)))
 
     def variance(self, rows: Rows) -> FloatArray:
+        """Variance of each linear combination `rows` (n, n_params) of parameters, (n,); NaN if undetermined."""
         weights = sparse.csr_array(rows).toarray()
         used, lost = weights != 0, ~np.isfinite(self.matrix)
         found = np.einsum("kp,kp->k", weights @ np.where(lost, 0.0, self.matrix), weights)
@@ -131,6 +132,7 @@ class DrawnCovariance:
         )
 
     def variance(self, rows: Rows) -> FloatArray:
+        """Variance of each linear combination `rows` (n, n_params) of parameters, (n,), from the draws."""
         weights = sparse.csr_array(rows)
         if len(self.draws) < 2:
             return np.where(np.diff(weights.indptr) > 0, np.nan, 0.0)
@@ -191,7 +193,7 @@ class Spread:
 
     @property
     def uncertainty(self) -> Covariance:
-        """`of_data`, with what the tolerances of held values add."""
+        """Covariance of the parameters from the data with the tolerances of held values added."""
         data = self.of_data
         if self.fixed is None or not data.has_matrix:
             return data
@@ -270,7 +272,7 @@ def dense_uncertainty(
     misfit_probability: float,
     fixed: FixedColumns | None = None,
 ) -> Uncertainty:
-    """By the information matrix at `theta`.
+    """Uncertainty of the parameters at the minimum `theta` by the information matrix of its Jacobian.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class Piece:
 
 
 def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
-    """The motion channels of `records`; forces are left out. `Outputs` come back as they are.
+    """Motion channels of the records, scaled to unit power, without forces; `Outputs` are returned as they are.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
 
 
 def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
-    """Root mean square of every channel, all of which must vary."""
+    """Root mean square of every channel, (n_channels,); `InputError` if a channel does not vary."""
     n_samples = sum(len(y) for y in series)
     scale = np.sqrt(sum(np.einsum("ij,ij->j", y, y) for y in series) / n_samples)
     spread = np.sqrt(sum(np.sum(np.square(y - y.mean(axis=0)), axis=0) for y in series) / n_samples)
@@ -138,7 +138,7 @@ def displacement_rows(data: Outputs, s: ComplexArray) -> tuple[tuple[Dof, ...], 
 
 
 def require_length(data: Outputs, lags: int, max_order: int) -> None:
-    """Refuse records too short for the lags asked for."""
+    """Raise `InputError` if a record is too short for the number of time lags."""
     shortest = min(len(y) for y in data.series)
     needed = 3 * lags
     if shortest < needed:
@@ -155,7 +155,7 @@ def require_length(data: Outputs, lags: int, max_order: int) -> None:
 
 
 def pieces(data: Outputs, head: int, tail: int, n_pieces: int = 1) -> tuple[Piece, ...]:
-    """Consecutive windows of about equal length, `n_pieces` in all where the lengths of the records allow it.
+    """Consecutive windows of all records, of about equal length, `n_pieces` in all if record lengths allow it.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def window_hankel(y: FloatArray, start: int, stop: int, rows: int, columns: int,
 def window_hankels(
     data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int
 ) -> Iterator[FloatArray]:
-    """`window_hankel` of every piece, over the number of instants in all of them."""
+    """Block Hankel matrix of each window of the data, divided by the number of instants in all windows."""
     total = sum(piece.stop - piece.start for piece in windows)
     for piece in windows:
         y = data.series[piece.record]
@@ -247,7 +247,7 @@ def window_hankels(
 
 
 def lag_hankels(data: Outputs, windows: Sequence[Piece], rows: int, columns: int, offset: int) -> Iterator[FloatArray]:
-    """Block Hankel matrices of R_(offset + r + c), as each piece contributes to it with divisor N - k."""
+    """Block Hankel matrices of lag correlations, one for the contribution of each window."""
     for piece in windows:
         y = data.series[piece.record]
         last = not any(p.record == piece.record and p.start >= piece.stop for p in windows)

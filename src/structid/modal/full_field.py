@@ -72,7 +72,7 @@ def sample_blocks(values: NDArray[np.floating]) -> Iterator[tuple[slice, NDArray
 
 
 def covariance(values: NDArray[np.floating]) -> FloatArray:
-    """Mean of y y' over the samples, (n_channels, n_channels), in one pass over blocks of them.
+    """Mean of y y' over the samples y of `values`, (n_channels, n_channels), in one pass without subtracting means.
 
     Products are taken in the precision of `values` and added up in double precision.
 
@@ -88,7 +88,7 @@ def covariance(values: NDArray[np.floating]) -> FloatArray:
 
 
 def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator | None = None) -> SharedMotions:
-    """The motions that channels share, as far as they stand out of white noise; at most `rank`.
+    """Principal motions that channels share, as far as they exceed white noise; at most `rank` of them.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def shared_motions(values: ArrayLike, rank: int = 40, rng: np.random.Generator |
 
 
 def _above_noise(singular: FloatArray, power: float, shape: tuple[int, ...]) -> int:
-    """How many leading `singular` values no white noise makes, at least 1."""
+    """Number of leading `singular` values that exceed those of white noise, at least 1."""
     kept = 0
     while True:
         rest = max(power - float(np.sum(singular[:kept] ** 2)), (1e-14 * singular[0]) ** 2 * max(shape))
@@ -156,7 +156,7 @@ def _above_noise(singular: FloatArray, power: float, shape: tuple[int, ...]) -> 
 
 
 def _sketch(table: NDArray[np.floating], width: int, rng: np.random.Generator) -> FloatArray:
-    """W' Omega with random Omega, (n_channels, width)."""
+    """W' Omega, (n_channels, width), for the samples W (n_times, n_channels) and a random Omega."""
     sketch = np.zeros((table.shape[1], width))
     columns = _columns(width, _SKETCHED)
     sums, product = np.empty((2, columns, width), table.dtype)  # made once: memory that is asked for anew is slow
@@ -173,7 +173,7 @@ def _sketch(table: NDArray[np.floating], width: int, rng: np.random.Generator) -
 
 
 def _projected(table: NDArray[np.floating], basis: FloatArray) -> tuple[FloatArray, float]:
-    """W Q, (n_times, rank), and the sum of squares of W."""
+    """W Q, (n_times, rank), and the sum of squares of the samples W (n_times, n_channels)."""
     short = basis.astype(np.float32) if table.dtype == np.float32 else basis
     rows = max(_PROJECTED, int(_SMALL / basis.size))
     columns = _columns(basis.shape[1], rows)

@@ -103,7 +103,7 @@ def identify_modes(
 def modal_identification(
     records: Records, method: str | None = None, options: ModalOptions | None = None
 ) -> ModalIdentification:
-    """As `identify_modes`, with the poles of all orders and their clusters, for a stabilization diagram."""
+    """Modes of records by the given `method`, with poles of all model orders and their clusters."""
     options = options or ModalOptions()
     of_frfs = isinstance(records, FrfRecord)
     if isinstance(records, SpectrumRecord):
@@ -135,7 +135,7 @@ def modal_identification(
 
 
 def _require_below_nyquist(records: TimeRecord | Sequence[TimeRecord], options: ModalOptions) -> None:
-    """Refuse frequencies that the records cannot hold."""
+    """Raise `InputError` if a frequency or band lies above half the sampling rate of a record."""
     given = (records,) if isinstance(records, TimeRecord) else tuple(records)
     limit = min((r.sampling_rate / 2 for r in given if isinstance(r, TimeRecord)), default=np.inf)
     bands = [f for band in options.bands or () for f in band]

@@ -74,7 +74,7 @@ def merged_setups(
     frequency_guard: float = 0.05,
     names: Sequence[str] | None = None,
 ) -> Merging:
-    """Modes that two set-ups or more have, with shapes at all sensors.
+    """Modes of several set-ups merged by their shared sensors, with shapes at all sensors.
 
     Modes of all set-ups are grouped: each set-up in turn is paired with the groups so that the sum of their worth is as
     large as it can be, and again until no mode changes its group. A pair of modes is worth MAC at the references times
@@ -144,7 +144,7 @@ def _require_different(setups: Sequence[ModalRecord], called: Sequence[str]) -> 
 def common_sensors(
     channels: Sequence[Sequence[Dof]], references: Sequence[Dof | str] | None, called: Sequence[str]
 ) -> tuple[Dof, ...]:
-    """The references, counted positive along their axes: those named, or all that every set-up has."""
+    """Reference sensors that all set-ups have, as positive directions: the ones named, or all by default."""
     own = [{dof.unsigned for dof in part} for part in channels]
     common = set.intersection(*own)
     if references is None:
@@ -165,7 +165,7 @@ def common_sensors(
 
 
 def _rows(setup: ModalRecord, dofs: Sequence[Dof]) -> ComplexArray:
-    """Shapes at `dofs`, counted positive along their axes."""
+    """Shape entries (n_dofs, n_modes) of a set-up at `dofs`, counted positive along the axes."""
     place = {dof.unsigned: i for i, dof in enumerate(setup.channels)}
     rows = [place[dof] for dof in dofs]
     sign = np.array([setup.channels[i].sign for i in rows])
@@ -181,7 +181,7 @@ def pair_worth(
 
 
 def _members(setups: Sequence[ModalRecord], shared: Sequence[Dof], guard: float) -> IntArray:
-    """Numbers of the modes that two set-ups or more have, -1 where one lacks it, (n_setups, n_modes), by frequency."""
+    """Mode numbers in each set-up of every merged mode, (n_setups, n_modes), by frequency; -1 where it is missing."""
     worth = {(a, b): pair_worth(setups[a], setups[b], shared, guard)[1] for a, b in permutations(range(len(setups)), 2)}
     order = sorted(range(len(setups)), key=lambda number: -setups[number].n_modes)
     groups: list[dict[int, int]] = []
@@ -216,7 +216,7 @@ def _worth_in(worth: Mapping[tuple[int, int], FloatArray], number: int, mode: in
 
 
 def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[Dof], guard: float) -> list[str]:
-    """How many modes of how many set-ups are lost, which, and why."""
+    """Words on the modes that merging leaves out and why; empty if there are none."""
     lost = []
     for number, (setup, own) in enumerate(zip(setups, members, strict=True)):
         for mode in np.setdiff1d(np.arange(setup.n_modes), own).tolist():
@@ -232,7 +232,7 @@ def _losses(setups: Sequence[ModalRecord], members: IntArray, shared: Sequence[D
 
 
 def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Sequence[Dof], guard: float) -> str:
-    """The set-ups that lack a mode like this, and how near their nearest comes."""
+    """Words on which set-ups lack a mode like this one, and how near their nearest mode comes."""
     if np.isnan(_rows(setups[number], shared)[:, mode]).all():
         return "none of its references is known"
     reasons = []
@@ -248,6 +248,7 @@ def _why_lost(setups: Sequence[ModalRecord], number: int, mode: int, shared: Seq
 
 
 def _merged(setups: Sequence[ModalRecord], members: IntArray, notes: list[str]) -> Merging:
+    """Weighted mean of frequencies and damping ratios, with merged shapes, for modes matched by `members`."""
     n_setups, n_modes = members.shape
     frequency = np.array([_values_of(setup.frequency, row) for setup, row in zip(setups, members, strict=True)])
     damping = np.array([_values_of(setup.damping_ratio, row) for setup, row in zip(setups, members, strict=True)])
@@ -279,7 +280,7 @@ def _values_of(values: FloatArray, row: IntArray) -> FloatArray:
 
 
 def _covariance(setup: ModalRecord, row: IntArray) -> FloatArray:
-    """Covariance of the frequencies, then damping ratios, of the modes in `row`; NaN where none is stated, or no mode is."""
+    """Covariance of frequencies, then damping ratios, of the modes `row` of a set-up; NaN if not stated."""
     covariance = np.full((2 * len(row), 2 * len(row)), np.nan)
     there = np.flatnonzero(row >= 0)
     if setup.covariance is not None:
@@ -296,7 +297,7 @@ def _inverse_variances(variance: FloatArray, counts: NDArray[np.bool_]) -> Float
 
 
 def _scatter(values: FloatArray, variance: FloatArray) -> FloatArray:
-    """Variance between set-ups beyond what each states, (n_quantities,): DerSimonian and Laird (1986), Eq. (8)."""
+    """Between-set-up variance of each quantity, (n_quantities,), by DerSimonian and Laird."""
     counts = _stated(variance) & ~np.isnan(values)
     weight = _inverse_variances(variance, counts)
     total = np.maximum(weight.sum(axis=0), np.finfo(np.float64).tiny)
@@ -313,7 +314,7 @@ def _stated(variance: FloatArray) -> NDArray[np.bool_]:
 def _weighted_mean(
     values: FloatArray, variance: FloatArray, covariances: Sequence[FloatArray], scatter: FloatArray
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Mean over the set-ups, (n_quantities,), with weights 1 / (variance + `scatter`), and its covariance.
+    """Weighted mean (n_quantities,) of frequencies and damping ratios over set-ups, and its covariance.
 
     A quantity whose deviation no set-up states is the plain mean of those that know it, with NaN in the covariance.
     """
@@ -346,7 +347,7 @@ def _unsure_scatter(n_setups: IntArray) -> FloatArray:
 
 
 def _agreement(frequency: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Chi-square of the frequencies of every mode about their mean, and the probability of a larger one.
+    """Chi-square of each mode's frequencies about their mean, and the probability of a larger value.
 
     Of the set-ups that state a deviation; NaN for a mode of which fewer than two do.
     """
@@ -364,7 +365,7 @@ def _agreement(frequency: FloatArray, variance: FloatArray) -> tuple[FloatArray,
 def _lost_deviations(
     values: FloatArray, variance: FloatArray, frequency: FloatArray, bare: NDArray[np.bool_]
 ) -> list[str]:
-    """What set-ups that state no deviation have no part in; nothing where none is stated of that kind at all.
+    """Notes on set-ups that state no standard deviations though others do, and how these are treated.
 
     `values` and their variance are of frequencies, then damping ratios; `bare` are shapes that have entries without a deviation.
     """
@@ -444,7 +445,7 @@ def _shapes(
 def _all_stated(
     parts: Sequence[ComplexArray], errors: Sequence[FloatArray], places: Sequence[IntArray]
 ) -> list[FloatArray]:
-    """Errors of the entries of each part, those that are not stated the middle one of the others, at the same scale.
+    """Errors of all shape entries; unstated ones are set to the median of the others, at the same scale.
 
     The scale is the size at the sensors that all parts have.
     """
@@ -459,7 +460,7 @@ def _all_stated(
 
 
 def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
-    """Standard deviation of every entry of the shape with its scale free; NaN where none is known."""
+    """Standard deviation of every shape entry of a mode, (n_channels,), scale free; NaN if unknown."""
     if setup.shape_std is None:
         return np.full(len(setup.channels), np.nan)
     shape = np.asarray(setup.mode_shapes[:, [mode]])
@@ -471,7 +472,7 @@ def _shape_error(setup: ModalRecord, mode: int) -> FloatArray:
 def merged_shape(
     parts: Sequence[ComplexArray], errors: Sequence[FloatArray], index: Sequence[IntArray], n_channels: int
 ) -> tuple[ComplexArray, FloatArray]:
-    """The shape psi and factors c_s that make the sum of |part_s - c_s psi|^2 / error_s^2 least.
+    """Merged shape, largest entry 1, by weighted least squares over parts of free scale, and its standard deviations.
 
     Parameters
     ----------
@@ -516,7 +517,7 @@ def merged_shape(
 
 
 def _order(index: Sequence[IntArray]) -> list[int]:
-    """Parts so that each has a channel in common with those before it."""
+    """Order of the set-ups in which each shares a channel with an earlier one; `InputError` if there is none."""
     order, seen, rest = [0], set(index[0].tolist()), list(range(1, len(index)))
     while rest:
         s = next((s for s in rest if seen & set(index[s].tolist())), None)
@@ -535,6 +536,7 @@ def _best_shape(
     factors: ComplexArray,
     n_channels: int,
 ) -> ComplexArray:
+    """Weighted least-squares shape (n_channels,) from the parts, for given scale `factors` of these."""
     top, bottom = np.zeros(n_channels, dtype=np.complex128), np.zeros(n_channels)
     for part, error, own, factor in zip(parts, errors, index, factors, strict=True):
         np.add.at(top, own, factor.conj() * part / error**2)
@@ -550,7 +552,7 @@ def _best_factor(part: ComplexArray, error: FloatArray, shape: ComplexArray) -> 
 def _deviation(
     errors: Sequence[FloatArray], index: Sequence[IntArray], shape: ComplexArray, factors: ComplexArray, largest: int
 ) -> FloatArray:
-    """Of the real part of shape / shape[largest]: covariance by a real Jacobian, the first factor held.
+    """Standard deviation of the real part of shape / shape[largest], (n_channels,), to first order.
 
     Errors of real and imaginary parts are alike, so that complex least squares does: J = d(c psi) has columns c (shape)
     and psi (factors), and (J^H W J)^-1 is the covariance of either part of the unknowns.

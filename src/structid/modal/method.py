@@ -56,7 +56,7 @@ class ModalOptions:
 
     @property
     def separate_bands(self) -> list[tuple[float, float]]:
-        """`bands`, none of which overlap.
+        """Frequency bands, (low, high) in Hz, in the given order; raises `InputError` if two overlap.
 
         Raises
         ------
@@ -70,6 +70,7 @@ class ModalOptions:
         return bands
 
     def __post_init__(self) -> None:
+        """Raise `InputError` on a band that is no range in Hz, or a deviation that is not positive."""
         for low, high in self.bands or ():
             if not 0 <= low < high:
                 raise InputError(f"`bands` must be ranges (least, greatest) in Hz, got ({low!r}, {high!r})")
@@ -142,7 +143,7 @@ class ModalIdentification:
         return tuple(sorted({poles.order for poles in self.sweep}))
 
     def kept(self, keep: NDArray[np.bool_], words: str) -> ModalIdentification:
-        """With the modes where `keep` is true; `words` say why the others are left out, which are then listed.
+        """Identification with only the modes where `keep` is true; the others are listed with reason `words`.
 
         Raises
         ------

@@ -44,6 +44,7 @@ class ModalChanges:
     mode_shapes: ComplexArray
 
     def __post_init__(self) -> None:
+        """Convert arrays to numbers and raise `InputError` on wrong shapes or values that are not finite."""
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
         object.__setattr__(self, "damping_ratio", locked(self.damping_ratio, np.float64))
         object.__setattr__(self, "mode_shapes", locked(self.mode_shapes, np.complex128))
@@ -55,7 +56,7 @@ class ModalChanges:
 
 
 def independent_errors(stds: FloatArray) -> FloatArray:
-    """Covariance of errors that are taken as independent; NaN where a standard deviation is missing."""
+    """Diagonal covariance matrix of independent errors with these standard deviations (n,)."""
     known = ~np.isnan(stds)
     covariance = np.where(np.outer(known, known), 0.0, np.nan)
     np.fill_diagonal(covariance, stds**2)
@@ -126,6 +127,7 @@ class ModalRecord(Shown):
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        """Convert arrays and raise `InputError` on wrong shapes, unsorted or invalid frequencies."""
         object.__setattr__(self, "frequency", locked(self.frequency, np.float64))
         object.__setattr__(self, "damping_ratio", locked(self.damping_ratio, np.float64))
         is_complex = np.iscomplexobj(self.mode_shapes)
@@ -156,7 +158,7 @@ class ModalRecord(Shown):
             )
 
     def overview(self) -> Overview:
-        """Modes and channels, and one row a mode."""
+        """Overview of the modal record: words on modes and channels, and a table with one row for each mode."""
         words = (
             f"{plural(self.n_modes, 'mode')} at {plural(len(self.channels), 'channel')} ({join_words(self.channels)})"
         )
@@ -183,7 +185,7 @@ class ModalRecord(Shown):
 
     @property
     def unknown_words(self) -> str:
-        """How many entries of the shapes are unknown, to follow other words; "" where none is."""
+        """Words, to follow others, on the number of unknown shape entries; "" if all are known."""
         known = self.known
         count, bare = int((~known).sum()), int((~known.any(axis=0)).sum()) if known.size else 0
         without = f", {plural(bare, 'mode')} without a shape" if bare else ""
@@ -213,7 +215,7 @@ class ModalRecord(Shown):
         return np.asarray(self.omega * (-ratio + 1j * np.sqrt(1 - ratio**2)))
 
     def some_modes(self, indices: Sequence[int] | IntArray) -> ModalRecord:
-        """The modes at `indices`, counted from 0, in their order, with all that belongs to them."""
+        """Copy with the modes at `indices` (from 0), in increasing order, and their covariances."""
         keep = np.sort(np.asarray(indices, dtype=int))
         both = np.concatenate([keep, keep + self.n_modes])
         own = self.changes
@@ -313,7 +315,7 @@ def largest_entries(shapes: NumberArray, empty: float = 0.0) -> FloatArray:
 
 
 def unscaled_shape_std(shapes: NumberArray, std: FloatArray) -> FloatArray:
-    """Standard deviations of shapes whose scale is free, from those of shapes with one entry held at 1.
+    """Standard deviations of shape entries with free scale, from those of shapes with one entry held at 1.
 
     A shape psi = phi / phi_t has no error at its entry t, whose own error is in all others: to first order
     var(psi_i) = var(phi_i) + |psi_i|^2 var(phi_t), in parts of phi_t. With errors taken as equal and independent this

@@ -58,7 +58,7 @@ class ModeTracks:
 def track_modes(
     records: Sequence[ModalRecord], names: Sequence[str] | None = None, frequency_guard: float = 0.1
 ) -> ModeTracks:
-    """The modes of `records`, in their order in time, put together to tracks.
+    """Modes tracked over several modal records, by frequency and MAC.
 
     Each record is paired with the tracks so far so that the sum of MAC times 1 / (1 + (log(f / f_last) / guard)^2), against
     the last mode of each track, is as large as it can be; pairs worth less than one half are none, and begin a track. A track

@@ -18,7 +18,7 @@ _HEADER = (
 
 
 def comparison_table(result: ComparisonResult) -> Table:
-    """One row a parameter, those declared first and marked."""
+    """Table of all compared parameters, one row each, declared changes first and marked."""
     found = result.comparison
     order = found.order
     rows: list[tuple[str, ...]] = []
@@ -44,7 +44,7 @@ def comparison_table(result: ComparisonResult) -> Table:
 
 
 def facts(result: ComparisonResult) -> list[str]:
-    """How the comparison was made, and what it can see."""
+    """Sentences on how two states were compared: basis, correction for several tests, and detection limit."""
     found = result.comparison
     rule = (
         "Holm: no false declaration among all of them with probability"

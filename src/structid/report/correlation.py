@@ -39,7 +39,7 @@ Figures = dict[str, plot.Figure]
 
 
 def modes_table(part: ModesCorrelation) -> Table:
-    """Every measured mode with its pair in the model."""
+    """Table of every measured mode with its paired model mode, frequency difference and MAC."""
     rows, f = [], part.model.frequency
     for i, own in enumerate(part.measured.frequency.tolist()):
         k = int(part.pairing.number[i])
@@ -54,7 +54,7 @@ def modes_table(part: ModesCorrelation) -> Table:
 
 
 def surplus_table(part: ModesCorrelation) -> Table | None:
-    """Modes of the model within the measured range without a measured like; None where there is none."""
+    """Table of model modes in the measured range that no measured mode is paired with; None if there are none."""
     if not part.pairing.surplus:
         return None
     rows = []
@@ -66,7 +66,7 @@ def surplus_table(part: ModesCorrelation) -> Table | None:
 
 
 def orthogonality_facts(part: ModesCorrelation) -> tuple[tuple[str, str], ...]:
-    """How far measured shapes are from orthogonal with the reduced mass, and how well pairs agree."""
+    """Labels and texts on self- and cross-orthogonality of shapes with the reduced mass; () if unknown."""
     own, cross = part.self_orthogonality, part.cross_orthogonality
     if own is None or cross is None:
         return ()
@@ -86,7 +86,7 @@ def orthogonality_facts(part: ModesCorrelation) -> tuple[tuple[str, str], ...]:
 
 
 def expansion_table(part: ModesCorrelation) -> Table | None:
-    """How well each measured shape is carried on to the model."""
+    """Table of how well each measured shape was expanded to the model; None if none was expanded."""
     if part.expanded is None:
         return None
     rows = []
@@ -104,7 +104,7 @@ def expansion_table(part: ModesCorrelation) -> Table | None:
 
 
 def resonances_table(part: ResponsesCorrelation) -> Table | None:
-    """Peaks of the record with the model's nearest; None where it has none."""
+    """Table of resonances of a record with the closest ones of the model; None if there are no peaks."""
     if not part.resonances:
         return None
     rows = tuple(
@@ -131,7 +131,7 @@ def channels_table(found: StudyCorrelation) -> Table:
 
 
 def summary_words(part: ModesCorrelation) -> str:
-    """The correlation of modes in a sentence."""
+    """Sentence that sums up the correlation of measured and model modes."""
     if not part.n_paired:
         return f"None of {plural(part.measured.n_modes, 'measured mode')} has a like in the model"
     paired = part.pairing.paired
@@ -145,7 +145,7 @@ def summary_words(part: ModesCorrelation) -> str:
 
 
 def frac_words(part: ResponsesCorrelation) -> str:
-    """The correlation of responses in a sentence."""
+    """Sentence that sums up the correlation (FRAC) of measured and model responses."""
     values = part.frac[np.isfinite(part.frac)]
     if not values.size:
         return "No function of the model responds where the record does"
@@ -162,7 +162,7 @@ def at_words(found: StudyCorrelation) -> str:
 
 
 def correlation_text(found: StudyCorrelation) -> list[RenderableType]:
-    """What the terminal shows."""
+    """Correlation of model and test as lines and tables for the terminal."""
     parts: list[RenderableType] = [Text(found.study.title, style="bold"), Text(at_words(found))]
     parts += [Text(words, style="yellow") for words in first_warnings(found.warnings)]
     for part in found.modes:
@@ -180,7 +180,7 @@ def _named(name: str, words: str) -> str:
 
 
 def modes_part(parts: Sequence[ModesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
-    """Figures, whose names begin with `key`, and words of measured modes beside one model or two, the last one counting."""
+    """Figures, whose names begin with `key`, and words on measured modes against one or two models."""
     part, words = parts[-1], ALONE if len(parts) == 1 else BEFORE_AND_AFTER
     drawn = {
         f"{key}_mac": mac_figure(parts, words),
@@ -203,7 +203,7 @@ def modes_part(parts: Sequence[ModesCorrelation], key: str) -> tuple[Figures, di
 
 
 def responses_part(parts: Sequence[ResponsesCorrelation], key: str) -> tuple[Figures, dict[str, object]]:
-    """The same of measured responses."""
+    """Figures, whose names begin with `key`, and words on measured responses against one or two models."""
     part, words = parts[-1], ALONE if len(parts) == 1 else BEFORE_AND_AFTER
     drawn = {f"{key}_frac": frac_figure(parts, words), f"{key}_fdac": fdac_figure(parts, words)}
     told = {
@@ -223,7 +223,7 @@ def _told(word: str, words: str, count: int) -> str:
 
 
 def side_by_side_chapter(found: Identification) -> tuple[Figures, list[dict[str, object]]]:
-    """The chapter of an identification: each record beside the initial and the identified model."""
+    """Figures and words that compare each record with the initial and the identified model."""
     modal, responses = before_and_after(found)
     figures, parts = _chapter(modal, responses, "correlation_{}_modes", "correlation_{}_responses")
     if len(parts) == 1:
@@ -244,7 +244,7 @@ def _chapter(
 
 
 def correlation_page(found: StudyCorrelation) -> Page:
-    """The page and its figures."""
+    """Report page of a correlation of model and test, with its figures."""
     modal, responses = [[one] for one in found.modes], [[one] for one in found.responses]
     figures, parts = _chapter(modal, responses, "modes_{}", "responses_{}")
     words = {

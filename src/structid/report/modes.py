@@ -40,7 +40,7 @@ _ALIKE, _COMPLEX, _TONE = 0.95, 0.7, 2.0
 
 
 def modes_text(result: ModesResult) -> list[RenderableType]:
-    """Heading, warnings, what was done, and the table of modes."""
+    """Terminal text of identified modes: heading, warnings, method and table."""
     parts: list[RenderableType] = [Text(f"{result.title}: {plural(result.modes.n_modes, 'mode')}", style="bold")]
     parts += [Text(words, style="yellow") for words in first_warnings(result.warnings)]
     parts += [Text(fact) for fact in (record_words(result), *result.steps, method_words(result))]
@@ -50,7 +50,7 @@ def modes_text(result: ModesResult) -> list[RenderableType]:
 
 
 def merged_text(names: Sequence[str], merging: Merging) -> list[RenderableType]:
-    """Heading, warnings, the table of modes that set-ups have in common, with what each of them says, and what is not written."""
+    """Terminal text of modes merged from several set-ups: heading, warnings and table."""
     modes, n = merging.modes, merging.modes.n_modes
     heading = f"{', '.join(names)}: {plural(n, 'mode')} at {plural(len(modes.channels), 'sensor')}"
     heading += modes.unknown_words
@@ -89,7 +89,7 @@ def _probability_words(probability: float) -> str:
 
 
 def tracks_table(tracks: ModeTracks) -> Table:
-    """One row a mode: in how many records it is, its first and last frequency, its change, damping and least MAC."""
+    """Table of tracked modes: number of records, first and last frequency, change, damping and least MAC."""
     rows = []
     for k in range(tracks.n_tracks):
         seen = np.flatnonzero(tracks.members[:, k] >= 0)
@@ -141,7 +141,7 @@ def tracks_page(tracks: ModeTracks) -> Page:
 
 
 def mode_table(result: ModesResult) -> Table:
-    """Values with one standard deviation, how real the shape is, and the poles behind it; doubtful rows are marked."""
+    """Table of identified modes with standard deviations, shape complexity and poles; doubtful ones marked."""
     modes, std, n = result.modes, result.std, result.modes.n_modes
     clusters = result.identification.clusters
     collinearity, notes, probability = mpc(result), remarks(result), result.identification.probability
@@ -171,7 +171,7 @@ def mode_table(result: ModesResult) -> Table:
 
 
 def remarks(result: ModesResult) -> list[list[str]]:
-    """What is doubtful about each mode, in plain words."""
+    """Remarks on each mode that is doubtful, in plain words, one list for each mode."""
     modes, n = result.modes, result.modes.n_modes
     found: list[list[str]] = [[] for _ in range(n)]
     alike = mac(modes.mode_shapes)
@@ -200,7 +200,7 @@ def _tone_words(kurtosis: float) -> str:
 
 
 def record_words(result: ModesResult) -> str:
-    """The record in one line."""
+    """Words on the record that modes were identified from, in one line."""
     record = result.record
     if isinstance(record, FrfRecord):
         return (
@@ -224,7 +224,7 @@ def record_words(result: ModesResult) -> str:
 
 
 def method_words(result: ModesResult) -> str:
-    """How the modes were found, in one line."""
+    """Sentence on the method that found the modes: model orders, damping range, band."""
     found = result.identification
     words = f"method {found.method}"
     if found.sweep:
@@ -246,7 +246,7 @@ def scale_sentence(result: ModesResult) -> str:
 
 
 def std_sentence(result: ModesResult) -> str:
-    """What ± means in the table."""
+    """Sentence that explains the +- values in the table of modes."""
     if result.modes.covariance is None:
         spread = " The spread over the orders of the model is not one." if result.identification.clusters else ""
         return f"This method gives no standard deviations.{spread}"

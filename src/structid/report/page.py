@@ -60,7 +60,7 @@ class Page:
         return {name: _library(file) for name, file, is_spatial in PLOTLY_PARTS if is_spatial in spatial}
 
     def write(self, folder: Path, png: bool = False) -> Path:
-        """Path of the page in `folder`, written whole or not at all; with `png` the figures too, as files in ``figures``.
+        """Write the page into `folder`, with PNG figures if `png`, and return its path.
 
         Raises
         ------
@@ -100,6 +100,7 @@ def _library(file: str) -> str:
 
 @cache
 def _environment() -> Environment:
+    """Jinja environment of the report templates, with structid's filters and functions."""
     found = Environment(
         loader=PackageLoader("structid.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True, keep_trailing_newline=True,

@@ -22,7 +22,7 @@ _HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "wors
 
 
 def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
-    """Heading, options, the tests side by side, the next sensor, what is enough, and what moves together."""
+    """Terminal text of a test plan: options, compared tests, next sensor, sufficient tests, correlated parameters."""
     parts: list[RenderableType] = [Text(title, style="bold"), *(Text(f"note: {note}") for note in notes)]
     parts.append(Text(options_text(found)))
     parts.append(printed(test_table(found)))
@@ -40,7 +40,7 @@ def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[Renderabl
 
 
 def options_text(found: Plan) -> str:
-    """What was chosen from, in one line."""
+    """Sentence on the candidates and assumptions of a test plan."""
     options = found.options
     frequency = options.frequency
     interest = f", for {', '.join(options.of_interest)}" if options.of_interest else ""
@@ -54,6 +54,7 @@ def options_text(found: Plan) -> str:
 
 
 def _noise_words(found: Plan) -> str:
+    """Words on the noise that a test plan assumes."""
     options = found.options
     noise = [f"{100 * options.relative_noise:.3g} % of each value"] if options.relative_noise else []
     noise += [f"{options.absolute_noise:.3g} {FRF_UNITS[options.kind]}"] if options.absolute_noise else []
@@ -90,7 +91,7 @@ def test_table(found: Plan) -> Table:
 
 
 def parameter_table(found: Plan) -> Table:
-    """The predicted relative standard deviation of each parameter, before and after."""
+    """Table of the predicted relative standard deviation of each parameter in every compared test."""
     tests = compared(found)
     header = ("parameter", "unit", "initial", *(f"std, {test.label}" for test in tests))
     rows = []
@@ -102,7 +103,7 @@ def parameter_table(found: Plan) -> Table:
 
 
 def choice_lines(found: Plan) -> list[str]:
-    """Where the chosen sensors, loads and lines are, the most telling first."""
+    """Lines of text on the chosen sensors, loads and frequency lines, most informative first."""
     lines = [
         f"chosen sensors: {places(found.chosen.sensors)}; loads: {places(found.chosen.loads)}",
         *([] if found.kammer is None else [f"effective independence would take: {places(found.kammer.sensors)}"]),
@@ -119,7 +120,7 @@ def choice_lines(found: Plan) -> list[str]:
 
 
 def enough_lines(found: Plan) -> list[str]:
-    """What reaches the wanted accuracy."""
+    """Lines of text on how many sensors, lines and averages reach the wanted accuracy."""
     enough = found.enough
     if enough is None:
         return []
@@ -139,7 +140,7 @@ def enough_lines(found: Plan) -> list[str]:
 
 
 def next_lines(found: Plan) -> list[str]:
-    """The best sensors to add, and what each would give."""
+    """Lines of text on the best sensors to add next, and the gain by each."""
     if not found.next_sensors:
         return []
     base = found.installed or found.chosen

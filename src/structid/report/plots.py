@@ -42,6 +42,7 @@ def convergence(found: Identification, axes: Where) -> Picture:
 
 
 def modes(found: Identification, axes: Where) -> Picture:
+    """Picture of natural frequencies and damping ratios before and after identification, drawn on `axes` if given."""
     rows = mode_rows(found)
     if not len(rows.frequency):
         raise InputError("a solver gave the FRFs of this model alone, so that its modes are not known")
@@ -49,6 +50,7 @@ def modes(found: Identification, axes: Where) -> Picture:
 
 
 def model_shapes(found: Identification, mode: int, axes: Where) -> Picture:
+    """Picture of the identified model's shape of `mode` (from 1; 0 for several), drawn on `axes` if given."""
     whole = model_shapes_figure(found.structure, found.modes)
     if whole is None:
         raise InputError("the model has no modes with shapes in space; `plot_frequencies` shows its frequencies")
@@ -71,6 +73,7 @@ def structure(shown: Structure, axes: Where) -> Picture:
 
 
 def frf(found: Identification, sensor: str, load: str, record: int, axes: Where) -> Picture:
+    """Picture of a measured FRF with the models' at one sensor and load; the worst fitted one if neither is named."""
     fit = _fit(found, record)
     outputs, inputs = fit.measured.outputs, fit.measured.inputs
     if sensor or load:
@@ -97,6 +100,7 @@ def stabilization(found: ModesResult, axes: Where) -> Picture:
 
 
 def shape(found: ModesResult, mode: int, axes: Where) -> Picture:
+    """Picture of the shape of `mode` (from 1) of a modal survey, drawn on `axes` if given."""
     whole = shapes_figure(found)
     if not 1 <= mode <= len(whole.panels):
         raise InputError(f"`mode` must be between 1 and {len(whole.panels)}, got {mode}")

@@ -19,7 +19,7 @@ _ROUNDING = 1e-9
 
 
 def modes_table(found: Prediction | PredictedChange) -> Table:
-    """Natural frequencies and damping ratios, before and after changes where there are any."""
+    """Table of predicted natural frequencies and damping ratios, before and after changes if there are any."""
     parts = parts_of(found)
     header: tuple[str, ...]
     if isinstance(found, PredictedChange):
@@ -44,7 +44,7 @@ def modes_table(found: Prediction | PredictedChange) -> Table:
 
 
 def maxima_table(found: Prediction | PredictedChange) -> Table:
-    """The largest motion of each sensor."""
+    """Table of the largest predicted motion of each sensor."""
     parts = parts_of(found)
     first = next(iter(parts.values()))
     unit = unit_text(first.quantity.unit)
@@ -72,6 +72,7 @@ def _percent(part: Prediction, index: tuple[int, ...]) -> str:
 
 
 def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> str:
+    """Text of the interval of the value at `index`, times `factor` (100 for per cent); a dash if not finite."""
     low, high = factor * float(part.low[index]), factor * float(part.high[index])
     if not np.isfinite([low, high]).all():
         return NOTHING
@@ -86,7 +87,7 @@ def heading(found: StudyPrediction) -> str:
 
 
 def width_words(found: StudyPrediction) -> str:
-    """How wide the bands of the FRFs are; "" where there are none."""
+    """Sentence on the median half-width of the predicted FRFs' 95 % bands; "" if no FRF is predicted."""
     if found.frf is None:
         return ""
     words = []
@@ -99,7 +100,7 @@ def width_words(found: StudyPrediction) -> str:
 
 
 def prediction_text(found: StudyPrediction) -> list[RenderableType]:
-    """Heading, natural modes, largest motions, and what the bands include."""
+    """Terminal text of a prediction: natural modes, largest motions, and what the bands include."""
     parts: list[RenderableType] = [Text(heading(found), style="bold"), printed(modes_table(found.modes))]
     if found.maxima is not None:
         parts.append(printed(maxima_table(found.maxima)))
@@ -108,7 +109,7 @@ def prediction_text(found: StudyPrediction) -> list[RenderableType]:
 
 
 def prediction_page(found: StudyPrediction) -> Page:
-    """The page and its figures."""
+    """Report page of a prediction, with its figures."""
     figures = {}
     if found.frf is not None:
         figures["prediction_frf"] = frf_figure(found.frf)

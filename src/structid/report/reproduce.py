@@ -30,7 +30,7 @@ _MORE_DECIMALS = 2
 
 
 def write_reproduction(items: Sequence[Item], folder: Path, png: bool = False) -> Path:
-    """Path of ``reproduction.html`` in `folder`, written with ``reproduction.json``.
+    """Write ``reproduction.html`` and ``reproduction.json`` into `folder`, and return the page's path.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def _rounded(value: Plain) -> Plain:
 
 
 def reproduction_page(items: Sequence[Item]) -> Page:
-    """The page and its figures."""
+    """Report page of reproduced published results, with its figures."""
     counts = [(verdict, sum(item.verdict is verdict for item in items)) for verdict in Verdict]
     words = {
         "counts": [(verdict.value, _CLASSES[verdict], count) for verdict, count in counts if count],
@@ -146,7 +146,7 @@ class TableText:
 
 
 def table_text(table: Table) -> TableText:
-    """`table` as text; a single row of many whole numbers is turned upright."""
+    """Table as plain text; a single row of many integers is transposed."""
     whole = bool(np.isfinite(table.printed).all()) and _is_whole(table.printed)
     if whole and len(table.rows) == 1 and len(table.columns) > 3:
         table = Table(table.columns, table.rows, table.printed.T, table.computed.T)
@@ -185,6 +185,7 @@ class _Digits:
 
     @classmethod
     def of(cls, printed: FloatArray) -> _Digits:
+        """Number format for a table column: decimals and significant digits of its `printed` values (n,)."""
         given = [float(value) for value in printed[np.isfinite(printed)]]
         digits = [np.format_float_positional(value, unique=True, trim="-") for value in given]
         decimals = max(len(text.partition(".")[2]) for text in digits)
@@ -192,7 +193,7 @@ class _Digits:
         return cls(decimals, max(significant - 1, 1), decimals <= 7 and max(map(abs, given)) < 1e7)
 
     def text(self, value: float, more: int = 0) -> str:
-        """`value` with the digits of the column, and `more` after them."""
+        """Text of `value` in the format of the column, with `more` further digits."""
         if not np.isfinite(value) or not self.fixed or abs(value) >= 1e9:
             return number(value, self.significant + more)
         decimals = self.decimals + more
@@ -207,7 +208,7 @@ def _whole(value: float) -> str:
 
 
 def _signed(value: float) -> str:
-    """A difference with its sign, to two digits."""
+    """Text of a difference with its sign and two digits."""
     if not np.isfinite(value):
         return NOTHING
     if value == 0:

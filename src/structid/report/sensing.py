@@ -11,7 +11,7 @@ from structid.report.tables import Table, printed
 
 
 def sensing_text(found: SensedMotion) -> list[RenderableType]:
-    """Heading, a row an output and force, the sensors that were left out, and what the record does not tell."""
+    """Terminal text on sensors to add or leave out: heading, table and remarks."""
     shown = found.overview()
     parts: list[RenderableType] = [Text(shown.words.partition(";")[0], style="bold")]
     parts.append(printed(Table(tuple(shown.header), tuple(map(tuple, shown.rows)), (1, 2))))

@@ -35,7 +35,7 @@ class Table:
 
 
 def printed(table: Table) -> rich.table.Table:
-    """`table` as a terminal shows it."""
+    """Rich table for the terminal with the header and rows of `table`."""
     found = rich.table.Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
     for column in table.header:
         found.add_column(column, overflow="fold")
@@ -45,7 +45,7 @@ def printed(table: Table) -> rich.table.Table:
 
 
 def provenance_table(provenance: Mapping[str, object] | None) -> Table:
-    """The provenance with a row for each version, input file and setting."""
+    """Table of provenance with a row for each version, input file and setting."""
     rows: list[tuple[str, str]] = []
     for name, value in (provenance or {}).items():
         if isinstance(value, Mapping):

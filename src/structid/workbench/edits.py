@@ -20,7 +20,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
-    """`text` with `edits` made, in order.
+    """TOML text after the `edits` (mappings with "set", "remove", "add" or "list"), made in order.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def edited(text: str, edits: Sequence[Mapping[str, Any]]) -> str:
 
 
 def value_of(text: str) -> str:
-    """`text` without blanks around it, after a check that it writes exactly one value.
+    """Text of one TOML value, stripped of blanks; raises `InputError` unless it is exactly one.
 
     Raises
     ------
@@ -78,6 +78,7 @@ def _require_toml(text: str, words: str) -> None:
 
 
 def _set(text: str, path: KeyPath, value: str) -> str:
+    """TOML text with the key at `path` set to `value` (TOML text), changed in place or added."""
     blocks = blocks_of(text)
     if value.startswith("{") and _is_spread(blocks, path):
         return _set_spread(text, path, value)
@@ -112,7 +113,7 @@ def _is_spread(blocks: Sequence[Block], path: KeyPath) -> bool:
 
 
 def _set_spread(text: str, path: KeyPath, value: str) -> str:
-    """A table that is not written in line, key by key, so that its comments stay."""
+    """TOML text with a table in block form set key by key, so that comments stay."""
     wanted: Any = tomlkit.value(value)
     there = [block.path + key for block in blocks_of(text) for key in block.pairs]
     for key in (found for found in there if found[: len(path)] == path and found[len(path)] not in wanted):
@@ -123,7 +124,7 @@ def _set_spread(text: str, path: KeyPath, value: str) -> str:
 
 
 def _changed_inline(text: str, place: Place, rest: KeyPath, value: str | None) -> str:
-    """What is at `rest` inside an inline table or a list set, or taken out where `value` is None."""
+    """TOML text with the entry at `rest` inside an inline table or list set, or removed if `value` is None."""
     whole: Any = tomlkit.value(text[place.value : place.end])
     try:
         held = whole
@@ -143,6 +144,7 @@ def _changed_inline(text: str, place: Place, rest: KeyPath, value: str | None) -
 
 
 def _removed(text: str, path: KeyPath) -> str:
+    """TOML text without the key or table at `path`; raises `InputError` if it is not there."""
     blocks = blocks_of(text)
     for block in blocks:
         for key, place in block.pairs.items():
@@ -171,7 +173,7 @@ def _removed(text: str, path: KeyPath) -> str:
 
 
 def _listed(text: str, path: KeyPath) -> str:
-    """A table as the first entry of an array of tables, by the brackets of its header; tables in it stay in it."""
+    """TOML text with the table at `path` turned into the first entry of an array of tables."""
     first = next((block for block in blocks_of(text) if block.path[: len(path)] == path), None)
     if first is None or first.path != path:
         raise InputError(
@@ -183,7 +185,7 @@ def _listed(text: str, path: KeyPath) -> str:
 
 
 def _added(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
-    """A new entry behind the last one of its array."""
+    """TOML text with a new entry after the last one of the array of tables at `path`."""
     keys = "".join(f"{_name((key,))} = {value_of(str(value))}\n" for key, value in table.items())
     entry = f"[[{_name(path)}]]\n{keys}"
     blocks = blocks_of(text)
@@ -201,7 +203,7 @@ def _added(text: str, path: KeyPath, table: Mapping[str, str]) -> str:
 
 
 def _inserted_block(text: str, blocks: Sequence[Block], path: KeyPath, entry: str) -> str:
-    """A new table: behind what is in the same table, or where its section stands by custom."""
+    """TOML text with the new table `entry` inserted next to related tables, or at its customary place."""
     for length in range(len(path) - 1, 0, -1):
         near = [block for block in blocks if block.path and block.path[:length] == path[:length]]
         if near:
@@ -226,7 +228,7 @@ def _inserted_text(text: str, at: int, entry: str) -> str:
 
 
 def _above_comments(text: str, at: int) -> int:
-    """Where the comment begins that stands directly above a header."""
+    """Index in `text` where the comment lines directly above position `at` begin."""
     while at > 0:
         start = text.rfind("\n", 0, at - 1) + 1
         if not text[start:at].startswith("#"):

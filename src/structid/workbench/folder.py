@@ -73,7 +73,7 @@ class OpenFolder:
     root: Path
 
     def inside(self, name: str) -> Path:
-        """The path of `name`, given by slashes from the folder.
+        """Absolute path of `name` in the open folder; raises `OutsideError` if it leads out of the folder.
 
         Raises
         ------
@@ -139,7 +139,7 @@ class OpenFolder:
         return {"folder": str(self.root), "writable": self.is_writable, "most": None if is_all else _MOST, **lists}
 
     def stamps(self) -> dict[str, int]:
-        """When each TOML file that `listing` looks at was changed, ns."""
+        """Modification time (ns) of each TOML file in the listing, by its name."""
         stamps = {}
         for path, _ in self._files()[0]:
             if path.suffix == ".toml":
@@ -148,7 +148,7 @@ class OpenFolder:
         return stamps
 
     def _refusal(self, path: Path) -> str:
-        """Why the page cannot use a file; "" where it can."""
+        """Reason why the page cannot use the file at `path`, in words; "" if it can."""
         if not _is_printable(path.name) or any(sign in path.name for sign in ":\\"):
             return "its name holds a sign that is not used here; give it another name"
         if path.is_symlink():
@@ -166,7 +166,7 @@ class OpenFolder:
         return "" if stat.S_ISREG(mode) else "is a folder"
 
     def _files(self) -> tuple[list[tuple[Path, int]], bool]:
-        """Files of the folder with their bytes, a few levels deep, links as they are, and whether they are all that are there."""
+        """Files of the folder with their sizes in bytes, a few levels deep, and True if none was left out."""
         files: list[tuple[Path, int]] = []
         folders, count = [(self.root, 0)], 0
         while folders:
@@ -192,7 +192,7 @@ class OpenFolder:
         return files, True
 
     def files_in(self, folder: Path, most: int) -> list[Path]:
-        """Ordinary files in `folder` and the folders in it, in order, without links and without names that begin with a point."""
+        """Ordinary files in `folder` and its subfolders, sorted, at most `most`; no links and no hidden files."""
         files: list[Path] = []
         for inner, folders, names in os.walk(folder):
             folders[:] = sorted(
@@ -205,7 +205,7 @@ class OpenFolder:
         return sorted(files[:most])
 
     def text(self, name: str) -> tuple[str, str]:
-        """The text of a study and its digest.
+        """Text of the study file `name` and its digest.
 
         Raises
         ------
@@ -224,7 +224,7 @@ class OpenFolder:
             raise FileError(f"{name}: cannot be read as text ({error})") from error
 
     def save(self, name: str, text: str, before: str) -> str:
-        """Write the text of a study that still has the digest `before`; "" for a new one. The new digest.
+        """Save the text of a study whose digest is still `before` ("" for a new one), and return the new digest.
 
         Other servers and editors may write at the same time: what is told as saved is there, and replaced nothing unseen.
 
@@ -254,7 +254,7 @@ class OpenFolder:
         return digest(content)
 
     def own(self, *parts: str) -> Path:
-        """A folder of the workbench's own, made where it does not exist.
+        """Subfolder of the workbench's own data folder, created if missing.
 
         Raises
         ------
@@ -284,7 +284,7 @@ def digest(content: bytes) -> str:
 
 
 def opened(path: Path) -> OpenFolder:
-    """The folder at `path`.
+    """Folder at `path`, opened for the workbench.
 
     Raises
     ------
@@ -301,6 +301,7 @@ def opened(path: Path) -> OpenFolder:
 
 
 def _no_folder(path: Path) -> str:
+    """Words on why `path` is not a folder."""
     if path.exists():
         return "is a file and no folder"
     there = next((one for one in path.absolute().parents if one.is_dir()), None)
@@ -308,7 +309,7 @@ def _no_folder(path: Path) -> str:
 
 
 def typed_folder(text: str) -> Path:
-    """The path that somebody typed or pasted: whole, or from the home folder with ``~``, in quotes or not.
+    """Path of a folder as typed or pasted by a user: absolute or from ``~``, with or without quotes.
 
     Raises
     ------
@@ -334,7 +335,7 @@ def typed_folder(text: str) -> Path:
 
 
 def upload_name(name: str) -> str:
-    """`name` of a dropped file as it may be written: one part, no sign that leads elsewhere.
+    """Safe file name for an uploaded file: one part, no special signs, a known suffix.
 
     Raises
     ------
@@ -360,7 +361,7 @@ def _is_printable(name: str) -> bool:
 
 
 def _study(name: str, path: Path, size: int, is_parsed: bool) -> list[dict[str, Any]]:
-    """A study of a folder, also one that is broken; nothing for other TOML files."""
+    """Listing entry of a TOML study, broken ones included; empty list for other TOML files."""
     begin = read_start(path, _STUDY_BYTES)
     try:
         if not is_parsed or size > _STUDY_BYTES:
@@ -381,7 +382,7 @@ def _study(name: str, path: Path, size: int, is_parsed: bool) -> list[dict[str, 
 
 
 def holds_numbers(path: Path) -> bool:
-    """Whether a text file begins as a table: a line of two numbers or more, whatever stands above it."""
+    """True if some line near the start of a text file consists of two numbers or more."""
     for line in _begin(path).replace(b"\0", b"").splitlines():
         words = line.translate(_APART).split()
         if len(words) > 1 and all(map(_NUMBER.fullmatch, words)):
@@ -397,7 +398,7 @@ def _begin(path: Path, count: int = 4096) -> bytes:
 
 
 def read_json(path: Path, follow: bool = True) -> Any:
-    """The content of a JSON file; None where it is not there (or a link, unless `follow`), not whole or too large."""
+    """Content of a JSON file; None if it is missing, damaged, too large, or a link while `follow` is False."""
     try:
         content = read_start(path, _MOST_JSON + 1, follow)
     except OSError:

@@ -69,7 +69,7 @@ class Workbench:
     watcher: Watcher
 
     def version(self, study: str) -> str:
-        """What changes when a study or one of the files beside it does."""
+        """Digest of the modification times in the folder of `study`, which changes if any of its files does."""
         path = self.opened.inside(study)
         stamps = []
         with suppress(OSError), os.scandir(path.parent) as scan:
@@ -116,7 +116,7 @@ async def _step(_: Workbench, request: Request) -> Response:
 
 
 def _static(name: str, folder: str = "") -> Response:
-    """A file of the page; names have no slash, so that none leads elsewhere."""
+    """Answer with a file of the web page; names with a slash are not served."""
     own = files("structid.workbench") / "static" / folder / name
     path = files("structid.report") / "plotly_parts" / "plotly-cartesian.min.js" if name == "plotly.js" else own
     if not path.is_file() or Path(name).suffix not in _TYPES:
@@ -127,6 +127,7 @@ def _static(name: str, folder: str = "") -> Response:
 
 
 async def _folder(bench: Workbench, _: Request) -> Response:
+    """Answer with the listing of the open folder, recent folders, reading options and runs."""
     _later(bench.workers.warm())
     found = await asyncio.to_thread(bench.opened.listing)
     recent = [one for one in await asyncio.to_thread(recent_folders) if one != str(bench.opened.root)]
@@ -165,6 +166,7 @@ async def _line(bench: Workbench, request: Request) -> Response:
 
 
 async def _save(bench: Workbench, request: Request) -> Response:
+    """Save the text of a study and answer with its new content; refused if it was changed by others."""
     given = await request.json()
 
     def saved() -> Response:
@@ -175,9 +177,11 @@ async def _save(bench: Workbench, request: Request) -> Response:
 
 
 async def _edit(bench: Workbench, request: Request) -> Response:
+    """Make the requested edits in a study, save it and answer with its new content."""
     given = await request.json()
 
     def saved() -> Response:
+        """Edited study, saved; raises `ChangedError` if the file was changed since the page read it."""
         text, mark = bench.opened.text(given["study"])
         if mark != given["digest"]:
             raise ChangedError(f"{given['study']}: was changed by another page or program; what it says now is shown")
@@ -188,9 +192,10 @@ async def _edit(bench: Workbench, request: Request) -> Response:
 
 
 def _of_study(name: str, **numbers: int) -> Handler:
-    """A question to a worker about a study, with whole numbers that have defaults."""
+    """Handler that calls the worker function `name` for a study, with integer query parameters and their defaults."""
 
     async def asked(bench: Workbench, request: Request) -> Response:
+        """Answer of the worker function to a request whose study and numbers are in the query."""
         study = request.query_params["study"]
         own = {key: int(request.query_params.get(key, default)) for key, default in numbers.items()}
         given: dict[str, Any] = {"study": study, **own}
@@ -200,7 +205,7 @@ def _of_study(name: str, **numbers: int) -> Handler:
 
 
 def _of_body(name: str, *keys: str) -> Handler:
-    """A question to a worker with what it needs in the body."""
+    """Handler that passes the `keys` of the request's JSON body to the worker function `name`."""
 
     async def asked(bench: Workbench, request: Request) -> Response:
         body = await request.json()
@@ -210,7 +215,7 @@ def _of_body(name: str, *keys: str) -> Handler:
 
 
 async def _facts(bench: Workbench, request: Request) -> Response:
-    """What a file is understood as: found out once, until it changes."""
+    """Answer with kind, channels and findings of a data file; cached until the file changes."""
     body = await request.json()
     path = bench.opened.inside(body["record"])
     stamp = path.stat() if path.is_file() else None
@@ -219,9 +224,10 @@ async def _facts(bench: Workbench, request: Request) -> Response:
 
 
 def _modes_folder(name: str, *keys: str) -> Handler:
-    """A question to a worker that writes a folder of modes, with the address of its page."""
+    """Handler that lets the worker function `name` write a folder of modes and answers with its page."""
 
     async def asked(bench: Workbench, request: Request) -> Response:
+        """Answer of a worker function that writes modes into a new folder, with its page."""
         body = await request.json()
         if bench.opened.inside(body["out"]).exists() and not body.get("replace"):
             raise ChangedError(f"{body['out']}: is there already; give another folder, or replace what is in it")
@@ -234,6 +240,7 @@ def _modes_folder(name: str, *keys: str) -> Handler:
 
 
 async def _histories(bench: Workbench, request: Request) -> Response:
+    """Answer with stretches of time histories; starts an overview of a long record that has none yet."""
     body = await request.json()
     given = {key: body[key] for key in ("record", "options", "first", "last", "points")}
     answer = await bench.workers("histories", given)
@@ -253,6 +260,7 @@ def _later(work: Any) -> None:
 
 
 async def _upload(bench: Workbench, request: Request) -> Response:
+    """Store an uploaded file in the open folder; refused if it is too large, empty or there already."""
     name = upload_name(request.query_params["name"])
     path, is_replaced = bench.opened.inside(name), request.query_params.get("replace") == "yes"
     if path in _arriving:
@@ -281,7 +289,7 @@ async def _upload(bench: Workbench, request: Request) -> Response:
 
 
 async def _solver(bench: Workbench, study: str) -> dict[str, Any]:
-    """The command that a study runs, as `structid.study.schema.model.solver.solver_command` knows it; empty for none."""
+    """Solver command that a study would run; empty if it runs none."""
     command: dict[str, Any] = json.loads(await bench.workers("solver", {"study": study}))
     if "error" in command:
         raise InputError(command["error"])
@@ -289,7 +297,7 @@ async def _solver(bench: Workbench, study: str) -> dict[str, Any]:
 
 
 async def _start_run(bench: Workbench, request: Request) -> Response:
-    """Start a run; a study with a command that the user has not confirmed is answered with what would run."""
+    """Start a run of a study; one with an unconfirmed solver command is answered with that command."""
     given = await request.json()
     study, confirmed = given["study"], given.get("confirmed", "")
     bench.opened.inside(study)
@@ -311,6 +319,7 @@ async def _run(bench: Workbench, request: Request) -> Response:
 
 
 async def _act(bench: Workbench, request: Request) -> Response:
+    """Stop, pause or continue a run, and answer with its state."""
     run, action = bench.runs[request.path_params["id"]], request.path_params["action"]
     if action == "stop":
         run.stop()
@@ -325,6 +334,7 @@ class Watcher:
     """One look at a folder for all pages that are open on it, as long as there are any."""
 
     def __init__(self, opened: OpenFolder, runs: Runs) -> None:
+        """Watcher of the state of folder and runs; it starts with its first listener."""
         self._opened, self._runs = opened, runs
         self._state, self._count = "", 0
         self._task: asyncio.Task[None] | None = None
@@ -332,6 +342,7 @@ class Watcher:
         self.n_heard = 0
 
     async def _watch(self) -> None:
+        """Poll folder and runs for ever, and wake listeners when their state has changed."""
         while True:
             state = json.dumps(await asyncio.to_thread(self._look))
             if state != self._state:
@@ -344,7 +355,7 @@ class Watcher:
         return {"runs": self._runs.summaries(), "studies": self._opened.stamps()}
 
     async def states(self, is_over: Callable[[], Awaitable[bool]]) -> AsyncIterator[str]:
-        """Each state as JSON, "" where nothing changed for a while, until `is_over`."""
+        """Yield the state as JSON after each change, or "" after a while without change, until `is_over`."""
         self.n_heard += 1
         if self._task is None:
             self._task = asyncio.create_task(self._watch())
@@ -368,7 +379,7 @@ class Watcher:
 
 
 async def _events(bench: Workbench, request: Request) -> Response:
-    """What has changed, as long as page and server are there: states of runs, and stamps of studies."""
+    """Stream of events to the page: run states and file modification times, whenever they change."""
     if bench.watcher.n_heard >= _MOST_STREAMS:
         return Json({"error": "too many pages of this folder are open; close some"}, 503)
 
@@ -383,6 +394,7 @@ async def _events(bench: Workbench, request: Request) -> Response:
 
 
 async def _results(bench: Workbench, request: Request) -> Response:
+    """Answer with the main results in a folder, its files and the address of its report."""
     name = request.query_params["results"]
     folder = bench.opened.inside(name)
     estimate = await asyncio.to_thread(read_json, bench.opened.inside(f"{name}/estimate.json"))
@@ -415,7 +427,7 @@ async def _results(bench: Workbench, request: Request) -> Response:
 
 
 async def _fits(bench: Workbench, request: Request) -> Response:
-    """Measured and fitted responses of results: found out once, until they change."""
+    """Answer with measured and fitted responses of a results folder; cached until it changes."""
     name = request.query_params["results"]
     path = bench.opened.inside(f"{name}/estimate.h5")
     version = str(path.stat().st_mtime_ns) if path.is_file() else ""
@@ -423,6 +435,7 @@ async def _fits(bench: Workbench, request: Request) -> Response:
 
 
 async def _view(bench: Workbench, request: Request) -> Response:
+    """Answer with an HTML report of the open folder; 404 for any other file."""
     path = bench.opened.inside(request.path_params["name"])
     if path.suffix != ".html" or not path.is_file():
         return PlainTextResponse("There is no such page.", 404)
@@ -430,6 +443,7 @@ async def _view(bench: Workbench, request: Request) -> Response:
 
 
 async def _download(bench: Workbench, request: Request) -> Response:
+    """Answer with a file of results as a download."""
     path = bench.opened.inside(request.query_params["path"])
     if not path.is_file() or path.suffix not in _SEEN:
         raise FileError(f"{request.query_params['path']}: is not there any more")
@@ -437,7 +451,7 @@ async def _download(bench: Workbench, request: Request) -> Response:
 
 
 async def _export(bench: Workbench, request: Request) -> Response:
-    """A folder of results as one archive."""
+    """Answer with a folder of results as one archive file."""
     folder = bench.opened.inside(request.query_params["results"])
     if not (folder / "estimate.json").is_file():
         raise FileError(f"{request.query_params['results']}: holds no results")

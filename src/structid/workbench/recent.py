@@ -34,6 +34,7 @@ def remember_confirmed(confirmation: str) -> None:
 
 
 def _kept(name: str) -> list[str]:
+    """Texts stored in the JSON file `name` of the user's state folder, without repeats; [] if there is none."""
     with suppress(OSError):
         listed = read_json(state_folder() / name)
         return list(dict.fromkeys(text for text in listed if isinstance(text, str))) if isinstance(listed, list) else []

@@ -47,6 +47,7 @@ def main() -> None:
 
 
 def _executed(folder: Path, words: list[str]) -> int:
+    """Exit code of the structid command `words`, run with its output in ``log.txt`` of `folder`."""
     with (folder / "log.txt").open("ab") as log:
         child = subprocess.Popen(
             [sys.executable, "-P", "-m", "structid", *words], stdin=subprocess.DEVNULL, stdout=log, stderr=log
@@ -57,7 +58,7 @@ def _executed(folder: Path, words: list[str]) -> int:
 
 @contextmanager
 def _turn(folder: Path) -> Iterator[bool]:
-    """Waits until fewer than `AT_ONCE` runs of the user compute; False where the run is to stop before."""
+    """Context that waits until fewer than `AT_ONCE` runs compute; False if the run is to stop before it begins."""
     try:
         queue = state_folder() / "runs"
         queue.mkdir(exist_ok=True)
@@ -83,7 +84,7 @@ def _turn(folder: Path) -> Iterator[bool]:
 
 
 def _locked(path: Path) -> tuple[int, Path] | None:
-    """A new ticket that the system keeps locked as long as this process lives; None where there are no locks."""
+    """New queue ticket, locked as long as this process lives: its descriptor and path; None without file locks."""
     if fcntl is None:
         return None
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -92,7 +93,7 @@ def _locked(path: Path) -> tuple[int, Path] | None:
 
 
 def _position(queue: Path, ticket: Path) -> int:
-    """How many runs that still live were started before this one."""
+    """Number of live runs that were queued before `ticket`; tickets of dead runs are removed."""
     count = 0
     for path in sorted(queue.iterdir()):
         if path.name >= ticket.name:

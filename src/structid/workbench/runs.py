@@ -50,7 +50,7 @@ class Run:
 
     @cached_property
     def _told(self) -> dict[str, Any]:
-        """What is written down about it; a folder may come from a stranger, so that nothing is taken that it cannot be."""
+        """Study, results folder, start time and process of the run, from ``run.json``; invalid entries left out."""
         told = self._json("run.json")
         texts = {key: told[key] for key in ("study", "results") if isinstance(told.get(key), str)}
         numbers = {
@@ -70,7 +70,7 @@ class Run:
         return content if isinstance(content, dict) else {}
 
     def _process(self) -> psutil.Process | None:
-        """The process that runs it, if that is still the one that was started."""
+        """Process of this run, or None if it has ended or its number now belongs to another one."""
         told = self._told
         with suppress(psutil.Error, KeyError, TypeError):
             process = psutil.Process(int(told["pid"]))
@@ -80,7 +80,7 @@ class Run:
         return None
 
     def _worker(self, process: psutil.Process | None) -> psutil.Process | None:
-        """The process that computes, which `process` has begun."""
+        """Child of `process` that does the computing; None if there is none."""
         with suppress(psutil.Error):
             children = process.children() if process is not None else []
             return children[0] if children else None
@@ -88,7 +88,7 @@ class Run:
 
     @property
     def state(self) -> str:
-        """queued, running, paused, stopping, killed, disk_full, or how it ended."""
+        """State of the run: queued, running, paused, stopping, killed, disk_full, or how it ended."""
         ended = self._json("ended.json")
         if ended:
             code = ended.get("code")
@@ -107,7 +107,7 @@ class Run:
         return "queued" if (self.folder / "queued").exists() else "running"
 
     def summary(self) -> dict[str, Any]:
-        """What a list of runs shows."""
+        """Summary of the run for lists: study, results, start, state, last progress and what can be done with it."""
         told, state = self._told, self.state
         results = str(told.get("results", ""))
         checkpoint = self.opened.root / f"{results}.checkpoint" / "run.json"
@@ -123,7 +123,7 @@ class Run:
         }
 
     def _last(self) -> dict[str, Any]:
-        """The last line of progress."""
+        """Last progress record of the run; empty before the first."""
         lines = _tail(self.folder / "progress.jsonl", _MOST_TOLD).splitlines()
         for line in reversed(lines):
             told = parse_json(line)
@@ -133,7 +133,7 @@ class Run:
         return {}
 
     def progress(self, after: int) -> dict[str, Any]:
-        """Lines of progress from the byte `after` on, and the end of the log."""
+        """Progress records of the run from byte `after` on, and the last lines of its log."""
         path, at = self.folder / "progress.jsonl", after
         lines: list[dict[str, Any]] = []
         with suppress(OSError, OverflowError):
@@ -144,7 +144,7 @@ class Run:
         return {**self.summary(), "lines": lines, "at": at, "log": _tail(self.folder / "log.txt", _LOG_BYTES)}
 
     def stop(self) -> None:
-        """Ask it to end as Ctrl-C does; it writes what it has, and can be resumed."""
+        """Ask the run to end as with Ctrl-C; it saves a checkpoint and can be resumed."""
         process = self._process()
         worker = self._worker(process)
         if process is None or (worker is None and self.state != "queued"):
@@ -158,7 +158,7 @@ class Run:
             worker.terminate()
 
     def pause(self, still: bool) -> None:
-        """Hold it where it is, or let it go on."""
+        """Suspend the run's processes if `still`, or let them go on."""
         worker = self._worker(self._process())
         if worker is None:
             raise InputError("this run has ended already")
@@ -177,7 +177,7 @@ class Runs:
         return (Run(self.opened, path) for path in self._folders()[:_MOST_RUNS])
 
     def _folders(self) -> list[Path]:
-        """Folders of runs, the newest first; links are none."""
+        """Folders of all runs, newest first; links are left out."""
         holder = self.opened.root / OWN
         folder = holder / "runs"
         if holder.is_symlink() or folder.is_symlink():
@@ -194,13 +194,14 @@ class Runs:
         return []
 
     def __getitem__(self, name: str) -> Run:
+        """Run with the identifier `name`; raises `InputError` if there is none."""
         found = next((run for run in self if run.id == name), None)
         if found is None:
             raise InputError(f"there is no run {name!r} any more")
         return found
 
     def summaries(self) -> list[dict[str, Any]]:
-        """Of every run, the newest first; none can be resumed whose results another one writes or has written since."""
+        """Summaries of all runs, newest first; only the newest run of a results folder can be resumed."""
         found, taken = [], set[str]()
         for run in self:
             told = run.summary()
@@ -212,7 +213,7 @@ class Runs:
     def start(
         self, study: str, results: str, resume: bool = False, replace: bool = False, confirmation: str = ""
     ) -> Run:
-        """Start `structid identify` on a study; it waits where as many runs as may compute at once do so.
+        """Start `structid identify` on a study as a new run, which waits in the queue if others compute.
 
         Parameters
         ----------

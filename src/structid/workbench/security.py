@@ -90,7 +90,7 @@ class Guard:
         self.app, self.port, self.opened = app, port, opened
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
+        """Handle one ASGI request: refuse it, or pass it on with the folder that it may see."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
@@ -123,7 +123,7 @@ class Guard:
 
 
 def _refusal(scope: Scope, port: int) -> tuple[int, str] | None:
-    """Status and words for a request that is not let in."""
+    """HTTP status and words for a request that is refused; None for one that is admitted."""
     hosts = {f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]")}
     headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
     if not _is_loopback(scope.get("client")):
@@ -146,6 +146,7 @@ def _refusal(scope: Scope, port: int) -> tuple[int, str] | None:
 
 
 def _is_loopback(client: tuple[str, int] | None) -> bool:
+    """True if a client (address, port) is on this machine."""
     if client is None:
         return False
     try:
@@ -155,10 +156,11 @@ def _is_loopback(client: tuple[str, int] | None) -> bool:
 
 
 def _limited(receive: Receive, most: int) -> Receive:
-    """`receive` that ends a request longer than it said, or than is let in, or whose body stays away."""
+    """Receiver that ends a request whose body has more than `most` bytes or arrives too slowly."""
     taken, is_whole = 0, False
 
     async def counted() -> Message:
+        """Next message of the request; a disconnect after too many bytes or too long a wait."""
         nonlocal taken, is_whole
         try:
             async with asyncio.timeout(
@@ -175,7 +177,10 @@ def _limited(receive: Receive, most: int) -> Receive:
 
 
 def _with_policy(send: Send, policy: str) -> Send:
+    """Sender that adds the content security policy and other security headers to each answer."""
+
     async def sent(message: Message) -> None:
+        """Send a message, with the security headers added at the start of an answer."""
         if message["type"] == "http.response.start":
             own = {"content-security-policy": policy, **_ALWAYS}
             given = {name.lower() for name, _ in message.get("headers", [])}
@@ -190,6 +195,7 @@ def _with_policy(send: Send, policy: str) -> Send:
 
 
 async def _answer(send: Send, status: int, words: str) -> None:
+    """Send a plain-text answer with this HTTP status."""
     body = words.encode()
     headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"content-length", str(len(body)).encode())]
     await send({"type": "http.response.start", "status": status, "headers": headers})

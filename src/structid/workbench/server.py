@@ -43,13 +43,14 @@ class Workbenches:
     """Folders that are open on a port, each behind a token of its own; one opens others when its page asks for it."""
 
     def __init__(self, port: int) -> None:
+        """Server state without open folders, for a server at `port` of this machine."""
         self.port = port
         self.opened: dict[Access, Workbench] = {}
         self.ending = Event()
         self._opening = Lock()
 
     def open(self, folder: Path) -> Access:
-        """How `folder` is reached, opened where it was not.
+        """Access (address with its secret) to `folder`, which is opened if it is not yet.
 
         Raises
         ------
@@ -75,10 +76,11 @@ class Workbenches:
 
 
 def application(benches: Workbenches) -> Guard:
-    """What serves the folders that are open."""
+    """ASGI application that serves all open folders, with access checks."""
 
     @asynccontextmanager
     async def life(_: Starlette) -> AsyncIterator[None]:
+        """Lifespan of the server: housekeeping runs until the server ends and all folders are closed."""
         task = asyncio.create_task(_housekeeping(benches))
         yield
         task.cancel()
@@ -102,6 +104,7 @@ class _Server(uvicorn.Server):
 
 
 async def _housekeeping(benches: Workbenches) -> None:
+    """End idle workers and collect ended processes every five seconds, for ever."""
     while True:
         await asyncio.sleep(5)
         for bench in list(benches.opened.values()):
@@ -110,9 +113,10 @@ async def _housekeeping(benches: Workbenches) -> None:
 
 
 def _told(handler: Handler) -> Callable[[Request], Awaitable[Response]]:
-    """`handler` whose errors are words."""
+    """Request handler that turns the errors of `handler` into JSON answers with an HTTP status."""
 
     async def handled(request: Request) -> Response:
+        """Answer of the handler, with errors turned into JSON and an HTTP status."""
         bench: Workbench = request.scope["opened"]
         try:
             return await handler(bench, request)
@@ -177,7 +181,7 @@ def serve(folder: Path, port: int = 0, browser: bool = True) -> None:
 
 
 def _redirect_page(address: str) -> Path:
-    """A file that only the user may read, which leads a browser to `address`."""
+    """Private temporary HTML file that leads a browser to `address`."""
     text = (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="referrer" content="no-referrer">'
         f'<meta http-equiv="refresh" content="0; url={address}"><title>structid workbench</title></head>'
@@ -199,7 +203,7 @@ def _redirect_page(address: str) -> Path:
 
 
 def _is_read_by_others(stream: TextIO) -> bool:
-    """Whether what is printed goes to a file that other users may read."""
+    """True if `stream` is a file that other users may read."""
     with suppress(OSError, ValueError):
         mode = os.fstat(stream.fileno()).st_mode
         return os.name == "posix" and stat.S_ISREG(mode) and bool(mode & 0o044)
@@ -207,6 +211,7 @@ def _is_read_by_others(stream: TextIO) -> bool:
 
 
 def _socket(port: int) -> socket.socket:
+    """Socket bound to `port` of this machine, 0 for any free one; `InputError` if it is taken."""
     made = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

@@ -17,7 +17,7 @@ _LONG = 3_000_000
 
 
 def study_answer(text: str, digest: str) -> dict[str, Any]:
-    """What the page shows of a study.
+    """Content of a study for the web page: its text, digest, parsed table, and where the text is broken.
 
     ``table`` is None, and ``broken`` says line and words, where the text is no TOML. Of a very long study the tables of
     nodes and elements are left out.
@@ -35,7 +35,7 @@ def study_answer(text: str, digest: str) -> dict[str, Any]:
 
 @cache
 def reading_keys() -> list[dict[str, Any]]:
-    """What ``[record]`` and ``[record.csv]`` may say of a file that it does not say about itself, as their tables declare it."""
+    """Options of ``[record]`` and ``[record.csv]`` for reading a file, with words, defaults and choices."""
     found = []
     for name, key in table_of(ReadOptions).keys.items():
         inner = key.holds.keys if isinstance(key.holds, Table) else {name: key}
@@ -56,6 +56,7 @@ def reading_keys() -> list[dict[str, Any]]:
 
 
 def _plain(value: Any) -> Any:
+    """`value` with dates and non-finite numbers as text, so that it can be written as JSON."""
     if isinstance(value, dict):
         return {key: _plain(one) for key, one in value.items()}
     if isinstance(value, list):

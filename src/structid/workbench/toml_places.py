@@ -31,7 +31,7 @@ class Block:
 
 
 def blocks_of(text: str) -> list[Block]:
-    """The blocks of a valid TOML text, in order."""
+    """Tables of a valid TOML text in order, each with the places of its keys and values."""
     words = words_of(text, " \t#\n")
     blocks = [Block((), 0, 0)]
     counts: dict[KeyPath, int] = {}
@@ -55,6 +55,7 @@ def _after_line(text: str, at: int) -> int:
 
 
 def _pair(text: str, words: Words, block: Block) -> None:
+    """Add the key at the head of `words` with the places of its value in `text` to `block`."""
     parts, start = key(words, "=")
     begin = words[-1][1]
     end = _value_end(words)
@@ -64,7 +65,7 @@ def _pair(text: str, words: Words, block: Block) -> None:
 
 
 def _value_end(words: Words) -> int:
-    """The end of the value that comes next, which is taken off; a number may be of several words, as in 1.5e-3."""
+    """Index of the end of the next value, whose words are removed from `words`."""
     word, at = words.pop()
     end = at + len(word)
     if word in ("[", "{"):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def state_folder() -> Path:
-    """The user's folder of structid, readable by the user alone, made where it does not exist.
+    """Folder of structid in the user's state directory, private to the user, created if missing.
 
     It lies in the state directory (XDG Base Directory Specification 0.8; on Windows in the local application data).
 
@@ -24,7 +24,7 @@ def state_folder() -> Path:
 
 
 def write_private(path: Path, text: str) -> None:
-    """Write a text that nobody but the user may read, whole or not at all."""
+    """Write `text` to a file that only the user may read, complete or not at all."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     temporary.unlink(missing_ok=True)
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

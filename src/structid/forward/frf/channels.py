@@ -66,7 +66,7 @@ def read(reader: sparse.csr_array, fields: NumberArray) -> NumberArray:
 
 
 def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.csc_array) -> Channels:
-    """The `Channels` of columns of loads, sensors and contacts, each (n_dofs, n)."""
+    """Load, sensor and contact columns (n_dofs, n) combined into `Channels`, with duplicate columns merged."""
     columns, places = _distinct(sparse.csc_array(sparse.hstack([loads, sensors, slides])))
     index, sign = np.array([p for p, _ in places], dtype=np.int64), np.array([s for _, s in places])
     n = loads.shape[1]
@@ -74,7 +74,7 @@ def channels(loads: sparse.csc_array, sensors: sparse.csc_array, slides: sparse.
 
 
 def _distinct(columns: sparse.csc_array) -> tuple[sparse.csc_array, list[tuple[int, float]]]:
-    """The columns that differ by more than their sign, and for each given column its place among them and its sign."""
+    """Columns that differ by more than their sign, and for each given column its (place among these, sign)."""
     kept: dict[tuple[bytes, bytes], int] = {}
     first, places = [], []
     for j in range(columns.shape[1]):

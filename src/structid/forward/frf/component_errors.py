@@ -39,7 +39,7 @@ class ErrorsOfEntry:
 
 
 def errors_of_entries(model: Response, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-    """Errors of every entry with stated variance, with friction as it is at `physical`.
+    """Errors of all measured components' receptance entries with stated variance, at `physical` parameters (n_params,).
 
     With g and q the forces at the interface under a unit force at a sensor and under the load, dH = g' dY q.
     """
@@ -105,7 +105,7 @@ class ComponentNoise:
 
 
 def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening, jacobian: FloatArray) -> FloatArray:
-    """Covariance that the errors add to J'r, for the data rows J (real parts, then imaginary) of the Jacobian."""
+    """Covariance of J'e (n_params, n_params) by the errors e of measured components, for data rows J."""
     n_params = jacobian.shape[1]
     top, low = np.split(jacobian, 2)
     total = np.zeros((n_params, n_params))
@@ -118,7 +118,7 @@ def error_score_covariance(errors: Iterator[ErrorsOfEntry], whitening: Whitening
 
 
 def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatArray | None:
-    """Changes (n_errors, n_data) of the data rows by one standard deviation of each error; None where they are too many."""
+    """Changes (n_errors, n_data) of the data by one standard deviation of each component error; None if too many."""
     changes: list[FloatArray] = []
     for entry, rows in _whitened(errors, whitening):
         n_data, n_changes = 2 * rows.size, (len(changes) + 1) * len(entry.deviation)
@@ -131,7 +131,7 @@ def error_rows(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> FloatAr
 
 
 def _whitened(errors: Iterator[ErrorsOfEntry], whitening: Whitening) -> Iterator[tuple[ErrorsOfEntry, ComplexArray]]:
-    """Each entry twice: with whitened rows (n_lines, n_channels) for its real part, then for its imaginary part."""
+    """Whitened rows (n_rows, n_channels) of each entry's error, first for its real and then its imaginary part."""
     for entry in errors:
         for part in (1.0, 1j):
             rows = whitening.rows(part * entry.change[..., None])

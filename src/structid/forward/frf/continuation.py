@@ -23,7 +23,7 @@ _NOISY = 0.2
 
 
 def start_deviation(unknowns: NamedUnknowns, start_error: float) -> FloatArray:
-    """Expected error of each free variable at the start; damping, seldom known, by 1 at least; infinite with a prior."""
+    """Expected error (n_params,) of each free variable at the start: at least 1 for damping, infinite with a prior."""
     expected = np.where(np.isin(unknowns.kinds, DAMPING), max(start_error, _DAMPING_ERROR), start_error)
     slope = unknowns.transforms.slope(unknowns.theta_start)
     size = unknowns.sizes(unknowns.start) / np.abs(slope)
@@ -38,7 +38,7 @@ def level_frequencies(omega: FloatArray, level: float) -> FloatArray:
 
 
 def smoothed_records(record: FrfRecord) -> tuple[tuple[float, FrfRecord], ...]:
-    """The record at s = omega (a + i) for each level a that its lines allow.
+    """Levels a and FRF records at s = omega (a + i), computed from the measured one, where its lines allow.
 
     Lines are spaced evenly in the logarithm, a apart, at least 60 and at most 250 over the band. A level is left out
     where fewer than eight of its lines are good to 25 %: see `right_half_plane`.

@@ -34,7 +34,7 @@ class WhitenedFrf:
     deviation: FloatArray
 
     def residual(self, h: ComplexArray) -> ComplexArray:
-        """Complex residual of the model's FRF `h`, (..., n_frequencies, n_outputs, n_inputs)."""
+        """Weighted complex residual of the model's FRF `h` against the data, (..., n_lines, n_outputs, n_inputs)."""
         m, s = self.measured, self.deviation
         if self.form == "output":
             return (h - m) / s
@@ -44,7 +44,7 @@ class WhitenedFrf:
         return (h - m) / np.sqrt(0.5 * (np.abs(h) ** 2 + np.abs(m) ** 2)) * self._weight
 
     def whitening(self, h: ComplexArray, lines: slice = slice(None)) -> Whitening:
-        """Derivative of the residual at some lines with respect to the response h there."""
+        """Derivative of the weighted residual by the model's response `h` at some frequency `lines`."""
         if self.form == "output":
             return Whitening((1 / self.deviation[lines]).astype(np.complex128))
         m, weight = self.measured[lines], self._weight[lines]
@@ -71,7 +71,7 @@ class WhitenedFrf:
 
 
 def _log(z: ComplexArray, least: FloatArray) -> ComplexArray:
-    """The principal logarithm of values of a least size: a complex one of NumPy's takes six times as long."""
+    """Principal logarithm of complex values whose magnitude is raised to `least` if smaller."""
     found = np.empty_like(z)
     size = np.abs(z)
     np.log(np.maximum(size, least, out=size), out=found.real)

@@ -36,7 +36,7 @@ class Contact:
 def sliding_contacts(
     structure: Structure, laws: tuple[str, ...], record: FrfRecord, measured: set[str]
 ) -> tuple[tuple[Contact, ...], sparse.csc_array]:
-    """Friction elements in harmonic balance, and the columns that read their sliding motion."""
+    """Friction elements in harmonic balance, and sparse columns (n_dofs, n_contacts) that read their sliding motion."""
     contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
     for element in structure.elements:
         if isinstance(element, Friction) and element.name not in measured:
@@ -69,7 +69,7 @@ class Sliding:
     fixed_coefficients: ComplexArray
 
     def at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray | None]:
-        """The coefficients with amplitudes in balance, and what sensors and contacts then read; kept for the last values.
+        """Law coefficients with sliding amplitudes in balance, and the readings of sensors and contacts; cached.
 
         The readings (n_lines, n_sensors, 1) come from those without friction; None where that would lose digits.
         """
@@ -129,7 +129,7 @@ class Sliding:
 def balanced_amplitudes(
     flexibility: ComplexArray, free: ComplexArray, force: FloatArray, floor: FloatArray
 ) -> FloatArray:
-    """Amplitudes s = abs(q) of q = b - A (i r q / s) at every line, (n_frequencies, n_contacts), by Newton's method.
+    """Sliding amplitudes s = abs(q) that solve q = b - A (i r q / s) by Newton's method, (n_frequencies, n_contacts).
 
     Where friction exceeds the force that reaches a contact it sticks, and `floor` stands for its amplitude.
 
@@ -159,7 +159,7 @@ def balanced_amplitudes(
 def _newton_step(
     flexibility: ComplexArray, free: ComplexArray, force: FloatArray, floor: FloatArray, size: FloatArray
 ) -> FloatArray:
-    """The next amplitudes from `size`, no more than five times larger or smaller."""
+    """Sliding amplitudes (n_frequencies, n_contacts) after one Newton step from `size`, changed fivefold at most."""
     n_contacts = len(force)
     pull = 1j * force / size
     system = np.eye(n_contacts) + flexibility * pull[:, None, :]
@@ -176,7 +176,7 @@ def _newton_step(
 
 
 def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray) -> ComplexArray | None:
-    """Readings with friction from those without it; None where their difference would lose digits.
+    """Readings of a structure with friction from its readings without; None where the difference would lose digits.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def slid_readings(free: ComplexArray, reach: ComplexArray, factors: ComplexArray
 def add_amplitude_change(
     derivative: ComplexArray, motion: NumberArray, reach: NumberArray, force: FloatArray, size: FloatArray
 ) -> None:
-    """Make the derivative of outputs and contacts at fixed sliding amplitudes the whole one, in place.
+    """Add to a derivative at fixed sliding amplitudes the part by their change, in place.
 
     With s the amplitudes, dH = dH|s + (dH/ds) ds and ds = Re(conj(q) dq) / s, solved for ds line by line.
 

@@ -50,6 +50,7 @@ class LeakedFrf:
         return self._summed(values), self._summed(derivative)
 
     def _summed(self, parts: ComplexArray) -> ComplexArray:
+        """Weighted sums, (n_lines, ...), of FRFs `parts` (n_shifted_lines, ...) over each line's shifted lines."""
         flat = parts.reshape(len(parts), -1)
         found = np.zeros((len(self.place), flat.shape[1]), dtype=np.complex128)
         for weight, place in zip(PARTS, self.place.T, strict=True):
@@ -67,7 +68,7 @@ def require_leaking(record: FrfRecord, segment: float) -> None:
 
 
 def leaking_lines(record: FrfRecord, segment: float) -> tuple[FrfRecord, IntArray]:
-    """The lines whose weighted sums a record of segments reads, and where those of each line stand among them.
+    """Record at the shifted lines that leakage mixes, and the indices (n_lines, n_shifts) of each line's own in it.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ class ObservedFrf:
     record: FrfRecord
 
     def values(self, physical: FloatArray) -> ComplexArray:
-        """The FRFs, (n_frequencies, n_outputs, n_inputs)."""
+        """FRFs with channel errors at `physical` parameters, (n_frequencies, n_outputs, n_inputs)."""
         if self.channels is None:
             return self.model.values_at(physical)
         own, rest = np.split(physical, [self.model.parameters.n_params])
@@ -41,7 +41,7 @@ class ObservedFrf:
         return model.values_at(own) * self.channels.factor(rest, laplace)
 
     def derivatives(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """The FRFs and their derivative with respect to the physical parameters, (..., n_params)."""
+        """FRFs with channel errors, and their derivatives by physical parameters, (..., n_params)."""
         if self.channels is None:
             return self.model.derivatives_at(physical)
         own, rest = np.split(physical, [self.model.parameters.n_params])
@@ -55,7 +55,7 @@ class ObservedFrf:
         return values * factor[..., 0], np.concatenate([derivative, change], axis=-1) * factor
 
     def _moved(self, channels: ChannelErrors, rest: FloatArray) -> tuple[Response, ComplexArray]:
-        """The response and its Laplace variables, moved by the window's decay where that is a parameter.
+        """Response and its Laplace variables (1/s), shifted by the window's decay rate if that is a parameter.
 
         A window exp(-decay t) makes of H at i omega that at s = decay + i omega. The structure has no friction then.
         """

@@ -106,6 +106,7 @@ class FrfProblem(RecordProblem):
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
+        """Raise `InputError` without a noise level, or if channel errors or leakage do not fit form and structure."""
         if self.record.variance is None and self.model_error <= 0 and self.form != "equation":
             averages = "the number of `averages` behind its coherence" if self.record.coherence is not None else ""
             raise InputError(
@@ -147,6 +148,7 @@ class FrfProblem(RecordProblem):
 
     @property
     def facts(self) -> RecordFacts:
+        """Facts of the record for diagnostics: line spacing and window bandwidth in Hz, noise source, channel count."""
         gaps, record = np.diff(self.frequency), self.record
         noise = _NOISE.get(record.noise_source, "the noise that the record has")
         if record.variance is None:
@@ -180,6 +182,7 @@ class FrfProblem(RecordProblem):
         return np.tile(1 + more.ravel(), 2)
 
     def noise_law(self, theta: FloatArray) -> NoiseLaw:
+        """Law of the noise of data rows at `theta`, including errors of measured components if stated."""
         rows = RowNoise(self.rows.averages)
         if not self.has_component_errors:
             return rows
@@ -193,7 +196,7 @@ class FrfProblem(RecordProblem):
         return self.form != "equation" and any(one.variance is not None for one in self.structure.measured)
 
     def _component_errors(self, physical: FloatArray) -> Iterator[ErrorsOfEntry]:
-        """Errors of every entry of measured components, as sensors read them."""
+        """Changes of the observed FRFs by the errors of measured components, with channel errors applied."""
         of_structure, of_channels = np.split(physical, [self.parameters.n_params])
         for entry in errors_of_entries(self.model, of_structure):
             factor = 1.0 if self.channels is None else self.channels.factor(of_channels, self.record.laplace)
@@ -219,6 +222,7 @@ class FrfProblem(RecordProblem):
         return self._observed_on(self.record, self.model)
 
     def _observed_on(self, record: FrfRecord, model: Response | None = None) -> ObservedFrf | LeakedFrf:
+        """Model of what the channels of `record` show, averaged over shifted lines where segments leak."""
         if record.segment is None:
             return ObservedFrf(model or self._response(record, False), self.channels, record)
         lines, place = leaking_lines(record, record.segment)
@@ -226,6 +230,7 @@ class FrfProblem(RecordProblem):
 
     @cached_property
     def _whitened(self) -> WhitenedFrf:
+        """Measured FRFs with the standard deviation of real and imaginary parts, from noise and model error."""
         record, square = self.record, np.abs(self.record.values) ** 2
         sizes = square if record.sizes is None else record.sizes**2
         variance = 0.5 * self.model_error**2 * sizes
@@ -236,6 +241,7 @@ class FrfProblem(RecordProblem):
         return WhitenedFrf(self.form, record.values, np.sqrt(np.maximum(variance, 0.0)))
 
     def reweighted(self, theta: FloatArray) -> FrfProblem:
+        """Problem whose model error is a part of the predicted magnitudes at `theta`, not of measured ones."""
         if self.form != "output" or (self.model_error == 0 and self.record.relative is None):
             return self
         measured = np.abs(self.record.values)
@@ -268,6 +274,7 @@ class FrfProblem(RecordProblem):
         return stack_real(np.moveaxis(data.reshape(*predicted.shape[:-3], -1), -1, 0))
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
         predicted, derivative = self._observed.derivatives(self.physical(theta))
         if self.form == "equation":
             data, change = _equation_rows(self, theta, predicted, derivative)
@@ -278,6 +285,7 @@ class FrfProblem(RecordProblem):
 
     @property
     def matrix_free_obstacle(self) -> str:
+        """Reason why a matrix-free search is impossible, as words after its name; empty if it is possible."""
         if self.channels is not None:
             return "takes no errors of channels"
         if self.form == "equation":
@@ -319,7 +327,7 @@ class FrfProblem(RecordProblem):
         )
 
     def schedules(self) -> tuple[FrfSchedule, ...]:
-        """Easier forms of the problem, for poor starts: a short way to the answer, and a longer one if that fails.
+        """Sequences of easier problems for poor starts: a short one, and a longer one if that fails.
 
         Both begin with the pole-free residual and every parameter drawn to its start: what the data say weakly stays
         where it is until the rest has settled. The short way takes errors of half of each value, which follows a
@@ -335,7 +343,7 @@ class FrfProblem(RecordProblem):
         return (far, tightened(far), *near) if far else near
 
     def continuation_paths(self) -> Sequence[ContinuationPath]:
-        """`schedules`, and with up to 60 lines first of all `frequency_continuation`.
+        """Sequences of stages to try from a poor start: with up to 60 lines frequency stages first, then `schedules`.
 
         With so few, resonances hide between lines, and continuation from the right half-plane has nothing to smooth.
         FRFs of a solver have none: they are valid near the start only, to where `structid.study.run.solver.stages` leads.
@@ -361,7 +369,7 @@ def _has_friction(structure: Structure) -> bool:
 
 
 def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> None:
-    """Refuse values whose weight would be infinite, and zeros where the form divides by what was measured."""
+    """Raise `InputError` if a value has infinite weight, or is zero where `form` divides by measured values."""
     if form != "equation" and not (deviation > 0).all():
         line, output, load = np.argwhere(deviation <= 0)[0]
         raise InputError(
@@ -373,6 +381,7 @@ def _require_weights(form: Form, record: FrfRecord, deviation: FloatArray) -> No
 
 
 def _require_sound_channels(problem: FrfProblem, channels: ChannelErrors) -> None:
+    """Raise `InputError` if form 'equation' or friction does not allow these channel errors."""
     if problem.form == "equation":
         raise InputError("form 'equation' takes no errors of channels; use form 'output'")
     if channels.decay(channels.start) is not None:
@@ -385,6 +394,7 @@ def _require_sound_channels(problem: FrfProblem, channels: ChannelErrors) -> Non
 
 
 def _require_leakage(problem: FrfProblem, segment: float) -> None:
+    """Raise `InputError` if record, form or friction does not allow for leakage of segments of `segment` seconds."""
     require_leaking(problem.record, segment)
     if problem.form == "equation":
         raise InputError("form 'equation' takes no leakage of segments; use form 'output'")
@@ -407,7 +417,7 @@ def _equation_rows(
 
 
 def _pole_free_schedule(problem: FrfProblem, std: float, errors: tuple[float, ...]) -> FrfSchedule:
-    """Stages with falling errors of the values, every parameter drawn to its start by so much of its size."""
+    """Stages of the bounded residual with falling `errors` of values, and a Gaussian prior of deviation `std`."""
     near_start = problem.with_parts([part.kept_near_start(std) for part in problem.parts])
     near = replace(near_start, form="pole_free", measured_sliding=True)
     first = tuple((f"bounded residual, errors of {e:g}", replace(near, model_error=e)) for e in errors)
@@ -417,7 +427,7 @@ def _pole_free_schedule(problem: FrfProblem, std: float, errors: tuple[float, ..
 
 
 def decay_continuation(problem: FrfProblem, start_error: float = START_ERROR) -> FrfSchedule:
-    """Stages from smooth data far right of the axis down to the axis; empty where lines are too few, or parts were measured.
+    """Stages of fits at s = omega (a + i), a falling to 0, for poor starts; empty if lines are too few.
 
     At s = omega (a + i) with a near 1 an FRF has no resonances, and a fit cannot be caught between them; as a goes
     to 0 it becomes what was measured. Each stage fits the logarithm of the FRF, weighted by the error that
@@ -479,7 +489,7 @@ def frequency_continuation(
     start_error: float = LINES_START_ERROR,
     stage_error: float = LINES_ERROR,
 ) -> FrfSchedule:
-    """Stages with more and more lines from the lowest on, then all of them by the pole-free residual alone.
+    """Stages with more and more lines from the lowest on, the last with all lines by the bounded residual.
 
     Below the first resonance an FRF changes smoothly with every parameter; with each line added the model is close
     enough for the next resonance. A Gaussian prior at the start determines what few lines leave open; the last stage

@@ -67,7 +67,7 @@ class FieldJacobian:
     y: ComplexArray
 
     def forward(self, v: FloatArray) -> ComplexArray:
-        """dH for a change v (n_params,), (n_frequencies, n_outputs, n_inputs)."""
+        """Change of the FRF, (n_frequencies, n_outputs, n_inputs), by a change `v` (n_params,) of the parameters."""
         n_lines, _, n_dofs = self.y.shape
         flat = self.x.view(np.float64)
         forces = np.zeros((n_dofs, n_lines, self.x.shape[1] // n_lines), dtype=np.complex128)
@@ -93,7 +93,7 @@ class FieldJacobian:
         return total
 
     def _changes(self, v: FloatArray) -> dict[int, sparse.csr_array]:
-        """The change of the matrix of each kind."""
+        """Change of the matrix of each kind (by its number) by a change `v` (n_params,) of physical parameters."""
         at = self.model.slopes.assembled
         entries: dict[int, FloatArray] = {}
         for part, (member, rows) in zip(self.parts.parts, self.parts.members, strict=True):
@@ -134,7 +134,7 @@ def response_products(
     whitening: Callable[[ComplexArray, slice], Whitening],
     stored_bytes: float = STORED_BYTES,
 ) -> ResponseProducts:
-    """The `ResponseProducts` of a model at `physical`: one factorization a line.
+    """Products of the FRF's derivative and its adjoint with vectors, at `physical` parameters (n_params,).
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class Response:
         return self.solver.is_large
 
     def values_at(self, physical: FloatArray) -> ComplexArray:
-        """The FRF, (n_frequencies, n_outputs, n_inputs)."""
+        """Model's FRF at physical parameters (n_params,): (n_frequencies, n_outputs, n_inputs)."""
         coefficients, readings = self._sliding.at(physical) if self.contacts else (self.fixed_coefficients, None)
         if readings is None:
             used, place = np.unique(self.channels.inputs[0], return_inverse=True)
@@ -65,7 +65,7 @@ class Response:
         return readings[:, : self.channels.n_outputs] * self.kind_factor[:, None, None]
 
     def derivatives_at(self, physical: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """The FRF and its derivative with respect to the physical parameters, (..., n_params).
+        """FRF, (n_frequencies, n_outputs, n_inputs), and its derivative by physical parameters, (..., n_params).
 
         By the adjoint method: with y = Z^-1 s for each sensor and x = Z^-1 f for each load, dH/dp is
         -y' (dZ/dp) x, a sum of element-local products; one factorization a frequency serves all of it. Where a large
@@ -132,6 +132,7 @@ class ResponseCache:
     """
 
     def __init__(self, factorizer: str | None = None) -> None:
+        """Empty cache for solvers with this `factorizer` ("pardiso" or "superlu"), by default the fastest installed."""
         self.factorizer = factorizer
         self._slopes: WeakSet[StiffnessSlopes] = WeakSet()
         self._patterns: WeakValueDictionary[tuple[object, ...], Pattern] = WeakValueDictionary()
@@ -141,7 +142,7 @@ class ResponseCache:
         return ResponseCache, (self.factorizer,)
 
     def slopes(self, structure: Structure, parameters: Parameters) -> StiffnessSlopes:
-        """Derivatives of the dynamic stiffness of a parametrized structure, made once."""
+        """Derivatives of the dynamic stiffness of a parametrized structure, computed once and cached."""
         found = next((known for known in self._slopes if known.serves(structure, parameters)), None)
         if found is None:
             found = StiffnessSlopes(structure, parameters)
@@ -151,7 +152,7 @@ class ResponseCache:
     def sparse_solver(
         self, slopes: StiffnessSlopes, sides: Channels, record: FrfRecord, reduced: float | None = None
     ) -> SparseSolver:
-        """Solver for the channels of `record`, made once; with contacts, which may slide as measured, each record has its own."""
+        """Sparse solver for the channels of `record`, cached; with friction contacts each record has its own."""
         own = record if sides.n_contacts else None
         key: tuple[object, ...] = (
             slopes,
@@ -173,7 +174,7 @@ def response(
     reduced: float | None = None,
     cache: ResponseCache | None = None,
 ) -> Response:
-    """The `Response` of `structure` at the frequencies, sensors and loads of `record`, in its kind.
+    """FRF model of `structure` at the frequencies, sensors and loads of `record`.
 
     Parameters
     ----------
@@ -229,7 +230,7 @@ def response(
 
 
 def driving_bases(structure: Structure, record: FrfRecord) -> tuple[Base, ...]:
-    """The bases whose motion the inputs of `record` are; () where they are forces.
+    """Supports whose motion is the input of `record`; () if the inputs are forces.
 
     Raises
     ------
@@ -258,7 +259,7 @@ def _coupled(
     sides: Channels,
     slopes: StiffnessSlopes,
 ) -> SubstructureCoupling:
-    """The solver of a structure released at the `bases` that drive it and coupled to its measured components."""
+    """Solver of a structure with its driving supports released, coupled to its measured components."""
     driven = _driven(structure, bases, record, sides)
     own = structure.selection([dof for one in structure.measured for dof in one.interface])
     receptance = np.zeros((len(record.frequency), *[driven.shape[1] + own.shape[1]] * 2), dtype=np.complex128)
@@ -274,7 +275,7 @@ def _coupled(
 
 
 def _driven(structure: Structure, bases: tuple[Base, ...], record: FrfRecord, sides: Channels) -> sparse.csc_array:
-    """Columns of what `bases` drive of a structure let go, (n_dofs, n_bases), which no sensor may read."""
+    """Unit-motion columns (n_dofs, n_bases) of the released `bases`; raises `InputError` if a sensor reads one."""
     if bases and sides.n_contacts:
         raise InputError("dry friction takes no motion of supports; take the friction out, or measure the force")
     columns = structure.selection([base.supports[0].unsigned for base in bases])

@@ -53,7 +53,7 @@ class StiffnessSlopes:
         return same and self.structure is structure
 
     def parts_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[WeightedParts, ComplexArray]:
-        """The element matrices that the parameters weigh, and the factor of each kind at every line.
+        """Element matrices weighted by the parameters, and the factor of each kind at every line.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class StiffnessSlopes:
         return found, factors
 
     def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
-        """The forces (dZ/dp) x of all parameters, and the factors of their maps at every line: (n_lines, n_maps)."""
+        """Derivative forces (dZ/dp) x of all parameters, and factors (n_lines, n_maps) of their maps at every line."""
         found, factors = self.parts_at(physical, coefficients)
         known = self._known_forces.get("last")
         if known is None or (known[0] is not found and not known[0].same_slopes(found)):

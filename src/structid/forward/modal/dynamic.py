@@ -12,7 +12,7 @@ from structid.forward.modal.model import ModalModel
 
 
 def dynamic_rows(data: MeasuredModes, model: ModalModel, physical: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Force residual of each mode with a shape in parts of its inertia force, over the error of the shapes."""
+    """Force residual of each mode with a shape, relative to inertia force and shape error, and its slope."""
     shown = data.record.known[:, data.measured].any(axis=0)
     found = [
         dynamic_residual(
@@ -40,7 +40,7 @@ def dynamic_residual(
     omega: float,
     shape: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Force residual of one measured mode with the unmeasured degrees of freedom eliminated, and its slope.
+    """Smallest force residual of one measured mode over all unmeasured motions, and its slope by parameters.
 
     Among all fields phi with S' phi = psi it is the force Z phi, Z = K - omega^2 M, that is smallest in the norm of
     D^-1, D^2 = diag(K) / omega^2 + diag(M) at the start; it has as many components as there are sensors:

@@ -39,7 +39,7 @@ class MatrixSlopes:
     def products(
         self, physical: FloatArray, laws: Iterable[str], y: FloatArray, x: FloatArray
     ) -> dict[str, FloatArray]:
-        """y' (dA/dp) x for the matrix A of each law.
+        """Products y' (dA/dp) x of the matrix A of each law and parameter.
 
         Parameters
         ----------
@@ -68,7 +68,7 @@ class MatrixSlopes:
         return found
 
     def _changes_at(self, physical: FloatArray) -> dict[str, FloatArray]:
-        """dA/dp of the matrix A of each law, (n_params, n_dofs, n_dofs)."""
+        """Derivatives dA/dp, (n_params, n_dofs, n_dofs), of the matrix A of each law, by the law's name."""
         at, n_dofs = self._dense.at(self.parameters.values(physical)), self.structure.n_dofs
         shape = (self.parameters.n_params, n_dofs, n_dofs)
         found: dict[str, FloatArray] = {law: np.zeros(shape) for law in self._laws}
@@ -102,6 +102,7 @@ class MatrixSlopes:
         return {member: self._weight_slope(*member, values) for member in self._designs}
 
     def _weight_slope(self, number: int, member: int, values: FloatArray) -> Slope:
+        """Derivative of element weights of contribution `member` in group `number`, (n_elements, n_params)."""
         part, rows = self.structure.contributions[member], self.elements[number].rows
         designs = self._designs[number, member]
         if not designs:
@@ -112,7 +113,7 @@ class MatrixSlopes:
 
     @cached_property
     def _designs(self) -> dict[_Member, dict[int, FloatArray]]:
-        """Of small groups, how the values at each place of a member's weights change with the parameters; empty of others."""
+        """Derivatives of weight inputs by parameters, dense (n_elements, n_params), for small groups only."""
         design, found = self.parameters.design.tocsr(), {}
         for number, group in enumerate(self.elements):
             for member in group.members:

@@ -86,7 +86,7 @@ class MeasuredModes:
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """Standard deviations of the frequencies (Hz), then of the damping ratios, of the modes that count."""
+        """Covariance matrix of the fitted modes' frequencies (Hz), then damping ratios."""
         count, rows = self.record.n_modes, self.measured
         rows = np.concatenate([rows, rows + count])
         own = np.zeros((2 * count,) * 2) if self.record.covariance is None else self.record.covariance
@@ -96,7 +96,7 @@ class MeasuredModes:
 
     @cached_property
     def groups(self) -> tuple[GroupData, ...]:
-        """Measured modes, those that are close together, by their lowest.
+        """Measured modes in groups of close frequencies, lowest group first.
 
         A mode without a known shape entry stands alone, and those about it are close or not as if it were not there.
         """
@@ -127,7 +127,7 @@ class MeasuredModes:
         return by_mode(self.groups, [np.full(len(group.members), len(group.members) == 1) for group in self.groups])
 
     def whitened(self, frequency: FloatArray, damping: FloatArray) -> FloatArray:
-        """Rows for frequencies and damping ratios, (n_measured, n) each, in their standard deviations.
+        """Rows for frequencies (Hz) and damping ratios divided by their standard deviations, (n_measured, n) each.
 
         Those of damping ratios, which follow where these count, are empty for modes in groups.
         """
@@ -142,7 +142,7 @@ class MeasuredModes:
 
     @cached_property
     def changes(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Changes whose products sum to the covariance: of frequencies, of damping ratios and of `shapes`.
+        """Changes whose products sum to the covariance of frequencies, damping ratios and shapes; None if unknown.
 
         (n_changes, n_measured) twice and (n_changes, n_channels, n_modes); None where the record does not say how its
         numbers vary together. Those of unknown entries mean nothing.
@@ -171,7 +171,7 @@ def _stated(modes: MeasuredModes) -> tuple[FloatArray, FloatArray]:
 
 
 def _require_sound(modes: MeasuredModes) -> None:
-    """Refuse modes that cannot be fitted."""
+    """Raise `InputError` if the measured modes cannot be fitted, for lack of values or errors."""
     if not modes.measured.size:
         raise InputError("the record has no mode above 0 Hz; there is nothing to fit")
     if modes.settings.shape_form == "mac" and not (modes.has_shapes and modes.settings.shape_error > 0):
@@ -210,7 +210,7 @@ def _require_errors(modes: MeasuredModes, what: str, std: FloatArray, key: str, 
 
 
 def _require_told_apart(modes: MeasuredModes, group: GroupData) -> None:
-    """Refuse more close modes than sensors that tell their shapes."""
+    """Raise `InputError` if a group has more close modes than sensors to separate their shapes."""
     if len(group.members) <= max(len(group.channels), 1):
         return
     numbers, n_own = ", ".join(str(mode + 1) for mode in group.members.tolist()), len(group.channels)
@@ -222,7 +222,7 @@ def _require_told_apart(modes: MeasuredModes, group: GroupData) -> None:
 
 
 def _require_independent(modes: MeasuredModes, group: GroupData) -> None:
-    """Refuse modes that are not told apart by frequency where their shapes span less than they are."""
+    """Raise `InputError` if close modes have linearly dependent shapes at the sensors."""
     size = np.linalg.norm(group.shapes, axis=0)
     if len(group.members) < 2 or not group.shapes.size:
         return

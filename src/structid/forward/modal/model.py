@@ -63,6 +63,7 @@ class ModalModel:
         return self._last.at(physical, self._state_at)
 
     def _state_at(self, physical: FloatArray) -> ModelState:
+        """Matrices, modes and sensor columns of the model at `physical` parameters (n_params + n_channel_errors,)."""
         own, values = physical[: self.parameters.n_params], self.parameters.values(physical[: self.parameters.n_params])
         laws = ("inertia", "viscous", "elastic", "structural")
         mass, damping, stiffness, structural = (self.structure.matrix(law, values) for law in laws)

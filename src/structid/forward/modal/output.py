@@ -123,7 +123,7 @@ class _Slopes(NamedTuple):
 
 
 def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes: bool = True) -> GroupFit:
-    """The group as the model's modes `chosen` show it, `state` having the group's sensors; slopes of no parameter if not wanted.
+    """Model's counterparts of a measured group from its modes `chosen`, with slopes by parameters if wanted.
 
     With Phi the model's mass-normalized shapes of the group and B = S' Phi, the shapes' residual is Psi - B A with A
     from least squares, and the frequencies are those on the diagonal of A^-1 Lambda A. None of it changes when the
@@ -166,7 +166,7 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
 def _fitted(
     state: ModelState, group: GroupData, phi: FloatArray, omega: FloatArray, weights: FloatArray, slopes: _Slopes
 ) -> GroupFit:
-    """From the model's shapes and circular frequencies of the group, and what sensors and loss see of the shapes, `weights`."""
+    """`GroupFit` from the shapes `phi` (n_dofs, m), `omega` (rad/s) and what sensors and damping see, `weights`."""
     n_channels, m = state.readings.shape[0], len(omega)
     shape, d_shape, a, d_a = _projected(weights[:n_channels], slopes.seen[:n_channels], group.shapes)
     frequency, d_frequency, mixing, d_mixing = _turned(omega**2, slopes.eigenvalues, a, d_a, group)
@@ -186,7 +186,7 @@ def _widened(state: ModelState, slope: NDArray[np.floating]) -> FloatArray:
 def group_changes(
     state: ModelState, group: GroupData, chosen: IntArray, shapes: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Changes of `GroupFit` by changes of the measured shapes, with the model as it is.
+    """Changes of frequency, shape residual and mixing of a group by changes of its measured `shapes`.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def _adjoint(state: ModelState, phi: FloatArray, eigenvalues: FloatArray, right:
 def _projected(
     b: FloatArray, d_b: FloatArray, measured: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Psi - B A and A of the least squares B A = Psi, each with its slope."""
+    """Least-squares residual Psi - B A of measured shapes Psi by the model's B, and A, each with its slope."""
     pseudo = np.linalg.pinv(b)
     a = pseudo @ measured
     residual = measured - b @ a
@@ -258,7 +258,7 @@ def _projected(
 def _turned(
     eigenvalues: FloatArray, d_lambda: FloatArray, a: FloatArray, d_a: FloatArray, group: GroupData
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Frequencies on the diagonal of T = A^-1 Lambda A and the scaled rest of it, each with its slope.
+    """Frequencies (Hz) on the diagonal of T = A^-1 Lambda A and the scaled off-diagonal, each with its slope.
 
     A single mode is not turned, whatever its shape says, if it says anything.
     """

@@ -18,7 +18,7 @@ _SEEN = 0.01
 
 
 def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
-    """The model's mode for each measured one: by MAC, with a guard on the frequency, each used once; or by their order.
+    """Indices of the model mode for each measured mode, by MAC with a guard on frequency, or in order of frequency.
 
     The sum of `pairing_worth` is made as large as it can be. Modes without a known shape entry are paired by frequency
     alone, also with modes that no sensor sees.
@@ -45,7 +45,7 @@ def pairing(data: MeasuredModes, state: ModelState, in_order: bool) -> IntArray:
 def _groups_at(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool
 ) -> list[tuple[ModelState, GroupData, IntArray]]:
-    """Each group with the model, its sensors in the group's standard deviations, and the model's modes for it."""
+    """For each group of measured modes: model state scaled to it, the group, and indices of its model modes."""
     state = model.state(physical)
     pairs = dict(zip(data.measured.tolist(), pairing(data, state, in_order).tolist(), strict=True))
     found = []
@@ -59,7 +59,7 @@ def _groups_at(
 def output_rows(
     data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool, with_slopes: bool = True
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Data rows of form ``output``, their slopes by physical values, and how many rows stand for what is eliminated."""
+    """Weighted data rows of form ``output``, their slopes by parameters, and the number of eliminated unknowns."""
     fits: list[GroupFit] = []
     rows: list[FloatArray] = []
     slopes: list[FloatArray] = []
@@ -87,7 +87,7 @@ def output_rows(
 
 
 def output_changes(data: MeasuredModes, model: ModalModel, physical: FloatArray, in_order: bool) -> FloatArray | None:
-    """Changes of the data rows whose products sum to their covariance, (n_changes, n_data).
+    """Changes (n_changes, n_data) of the data rows whose products sum to their covariance; None if unknown.
 
     None where the record does not say how its numbers vary together; the rows then count as independent.
     """

@@ -90,6 +90,7 @@ class ModalProblem(RecordProblem):
     matrix_free_obstacle = "takes records of responses, got one of modes"
 
     def __new__(cls, *given: object, **named: object) -> Self:
+        """New problem; raises `InputError` if settings are given one by one and not in `settings`."""
         moved = [one.name for one in fields(ModalSettings) if one.name in named]
         if moved or any(isinstance(one, str) for one in given):
             example = f"{moved[0]}={named[moved[0]]!r}" if moved else 'form="dynamic"'
@@ -97,6 +98,7 @@ class ModalProblem(RecordProblem):
         return super().__new__(cls)
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if structure, measured modes, form and channel errors do not fit together."""
         self.structure.require_modes("modes")
         _ = self.data, self.model.sensors
         if self.settings.form == "dynamic" and not self.data.has_shapes:
@@ -130,7 +132,7 @@ class ModalProblem(RecordProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Rows of each mode, its line and quantity: known channels; other values have channels of their own.
+        """Labels of data rows: mode, channel and quantity of each.
 
         Channels without a row have no name: those that are unknown in all modes, or in one of every group.
         """
@@ -172,7 +174,7 @@ class ModalProblem(RecordProblem):
         return schedules
 
     def keeping_order(self, theta: FloatArray) -> ModalProblem:
-        """A problem with the same pairs everywhere as at `theta`, where no shape is known and modes are in their order there."""
+        """Problem with modes paired in order, if no shape is known and they are in order at `theta`; else itself."""
         if self.data.has_shapes or self.settings.form != "output":
             return self
         state = self.model.state(self.physical(theta))
@@ -180,6 +182,7 @@ class ModalProblem(RecordProblem):
         return replace(self, in_order=True) if is_ordered else self
 
     def residual(self, theta: FloatArray) -> FloatArray:
+        """Weighted residual (n_data,) at the free variables `theta` (n_params,), prior rows included."""
         known = self.linearize(theta) if self.settings.form == "dynamic" else self._last.known(theta)
         if known is not None:
             return known.residual
@@ -192,7 +195,10 @@ class ModalProblem(RecordProblem):
         return LastEvaluation()
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
+
         def found(theta: FloatArray) -> Linearization:
+            """Linearization at `theta`, computed afresh."""
             physical = self.physical(theta)
             if self.settings.form == "dynamic":
                 data, change, eliminated = *dynamic_rows(self.data, self.model, physical), 0
@@ -234,7 +240,7 @@ def shape_residual(problem: ModalProblem, theta: FloatArray) -> FloatArray:
 
 
 def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float, float]]:
-    """Count, number of determined parameters and part of the misfit of each kind of value.
+    """Count of values, of determined parameters, and share of the misfit, for each kind of value (such as shape).
 
     Parameters determined are the trace of (J'J)^-1 J_k'J_k, J_k being the rows of the kind: kinds and priors together
     give the number of parameters. Empty where the data do not determine all.
@@ -258,6 +264,7 @@ def pull(problem: ModalProblem, theta: FloatArray) -> dict[str, tuple[int, float
 
 
 def _require_sound_channels(form: ModalForm, channels: ChannelErrors) -> None:
+    """Raise `InputError` unless form is 'output' and all channel errors are gains of sensors."""
     if form == "dynamic":
         raise InputError("form 'dynamic' takes no errors of channels; use form 'output'")
     if set(channels.kinds) != {"gain"} or channels.polarity_names:

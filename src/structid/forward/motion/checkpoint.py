@@ -40,7 +40,7 @@ def save_motion_fit(path: str | Path, fit: RecursiveMotionFit) -> None:
 
 
 def load_motion_fit(path: str | Path, start: RecursiveMotionFit) -> RecursiveMotionFit:
-    """The fit in the file at `path`; `start` is the one before any sample, of the same equations.
+    """Motion fit restored from the checkpoint at `path`; `start` is the fit before any sample, for comparison.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def load_motion_fit(path: str | Path, start: RecursiveMotionFit) -> RecursiveMot
 
 
 def equations_digest(equations: TimeEquations) -> str:
-    """SHA-256 of what decides the rows: the operator and the parameter of each column."""
+    """SHA-256 digest of equations and parameters, to recognize checkpoints that fit them."""
     found = hashlib.sha256()
     for array in (equations.columns, equations.operator.indptr, equations.operator.indices, equations.operator.data):
         found.update(np.ascontiguousarray(array).tobytes())

@@ -52,7 +52,7 @@ class TimeEquations:
         return self.columns.shape[1] + 1
 
     def fields(self, motion: Motion) -> FloatArray:
-        """[acceleration velocity displacement force], (4 n_dofs, n_times).
+        """Stacked fields [acceleration velocity displacement force] of a motion, (4 n_dofs, n_times).
 
         Raises
         ------
@@ -86,7 +86,7 @@ class TimeEquations:
         return np.swapaxes(products, 1, 2).reshape(len(self.columns), -1, self.side)
 
     def sizes(self, energy: FloatArray) -> FloatArray:
-        """Norm of each column without cancellation, (n_params,).
+        """Norm of each parameter's regressor column, (n_params,), without cancellation.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class TimeEquations:
         return np.sqrt(total[:-1])
 
     def noise_gram(self, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Additions to B'B and B'c by independent errors in the fields, on average.
+        """Expected additions to the normal equations B'B and B'c by independent errors of the fields.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ _LAW_WORDS = {"inertia": "mass", "viscous": "viscous damping", "elastic": "stiff
 
 
 def time_equations(structure: Structure, unknown: Parameters, row_weights: ArrayLike | None = None) -> TimeEquations:
-    """The `TimeEquations` of a structure whose M, C and K are linear in the parameters.
+    """Linear equations of motion in the parameters, for a structure whose M, C and K are linear in these.
 
     Parameters
     ----------
@@ -171,6 +171,7 @@ def time_equations(structure: Structure, unknown: Parameters, row_weights: Array
 
 
 def _require_linear(structure: Structure, unknown: Parameters) -> None:
+    """Raise `InputError` unless the equation of motion is linear in the unknowns and these have no priors."""
     require_linear_weights(structure, unknown)
     require_laws_in_time(structure, unknown)
     if unknown.has_priors:
@@ -181,7 +182,7 @@ def _require_linear(structure: Structure, unknown: Parameters) -> None:
 
 
 def _entries(structure: Structure, unknown: Parameters) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Row, field column, parameter (n_params for the right-hand side) and value of all derivative and known entries."""
+    """Sparse entries of the linear equations: row, field column, parameter (n_params for known terms) and value."""
     design = unknown.design.tocsr()
     found = [
         _expanded(part, design[part.value], unknown.offset[part.value], structure.n_dofs, _LAWS.index(part.law))
@@ -195,7 +196,7 @@ def _entries(structure: Structure, unknown: Parameters) -> tuple[IntArray, IntAr
 def _expanded(
     part: Contribution, design: sparse.csr_array, offset: FloatArray, n_dofs: int, law: int
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """Entries of one contribution: each element's once for every parameter in its weight, and once where known."""
+    """Entries of one contribution's element matrices, repeated for every parameter in a weight, and for known parts."""
     row, column, element, value = part.blocks.entries()
     field = law * n_dofs + column
     del column
@@ -212,7 +213,7 @@ def _expanded(
 
 
 def _layout(row: IntArray, parameter: IntArray, n_dofs: int, n_params: int) -> tuple[IntArray, IntArray]:
-    """Columns of each block, and the column within its block of every entry.
+    """Parameter columns of each block of equations, and every entry's column within its block.
 
     A block a degree of freedom, unless their triangles together would be large and few parameters share them.
     """

@@ -85,7 +85,7 @@ class RecursiveMotionFit:
         return self.state.solution(self.equations.sizes(self.energy))
 
     def require_content(self) -> None:
-        """Raise `InputError` if there is nothing to fit; see `solution`."""
+        """Raise `InputError` if there are no samples, no motion, or no force and nothing known."""
         n = self.equations.n_dofs
         if self.n_samples == 0:
             raise InputError("there are no samples yet; call `updated` with some motion first")
@@ -101,7 +101,7 @@ class RecursiveMotionFit:
             )
 
     def bias(self, values: FloatArray | None = None, exact_motion: bool = False) -> FloatArray:
-        """Predicted bias of the fit, (n_params,); see `least_squares_bias`. The fit's own values by default."""
+        """Predicted bias (n_params,) of the fit by noise of the motion, at `values` or the fitted parameters."""
         found = self.solution()
         p = found.values if values is None else np.asarray(values, dtype=np.float64)
         gram, cross = self.equations.noise_gram(self.error)
@@ -120,7 +120,7 @@ class RecursiveMotionFit:
 def reduced_state(
     equations: TimeEquations, state: StreamingQr, rows: RowMaker | None, fields: FloatArray, work: Kernels | None = None
 ) -> StreamingQr:
-    """`state` after the rows that `rows`, by default those of the equations, makes of (n_fields, n_times)."""
+    """QR `state` updated by the equation rows of samples `fields` (n_fields, n_times); `rows` makes rows of them."""
     if len(equations.columns) == equations.n_dofs:
         return state.reduced(equations.operator if rows is None else rows, fields, work)
     operator = equations.operator if rows is None else rows.operator
@@ -242,7 +242,7 @@ def least_squares_bias(
 
 
 def _summed(variance: MotionVariance, shape: tuple[int, ...]) -> FloatArray:
-    """Error variances summed over samples, (4 n_dofs,) with zeros for the force."""
+    """Error variances of the fields summed over samples, (4 n_dofs,), zero for forces."""
     for name in variance:
         if name not in MOTION_QUANTITIES:
             raise InputError(f"`variance` must be of {', '.join(MOTION_QUANTITIES)}, got {name!r}")

@@ -44,6 +44,7 @@ class Motion:
     displacement: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        """Convert arrays to float, and raise `InputError` on wrong shapes, non-finite values or time that falls."""
         for item in fields(self):
             given = getattr(self, item.name)
             if given is not None:
@@ -64,7 +65,7 @@ class Motion:
         return len(self.time)
 
     def at(self, rows: slice | ArrayLike) -> Motion:
-        """A copy with some of its instants only."""
+        """Copy of the motion with only the instants `rows`."""
         index = rows if isinstance(rows, slice) else np.asarray(rows)
         motions = (getattr(self, name) for name in MOTION_QUANTITIES)
         chosen = (None if part is None else part[index] for part in motions)
@@ -79,7 +80,7 @@ def recorded_motion(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
 ) -> Motion:
-    """The motion that `record` holds, each quantity on all free degrees of freedom.
+    """Motion of all free degrees of freedom, from the measured channels of `record`.
 
     Parameters
     ----------
@@ -116,7 +117,7 @@ def completed(
     initial_displacement: ArrayLike | None = None,
     initial_velocity: ArrayLike | None = None,
 ) -> Motion:
-    """`motion` with its missing quantities made from the others.
+    """Motion with unmeasured quantities integrated (trapezoid) or differentiated (difference) from measured ones.
 
     ``trapezoid`` integrates upwards by the cumulative trapezoidal rule: velocity from acceleration, displacement
     from velocity. ``difference`` goes down by central differences, (w_{k+1} - w_{k-1}) / 2h and
@@ -144,6 +145,7 @@ def completed(
 
 
 def _integrated(motion: Motion, displacement_0: ArrayLike | None, velocity_0: ArrayLike | None) -> Motion:
+    """Motion with missing velocity and displacement integrated from acceleration by the trapezoidal rule."""
     if motion.acceleration is None:
         raise InputError(
             "rule 'trapezoid' starts from acceleration, which is missing; measure it, or take rule 'difference'"
@@ -162,7 +164,7 @@ def _integrated(motion: Motion, displacement_0: ArrayLike | None, velocity_0: Ar
 
 
 def _from_start(name: str, start: ArrayLike | None, rate: FloatArray, time: FloatArray) -> FloatArray:
-    """Integral of `rate` from its first sample, plus `start`."""
+    """Cumulative trapezoidal integral (n_times, n_dofs) of `rate` over `time` (s), from the value `start`."""
     from scipy.integrate import cumulative_trapezoid  # here, because it brings all of scipy.optimize
 
     first = np.zeros(rate.shape[1]) if start is None else np.asarray(start, dtype=np.float64)
@@ -171,6 +173,7 @@ def _from_start(name: str, start: ArrayLike | None, rate: FloatArray, time: Floa
 
 
 def _differenced(motion: Motion) -> Motion:
+    """Motion with missing velocity and acceleration by central differences; its first and last sample are lost."""
     if motion.displacement is None:
         raise InputError(
             "rule 'difference' starts from displacement, which is missing; measure it, or take rule 'trapezoid'"
@@ -207,7 +210,7 @@ def _forces(structure: Structure, record: TimeRecord, force: ArrayLike | None) -
 
 
 def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity: str) -> sparse.csr_array | None:
-    """The field of `quantity` on all free degrees of freedom from the channels of one sample, (n_dofs, n_channels).
+    """Sparse matrix (n_dofs, n_channels) from the channels of one sample to `quantity`; None if not measured.
 
     By least squares where a motion is measured more than once. None where no channel is of that quantity.
 
@@ -226,7 +229,7 @@ def field_map(structure: Structure, record: TimeRecord | ChunkedRecord, quantity
 
 
 def _motion_of(structure: Structure, sensors: sparse.csc_array, quantity: str) -> sparse.sparray:
-    """(S S')^-1 S: motion of the free degrees of freedom from what sensors S' read of it."""
+    """Matrix (S S')^-1 S from sensor readings to free degrees of freedom; `InputError` where some are not measured."""
     from scipy.sparse.linalg import splu  # here, because it takes time to load
 
     gram = sparse.csc_array(sensors @ sensors.T)

@@ -147,7 +147,7 @@ def reduced_by_chunks(
     first: int = 0,
     last: int | None = None,
 ) -> RecursiveMotionFit:
-    """`fit` after samples `first` to `last` of the record; parts of a record may be reduced apart and `merged`."""
+    """Fit updated by samples `first` to `last` of a record that is read in pieces."""
     at = record_rows(fit.equations, structure, record)
     _give_back_memory()
     keeper = FitKeeper(checkpoint)
@@ -186,7 +186,7 @@ class RecordRows:
     gross: sparse.csr_array
 
     def reduced(self, fit: RecursiveMotionFit, chunk: FloatArray, work: Kernels | None = None) -> RecursiveMotionFit:
-        """`fit` after a chunk of the record, (n_channels, n_times)."""
+        """The fit `fit` updated by a chunk of channel samples, (n_channels, n_times)."""
         state = reduced_state(fit.equations, fit.state, self.rows, chunk, work)
         channels = np.sqrt(np.einsum("ct,ct->c", chunk, chunk))
         energy = locked(fit.energy + (self.gross @ channels) ** 2)
@@ -207,7 +207,7 @@ def record_rows(equations: TimeEquations, structure: Structure, record: ChunkedR
 
 
 def channel_rows(equations: TimeEquations, mapping: sparse.csr_array) -> RowMaker:
-    """Operator from the channels of a record to the rows of the equations."""
+    """Operator from the channels of a record directly to the rows of the equations of motion."""
     operator = equations.operator  # shared where the channels are the fields, one by one
     if not _is_identity(mapping):
         operator = sparse.csr_array(operator @ mapping)
@@ -238,6 +238,7 @@ class FitKeeper:
             self._write(self.path, fit)
 
     def _write(self, path: Path, fit: RecursiveMotionFit) -> None:
+        """Save the fit at `path`, and note the seconds it took and the samples it holds."""
         begun = time.perf_counter()
         save_motion_fit(path, fit)
         self.ended = time.perf_counter()
@@ -245,7 +246,7 @@ class FitKeeper:
 
 
 def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> MotionSolution:
-    """The parameters that a fit holds, without any dense matrix of their number.
+    """Solution of a motion fit with very many parameters, by sparse factors.
 
     Raises
     ------
@@ -263,7 +264,7 @@ def motion_solution(fit: RecursiveMotionFit, work: Kernels | None = None) -> Mot
 
 
 def channel_map(structure: Structure, record: ChunkedRecord) -> sparse.csr_array:
-    """[acceleration velocity displacement force] of all free degrees of freedom from the channels of one sample.
+    """Sparse matrix (4 n_dofs, n_channels) from one sample to accelerations, velocities, displacements, forces.
 
     (4 n_dofs, n_channels), without entries for what the record does not hold.
 

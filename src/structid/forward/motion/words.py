@@ -35,7 +35,7 @@ _SWAMPED = 0.5
 def motion_estimate(
     equations: TimeEquations, found: LinearFit, n_samples: int, bias: FloatArray | None = None
 ) -> Estimate:
-    """The `Estimate` of a linear fit; `bias` is the predicted one, where the noise of the motion is known."""
+    """Estimate with covariance, status and messages from a linear fit to motion; `bias` (n_params,) if known."""
     unknown = equations.unknown
     std = np.sqrt(np.diag(found.covariance))
     identified = std <= np.abs(found.values)
@@ -80,7 +80,7 @@ def _words(equations: TimeEquations, found: LinearFit, n_samples: int, bias: Flo
 
 
 def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int, n_samples: int) -> list[str]:
-    """Words on what is missing and what would supply it, then on the quality of the fit."""
+    """Sentences on what the data lack and how to supply it, then on rank and residual of the linear fit."""
     n_params, n = unknown.n_params, n_rows // max(1, n_samples)
     words = []
     if n_rows < n_params:
@@ -113,6 +113,7 @@ def solution_words(unknown: Parameters, found: LinearFit | BlockFit, n_rows: int
 
 
 def _bias_words(equations: TimeEquations, found: LinearFit, bias: FloatArray | None) -> list[str]:
+    """Sentences on the predicted `bias` (n_params,) of a fit from noise in the motion, and where it is too large."""
     if bias is None:
         return [_BIAS]
     relative = np.abs(bias / found.values)
@@ -130,7 +131,7 @@ def _bias_words(equations: TimeEquations, found: LinearFit, bias: FloatArray | N
 
 
 def _identifiability(equations: TimeEquations, found: LinearFit) -> Identifiability:
-    """Directions in relative parameters; each parameter that is not seen at all is a direction of its own."""
+    """Directions of relative parameter change that the equations leave undetermined."""
     unknown = equations.unknown
     values = np.where(np.isfinite(found.values) & (found.values != 0), found.values, unknown.start)
     values = np.where(values != 0, values, 1.0)

@@ -58,7 +58,7 @@ class WhitenedRows(Problem):
 
     @cached_property
     def _system(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Q' B S^-1, Q' c and S, where Q R S = Z with unit columns Z S^-1; None where rows do not determine all."""
+        """Q' B S^-1, Q' c and S for instruments Q R S = Z with unit columns; None if rows determine too little."""
         scale = np.linalg.norm(self.instruments, axis=0)
         if len(self.right) < len(scale) or not (scale > 0).all() or not np.isfinite(scale).all():
             return None
@@ -75,14 +75,14 @@ class WhitenedRows(Problem):
         return self._system is not None
 
     def solution(self) -> FloatArray | None:
-        """Parameters for which the residual is orthogonal to all instruments; None where there are several."""
+        """Instrumental-variables solution (n_params,): residual orthogonal to all instruments; None if not unique."""
         if self._system is None:
             return None
         system, right, scale = self._system
         return np.asarray(np.linalg.solve(system, right) / scale)
 
     def covariance(self) -> FloatArray:
-        """(Z'B)^-1 Z'Z (B'Z)^-1 for rows of unit variance; NaN for what is not determined."""
+        """Covariance (n_params, n_params) of the instrumental-variables solution; NaN for undetermined parameters."""
         if self._system is None:
             return inverse_information(self.instruments)
         system, _, scale = self._system
@@ -93,7 +93,7 @@ class WhitenedRows(Problem):
 def whitened_rows(
     unknown: Parameters, regressors: FloatArray, right: FloatArray, instruments: FloatArray
 ) -> WhitenedRows:
-    """The `WhitenedRows` of (n_times, n_dofs, n_params), (n_times, n_dofs) and (n_times, n_dofs, n_params)."""
+    """Stacked, scaled regression rows with instruments, as `WhitenedRows`."""
     lines, series = np.divmod(np.arange(right.size), right.shape[1])
     flat = (right.size, unknown.n_params)
     labels = DataRows(lines, 2 * series)
@@ -122,7 +122,7 @@ def linear_estimate(
     misfit_probability: float,
     n_starts: int = 1,
 ) -> Estimate:
-    """The estimate of a linear fit of `rows`, with covariance, status and identifiability.
+    """Estimate from a linear fit in time: covariance, status and identifiability.
 
     `values` are None where none were found; `known_noise` is False for rows whose unit
     variance is that of their own residual, so that chi-square says nothing.

@@ -39,7 +39,7 @@ class InputHold:
 
     @cached_property
     def generator(self) -> FloatArray:
-        """Rate of the inputs, for `exact_step`, (n_inputs, n_inputs).
+        """System matrix (n_inputs, n_inputs) that generates the inputs between samples, for `exact_step`.
 
         Their state is all forces, and then slopes or quadratures; of supports accelerations and slopes, and then velocities
         over a step and displacements over its square.
@@ -65,7 +65,7 @@ class InputHold:
         return np.concatenate([[self.start], samples]) if self.gap > 0 else samples
 
     def oscillation(self, n_times: int) -> FloatArray:
-        """State of the generator at all `times` for unit amplitudes, (n_steps + 1, n_inputs, n_force_values)."""
+        """Input state at all `times` for unit force amplitudes, (n_steps + 1, n_inputs, n_force_values)."""
         assert isinstance(self.force, Oscillation)
         time, eye = self.times(n_times), np.eye(self.n_loads)
         c, s = np.cos(self.force.omega * time), np.sin(self.force.omega * time)
@@ -79,7 +79,7 @@ class InputHold:
         return self.oscillation(n_times)[-n_times:, : self.n_loads]
 
     def known(self, samples: FloatArray) -> FloatArray:
-        """The force as far as its samples (n_times, n_loads) tell: they themselves, or amplitudes by least squares."""
+        """Force samples (n_times, n_loads) as measured, or amplitudes of an oscillation by least squares."""
         if not self.oscillates:
             return samples
         waveforms = self.waveforms(len(samples))
@@ -87,7 +87,7 @@ class InputHold:
         return np.asarray(np.linalg.lstsq(wide, samples.ravel(), rcond=None)[0])
 
     def inputs(self, force: FloatArray, n_times: int) -> FloatArray:
-        """State of the generator at each sample, from the start on, (n_steps + 1, n_inputs).
+        """Input state at each sample from the start on, (n_steps + 1, n_inputs).
 
         `force` holds samples (n_times, n_loads), or amplitudes (n_force_values,) of an oscillation.
         """

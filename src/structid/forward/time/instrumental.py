@@ -77,7 +77,7 @@ class InstrumentalFit:
         return replace(self, motion=self.motion.at(slice(0, n_times)), force=force)
 
     def rows(self, values: FloatArray) -> WhitenedRows:
-        """Equations and instruments for the parameters `values`.
+        """Regression equations and simulated instruments at the parameters `values` (n_params,).
 
         Raises
         ------
@@ -100,7 +100,7 @@ class InstrumentalFit:
         )
 
     def _whitening(self, values: FloatArray, residual: FloatArray) -> FloatArray:
-        """L^-1 with L L' the covariance of the equation error at an instant, (n_dofs, n_dofs)."""
+        """Inverse Cholesky factor (n_dofs, n_dofs) of the covariance of the equation error at an instant."""
         if self.noise is None:
             size = np.sqrt((residual**2).mean(axis=0))
             return np.diag(1 / np.where(size > 0, size, max(float(size.max(initial=0.0)), 1e-300)))
@@ -123,7 +123,7 @@ class InstrumentalFit:
 def instrumental_fit(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions
 ) -> InstrumentalFit:
-    """The `InstrumentalFit` of a record.
+    """Set-up of the instrumental-variables fit of a structure to a record.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def instrumental_fit(
 
 
 def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
-    """Error covariance of each quantity at the free degrees of freedom, as `recorded_motion` makes it from channels."""
+    """Error covariance (n_dofs, n_dofs) of each measured quantity at the free degrees of freedom, by its name."""
     variance, found = declared_variance(record), {}
     for quantity in (*MOTION_QUANTITIES, "force"):
         reader = field_map(structure, record, quantity)
@@ -165,7 +165,7 @@ def _noise(structure: Structure, record: TimeRecord) -> dict[str, FloatArray]:
 def identified_by_instruments(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions, work: Work = ALONE
 ) -> Estimate:
-    """Refined instrumental variables, first from few samples and then from ever more; see `identify_time`."""
+    """Estimate by refined instrumental variables, from few samples first and then from ever more."""
     fit = instrumental_fit(structure, unknown, record, options)
     size = options.first_samples or max(4, -(-2 * unknown.n_params // structure.n_dofs))
     steps = InstrumentalSteps(work.keeper(_no_rows(unknown)))
@@ -197,13 +197,14 @@ class _End:
 
     @property
     def chi_square(self) -> float:
+        """Weighted sum of squared residuals at the final values; infinite where there are none."""
         if self.rows is None or self.values is None:
             return float("inf")
         residual = self.rows.residual(self.values)
         return float(residual @ residual)
 
     def fits(self, known_noise: bool, probability: float) -> bool:
-        """True where chi-square is no larger than noise makes it, or the noise is not known."""
+        """True if chi-square is not improbably large at level `probability`, or if the noise level is not known."""
         if self.rows is None or not known_noise:
             return self.rows is not None
         freedom = self.rows.n_data - len(self.history[0])
@@ -211,7 +212,7 @@ class _End:
 
 
 def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tuple[int, FloatArray]]:
-    """Samples of the first stage and start: least squares of few and of all samples, and the given start, in turn."""
+    """Number of samples of the first stage and starting parameters, for each attempt in turn."""
     n_times, given = fit.motion.n_times, np.array(unknown.start)
     for first in dict.fromkeys((min(size, n_times), min(8 * size, n_times))):
         found = identify_motion(fit.structure, unknown, fit.motion.at(slice(0, first))).values
@@ -222,7 +223,7 @@ def _ways(fit: InstrumentalFit, unknown: Parameters, size: int) -> Iterator[tupl
 
 
 def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, steps: InstrumentalSteps) -> _End:
-    """From a stage of `size` samples by doubling to all of them."""
+    """Instrumental fit from `size` samples and parameters `values` on, samples doubling up to all of them."""
     history = [values]
     while size < fit.motion.n_times:
         stage, _, _ = _iterated(fit.first(size), values, _STEPS_A_STAGE, history, steps)
@@ -235,7 +236,7 @@ def _followed(fit: InstrumentalFit, size: int, values: FloatArray, most: int, st
 def _iterated(
     fit: InstrumentalFit, values: FloatArray, most: int, history: list[FloatArray], steps: InstrumentalSteps
 ) -> tuple[FloatArray | None, bool, WhitenedRows | None]:
-    """Parameters after at most so many solutions, whether they stay, and the rows of the last one.
+    """Parameters after at most `most` iterations, True if converged, and the rows of the last iteration.
 
     Solutions that swing to and fro are halved in between.
     """

@@ -42,6 +42,7 @@ class InstrumentalSteps:
     """
 
     def __init__(self, keeper: Keeper | None) -> None:
+        """Steps read back from the checkpoint of `keeper`, or none."""
         self.keeper, self.count = keeper, 0
         state: Mapping[str, Any] | None = None if keeper is None else keeper.state
         self.steps: list[Step] = []
@@ -52,7 +53,7 @@ class InstrumentalSteps:
                 self.steps.append(Step(int(outcome), np.asarray(solution), np.asarray(deviation), None))
 
     def taken(self, fit: RowsAt, values: FloatArray) -> Step:
-        """The next iteration, from the parameters `values`."""
+        """Step with the next iterate, from the parameters `values`; read from the checkpoint if it is there."""
         self.count += 1
         if self.count <= len(self.steps):
             return self.steps[self.count - 1]
@@ -63,6 +64,7 @@ class InstrumentalSteps:
         return step
 
     def _state(self) -> dict[str, Any]:
+        """Steps as arrays for a checkpoint: outcomes, solutions and deviations, (n_steps, n_params)."""
         solutions = np.array([step.solution for step in self.steps])
         deviations = np.array([step.deviation for step in self.steps])
         outcomes = [step.outcome for step in self.steps]
@@ -70,7 +72,7 @@ class InstrumentalSteps:
 
 
 def _made(fit: RowsAt, values: FloatArray) -> tuple[Step, float]:
-    """An iteration and the sum of squares where it began."""
+    """One instrumental iteration from the parameters `values`, and the sum of squares there (infinite if unstable)."""
     nothing = np.full(len(values), np.nan)
     try:
         rows = fit.rows(values)

@@ -51,6 +51,7 @@ class TimeModel:
     bases: tuple[Base, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if the model is too large, or force and initial state do not suit a time-domain fit."""
         require_viscous(self.structure, self.unknown)
         if self.structure.n_dofs > _MOST_DOFS:
             raise InputError(
@@ -84,7 +85,7 @@ class TimeModel:
 
     @cached_property
     def sensor_columns(self) -> FloatArray:
-        """Reading of each sensor as a combination of the motion, (n_free, n_sensors).
+        """Matrix (n_free, n_sensors) of sensor readings as combinations of the free motion.
 
         Raises
         ------
@@ -156,7 +157,7 @@ class TimeModel:
         return found
 
     def _linear(self, values: FloatArray, derivatives: bool) -> LinearSystem:
-        """State-space matrices at these parameters, and their derivatives."""
+        """State-space system of the structure at parameter `values`, with its derivatives if wanted."""
         properties = self.unknown.values(values)
         whole = [self.moving.matrix(law, properties).toarray() for law in _LAWS]
         mass, damping, stiffness = (matrix[np.ix_(self.free, self.free)] for matrix in whole)
@@ -196,7 +197,7 @@ class TimeModel:
 def _change_between(
     structure: Structure, unknown: Parameters, law: str, left: FloatArray, right: FloatArray, properties: FloatArray
 ) -> FloatArray:
-    """left' (dA/dp) right of a matrix A for each parameter, (n_left, n_params, n_right)."""
+    """Products left' (dA/dp) right with the matrix A of `law`, for each parameter, (n_left, n_params, n_right)."""
     n_params, n_left, n_right = unknown.n_params, left.shape[1], right.shape[1]
     total = np.zeros((n_params, n_left * n_right))
     for part in structure.contributions:
@@ -232,14 +233,14 @@ class LinearSystem:
 
     @cached_property
     def _steps(self) -> tuple[Step, Step]:
-        """The first step, and all others."""
+        """State transitions over the first time step, and over all later ones."""
         step, gap = self.model.drive.step, self.model.drive.gap
         usual = self._step(step)
         same = gap == 0 or abs(gap - step) < 1e-12 * step
         return (usual if same else self._step(gap)), usual
 
     def _pieces(self, n_times: int, width: int) -> Iterator[tuple[Step, slice]]:
-        """Steps and stretches of them that fit into memory; the first may be of another length than the others."""
+        """Time step and range of step numbers of each stretch that fits in memory; a first step may differ."""
         n_steps = n_times - 1 + (self.model.drive.gap > 0)
         first = 0
         if self.model.drive.gap > 0:
@@ -250,7 +251,7 @@ class LinearSystem:
             yield self._steps[1], slice(begin, min(begin + chunk, n_steps))
 
     def start_of(self, initial: FloatArray | None) -> FloatArray:
-        """Modal state of displacement and velocity (2 n_free, ...); rest for None."""
+        """Modal state from `initial` displacements and velocities (2 n_free, ...); rest if that is None."""
         n = len(self.scale)
         if initial is None:
             return np.zeros(2 * n)
@@ -259,7 +260,7 @@ class LinearSystem:
 
     @cached_property
     def _output(self) -> tuple[FloatArray, FloatArray]:
-        """Rows of the sensors for state (n_sensors, n_states) and input (n_sensors, n_inputs)."""
+        """Output matrices of the sensors: (n_sensors, n_states) for the state, (n_sensors, n_inputs) for inputs."""
         n, seen = len(self.scale), self.model.sensor_columns.T @ self.shapes
         order = self.model.orders[:, None]
         slow = [np.where(order == 0, seen / self.scale, 0.0), np.where(order == 1, seen, 0.0)]
@@ -317,7 +318,7 @@ class LinearSystem:
         return np.concatenate([own[..., None], stepped(step.transition, drive, state[:, 1:])], axis=2)
 
     def _read(self, states: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Readings and their derivatives at some states, (n_times, n_sensors) and (n_times, n_sensors, n_params)."""
+        """Sensor readings and their derivatives at given states, (n_times, n_sensors) and (..., n_params)."""
         of_state, of_input = self._output
         n_params, n = self.rate_change.shape[1], len(self.scale)
         found = of_state @ states

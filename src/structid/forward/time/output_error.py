@@ -60,7 +60,7 @@ class Incidentals:
     free_start: bool
 
     def at(self, values: FloatArray) -> Incidental:
-        """By least squares for physical parameters `values`."""
+        """Initial state and noisy forces that fit best at physical parameters `values`, by linear least squares."""
         of, known = self.histories, self.histories.known_force
         if not self.free_start and not len(of.noisy_loads):
             return Incidental(known, None, np.zeros((of.measured.size, 0)))
@@ -80,7 +80,7 @@ class Incidentals:
         return Incidental(force, None if at_rest is None else found[:n_initial], basis)
 
     def columns(self, values: FloatArray) -> FloatArray:
-        """Derivative of the data rows with respect to state at the start and free force values."""
+        """Derivative (n_data, n_free_values) of the data rows by initial state and noisy force values."""
         of, model, noisy = self.histories, self.model, self.histories.noisy_loads
         readings: list[FloatArray] = []
         forces: list[FloatArray] = []
@@ -139,6 +139,7 @@ class OutputErrorProblem(RecordProblem):
     parameters: Parameters = field(init=False)
 
     def __post_init__(self) -> None:
+        """Raise `InputError` on wrong shapes, zero deviations or too many noisy force samples."""
         object.__setattr__(self, "structure", self.model.structure)
         object.__setattr__(self, "parameters", self.model.unknown)
         n_times, n_loads = self.n_times, len(self.model.loads)
@@ -190,7 +191,7 @@ class OutputErrorProblem(RecordProblem):
 
     @cached_property
     def rows(self) -> DataRows:
-        """Readings of each sensor at each sample, then samples of each noisy load."""
+        """Labels of data rows: readings of each sensor at each sample, then samples of each noisy load."""
         (n_times, n_sensors), noisy = self.measured.shape, self.histories.noisy_loads
         index, forces = np.arange(n_times), n_sensors + np.arange(len(noisy))
         kind = "motion of" if self.model.bases else "force at"
@@ -206,12 +207,14 @@ class OutputErrorProblem(RecordProblem):
         return replace(self, measured=self.measured[:n_times], force=self.force[:n_times])
 
     def residual(self, theta: FloatArray) -> FloatArray:
+        """Weighted errors of readings and forces at the free variables `theta` (n_params,), with prior rows."""
         values = self.physical(theta)
         at = self.incidentals.at(values)
         predicted = self.model.readings(values, at.force, at.initial, self.n_times)
         return residual_with_priors(self.unknowns, theta, self.histories.errors(predicted, at.force))
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
         values = self.physical(theta)
         at = self.incidentals.at(values)
         predicted, change = self.model.derivatives(values, at.force, at.initial, self.n_times)

@@ -59,7 +59,7 @@ def identified_by_output_error(
     work: Work = ALONE,
     progress: StageProgress | None = None,
 ) -> Estimate:
-    """Maximum likelihood, first from few samples and then from ever more of them.
+    """Maximum-likelihood estimate from time histories, fitted to few samples first and then to ever more.
 
     A long record has a narrow valley about the answer, since phase errors grow with time; a short one has a wide one.
     Each stage doubles the samples and starts where the one before ended. A stage that misses the noise by its
@@ -104,7 +104,7 @@ def _tried(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[tuple[_Way, int]]:
-    """Result of each start in turn with the iterations spent; `rounds` is asked for more when these are taken."""
+    """Result of each starting point in turn, with the iterations spent; further `rounds` are drawn when needed."""
     count = 0
     for starts in rounds:
         for first in range(0, len(starts), work.n_workers):
@@ -115,7 +115,7 @@ def _tried(
 
 
 def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Start, tools: Tools) -> dict[str, Any]:
-    """The way from one start, as a task; one that ends at its first stage has passed none."""
+    """Result of the search from one start, as a parallel task; a start that ends at its first stage passes none."""
     problem, sizes, options = shared
     reached, excess, theta, spent = _followed(problem, sizes[start.first :], start.theta, options, True, tools)
     reached += start.first if reached else 0
@@ -123,7 +123,7 @@ def _way(shared: tuple[OutputErrorProblem, list[int], TimeOptions], start: _Star
 
 
 def _stages(problem: OutputErrorProblem, options: TimeOptions) -> list[int]:
-    """Numbers of samples, the last all of them."""
+    """Numbers of samples of the stages, doubling; the last is the whole record."""
     size = options.first_samples or max(2, _samples(problem, 1))
     sizes = []
     while size < problem.n_times:
@@ -169,7 +169,7 @@ def _followed(
 
 
 def _misfit(problem: OutputErrorProblem, at: Linearization | OperatorLinearization) -> tuple[float, float]:
-    """Chi-square per degree of freedom, and the probability of a larger one."""
+    """Chi-square per degree of freedom at a linearization, and the probability of a larger one."""
     data = at.residual[: problem.n_data]
     freedom, chi_square = problem.n_data - at.n_params - at.n_eliminated, float(data @ data)
     if freedom <= 0:
@@ -190,7 +190,7 @@ def _rounds(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
-    """Where to start from: linear fits where they can be had, the given start, and others.
+    """Starting points of the search in rounds: linear fits where possible, the given start, then random points.
 
     The others are random points, in turn about 5 % from where the way that came furthest ended and about 20 % from one
     of the first. Between the first two and the rest comes where posterior linearization leads, which costs more and
@@ -222,7 +222,7 @@ def _far_rounds(
     work: Work,
     progress: StageProgress | None,
 ) -> Iterator[list[_Start]]:
-    """Where posterior linearization leads, once from the given start and twice from the best minimum so far, in turn.
+    """Starting points by posterior linearization, in turn from the given start and twice from the best minimum.
 
     The one looks far; what it misses are often a few high modes, some periods off, which the others find. A way
     begins at the samples that were linearized, since fewer may lead away again, and then at the first. Where the data
@@ -250,7 +250,7 @@ def _confirmed(
     work: Work,
     progress: StageProgress | None,
 ) -> tuple[FloatArray, int]:
-    """An answer that others missed before, or a better one near it, and the iterations spent.
+    """Best of `theta` and an answer found near it by posterior linearization, and the iterations spent.
 
     Where there are minima that miss the noise, there may be one beside the answer that does not.
     """
@@ -285,7 +285,7 @@ def _far_start(short: OutputErrorProblem, task: tuple[FloatArray, float, int], t
 
 
 def _linear_starts(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
-    """Free variables of linear fits to the first 4, 8 and 16 samples, where every degree of freedom is measured."""
+    """Starting points (free variables) by linear fits to the first 4, 8 and 16 samples, if all motion is measured."""
     for n_samples in _LINEAR_SAMPLES:
         if n_samples > len(record.values):
             return
@@ -302,7 +302,7 @@ def _given_start(structure: Structure, unknown: Parameters, record: TimeRecord) 
 
 
 def _weak_start(structure: Structure, unknown: Parameters, record: TimeRecord) -> Iterator[FloatArray]:
-    """Free variables of the weak form, which needs no start, where every degree of freedom is measured."""
+    """Starting point (free variables) by the weak form, if all degrees of freedom are measured."""
     try:
         found = identified_by_weak_form(structure, unknown.without_priors(), record, TimeOptions(method="weak"))
     except InputError:

@@ -22,7 +22,7 @@ _NO_NOISE = (
 
 
 def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions) -> TimeModel:
-    """The model of what the fitted channels of `record` read.
+    """Time-domain model of the fitted channels of `record`.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
 
 
 def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[Base, ...]:
-    """Supports whose motion drives the structure; () where forces do."""
+    """Supports whose measured motion drives the structure; () if forces do."""
     moved = [i for i in loads if record.quantities[i] == "support_acceleration"]
     bases = structure.driven(record.channels[i] for i in loads) if moved else ()
     if moved and not bases:
@@ -64,7 +64,7 @@ def _bases(structure: Structure, record: TimeRecord, loads: IntArray) -> tuple[B
 def output_error_problem(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions | None = None
 ) -> OutputErrorProblem:
-    """The maximum-likelihood problem of `record`; see `identify_time` for what the arguments mean.
+    """Maximum-likelihood output-error problem of `record`; see `identify_time` for the arguments.
 
     Raises
     ------

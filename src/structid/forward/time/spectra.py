@@ -103,6 +103,7 @@ class SpectraProblem(RecordProblem):
     tones: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if the structure has friction or no modes, or a window's decay is unknown."""
         self.structure.require_modes("histories")
         friction = [e.name for e in self.structure.elements if isinstance(e, Friction)]
         if friction:
@@ -170,6 +171,7 @@ class SpectraProblem(RecordProblem):
         return residual_with_priors(self.unknowns, theta, self.model.evaluated(self.physical(theta)).data)
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        """Weighted residual at the free variables `theta` (n_params,) with its Jacobian, prior rows included."""
         at, change = self.model.changes(self.physical(theta))
         rows = stack_real(change.reshape(-1, change.shape[2]))
         rows -= at.basis @ (at.basis.T @ rows)
@@ -209,7 +211,7 @@ def transient_order(channels: ChannelErrors | None) -> int:
 
 
 def damped_stages(problem: SpectraProblem, record: TimeRecord) -> tuple[Schedule, ...]:
-    """Ways to the answer of `problem` from a poor start: the same record with its signals faded out, less and less.
+    """Two sequences of stages for a poor start, fits to the record times exp(-sigma t), with falling sigma.
 
     Multiplied by exp(-sigma t), forces and motions obey the same equation at s = sigma + i omega, with the transient
     exp(-sigma T) w(T) - w(0); nothing is approximated. Far from the axis there are no resonances to be caught

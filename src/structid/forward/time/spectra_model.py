@@ -141,7 +141,7 @@ class Transient:
         return np.swapaxes(y, 1, 2) @ self.forces * read[:, :, None]
 
     def columns(self, whitening: ComplexArray, reach: ComplexArray) -> ComplexArray:
-        """Every linear unknown in the whitened motions: jumps of each mode, then each output's polynomial and tones.
+        """Whitened columns of all linear unknowns: modal jumps at both ends, then each output's polynomial and tones.
 
         Shape (n_frequencies * n_outputs, n_unknowns).
         """
@@ -152,7 +152,7 @@ class Transient:
 
     @cached_property
     def _own_shapes(self) -> ComplexArray:
-        """Shapes of the part that each output has of its own, (n_frequencies, n_shapes): a polynomial in s, and tones."""
+        """Shapes (n_frequencies, n_shapes) of each output's own part of a spectrum: polynomial in s, and tones."""
         s = self.relative_laplace
         powers = [s**k for k in range(0 if self.order is None else self.order + 1)]
         for tone in self.tones:
@@ -204,7 +204,7 @@ class SpectraModel:
         return self._state(*self._split(physical))[2]
 
     def evaluated(self, physical: FloatArray) -> Evaluation:
-        """All that is known at these parameters, kept for `changes` where it is small."""
+        """Predicted spectra, residual and noise at `physical` parameters (n_params,); small ones are cached."""
         at = self._found(physical)
         if at.is_small:
             self._last.keep(physical, at)
@@ -226,7 +226,7 @@ class SpectraModel:
     def _state(
         self, own: FloatArray, read: ComplexArray, stated: ComplexArray
     ) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-        """Motions under loads and transient forces, motions under unit sensor forces, and H with errors of channels."""
+        """Motions under loads and transients, under unit sensor forces, and FRFs H with channel errors."""
         n_in, n_out = len(self.spectra.inputs), len(self.spectra.outputs)
         fields = self.response.fields_at(own, self.columns)
         y = fields[:, :, n_in : n_in + n_out]
@@ -238,7 +238,7 @@ class SpectraModel:
         return x, y, h
 
     def _split(self, physical: FloatArray) -> tuple[FloatArray, ComplexArray, ComplexArray]:
-        """Parameters of the structure, what sensors read over the displacement, and what load cells read over the force.
+        """Structural parameters, and factors of channel errors at sensors and at load cells, from `physical`.
 
         Shapes (n_own,), (n_frequencies, n_outputs) and (n_frequencies, n_inputs).
         """
@@ -249,6 +249,7 @@ class SpectraModel:
         return own, self.spectra.output_powers * sensors, self.spectra.input_powers * loads
 
     def _found(self, physical: FloatArray) -> Evaluation:
+        """Predicted spectra at `physical` parameters, transients fitted by least squares; computed afresh."""
         spectra = self.spectra
         own, read, stated = self._split(physical)
         x, y, h = self._state(own, read, stated)
@@ -277,7 +278,7 @@ class SpectraModel:
         return Evaluation(y, read, h * force[:, None, :], free, motion, aliased, whitening, basis, data)
 
     def _channel_changes(self, physical: FloatArray, at: Evaluation) -> ComplexArray:
-        """Derivative of the motions with respect to the errors of channels, (n_frequencies, n_outputs, n_params).
+        """Derivative of the motions by channel errors, (n_frequencies, n_outputs, n_params).
 
         That of the transient is read with the sensor's error alone.
         """
@@ -290,7 +291,7 @@ class SpectraModel:
 
 
 def _response(model: SpectraModel, frequency: FloatArray) -> Response:
-    """The structure at these lines; of its sensors one stands for each place and direction."""
+    """Receptance model of the structure at lines `frequency` (Hz), with each sensor place and direction once."""
     distinct = tuple(dict.fromkeys(model.spectra.outputs))
     shape = (len(frequency), len(distinct), len(model.spectra.inputs))
     decay = np.full(shape[0], model.spectra.decay)
@@ -300,7 +301,7 @@ def _response(model: SpectraModel, frequency: FloatArray) -> Response:
 
 
 def _forces(model: SpectraModel) -> FloatArray:
-    """M times the shapes of the start's modes near the band: what changes of state act like, (n_dofs, n).
+    """Force patterns M phi (n_dofs, n_modes) of modes near the band, by which changes of state act.
 
     Supports that drive the structure are held in these, and carry no force.
     """

@@ -94,7 +94,7 @@ class WeakForm:
         return total
 
     def noise(self, values: FloatArray, weighted: FloatArray) -> FloatArray:
-        """Noise of the fields expected from C^-1 R = `weighted` (n_windows, n_dofs), (4 n_dofs, n_windows)."""
+        """Expected noise of the fields (4 n_dofs, n_windows), given weighted residuals (n_windows, n_dofs)."""
         matrices, n = self._matrices(values), self.equations.n_dofs
         found = np.zeros((3, n, self.n_windows))
         for order, spread in self.spread.items():
@@ -110,7 +110,7 @@ class WeakForm:
         return [self.structure.matrix(law, properties).toarray() for law in _LAWS]
 
     def rows(self, values: FloatArray) -> WhitenedRows:
-        """Equations weighted by their covariance at `values`, and instruments freed of the noise that they share.
+        """Weak-form equations weighted by their covariance at `values`, with instruments freed of shared noise.
 
         Raises
         ------
@@ -140,7 +140,7 @@ class WeakForm:
 
 
 def weak_form(structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions) -> WeakForm:
-    """The `WeakForm` of a record.
+    """Weak-form equations of motion of a record, with test functions over windows.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def weak_form(structure: Structure, unknown: Parameters, record: TimeRecord, opt
 
 
 def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> dict[int, FloatArray]:
-    """By order of derivative, what maps all channels to the degrees of freedom taken from it, (n_dofs, n_channels).
+    """Matrices (n_dofs, n_channels) from channels to motion of the degrees of freedom, by order of derivative.
 
     Quantities are taken in the order of `TimeOptions.quantities`, each for the degrees of freedom that are still
     missing.
@@ -204,7 +204,7 @@ def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> 
 
 
 def _suited_length(motion: FloatArray, step: float) -> float:
-    """Window length in s whose test functions pass 95 % of the power of every channel, if the record allows it."""
+    """Window length (s) of test functions that pass 95 % of the power of each column of `motion` (n_times, n)."""
     n_times = len(motion)
     hann = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(n_times) + 0.5) / n_times)
     power = np.abs(np.fft.rfft(hann[:, None] * (motion - motion.mean(axis=0)), axis=0)) ** 2
@@ -217,7 +217,7 @@ def _suited_length(motion: FloatArray, step: float) -> float:
 def _filters(
     n_times: int, step: float, n_dofs: int, length: float, windows: int | None, orders: set[int]
 ) -> dict[int, FloatArray]:
-    """Test functions' derivatives of these orders, sampled, times the step: (n_windows, n_times) each."""
+    """Sampled derivatives of the test functions times the time step, (n_windows, n_times), by order of derivative."""
     span, shortest = (n_times - 1) * step, _FEWEST_SAMPLES * step
     if not shortest <= length * (1 + 1e-9) or length > span * (1 + 1e-9):
         raise InputError(
@@ -236,7 +236,7 @@ def _filters(
 
 
 def modulating_function(place: FloatArray, order: int) -> FloatArray:
-    """Derivative of cos(pi x)^16 on |x| < 1/2, 0 elsewhere; x in window lengths.
+    """Derivative of given `order` of the test function cos(pi x)^16, |x| < 1/2, at `place` x in window lengths.
 
     Its first 15 derivatives vanish at both ends, so that sums over samples integrate it as exactly as the samples show
     the motion.
@@ -252,7 +252,7 @@ def modulating_function(place: FloatArray, order: int) -> FloatArray:
 def identified_by_weak_form(
     structure: Structure, unknown: Parameters, record: TimeRecord, options: TimeOptions
 ) -> Estimate:
-    """Weak form with the noise of its regressors accounted for; see `identify_time`."""
+    """Estimate of mass, damping and stiffness by the weak form, with noise of measured motion allowed for."""
     form = weak_form(structure, unknown, record, options)
     values: FloatArray = np.array(unknown.start)
     history: list[FloatArray] = [values]

@@ -192,7 +192,7 @@ class Comparison(States):
 
     @property
     def words(self) -> str:
-        """The result in one sentence."""
+        """Result of the comparison of two states in one sentence."""
         ratio = self.relative_change
         declared = [
             f"{self.names[i]} ({100 * ratio[i]:{'+.1f' if abs(ratio[i]) > 1e-3 else '+.2g'}} %)"
@@ -352,6 +352,7 @@ _NOTHING_IN_COMMON = "the two states have no parameter in common to compare; giv
 
 
 def _common(first: Sequence[str], second: Sequence[str], shared: Sequence[str]) -> tuple[str, ...]:
+    """Names of parameters in both estimates, except shared ones and those of a record; `InputError` if none is left."""
     names = tuple(n for n in first if n in second and n not in shared and OF_RECORD not in n)
     if not names:
         raise InputError(_NOTHING_IN_COMMON)
@@ -377,7 +378,7 @@ def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
 def _by_held_values(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Changes of the parameters in both states for one tolerance of each held value of either, (n, n_changes) each.
+    """Changes of the parameters of both states per tolerance of each held value, (n, n_changes) each.
 
     The prior of carried parameters moves with the baseline, and with them the later state; what that says of them moves the
     baseline.
@@ -397,7 +398,7 @@ def _by_held_values(
 
 
 def _aligned(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
-    """The changes of all parameters by `names`, 0 by those that the estimate does not owe anything to."""
+    """Changes (n_params, n_names) of all parameters by the held values `names`; 0 where a value has no influence."""
     changes = np.zeros((len(estimate.names), len(names)))
     if estimate.fixed is not None:
         changes[:, [names.index(name) for name in estimate.fixed.change_names]] = estimate.fixed.changes
@@ -407,7 +408,7 @@ def _aligned(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
 def _carried(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Baseline values, both covariances and the covariance between them, with what the carried parameters tie.
+    """Baseline values (n,), both covariances and their cross-covariance (n, n), updated for carried parameters.
 
     The tie is linear in the logarithms of what is positive in both states, in the values of the rest.
     """
@@ -438,7 +439,7 @@ def _carried(
 
 
 def _together(change: FloatArray, covariance: FloatArray) -> tuple[float, float]:
-    """Chi-square of all changes that are determined, and its probability."""
+    """Chi-square of all determined changes together, and the probability of a larger one without any change."""
     seen = np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
     if not seen.any():
         return float("nan"), float("nan")

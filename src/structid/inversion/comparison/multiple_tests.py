@@ -19,7 +19,7 @@ Correction = Literal["holm", "benjamini_hochberg"]
 
 
 def require_levels(level: float, power: float, correction: str) -> None:
-    """Raise `InputError` unless the settings of a comparison can be used."""
+    """Raise `InputError` unless 0 < level < 0.5, 0.5 <= power < 1 and `correction` is a known one."""
     if not 0 < level < 0.5:
         raise InputError(f"`level` must lie between 0 and 0.5, got {level:g}; 0.05 is usual")
     if not 0.5 <= power < 1:
@@ -29,7 +29,7 @@ def require_levels(level: float, power: float, correction: str) -> None:
 
 
 def adjusted_p_values(p_values: FloatArray, correction: Correction = "holm") -> FloatArray:
-    """p-values corrected for their number; those that are NaN are no tests and stay NaN.
+    """p-values (n,) corrected for the number of tests by Holm or Benjamini-Hochberg; NaN entries stay NaN.
 
     With p_(1) <= ... <= p_(n): Holm max over j <= i of (n - j + 1) p_(j), Benjamini-Hochberg min over j >= i of
     n p_(j) / j, at most 1.

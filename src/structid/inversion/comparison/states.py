@@ -15,7 +15,7 @@ OF_RECORD = " @ "
 
 
 def states_problem(baseline: Problem, later: Problem, shared: Sequence[str]) -> JointProblem:
-    """The data of both states, with the `shared` parameters the same and all others free in each.
+    """Joint problem of the data of both states, with the `shared` parameters equal and all others free in each.
 
     The later state's own parameters are called ``<name> (later)``.
 

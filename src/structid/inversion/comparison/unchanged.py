@@ -63,7 +63,7 @@ class UnchangedTest:
 
     @property
     def words(self) -> str:
-        """The result in a sentence."""
+        """Result of the test for an unchanged structure, in one sentence."""
         kept = join_words(self.names, _MOST_NAMED)
         same, separate = format_number(self.cost, 3), format_number(self.separate_cost, 3)
         sums = f"chi-square is {same} with them the same, and {separate} with them free"

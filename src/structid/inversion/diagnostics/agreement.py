@@ -45,7 +45,7 @@ class Agreement:
 
 
 def agreement(problem: Problem, at: Linearization) -> Agreement | None:
-    """Test that the quantities which several records repeat agree on the parameters; None where it cannot be made.
+    """F test that quantities measured in several records agree on the parameters; None if it cannot be made.
 
     With S the sum of squares that all quantities leave with the same parameters, S_q that of quantity q with parameters of its own,
     all to first order and without priors, (S - sum S_q) / between over (sum S_q) / within has Fisher's distribution where the
@@ -74,7 +74,7 @@ def agreement(problem: Problem, at: Linearization) -> Agreement | None:
 
 
 def _left(jacobian: FloatArray, residual: FloatArray) -> tuple[float, int]:
-    """Sum of squares that a linear fit leaves, and how many directions it has."""
+    """Residual sum of squares of a linear least-squares fit, and the rank of its Jacobian (n_rows, n_params)."""
     scale = np.linalg.norm(jacobian, axis=0)
     vectors, singular, _ = np.linalg.svd(jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)
     used = vectors[:, singular > _NULL * singular.max(initial=0.0)]

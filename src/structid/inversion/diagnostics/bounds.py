@@ -66,7 +66,7 @@ class AtBound:
 
     @property
     def words(self) -> str:
-        """Where it is, how hard the data push, and what to do."""
+        """Sentence with the bound that a parameter is at, how strongly the data push beyond it, and a remedy."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         at = f"{self.name} is at its {self.side} bound {self.limit:.6g}{unit}"
         if not self.is_pushed:
@@ -86,7 +86,7 @@ def is_free(at_bound: Sequence[AtBound], n_params: int) -> np.ndarray:
 
 
 def at_bounds(problem: Problem, theta: FloatArray, at: Linearization, noise_scale: float = 1.0) -> tuple[AtBound, ...]:
-    """The parameters at a bound, by the linearization at the end of a search.
+    """Parameters at a bound at the minimum `theta` (n_params,), by the linearization `at` it.
 
     One is at a bound where it lies within a hundredth of its range and a tenth of its standard deviation from it, and the
     linear model has its minimum beyond. One that data without bounds would leave open over its whole range is not at

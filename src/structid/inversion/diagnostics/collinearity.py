@@ -97,7 +97,7 @@ class _Directions:
 
 
 def variance_proportions(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Condition index of each singular direction, and the part of each parameter's variance that comes along it.
+    """Singular-value ratio of each direction, and each direction's share of every parameter's variance.
 
     Shapes (n_params,) and (n_params, n_params): ``proportions[k, j]`` for direction k and parameter j; columns sum to 1.
     The columns of the Jacobian are scaled to unit length first.
@@ -111,7 +111,7 @@ def variance_proportions(jacobian: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _by_correlation(size: FloatArray) -> list[set[int]]:
-    """Sets whose correlations all reach the limit, the strongest pairs joined first."""
+    """Sets of parameters whose correlations all reach the limit in magnitude, strongest pairs joined first."""
     clusters: dict[int, set[int]] = {i: {i} for i in range(len(size))}
     first, second = np.triu_indices(len(size), 1)
     strong = np.flatnonzero(size[first, second] >= STRONG_CORRELATION)
@@ -124,7 +124,7 @@ def _by_correlation(size: FloatArray) -> list[set[int]]:
 
 
 def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[int]]:
-    """Sets of parameters that owe most of their variance to strong dependencies which they share."""
+    """Sets of parameters that share strong near-dependencies, by their variance proportions."""
     strong = proportions[condition > STRONG_CONDITION]
     involved = np.flatnonzero(strong.sum(axis=0) > STRONG_PROPORTION)
     sets: list[set[int]] = []
@@ -136,7 +136,7 @@ def _by_proportions(condition: FloatArray, proportions: FloatArray) -> list[set[
 
 
 def _group(members: list[int], correlation: FloatArray, of: _Directions, noise_scale: float) -> CollinearGroup:
-    """The group of `members`, from the triangle that is left of their columns once the others are eliminated."""
+    """Collinear group of the parameters `members`, given all others free."""
     others = [i for i in range(len(of.names)) if i not in members]
     triangle = np.asarray(np.linalg.qr(of.jacobian[:, others + members], mode="r"))
     root = triangle[len(others) :, len(others) :] / noise_scale

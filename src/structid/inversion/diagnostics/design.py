@@ -48,7 +48,7 @@ def ignorance(n_params: int) -> FloatArray:
 
 
 def merit(rows: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray | None = None) -> float:
-    """The criterion of a whole set, larger for a better one: -log det or -trace of the covariance of interest.
+    """Value of the design criterion for a set of rows, larger for a better one: -log det or -trace of the covariance.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def merit(rows: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray 
 def gains(
     candidates: FloatArray, known: FloatArray, criterion: Criterion = "d", of_interest: np.ndarray | None = None
 ) -> FloatArray:
-    """Increase of the criterion by each candidate, (n_candidates,).
+    """Increase of the design criterion by adding each candidate to the known data, (n_candidates,).
 
     With C the covariance of what is known, A = (J'J)^-1, and C_i its part of the parameters of interest: ``d`` is the
     fall of log det C_i (D-optimality, Ds-optimality for a part of the parameters), ``a`` that of trace C_i. By the
@@ -101,7 +101,7 @@ def gains(
 
 
 def _gains(reached: FloatArray, inverse: FloatArray, criterion: Criterion, is_all: bool) -> FloatArray:
-    """Gains of candidates whose rows, G R^-1, are `reached`; `inverse` are the rows of R^-1 of interest."""
+    """Gain of the criterion by each candidate, with rows G R^-1 `reached` and `inverse` rows of R^-1 of interest."""
     grown = np.eye(reached.shape[1]) + reached @ np.swapaxes(reached, 1, 2)
     if criterion == "a":
         seen = reached @ inverse.T
@@ -122,7 +122,7 @@ def greedy(
     of_interest: np.ndarray | None = None,
     enough: Callable[[tuple[int, ...]], bool] | None = None,
 ) -> tuple[int, ...]:
-    """Candidates in the order in which each adds most to those before it: `count` of them, or until `enough`.
+    """Indices of candidates chosen one by one for the largest gain: `count` of them, or fewer if `enough` says so.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def exchanged(
     criterion: Criterion = "d",
     of_interest: np.ndarray | None = None,
 ) -> tuple[int, ...]:
-    """`chosen` with members exchanged for better candidates until no single exchange gains (Fedorov's algorithm)."""
+    """Candidates `chosen`, improved by single exchanges until none gains (Fedorov's algorithm)."""
     members = list(chosen)
     for _ in range(_MOST_PASSES):
         changed = False
@@ -179,7 +179,7 @@ def optimal(
     criterion: Criterion = "d",
     of_interest: np.ndarray | None = None,
 ) -> tuple[int, ...]:
-    """The best `count` candidates found: greedy, then exchanged; the most telling first."""
+    """Indices of the best `count` candidates found by greedy choice and exchange, most informative first."""
     first = greedy(candidates, known, count, criterion, of_interest)
     members = exchanged(candidates, known, first, criterion, of_interest)
     order = greedy(candidates[list(members)], known, count, criterion, of_interest)
@@ -187,7 +187,7 @@ def optimal(
 
 
 def effective_independence(shapes: FloatArray, count: int) -> tuple[int, ...]:
-    """Places that keep mode shapes apart best, by deleting one after another the place that adds least to their rank.
+    """Indices of `count` sensor places that keep mode shapes (n_places, n_modes) linearly independent.
 
     The effective independence of place i is row i of Phi times (Phi'Phi)^-1 times the same row: the part of the
     rank of Phi that would go with it.

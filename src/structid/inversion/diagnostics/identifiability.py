@@ -70,7 +70,7 @@ def identifiability(
     noise_scale: float = 1.0,
     free: np.ndarray | None = None,
 ) -> Identifiability:
-    """Identifiability from the data rows of a Jacobian with respect to relative parameters.
+    """Rank and undetermined directions of the parameters, from a Jacobian by relative parameters.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def identifiability(
 
 
 def direction_words(vector: FloatArray, values: FloatArray, names: tuple[str, ...]) -> str:
-    """A sentence for an undetermined direction of relative changes.
+    """Sentence on which parameters an undetermined direction of relative change involves.
 
     Examples
     --------
@@ -148,7 +148,7 @@ def _joined(names: list[str]) -> str:
 
 
 def _gain_words(relative: FloatArray, names: list[str]) -> str:
-    """Words on a common scale of all parameters that goes with gains of channels; "" where there is none."""
+    """Words on an undetermined common scale of all parameters with channel gains; "" if there is none."""
     is_gain = np.array([name.startswith("gain[") for name in names])
     others = relative[~is_gain]
     if not is_gain.any() or len(others) == 0 or np.ptp(others) > 0.1 * np.abs(others).max():
@@ -161,7 +161,7 @@ def _gain_words(relative: FloatArray, names: list[str]) -> str:
 
 
 def _together(relative: FloatArray, values: FloatArray, kind: str) -> str:
-    """Words on parameters of one kind along an undetermined relative change: sum or ratio; "" where it is neither."""
+    """Words on which combination of parameters of one kind is determined, sum or series; "" if neither."""
     change, inverse = relative * values, relative / values
     as_sum = abs(change.sum()) < 0.05 * np.abs(change).sum()
     as_series = "stiffness" in kind and abs(inverse.sum()) < 0.05 * np.abs(inverse).sum()

@@ -43,7 +43,7 @@ class Bound:
         return np.nan_to_num(self.std / safe, nan=np.inf)
 
     def words(self, names: tuple[str, ...]) -> str:
-        """The bound as a sentence: over all parameters, and of the worst."""
+        """Sentence with the lower bound of relative standard deviations, over all parameters and for the worst."""
         relative = self.relative
         worst = int(np.argmax(relative))
         if not np.isfinite(relative[worst]):
@@ -57,7 +57,7 @@ class Bound:
 
 
 def bound_at(problem: Problem, theta: FloatArray, place: str) -> Bound:
-    """The bound if the truth lay at free variables `theta`; NaN where the model cannot be evaluated there."""
+    """Lower bound of parameter standard deviations if the truth were `theta`; NaN if the model cannot be evaluated."""
     values, slope = problem.physical(theta), problem.slope(theta)
     try:
         with np.errstate(all="ignore"):
@@ -88,7 +88,7 @@ def carried(initial: Bound, sizes: FloatArray, std: FloatArray, fits: bool) -> n
 
 
 def refusal_words(initial: Bound, final: Bound, carried_at_start: np.ndarray, names: tuple[str, ...]) -> str:
-    """The bounds that say that the data cannot carry a parameter; empty where neither does."""
+    """Sentences for the bounds that show that the data cannot determine a parameter; empty if none does."""
     said = [] if carried_at_start.all() else [initial.words(names)]
     if (final.relative > 1).any():
         said.append(final.words(names))

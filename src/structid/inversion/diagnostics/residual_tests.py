@@ -98,7 +98,7 @@ class ResidualTests:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Objections of the tests to the fit; empty where there are none."""
+        """Sentences on what the residual tests object to in the fit; empty if nothing."""
         said = []
         if self.chi_square_probability < _DOUBT:
             said.append(
@@ -136,7 +136,7 @@ class ResidualTests:
 
 
 def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> ResidualTests:
-    """Tests of the whitened `residual` of `problem` at its minimum.
+    """Tests of the whitened `residual` at the minimum for white, normal noise, by channel.
 
     Parameters
     ----------
@@ -192,6 +192,7 @@ def misfit_probability(problem: Problem, chi_square: float, freedom: float) -> f
 
 
 def _series_test(name: str, values: FloatArray) -> SeriesTest:
+    """Whiteness tests of one residual series (n,): lag-1 correlation, periodogram and runs; NaN if too short."""
     n, nan = len(values), float("nan")
     if n < _FEWEST_ROWS or np.ptp(values) == 0:
         return SeriesTest(name, n, nan, nan, nan, 0, nan, nan)
@@ -202,7 +203,7 @@ def _series_test(name: str, values: FloatArray) -> SeriesTest:
 
 
 def periodogram_test(values: FloatArray) -> tuple[float, float]:
-    """Largest distance of the cumulative periodogram from that of white noise, and the probability of a larger one.
+    """Kolmogorov distance of the cumulative periodogram from that of white noise, and its p-value.
 
     For normal white noise the ordinates without frequency 0 and the last are independent exponentials, so that their
     cumulative sums over the total are ordered uniform numbers for any length: Kolmogorov's distance, with Stephens'
@@ -218,7 +219,7 @@ def periodogram_test(values: FloatArray) -> tuple[float, float]:
 
 
 def runs_test(values: FloatArray) -> tuple[int, float, float]:
-    """Runs of one sign, their mean for independent signs, and the two-sided probability by the normal limit.
+    """Number of runs of equal sign, its expectation for independent signs, and the two-sided p-value.
 
     With n1 positive and n2 negative values the mean is 2 n1 n2 / n + 1 and the variance (mean - 1)(mean - 2) / (n - 1);
     the count is drawn half a run towards the mean.
@@ -249,7 +250,7 @@ def _normality(values: FloatArray, averages: FloatArray | None) -> float:
 
 
 def _jarque_bera(values: FloatArray) -> float:
-    """Probability of a larger n/6 (skewness^2 + excess^2 / 4) for normal values."""
+    """p-value of the Jarque-Bera test for normality of `values` (n,)."""
     if len(values) < _FEWEST_FOR_SHAPE or np.ptp(values) == 0:
         return float("nan")
     z = (values - values.mean()) / values.std()

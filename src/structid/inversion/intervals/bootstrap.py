@@ -106,7 +106,7 @@ class Bootstrap:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Warnings on the replicates; empty where all is well."""
+        """Warnings on the bootstrap replicates; empty if there are none."""
         said = []
         if self.failures:
             said.append(
@@ -128,7 +128,7 @@ def bootstrap(
     rng: np.random.Generator | None = None,
     work: Work = ALONE,
 ) -> Bootstrap:
-    """Refits of `problem` to data made from its own fit.
+    """Bootstrap replicates of an estimate: refits of `problem` to data simulated from its own fit.
 
     Each replicate has the residual r(theta) - r(estimate) + e: the model's prediction with new errors e, in units of
     the noise, refitted from the estimate.
@@ -181,7 +181,7 @@ def bootstrap(
 def _refitted(
     shared: tuple[Problem, FloatArray, FloatArray, str], rng: np.random.Generator, tools: Tools
 ) -> FloatArray | str:
-    """Physical values of one replicate, or why there are none."""
+    """Physical values (n_params,) of one bootstrap replicate, or a text on why its refit failed."""
     problem, theta, at_minimum, kind = shared
     errors = rng.standard_normal(len(at_minimum))
     few = few_averages(problem.rows.averages)
@@ -206,7 +206,7 @@ def bootstrap_repeats(
     n_replicates: int = 200,
     rng: np.random.Generator | None = None,
 ) -> Bootstrap:
-    """Refits to repeated records drawn with replacement: needs no noise model, and sees all that varies between repeats.
+    """Bootstrap replicates of an estimate by refits to repeated records drawn with replacement.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from structid.core.arrays import FloatArray
 
 
 def split_r_hat(draws: FloatArray) -> float:
-    """Rank-normalized split R-hat of one quantity: the larger of its bulk and its folded form; 1 where chains agree.
+    """Rank-normalized split R-hat of one quantity, about 1 for chains that agree.
 
     Parameters
     ----------
@@ -52,6 +52,7 @@ def _rank_normal(draws: FloatArray) -> FloatArray:
 
 
 def _r_hat(chains: FloatArray) -> float:
+    """R-hat of `chains` (n_chains, n_draws): root of total over within-chain variance; NaN if they do not vary."""
     n = chains.shape[1]
     within = float(chains.var(axis=1, ddof=1).mean())
     between = float(chains.mean(axis=1).var(ddof=1))
@@ -59,7 +60,7 @@ def _r_hat(chains: FloatArray) -> float:
 
 
 def _sample_size(chains: FloatArray) -> float:
-    """Number of draws over 1 + 2 sum of autocorrelations, by Geyer's initial monotone pairs over all chains."""
+    """Effective number of independent draws of `chains` (n_chains, n_draws), by Geyer's monotone autocorrelations."""
     m, n = chains.shape
     centred = chains - chains.mean(axis=1, keepdims=True)
     spectrum = np.abs(np.fft.rfft(centred, 2 * n, axis=1)) ** 2

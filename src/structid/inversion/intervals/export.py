@@ -26,7 +26,7 @@ class Drawn(Protocol):
 
 
 def to_arviz(found: Drawn, n_draws: int = 4000, seed: int = 0) -> InferenceData:
-    """Draws as ``arviz.InferenceData``, one variable a parameter.
+    """Posterior draws as ``arviz.InferenceData``, one variable for each parameter.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ def intervals(
     seed: int = 0,
     work: Work = ALONE,
 ) -> Intervals:
-    """Intervals of every parameter.
+    """Intervals of every parameter at probability `level`, by the method that `kind` names.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def intervals(
 
 
 def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> FloatArray:
-    """Intervals from the data with what the tolerances of held values add, in the logarithm of what is positive.
+    """Interval ends (n_params, 2) widened by the tolerances of held values.
 
     Half-widths add in squares; an end that the data do not give stays open.
     """
@@ -117,6 +117,7 @@ def _bootstrap(problem: Problem, estimate: Estimate, level: float, seed: int, wo
 
 
 def _sampling(problem: Problem, estimate: Estimate, level: float, seed: int, work: Work) -> _Ends:
+    """Interval ends (n_params, 2) from posterior draws, and warnings; NaN if the posterior is not proper."""
     if not np.isfinite(estimate.spread.covariance_noise).all():
         none = np.full((len(estimate.names), 2), np.nan)
         return none, ("no samples: the data and priors leave a direction without limit; give a prior or bounds",)

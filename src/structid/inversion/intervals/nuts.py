@@ -117,7 +117,7 @@ def begun(log_density: LogDensity, start: FloatArray) -> ChainState:
 def continued(
     log_density: LogDensity, state: ChainState, n_warmup: int, n_draws: int, n: int, rng: np.random.Generator
 ) -> tuple[ChainState, FloatArray]:
-    """The chain after at most `n` more draws, and those of them that are kept, (at most n, n_params).
+    """State of a no-U-turn chain after at most `n` further draws, and the kept draws, (at most n, n_params).
 
     Draws by the no-U-turn sampler with multinomial weights; the step size is set in the warm-up, to accept 80 %. Half-way
     through the warm-up the coordinates are turned and scaled by the covariance of the draws so far.
@@ -160,7 +160,7 @@ def _phase(
 
 
 def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
-    """The state before the next phase, with the coordinates and the step size that the draws of this one give."""
+    """Chain state at the start of its next phase, with coordinates and step size set from its draws so far."""
     size, x, factor = float(np.exp(state.step.log_mean)), state.at.x, state.factor
     if state.phase == 0:
         kept = state.warmup[len(state.warmup) // 4 :]
@@ -171,6 +171,7 @@ def _next_phase(log_density: LogDensity, state: ChainState) -> ChainState:
 
 
 def _turned(log_density: LogDensity, factor: FloatArray, phase: int) -> LogDensity:
+    """Log density in coordinates y with x = `factor` y; in phase 0, before scaling, the density as it is."""
     if phase == 0:
         return log_density
 
@@ -189,7 +190,7 @@ def _shrunk_covariance(draws: FloatArray) -> FloatArray:
 
 
 def _drawn(log_density: LogDensity, state: ChainState, rng: np.random.Generator) -> ChainState:
-    """The state after one more draw; the step size is set by its acceptance in the warm-up."""
+    """Chain state after one more draw; in warm-up the step size is adapted to the acceptance rate."""
     density = _turned(log_density, state.factor, state.phase)
     tree = _trajectory(density, state.at, float(np.exp(state.step.log_size)), rng)
     accepted = tree.acceptance / max(tree.n_steps, 1)
@@ -204,7 +205,7 @@ def _drawn(log_density: LogDensity, state: ChainState, rng: np.random.Generator)
 
 
 def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.random.Generator) -> _Tree:
-    """A trajectory doubled until it turns back, from a fresh momentum."""
+    """Binary tree of leapfrog steps from `start` with fresh random momentum, doubled until it turns back."""
     begin = _State(start, rng.standard_normal(len(start.x)))
     tree = _Tree(begin, begin, begin, 0.0, begin.p, False, False, 0.0, 0)
     for depth in range(_DEEPEST):
@@ -226,7 +227,7 @@ def _trajectory(log_density: LogDensity, start: Place, size: float, rng: np.rand
 def _grown(
     log_density: LogDensity, end: _State, step: float, depth: int, energy: float, rng: np.random.Generator
 ) -> _Tree:
-    """2^depth leapfrog steps on from `end`."""
+    """Tree of 2^depth leapfrog steps of size `step` from the state `end`."""
     if depth == 0:
         half = end.p + 0.5 * step * end.at.gradient
         x = end.at.x + step * half
@@ -248,7 +249,7 @@ def _grown(
 
 
 def _joined(near: _Tree, far: _Tree, sign: int, drawn: _State) -> _Tree:
-    """Two neighbouring stretches as one, `far` ahead of `near` in the direction `sign`; counts are those of `near`."""
+    """Tree of two adjoining trajectories, `far` ahead of `near` in direction `sign`, with the step counts of `near`."""
     early, late = (near, far) if sign > 0 else (far, near)
     momentum = near.momentum + far.momentum
     turned = _turns(momentum, early.backward, late.forward)

@@ -71,7 +71,7 @@ class Profile:
         return (self.name,)
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """Draws, (1, n_draws, 1), whose signed root of the deviance is normal: each interval holds what its level says.
+        """Random draws of the parameter, (1, n_draws, 1), distributed as the profile likelihood.
 
         Beyond the last point of the profile the root goes on straight.
 
@@ -94,7 +94,7 @@ class Profile:
 
     @property
     def words(self) -> str:
-        """Comparison of the profile with the Laplace interval, in words."""
+        """Sentence that compares the profile-likelihood interval with the Laplace interval."""
         if self.better < -_LOWER_BY:
             return f"{self.name}: the profile found a better fit; the estimate is not the minimum, search again"
         if all(self.is_open):
@@ -201,6 +201,7 @@ def _profiled(shared: tuple[Problem, Estimate, float, int], parameter: str | int
 
 
 def _position(estimate: Estimate, parameter: str | int) -> int:
+    """Index of a parameter given by name or by index; `InputError` if there is none."""
     if isinstance(parameter, str):
         if parameter not in estimate.names:
             raise InputError(
@@ -215,7 +216,7 @@ def _position(estimate: Estimate, parameter: str | int) -> int:
 
 
 def _scale(problem: Problem, estimate: Estimate, index: int) -> float:
-    """Ratio of the parameter's variance to that of the fit alone, where model error or few averages make it larger.
+    """Ratio by which the parameter's variance exceeds that of the fit, for model error or few averages.
 
     For a parameter that is not identified these say nothing, and chi-square per degree of freedom stands for it.
     """
@@ -253,7 +254,7 @@ class _Side:
     max_points: int
 
     def walked(self) -> tuple[list[_Point], float]:
-        """Points from the estimate outwards and the end; +-infinity where none was found."""
+        """Points of the profile from the estimate outwards, and the interval end; infinite if none was found."""
         start = float(self.estimate.theta[self.index])
         std = float(self.estimate.std_free[self.index])
         step = std if np.isfinite(std) and std > 0 else 1.0
@@ -300,7 +301,7 @@ class _Side:
         outside: tuple[float, float, float] | None,
         last: tuple[float, float, float],
     ) -> float:
-        """Newton's next place for the end, kept inside the bracket or within three times the way so far."""
+        """Next trial value of the parameter for the interval end, by Newton's method kept inside its bracket."""
         start = float(self.estimate.theta[self.index])
         at, root, rate = last
         newton = at + self.sign * (self.quantile - root) / rate if rate > 0 else self.sign * np.inf
@@ -315,7 +316,7 @@ class _Side:
         return inside[0] + min(max(share, 0.1), 0.9) * (outside[0] - inside[0])
 
     def _fitted(self, theta: FloatArray, at: float) -> tuple[FloatArray, float, float] | None:
-        """The constrained minimum at `at` from the point `theta`: all variables, deviance and its slope."""
+        """Constrained fit with the parameter at `at`: free variables, deviance and its slope; None if it fails."""
         others = np.delete(theta, self.index)
         others_free = FixedVariable(self.problem, self.index, at)
         try:

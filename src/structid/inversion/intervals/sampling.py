@@ -64,7 +64,7 @@ class Samples:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Why the samples are not to be trusted; empty where they are."""
+        """Reasons not to trust the posterior samples; empty if there are none."""
         said = []
         worst = int(np.argmax(np.where(np.isfinite(self.r_hat), self.r_hat, np.inf)))
         if not self.r_hat[worst] <= _LARGEST_R_HAT:
@@ -121,7 +121,7 @@ def sample(
     rng: np.random.Generator | None = None,
     work: Work = ALONE,
 ) -> Samples:
-    """Draws from the posterior of the parameters, started around the estimate in coordinates whitened by Laplace.
+    """Posterior draws of the parameters by Markov chains started around the estimate.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ class _Drawn:
 
 
 def _whitening(estimate: Estimate, fitted: FloatArray | None = None) -> FloatArray:
-    """Lower factor of the noise covariance of the free variables, or of that of the fit alone where it differs."""
+    """Lower Cholesky factor of the covariance of the free variables, from noise or, if given, `fitted`; (n, n)."""
     slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
     covariance = estimate.spread.covariance_noise / np.outer(slope, slope) if fitted is None else fitted
     if not np.isfinite(covariance).all():
@@ -223,6 +223,7 @@ class _Target:
         return float(residual @ residual), float(np.log(np.abs(self.problem.slope(self.centre))).sum())
 
     def __call__(self, x: FloatArray) -> tuple[float, FloatArray]:
+        """Log posterior density and its gradient (n_params,) at whitened `x` (n_params,); -inf if undefined."""
         (least, log_slope), none, theta = self._at_centre, np.zeros(len(x)), self.centre + self.factor @ x
         try:
             with np.errstate(all="ignore"):
@@ -247,7 +248,7 @@ def _log_slope_derivative(problem: Problem, theta: FloatArray) -> FloatArray:
 
 
 def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
-    """Symmetric root of the covariance that the estimate has, in coordinates in which that of `_whitening` is one."""
+    """Symmetric square root of the estimate's covariance in coordinates whitened by the lower factor `factor`."""
     slope = np.ones(len(estimate.names)) if estimate.parameters.slope is None else estimate.parameters.slope
     half = np.linalg.solve(factor, estimate.covariance / np.outer(slope, slope))
     values, vectors = np.linalg.eigh(np.linalg.solve(factor, half.T))
@@ -257,7 +258,7 @@ def _stretch(estimate: Estimate, factor: FloatArray) -> FloatArray:
 def _by_nuts(
     target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator, work: Work
 ) -> _Drawn:
-    """Independent chains, each from a place drawn from Laplace, all of them by so many draws at a time."""
+    """Posterior draws by the no-U-turn sampler: independent chains, drawn in parallel and piece by piece."""
     states: list[Stored] = [{"chain": None, "random": child.bit_generator.state} for child in rng.spawn(n_chains)]
     kept: list[list[FloatArray]] = [[] for _ in states]
     total = n_warmup + n_draws
@@ -275,7 +276,7 @@ def _by_nuts(
 
 
 def _chain_piece(shared: tuple[_Target, int, int], item: Stored, tools: Tools) -> Stored:
-    """The next draws of a chain, as a task: its state with the random numbers is the item."""
+    """Next draws of one Markov chain, as a parallel task; `item` is the chain's stored state."""
     target, n_warmup, n_draws = shared
     rng = _generator(item["random"])
     if item["chain"] is not None:
@@ -297,7 +298,7 @@ def _generator(state: Stored) -> np.random.Generator:
 
 
 def _by_emcee(target: _Target, n_draws: int, n_chains: int, n_warmup: int, rng: np.random.Generator) -> _Drawn:
-    """The walkers of an ensemble as chains."""
+    """Posterior draws by emcee's ensemble sampler, each walker counted as a chain."""
     n_params = len(target.factor)
     try:
         import emcee

@@ -47,6 +47,7 @@ class JointProblem(Problem):
     labels: tuple[tuple[str, ...], ...] | None = None
 
     def __post_init__(self) -> None:
+        """Raise `InputError` if there is no problem, or if the unknowns of the problems do not fit together."""
         object.__setattr__(self, "problems", tuple(self.problems))
         if not self.problems:
             raise InputError("`problems` must hold at least one problem, got none; give one for each record")
@@ -74,6 +75,7 @@ class JointProblem(Problem):
         )
 
     def linearize(self, theta: FloatArray) -> Linearization:
+        """Residual and Jacobian of all records, stacked, at the joint free variables `theta` (n_params,)."""
         if self._is_one:
             return self.problems[0].linearize(theta)
         parts = [problem.linearize(own) for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)]
@@ -85,6 +87,7 @@ class JointProblem(Problem):
         return Linearization(self._stacked([part.residual for part in parts]), self._stacked(wide), eliminated)
 
     def linearize_operator(self, theta: FloatArray) -> OperatorLinearization:
+        """Stacked residual of all records and products with its derivative, which is not formed."""
         parts = [
             problem.linearize_operator(own)
             for problem, own in zip(self.problems, self.unknowns.split(theta), strict=True)
@@ -103,6 +106,7 @@ class JointProblem(Problem):
             return np.concatenate([part.forward(v[index]) for part, index in pairs])
 
         def adjoint(u: FloatArray) -> FloatArray:
+            """J'u for data rows u (n_data,), summed over the problems: (n_params,)."""
             total = np.zeros(n_params)
             for own, (part, index) in zip(np.split(u, ends), pairs, strict=True):
                 total[index] += part.adjoint(own)
@@ -131,7 +135,7 @@ class JointProblem(Problem):
 
     @cached_property
     def _is_one(self) -> bool:
-        """True for a single problem with its parameters in their order and each of its priors once."""
+        """True if the joint problem is a single problem with its own order of parameters."""
         if len(self.problems) > 1:
             return False
         [index], [rows], [problem] = self.unknowns.columns, self._first_priors, self.problems
@@ -165,7 +169,7 @@ def _first_prior_rows(
     names: tuple[str, ...],
     first_counts: bool,
 ) -> tuple[IntArray, ...]:
-    """For each problem the rows of those priors that no earlier problem states, by residual and derivative at the start."""
+    """Indices of the prior rows of each problem that no earlier problem states."""
     known: dict[tuple[int, ...], list[tuple[FloatArray, float]]] = {}
     found = []
     for number, ((residual, prior), index) in enumerate(zip(priors, columns, strict=True), 1):

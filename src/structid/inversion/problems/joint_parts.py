@@ -67,7 +67,7 @@ class JointUnknowns:
         return _first(self, [part.slope(own) for part, own in zip(self.parts, self.split(theta), strict=True)])
 
     def sizes(self, physical: FloatArray) -> FloatArray:
-        """Size that each standard deviation is compared with: the largest of all parts."""
+        """Size with which each standard deviation is compared, (n_params,): the largest of all problems."""
         sizes = np.zeros(len(self.names))
         for part, index in zip(self.parts, self.columns, strict=True):
             sizes[index] = np.maximum(sizes[index], part.sizes(physical[index]))
@@ -87,7 +87,7 @@ class JointUnknowns:
 
 
 def _first(unknowns: JointUnknowns, values: Sequence[FloatArray]) -> FloatArray:
-    """One row for each of all unknowns, from the rows `values` of the first part that has it."""
+    """Row for each joint unknown, (n_params, ...), taken from the first problem that has it."""
     rows = np.zeros((len(unknowns.names), *values[0].shape[1:]))
     for part_rows, index in reversed(list(zip(values, unknowns.columns, strict=True))):
         rows[index] = part_rows
@@ -95,7 +95,7 @@ def _first(unknowns: JointUnknowns, values: Sequence[FloatArray]) -> FloatArray:
 
 
 def _first_words(labels: Sequence[tuple[str, ...]], words: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
-    """One word for each of all unknowns, from the `words` of the first part that has it."""
+    """Word for each joint unknown, taken from the first problem that has it."""
     word_of: dict[str, str] = {}
     for names, part_words in zip(labels, words, strict=True):
         for name, word in zip(names, part_words, strict=True):
@@ -104,7 +104,7 @@ def _first_words(labels: Sequence[tuple[str, ...]], words: Sequence[tuple[str, .
 
 
 def _require_same_declaration(unknowns: JointUnknowns, number: int) -> None:
-    """Raise `InputError` where the part at position `number` declares an unknown otherwise than the first part that has it."""
+    """Raise `InputError` if problem `number` declares a shared unknown with another unit or transform."""
     start, part = unknowns.theta_start, unknowns.parts[number]
     index, names = unknowns.columns[number], unknowns.labels[number]
     for name, unit, column in zip(names, part.units, index, strict=True):
@@ -137,7 +137,7 @@ def joint_rows(parts: Sequence[DataRows]) -> DataRows:
 
 
 def _joint_quantities(parts: Sequence[DataRows]) -> IntArray | None:
-    """Quantity of each data row; None where parts do not have the same ones, whose numbers may then differ in meaning."""
+    """Quantity number of each data row of all problems, (n_data,); None if the problems' quantities differ."""
     numbers = [set(part.quantities[part.quantities >= 0].tolist()) for part in parts if part.quantities is not None]
     if not numbers or any(other != numbers[0] for other in numbers):
         return None
@@ -171,7 +171,7 @@ class JointNoise:
     factor = None
 
     def score_covariance(self, jacobian: FloatArray) -> FloatArray | None:
-        """Sum of the score covariances of all problems; None where all of them have independent errors of known variance."""
+        """Sum of score covariances of all problems, (n_params, n_params); None if all rows are independent."""
         total, first, independent = np.zeros((jacobian.shape[1],) * 2), 0, True
         for law, n_data, index in zip(self.laws, self.n_data, self.columns, strict=True):
             rows = jacobian[first : first + n_data][:, index]
@@ -183,7 +183,7 @@ class JointNoise:
 
 
 def _laid_out(parts: Sequence[IntArray], step: int = 1) -> IntArray:
-    """Numbers of all parts, those of each raised beyond those of the parts before it by a multiple of `step`."""
+    """Numbers of all parts in one array, each part's raised beyond those before it by a multiple of `step`."""
     raised, first = [], 0
     for part in parts:
         raised.append(part + first)

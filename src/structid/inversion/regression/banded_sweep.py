@@ -56,6 +56,7 @@ def _kept_layout(columns: bytes, width: int, n_params: int) -> BandLayout:
 
 
 def _layout(columns: IntArray, n_params: int) -> BandLayout:
+    """Order of parameters and blocks with a narrow band, by reverse Cuthill-McKee on `columns` (n_blocks, k)."""
     place = np.empty(n_params, dtype=np.int64)
     place[reverse_cuthill_mckee(_neighbours(columns, n_params), symmetric_mode=True)] = np.arange(n_params)
     used = columns >= 0
@@ -83,7 +84,7 @@ def _neighbours(columns: IntArray, n_params: int) -> sparse.csr_array:
 def swept(
     triangles: FloatArray, columns: IntArray, layout: BandLayout, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Banded triangle (row i: columns i, i + 1, ...), right-hand side and sum of squared residuals.
+    """QR factorization with a band: triangle (n, width), right-hand side (n,), and residual sum of squares.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ def _diagonals(dense: FloatArray, width: int) -> FloatArray:
 
 
 def _dense(band: FloatArray) -> FloatArray:
-    """Rows of a band with their columns side by side, (n, n + width - 1)."""
+    """Dense rows (n, n + width - 1) of a matrix stored as a band (n, width)."""
     n, width = band.shape
     dense = np.zeros((n, n + width - 1))
     _diagonals(dense, width)[:] = band
@@ -146,7 +147,7 @@ def solved(band: FloatArray, right: FloatArray, transposed: bool = False) -> Flo
 
 
 def inverse_diagonal(band: FloatArray) -> FloatArray:
-    """Diagonal of (R'R)^-1, from what of the inverse is near it (Takahashi, Fagan and Chin 1973), some rows at a time."""
+    """Diagonal (n,) of (R'R)^-1 for a banded triangle `band` (n, width), by Takahashi's method."""
     n, width = band.shape
     size = max(width, _WINDOW)
     out, corner = np.empty(n), np.zeros((size, size))  # of the inverse: what follows the rows at hand

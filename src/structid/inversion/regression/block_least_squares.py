@@ -67,7 +67,7 @@ class BlockFit:
         return _condition(self._factor, _rows(self._state, self._scale)[0]) if full else np.inf
 
     def covariance(self, indices: IntArray) -> FloatArray:
-        """Covariance of these parameters, residual variance times (B'B)^-1, (k, k); NaN where values are."""
+        """Covariance (k, k) of the parameters `indices`, in physical units; NaN for undetermined ones."""
         chosen = np.asarray(indices, dtype=np.int64).ravel()
         if chosen.size and (chosen.min() < 0 or chosen.max() >= len(self.values)):
             raise InputError(
@@ -114,6 +114,7 @@ class _Normal:
         return np.full_like(right, np.nan) if self.factor is None else np.asarray(self.factor.solve(right))
 
     def diagonal(self) -> FloatArray:
+        """Diagonal (n_params,) of the inverse of the normal matrix, solved for by groups of unit vectors."""
         found = np.empty(self.n_params)
         for first in range(0, self.n_params, _TOGETHER):
             last = min(first + _TOGETHER, self.n_params)
@@ -124,7 +125,7 @@ class _Normal:
 
 
 def block_solution(state: StreamingQr, size: FloatArray | None = None) -> BlockFit:
-    """The least-squares solution of all rows that `state` has seen.
+    """Least-squares solution of all rows reduced into the QR `state`.
 
     Parameters
     ----------
@@ -153,6 +154,7 @@ def _column_norms(state: StreamingQr) -> FloatArray:
 
 
 def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout) -> BlockFit:
+    """Least-squares fit of all blocks by a banded orthogonal sweep, without columns that are undetermined."""
     band, right, rest = swept(state.triangles, state.columns, layout, scale)
     kept = scale > 0
     weak = (np.abs(band[layout.place, 0]) <= RANK_TOLERANCE) & kept
@@ -176,7 +178,7 @@ def _by_band(state: StreamingQr, scale: FloatArray, layout: BandLayout) -> Block
 
 
 def _partners(rows: sparse.csr_array, weak: np.ndarray, factor: _Band) -> np.ndarray:
-    """Which other parameters are in the combinations that undetermined columns make, from two random mixtures."""
+    """Mask (n_params,) of further parameters in undetermined combinations with the `weak` columns."""
     mixture = np.zeros((rows.shape[1], 2))
     mixture[weak] = np.random.default_rng(0).uniform(0.5, 1.5, (int(weak.sum()), 2))
     share = factor.inverse(np.where(weak[:, None], 0.0, rows.T @ (rows @ mixture)))
@@ -184,7 +186,7 @@ def _partners(rows: sparse.csr_array, weak: np.ndarray, factor: _Band) -> np.nda
 
 
 def _rows(state: StreamingQr, scale: FloatArray) -> tuple[sparse.csr_array, FloatArray]:
-    """The compressed rows of all blocks with scaled columns, and their right-hand sides."""
+    """Compressed rows of all blocks with scaled columns, as a sparse matrix, and their right-hand sides."""
     n_blocks, side = state.triangles.shape[:2]
     used = np.broadcast_to((state.columns >= 0)[:, None, :], (n_blocks, side - 1, side - 1))
     used = used & np.triu(np.ones((side - 1, side - 1), dtype=bool))
@@ -196,7 +198,7 @@ def _rows(state: StreamingQr, scale: FloatArray) -> tuple[sparse.csr_array, Floa
 
 
 def _by_normal_equations(state: StreamingQr, scale: FloatArray) -> BlockFit | None:
-    """None where the weakest direction is beyond what B'B holds."""
+    """Least-squares fit of all blocks by sparse normal equations; None if these would lose its weakest direction."""
     rows, right = _rows(state, scale)
     kept = scale > 0
     normal = sparse.csc_array(rows.T @ rows + sparse.diags_array(np.where(kept, 0.0, 1.0)))
@@ -218,6 +220,7 @@ def _by_normal_equations(state: StreamingQr, scale: FloatArray) -> BlockFit | No
 
 
 def _unresolved(state: StreamingQr, scale: FloatArray) -> BlockFit:
+    """Fit without values (NaN), where neither normal equations nor the band can solve the system."""
     empty = locked(np.full(state.n_params, np.nan))
     seen = locked(scale > 0)
     nothing = _Normal(None, state.n_params)
@@ -234,6 +237,7 @@ def _fit(
     factor: _Band | _Normal,
     words: str,
 ) -> BlockFit:
+    """`BlockFit` of `values` (n_params,) with residual sum of squares `rest` and the factor of the normal matrix."""
     rank = int(kept.sum())
     freedom = state.n_rows - rank
     variance = rest / freedom if freedom > 0 else np.nan
@@ -252,7 +256,7 @@ def _fit(
 
 
 def _condition(factor: _Band | _Normal, rows: sparse.csr_array) -> float:
-    """Largest over smallest singular value by the power method both ways, from two random starts."""
+    """Estimate of the condition number, largest over smallest singular value, by the power method."""
     start = np.random.default_rng(0).standard_normal((rows.shape[1], 2))
     large = small = start / np.linalg.norm(start, axis=0)
     top = bottom = np.ones(2)

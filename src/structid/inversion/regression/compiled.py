@@ -53,7 +53,7 @@ class Rows(NamedTuple):
 
 @_part
 def _products(b, left, right, count, sums):
-    """`sums` plus the products of rows: entry i len(right) + j is of rows left[i] and right[j]."""
+    """`sums` plus the inner products of each row `left` with each row `right` of `b` over `count` samples."""
     for t in range(uint64(count)):
         for i in range(len(left)):
             x = b[uint64(left[i]) + t]
@@ -65,7 +65,7 @@ def _products(b, left, right, count, sums):
 
 @_part
 def _combine(b, rows, fields, sources, factors, count, fresh):
-    """Add to every row of `b`, or set it where `fresh`, the sources times its factors; row after row of these."""
+    """Add to (or, with `fresh`, set) `count` samples of each row of `b` a weighted sum of the `sources` in `fields`."""
     x = factors[: len(sources)]
     for t in range(uint64(count)):
         for k in range(len(sources)):
@@ -90,7 +90,7 @@ def _three(rows, k):
 
 @_part
 def _alike(blocks, row, other):
-    """True where two rows of the operator are of the same fields."""
+    """True if two operator rows use the same fields, so that they can be formed together."""
     a, b, k = blocks.starts[row], blocks.starts[other], 0
     n = blocks.starts[row + 1] - a
     while k < n and blocks.which[a + k] == blocks.which[b + k]:
@@ -100,7 +100,7 @@ def _alike(blocks, row, other):
 
 @_part
 def _make_alike(b, at, samples, blocks, row, side, factors):
-    """Rows of the operator from `row`, each `side` after the other, of the same fields: four fields at a time."""
+    """Form rows of up to three blocks with the same fields in `b`, four fields at a time."""
     start, end = blocks.starts[row], blocks.starts[row + 1]
     if start == end:
         for i in range(len(at)):
@@ -121,7 +121,7 @@ def _make_alike(b, at, samples, blocks, row, side, factors):
 
 @_part
 def _make(b, at, block, samples, blocks, row, side, n):
-    """The same row of `n` neighbouring blocks, `block` numbers from one to the next; up to three are made together."""
+    """Form the same equation row of `n` neighbouring blocks in `b`, up to three blocks with equal fields at a time."""
     while n > 0:
         alike = 1
         while alike < min(n, 3) and _alike(blocks, row, row + alike * side):
@@ -137,7 +137,7 @@ def _make(b, at, block, samples, blocks, row, side, n):
 
 @_part
 def _put_triangle_first(r, q, rows, new):
-    """Put the triangle in front of the `new` last samples of the rows; zeros where there is nothing."""
+    """Prepend the triangle `r` to the `new` samples of the rows, padded with zeros."""
     n, last = _padded(q), r.shape[0] - 1
     for k in range(n + 1):
         at = rows.first + k * rows.apart
@@ -152,7 +152,7 @@ def _put_triangle_first(r, q, rows, new):
 
 @_part
 def _take(r, q, rows, i, j):
-    """Entry i of row j, which no later reflection touches, goes to the triangle; zero in its place."""
+    """Move entry i of row j to the triangle `r`, and put zero in its place."""
     at = rows.first + j * rows.apart + i
     if i < q and (j < q or j == _padded(q)):
         r[i, j if j < q else r.shape[0] - 1] = rows.b[at]
@@ -161,7 +161,7 @@ def _take(r, q, rows, i, j):
 
 @_part
 def _reflect_panel(r, q, rows, k):
-    """Reflections that clear rows k to k + 2 below the diagonal, one by one, on these and the right-hand side.
+    """Householder reflections of rows k to k + 2 and the right-hand side, with their factors.
 
     Returns their factors and the products of their vectors, which stand in the rows, with one another.
     """
@@ -189,7 +189,7 @@ def _reflect_panel(r, q, rows, k):
 
 @_part
 def _by_reflections(r, q, rows):
-    """The triangle of the rows by Householder's reflections, three at a time on all rows that follow."""
+    """Update triangle `r` of the rows by Householder reflections, three columns at a time."""
     n, last = _padded(q), r.shape[0] - 1
     for k in range(0, n, 3):
         factors, overlap = _reflect_panel(r, q, rows, k)
@@ -212,7 +212,7 @@ def _by_reflections(r, q, rows):
 
 @_part
 def _cholesky(g, q):
-    """The triangle in place of its products g, its inverse transposed below; the square sum of that with unit columns.
+    """Cholesky factor of the products `g`, in place, with its inverse; returns the inverse's squared norm.
 
     The last column, of right-hand sides, is divided by the triangle transposed. Infinity where g is singular.
     """
@@ -240,7 +240,7 @@ def _cholesky(g, q):
 
 @_part
 def _with_right(g, rows, n):
-    """Products with the right-hand side into the last column of `g`."""
+    """Put the products of all rows with the right-hand side into the last column of `g`."""
     right = (rows.first + n * rows.apart,)
     for i in range(0, n, 3):
         products = _products(rows.b, _three(rows, i), right, rows.length, _THREE)
@@ -251,7 +251,7 @@ def _with_right(g, rows, n):
 
 @_part
 def _refined(g, q, rows, n):
-    """The last column of `g`, and the residual's square, once more from the right-hand side less what explains it."""
+    """Least-squares right-hand side in the last column of `g`, refined once; returns the residual's sum of squares."""
     p = np.zeros(n)
     for i in range(q - 1, -1, -1):
         p[i] = g[i, n]
@@ -276,7 +276,7 @@ def _refined(g, q, rows, n):
 
 @_part
 def _by_products(r, q, rows):
-    """The triangle of the rows from their products; False, and nothing done, where it would lose digits.
+    """Update triangle `r` from the rows' products (Cholesky); False, and `r` left alone, if digits would be lost.
 
     Products cost half the reflections and square the condition. They count only if the inverse of the triangle with
     unit columns stays below `WEAKEST` in the sum of its squares: an error of so many roundings, 1e-13, in the weakest
@@ -307,7 +307,7 @@ def _by_products(r, q, rows):
 
 @_whole
 def fold_fields(triangles, fields, blocks, first, last, longest):
-    """Fold the rows of groups `first` to `last` over all samples, at most `longest` at a time, into `triangles`.
+    """Reduce the rows of block groups `first` to `last`, formed from `fields`, into their triangles.
 
     Group h is the blocks heads[h] to heads[h + 1], three at most.
     """

@@ -47,6 +47,7 @@ class Kernels:
     threads: int = 1
 
     def __post_init__(self) -> None:
+        """Raise `InputError` on an unknown engine, fewer than one thread, or numba not installed."""
         if self.engine not in ("auto", "numba", "numpy"):
             raise InputError(f"`engine` must be 'auto', 'numba' or 'numpy', got {self.engine!r}")
         if self.threads < 1:
@@ -59,7 +60,7 @@ class Kernels:
         return self.engine == "numba" or (self.engine == "auto" and size >= COMPILED_FROM and has_numba())
 
     def words(self, size: int) -> str:
-        """The choice for work of this size, as a reader should know it."""
+        """Name of the engine used for work of this `size`, with its version and number of threads."""
         if not self.compiled(size):
             return "NumPy" if has_numba() or self.engine == "numpy" else "NumPy (structid[fast] would compile it)"
         import numba
@@ -73,7 +74,7 @@ def has_numba() -> bool:
 
 
 def shared_out(n: int, threads: int, work: Callable[[int, int], object]) -> None:
-    """`work(first, last)` on `threads` equal parts of range(n) at once."""
+    """Call `work(first, last)` in parallel on `threads` nearly equal parts of range(n)."""
     edges = [n * k // threads for k in range(threads + 1)]
     parts = [(a, b) for a, b in pairwise(edges) if b > a]
     if len(parts) <= 1:
@@ -86,7 +87,7 @@ def shared_out(n: int, threads: int, work: Callable[[int, int], object]) -> None
 
 
 def block_widths(columns: IntArray) -> IntArray:
-    """Number of columns in use of each block, (n_blocks,); unused ones, -1, must come last."""
+    """Number of used columns of each block, (n_blocks,); unused ones (-1) must come last."""
     widths = (columns >= 0).sum(axis=1)
     if (columns[np.arange(columns.shape[1]) < widths[:, None]] < 0).any():
         raise InputError("unused columns (-1) must come last in every block")
@@ -144,7 +145,7 @@ def only_operator(operator: sparse.csr_array) -> RowMaker:
 
 
 def _groups(columns: IntArray) -> IntArray:
-    """Where groups of at most `_TOGETHER` neighbouring blocks with the same columns begin, and the end."""
+    """Indices where groups of neighbouring blocks with equal columns begin, with the end as last entry."""
     fresh = np.ones(len(columns), dtype=bool)
     fresh[1:] = (columns[1:] != columns[:-1]).any(axis=1)
     begin = np.flatnonzero(fresh)
@@ -153,7 +154,7 @@ def _groups(columns: IntArray) -> IntArray:
 
 
 def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, work: Kernels) -> FloatArray:
-    """Triangles of [triangle; rows of all samples], (n_blocks, k + 1, k + 1).
+    """Block triangles (n_blocks, k + 1, k + 1) updated by the rows that `maker` forms of `fields`.
 
     Parameters
     ----------
@@ -177,6 +178,7 @@ def folded_fields(triangles: FloatArray, maker: RowMaker, fields: FloatArray, wo
 
 
 def _folded_by_numpy(triangles: FloatArray, operator: sparse.csr_array, fields: FloatArray) -> FloatArray:
+    """Block triangles (n_blocks, k + 1, k + 1) updated by QR with the rows operator @ fields, in NumPy."""
     n_blocks, side = triangles.shape[:2]
     found = np.array(triangles)
     samples = max(1, min(fields.shape[1], _ROW_ENTRIES // (8 * side)))

@@ -81,7 +81,7 @@ class StreamingQr:
     n_rows: int
 
     def updated(self, rows: FloatArray) -> StreamingQr:
-        """The state after more rows.
+        """QR state updated by further rows of regressors and right-hand side.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class StreamingQr:
     def reduced(
         self, rows: RowMaker | sparse.csr_array, fields: FloatArray, work: Kernels | None = None
     ) -> StreamingQr:
-        """The state after the rows that `rows` makes of `fields`, which are never held in memory all at once.
+        """QR state updated by the rows that `rows` makes of samples `fields`, formed in pieces to save memory.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class StreamingQr:
         return replace(self, triangles=triangles, n_rows=self.n_rows + len(self.columns) * fields.shape[1])
 
     def merged(self, other: StreamingQr) -> StreamingQr:
-        """The state after the rows of both; the order does not matter.
+        """QR state of the rows of this and the `other` state together, in either order.
 
         Raises
         ------
@@ -141,7 +141,7 @@ class StreamingQr:
 
 
 def no_rows(columns: IntArray, n_params: int) -> StreamingQr:
-    """The state before any row; see `StreamingQr` for `columns`."""
+    """QR state of no rows, for blocks with the parameter indices `columns` (n_blocks, k)."""
     table = locked(columns, np.int64)
     require_shape("columns", table, (None, None))
     if table.size and (table.max() >= n_params or table.min() < -1):
@@ -158,7 +158,7 @@ def stacked_triangles(triangles: FloatArray, rows: FloatArray) -> FloatArray:
 
 
 def folded_triangle(triangles: FloatArray, columns: IntArray, n_params: int) -> FloatArray:
-    """One triangle [R | z] over all parameters from those of the blocks.
+    """Upper triangle [R | z] over all parameters, from the triangles of blocks of few parameters each.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def folded_triangle(triangles: FloatArray, columns: IntArray, n_params: int) -> 
 
 
 def triangle_solution(triangle: FloatArray, n_rows: int, size: FloatArray | None = None) -> LinearFit:
-    """The least-squares solution that one triangle [R | z], (n_params + 1, n_params + 1), of `n_rows` rows holds."""
+    """Least-squares solution from one triangle [R | z], (n_params + 1, n_params + 1), of `n_rows` rows."""
     n_params = len(triangle) - 1
     factor, right = np.array(triangle[:n_params, :n_params]), triangle[:n_params, n_params]
     norm = np.linalg.norm(factor, axis=0)

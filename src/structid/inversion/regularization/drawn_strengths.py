@@ -89,7 +89,7 @@ def settled_strengths(
     progress: Progress | None = None,
     search: Minimizer = minimize,
 ) -> SettledStrengths:
-    """Fits and strengths in turn, until each strength changes by less than it is known to.
+    """Penalty strengths and fits for very many parameters, iterated until each strength settles.
 
     l_k = g_k / |x_k|^2 with x_k the rows of penalty k at strength 1 and g_k = tr_k(C H) - nullity, where C is the
     posterior covariance of the free variables, H the information of everything but these penalties, and the trace
@@ -157,7 +157,7 @@ def _later(progress: Progress, done: int, iteration: int, cost: float) -> None:
 def balanced_strengths(
     problem: Problem, theta: FloatArray, terms: Sequence[Differences], given: Sequence[float | None]
 ) -> tuple[float, ...]:
-    """Strengths at which data and penalty weigh the same at `theta`, where none is given."""
+    """Penalty strengths at which penalty and data have equal weight at `theta`; `given` ones are kept."""
     if all(value is not None for value in given):
         return tuple(float(value) for value in given if value is not None)
     at, slope, physical = problem.linearize_operator(theta), problem.slope(theta), problem.physical(theta)
@@ -170,6 +170,7 @@ def balanced_strengths(
 
 
 def _chosen(term: Differences, physical: FloatArray, determined: float, strength: float, begun: float) -> float:
+    """New strength of penalty `term`: determined combinations over its squared residual, limited in its change."""
     rows = term.residual(physical)
     cost = float(rows @ rows)
     wanted = determined / cost if determined > 0 and cost > 0 else np.inf
@@ -185,7 +186,7 @@ def _determined(
     strengths: Sequence[float],
     seed: int,
 ) -> tuple[float, ...]:
-    """g_k of every penalty."""
+    """Number of parameter combinations that the data determine within each penalty, by posterior draws."""
     slope, physical = problem.slope(theta), problem.physical(theta)
     draws, _ = posterior_draws(at, _DRAWS, np.random.default_rng(seed))
     rows = [term.jacobian(physical) @ sparse.diags_array(slope) for term in terms]

@@ -60,14 +60,14 @@ class LocalModel:
         return tuple(int(np.linalg.matrix_rank(p.jacobian)) if p.jacobian.size else 0 for p in self.penalties)
 
     def balance(self, index: int) -> float:
-        """Strength at which the traces of the information of data and penalty `index` are equal."""
+        """Strength at which penalty `index` and data have information matrices of equal trace."""
         jacobian = self.penalties[index].jacobian
         used = (jacobian != 0).any(axis=0)
         own = float((jacobian**2).sum())
         return float((self._data_triangle[0][:, used] ** 2).sum()) / own if own > 0 else 1.0
 
     def solved(self, strengths: tuple[FloatArray | float, ...]) -> LocalFit:
-        """The minimizer of the data's sum of squares plus every penalty's, times its strength (one, or one a row)."""
+        """Fit of the linearized problem with penalties times their `strengths`."""
         triangle, projected, rest = self._data_triangle
         roots = [np.sqrt(np.broadcast_to(s, p.residual.shape)) for s, p in zip(strengths, self.penalties, strict=True)]
         rows = np.concatenate(
@@ -110,7 +110,7 @@ class LocalFit:
 
 
 def log_evidence(model: LocalModel, strengths: tuple[float, ...]) -> float:
-    """Logarithm of the density of the data with all parameters integrated out, for penalties as Gaussian priors.
+    """Logarithm of the marginal likelihood of the data, with penalties as Gaussian priors.
 
     -1/2 [n log 2 pi + |r|^2 + sum_k (l_k |x_k|^2 - rank_k log l_k) - log pdet(P) + log det(J'J + P)], less
     what the directions without a prior leave undefined: the same for every strength. P is the sum of the penalties.
@@ -130,7 +130,7 @@ def log_evidence(model: LocalModel, strengths: tuple[float, ...]) -> float:
 
 
 def marginal_likelihood_strengths(model: LocalModel, start: tuple[float, ...] | None = None) -> tuple[float, ...]:
-    """Strengths that make the data most probable, by the fixed point l_k = g_k / |x_k|^2 of MacKay.
+    """Penalty strengths of largest marginal likelihood, by MacKay's fixed point.
 
     g_k = rank_k - l_k tr(C L_k'L_k) counts the combinations that the data determine in spite of the penalty. Each
     penalty must hold combinations of its own.
@@ -158,7 +158,7 @@ def marginal_likelihood_strengths(model: LocalModel, start: tuple[float, ...] | 
 
 
 def discrepancy_strength(model: LocalModel, n_data: int) -> float:
-    """Largest strength of the only penalty with which the data are fitted to their noise.
+    """Largest strength of the single penalty with which the residual is no larger than the noise allows.
 
     |r|^2 = n_data + sqrt(2 n_data): one standard deviation above what noise alone leaves on average, so that five of
     six draws of the noise can reach it. The lowest strength that is searched where no strength does.
@@ -184,7 +184,7 @@ def discrepancy_strength(model: LocalModel, n_data: int) -> float:
 
 
 def l_curve_strength(model: LocalModel) -> float:
-    """Strength of the only penalty at the corner of the L-curve: largest curvature of log |x|^2 against log |r|^2.
+    """Strength of the single penalty at the corner of the L-curve.
 
     References
     ----------
@@ -213,7 +213,7 @@ def _ends(model: LocalModel) -> FloatArray:
 
 
 def sparse_strengths(model: LocalModel, index: int, strengths: tuple[FloatArray | float, ...]) -> FloatArray:
-    """One strength a row of penalty `index` that makes the data most probable: most rows are held, few are let go.
+    """Strength for each row of penalty `index` of largest marginal likelihood, which makes few rows nonzero.
 
     Coordinate by coordinate: with mean m and variance v of a row without its own penalty, 1 / l = m^2 - v where that
     is positive, and a million times the balance of data and penalty otherwise. Rows must be linearly independent. A sweep costs
@@ -256,7 +256,7 @@ def _row_strength(variance: float, rest: float, strength: float, held: float) ->
 def absolute_strengths(
     model: LocalModel, index: int, strengths: tuple[FloatArray | float, ...], strength: float, smoothing: float
 ) -> FloatArray:
-    """One strength a row of penalty `index` that makes of its squares 2 strength sum sqrt(x^2 + smoothing^2).
+    """Strength for each row of penalty `index` that makes its quadratic penalty act as a sum of magnitudes.
 
     That is a sum of magnitudes, rounded off where they are smaller than `smoothing`; by iteratively reweighted least
     squares.
@@ -309,7 +309,7 @@ def settled(
     strengths: Strengths,
     max_rounds: int = 40,
 ) -> Settled:
-    """Fit, linearize and choose the strengths in turn until they settle.
+    """Fit with penalty strengths chosen from the data, by alternate refits and choices until both settle.
 
     A single strength moves by a factor of ten a round at most: from strong to weak the fits follow one another.
 
@@ -348,7 +348,7 @@ def _near(new: FloatArray | float, old: FloatArray | float) -> FloatArray | floa
 
 
 def prior_share(jacobian: FloatArray, n_data: int) -> FloatArray:
-    """Part of every parameter's variance that stems from priors instead of data, (n_params,), 0 to 1.
+    """Share of each parameter's variance that is determined by priors instead of data, (n_params,), 0 to 1.
 
     With information A of the data, B of the priors and C = (A + B)^-1, C = C A C + C B C: the share is
     (C B C)_ii / C_ii. It does not depend on units, and is b / (a + b) for a single parameter.

@@ -47,6 +47,8 @@ class GaussNewton(WithJacobian):
         return Point(theta, problem.linearize(theta), none, none + np.inf)
 
     def tried(self, problem: Problem, here: Point[Linearization], damping: Damping) -> Trial:
+        """Gauss-Newton step from `here`, halved until the cost falls if steps are controlled, or the reason to end."""
+
         def cost_at(theta: FloatArray) -> float:
             return squared(residual_at(problem, theta))
 

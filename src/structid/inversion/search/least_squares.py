@@ -102,7 +102,7 @@ class Damping:
         return replace(self, scale=scale, limit=np.maximum(self.limit, reach))
 
     def after(self, gain: float) -> Damping:
-        """A copy after a step that gained the part `gain` of the predicted decrease."""
+        """Damping after a step whose cost fell by the ratio `gain` of the predicted decrease."""
         if gain > _ACCEPTED:
             factor = self.factor * max(1 / 10, 1 - (2 * min(gain, 1.0) - 1) ** 3)
             return replace(self, factor=max(factor, _LEAST_DAMPING), growth=2.0)
@@ -178,7 +178,7 @@ def minimize(
     progress: Progress | None = None,
     keeper: Keeper | None = None,
 ) -> Minimum:
-    """The nearest minimum of the sum of squared residuals that `method` reaches from `theta`.
+    """Nearest minimum of the sum of squared residuals, from `theta` by `method`.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def sizes_at(problem: Problem, theta: FloatArray) -> FloatArray:
 def damped_end(
     here: Point[A], damping: Damping, step: FloatArray, promised: float, step_tolerance: float, gain_tolerance: float
 ) -> End | None:
-    """Why a search by damped steps ends before the next step, which promises to lower the sum of squares so much."""
+    """Reason why a damped search ends before its next `step` of predicted decrease `promised`; None if it goes on."""
     if (np.abs(step) <= step_tolerance * here.size).all() or damping.factor > _MOST_DAMPING:
         return End(True, "the step fell below its tolerance")
     if promised <= gain_tolerance * here.cost and damping.factor < _MUCH_DAMPING:

@@ -100,7 +100,7 @@ class _Damped:
         return np.asarray(-linalg.solve_triangular(self.triangle, down, check_finite=False))
 
     def step_holding(self, projected: FloatArray, held: NDArray[np.bool_], values: FloatArray) -> FloatArray:
-        """The damped step with the entries `held` at their `values`."""
+        """Damped step (n_params,) with the entries `held` fixed at `values`."""
         right = self.orthogonal[: len(projected)].T @ projected + self.triangle[:, held] @ values[held]
         orthogonal, factor = np.linalg.qr(self.triangle[:, ~held])
         step = np.array(values)
@@ -118,7 +118,7 @@ def _damped(triangle: FloatArray, damping: float, scale: FloatArray) -> _Damped:
 
 
 def _velocity(here: FactoredPoint, damped: _Damped, damping: Damping) -> FloatArray:
-    """The damped step, with parameters that run away held at their limits.
+    """Damped step (n_params,), with parameters whose step exceeds the limit to no effect held at that limit.
 
     One runs away where its step is beyond its limit though moving it that far would hardly change the residual, as
     for a loss factor on its way to 0: the step would be cut for its sake, and all others would stand still. One that
@@ -192,6 +192,7 @@ class LevenbergMarquardt(WithJacobian):
         return replace(self, initial_damping=1e-9, acceleration=0.0, gain_tolerance=max(self.gain_tolerance, 1e-10))
 
     def at(self, problem: Problem, theta: FloatArray) -> FactoredPoint:
+        """Linearization at free variables `theta` (n_params,) with its QR triangle and column norms."""
         at = problem.linearize(theta)
         both, n = at.triangle(), at.n_params
         triangle, projected = both[:n, :n], both[:n, n]
@@ -205,6 +206,7 @@ class LevenbergMarquardt(WithJacobian):
         )
 
     def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
+        """Damped step from `here` with its gain ratio, or the reason why the search ends."""
         damped = _damped(here.triangle, damping.factor, damping.scale)
         velocity = _velocity(here, damped, damping)
         promised = here.promised(velocity)
@@ -217,7 +219,7 @@ class LevenbergMarquardt(WithJacobian):
     def _bent(
         self, problem: Problem, here: FactoredPoint, damped: _Damped, velocity: FloatArray, damping: Damping
     ) -> tuple[FloatArray, float]:
-        """The step to try and the sum of squares there: the velocity, bent where it alone keeps too little of its promise.
+        """Step to try and the sum of squares after it, bent by second order if the plain step gains too little.
 
         A step cut to its limit is held to the promise of the whole: damping then grows until it turns downhill instead.
         """
@@ -255,6 +257,7 @@ class Raced(LevenbergMarquardt):
     left_at: Positive = _LEFT_AT
 
     def tried(self, problem: Problem, here: FactoredPoint, damping: Damping) -> Trial:
+        """Damped step from `here`, or the end of a search that will probably stay above the sum of squares `above`."""
         promised = float(here.projected @ here.projected)
         if promised < self.left_at * here.cost and here.cost - _MOST_GAINED * promised > self.above:
             return Trial(None, end=End(False, LEFT))

@@ -82,6 +82,7 @@ class MatrixFree:
         return Point(theta, at, np.sqrt(at.squares), sizes_at(problem, theta))
 
     def tried(self, problem: Problem, here: Point[OperatorLinearization], damping: Damping) -> Trial:
+        """Damped step from `here` by conjugate gradients with its gain ratio, or the reason why the search ends."""
         at, weight = here.at, damping.factor * damping.scale**2
         gradient = at.transposed(at.residual)
         step, count, _ = conjugate_gradients(
@@ -132,7 +133,7 @@ class MatrixFree:
 
 
 def dense_search_fits(n_params: int, n_data: int, dense_bytes: float = DENSE_BYTES) -> tuple[bool, str]:
-    """Decide if a search with its Jacobian fits in memory, with the reason in words.
+    """True if a search with a dense Jacobian fits in memory, and the reason in words.
 
     Parameters
     ----------

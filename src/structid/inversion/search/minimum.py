@@ -63,7 +63,7 @@ class Minimum:
 
 
 def residual_at(problem: Problem, theta: FloatArray) -> FloatArray | None:
-    """The residual, None where the model cannot be evaluated."""
+    """Residual (n_residuals,) at free variables `theta`; None if the model cannot be evaluated there."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             residual = problem.residual(theta)

@@ -132,7 +132,7 @@ def searched_minima(
     progress: StageProgress | None = None,
     work: Work = ALONE,
 ) -> SearchedMinima:
-    """The minima of all searches, with the iterations that each took.
+    """Minima found by all searches, with the iterations of each.
 
     The first search takes the first way from the given start. While none fits, restarts take the other ways in turn,
     then random points. `uniqueness_starts` more take the first way from random points, whether one fits or not, and so do
@@ -205,7 +205,7 @@ class _GroupedMinima:
     distinct: list[tuple[Minimum, bool]] = field(default_factory=list)
 
     def add(self, minimum: Minimum) -> bool:
-        """Whether the data allow the minimum, which is remembered where it is a new one."""
+        """Add a minimum, if it is a new one, and return True if the data allow it."""
         if not minimum.converged:
             return False
         for other, is_fitting in self.distinct:
@@ -230,14 +230,14 @@ def _wide_minima(
     progress: StageProgress | None,
     work: Work,
 ) -> tuple[list[tuple[Minimum, int]], bool]:
-    """The ends of searches from far about the start and along the weakest directions, and whether no more are to be expected."""
+    """Minima from starts far off and along the weakest directions, and True if no more are to be expected."""
     rng = np.random.default_rng([search.seed, search.wide_starts])
     reach, size = problem.unknowns.reach, np.log(_WIDE) * sizes_at(problem, start)
     minima: list[tuple[Minimum, int]] = []
     n_made, n_ended, n_followed = 0, 0, 0
 
     def run(points: Sequence[FloatArray]) -> int:
-        """How many searches from `points` end where the data allow it."""
+        """Search from each of `points`, and return the number of minima that the data allow."""
         nonlocal n_made
         items = [(n_made + k, 0, np.clip(point, *reach.T)) for k, point in enumerate(points)]
         tasks = work.map("wide starts", _search_widely, (problem, method, (way,)), items, progress, first=n_made)
@@ -271,7 +271,7 @@ def _search_widely(
 
 
 def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
-    """Points on both sides of an answer along the directions that the data determine worst, as far off as wide starts."""
+    """Starting points on both sides of an answer, along its worst-determined directions."""
     size = sizes_at(problem, answer.theta)
     rows = np.linalg.svd(cast(Linearization, answer.linearization).jacobian * size)[2][-_WEAKEST:]
     steps = [np.log(_WIDE) * row / np.abs(row).max() * size for row in rows]
@@ -279,7 +279,7 @@ def _along_weakest(problem: Problem, answer: Minimum) -> list[FloatArray]:
 
 
 def _is_determined(problem: Problem, minimum: Minimum) -> bool:
-    """Whether data and priors see every direction of the parameters."""
+    """True if data and priors determine every direction of the parameters at a minimum."""
     relative = cast(Linearization, minimum.linearization).jacobian * sizes_at(problem, minimum.theta)
     if len(relative) < len(minimum.theta) or not np.isfinite(relative).all():
         return False
@@ -290,7 +290,7 @@ def _is_determined(problem: Problem, minimum: Minimum) -> bool:
 def _ended(
     problem: Problem, method: Method, minima: list[tuple[Minimum, int]], progress: StageProgress | None, work: Work
 ) -> list[tuple[Minimum, int]]:
-    """Searches with those that were left gone on with, where they are about the best."""
+    """Minima of all searches, after those that were stopped early but are near the best have been completed."""
     most = _NEAR_BEST * min(float(minimum.costs[-1]) for minimum, _ in minima)
     ended = []
     for number, (minimum, iterations) in enumerate(minima):
@@ -313,7 +313,7 @@ def _after(first: Minimum, last: Minimum) -> Minimum:
 
 
 def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatArray, search: Search) -> bool:
-    """True where an answer is doubtful enough for more searches; see `Search`."""
+    """True if an answer is doubtful enough to start more searches; see `Search`."""
     if not search.doubt_starts or method.is_matrix_free:
         return False
     moved = np.abs(best.theta - start)
@@ -326,7 +326,7 @@ def _is_doubtful(problem: Problem, method: Method, best: Minimum, start: FloatAr
 def _search(
     shared: tuple[Problem, Method, tuple[ContinuationPath, ...]], item: tuple[int, int, FloatArray], tools: Tools
 ) -> Stored:
-    """One of several searches, as a task; the item is its number, the index of its path and its start."""
+    """Minimum of one search as a parallel task; `item` is its number, the index of its stages and its start."""
     (problem, method, ways), (number, which, theta) = shared, item
     way = ways[which]
     stages = way(theta) if callable(way) else way
@@ -354,7 +354,7 @@ def staged(
     prefix: str = "",
     minimize: Minimizer = ALONE.minimize,
 ) -> tuple[Minimum, int]:
-    """The minimum that the stages and then the problem itself lead to, and the iterations spent.
+    """Minimum reached through the stages and then the problem itself, and the number of iterations.
 
     Where the stages end with a larger sum of squares of the problem itself than they began with, they led astray: the
     problem is then solved from where they began.
@@ -381,7 +381,7 @@ def distinct_answers(
     least_cost: Callable[[Minimum], float],
     probability: float,
 ) -> tuple[Answer, ...]:
-    """The different minima among those that converged, best first.
+    """Distinct converged minima, best first, with whether each fits the data within noise.
 
     Two are the same where they are at most three posterior standard deviations apart.
 
@@ -419,7 +419,7 @@ def cost_rank(minimum: Minimum) -> float:
 
 
 def ends_at_other(problem: Problem, minimum: Minimum, end: FloatArray, other: Minimum, other_end: FloatArray) -> bool:
-    """Whether a refit from one minimum ends nearer to where the refit from another one ended than to where it began.
+    """True if a refit from one minimum ends nearer to the refit from another than to its own start.
 
     Parameters
     ----------

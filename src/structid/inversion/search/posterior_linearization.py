@@ -25,7 +25,7 @@ _LEAST_DEVIATION = 1e-12
 def posterior_linearized(
     problem: Problem, theta: FloatArray, spread: float, seed: int = 0, progress: Progress | None = None
 ) -> FloatArray:
-    """Free variables near the minimum that explains the data, from anywhere within `spread` of it; (n_params,).
+    """Free variables near the global minimum (n_params,), by linear regression on draws, without derivatives.
 
     Parameters are drawn about the start, and a straight line is laid through the residual over the draws. What it
     leaves is what the data cannot say yet, such as a phase that no draw has right: it counts as noise of its row.
@@ -84,7 +84,7 @@ def posterior_linearized(
 def _drawn(
     problem: Problem, middle: FloatArray, factor: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Standard normal draws in pairs of opposite sign, (n_draws, n_params), and residuals there, (n_draws, n_rows).
+    """Antithetic standard normal draws, (n_draws, n_params), and the residuals there, (n_draws, n_rows).
 
     Those where the model cannot be evaluated are left out.
     """
@@ -97,7 +97,7 @@ def _drawn(
 
 
 def _line(draws: FloatArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Linear regression of every row on the draws: value in the middle, significant slopes, variance that is left."""
+    """Regression of every residual row on the draws: value at the centre, significant slopes, remaining variance."""
     n_draws, n_params = draws.shape
     design = np.column_stack([np.ones(n_draws), draws])
     fitted = np.linalg.lstsq(design, residuals, rcond=None)[0]

@@ -53,14 +53,14 @@ class FixedValues:
         return FixedValues(self.sample or self.problem, self.tolerances)
 
     def refit(self, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
-        """The fit of all unknowns, held values included, from the free variables `theta` of the parameters `names`."""
+        """Refit of all unknowns with held values free within tolerances, from the free variables `theta`."""
         minimum = minimize(self.problem, _REFIT, self._whole(names, theta))
         asked = minimum.theta[self._index(self.names)] / self.std
         linearization, parameters = cast(Linearization, minimum.linearization), minimum.theta[self._index(names)]
         return FitWithinTolerances(self.problem, minimum.theta, linearization, asked, parameters)
 
     def sensitivities_at(self, names: tuple[str, ...], theta: FloatArray, is_doubtful: bool) -> FixedColumns:
-        """Derivatives of the residual with respect to the logarithm of each held value, (n_data, n_fixed).
+        """Derivatives (n_data, n_fixed) of the residual by the logarithm of each held value at `theta`.
 
         They are taken at the free variables `theta` of the parameters `names`; a refit comes with them where the residual
         `is_doubtful`, so that noise hardly explains it.

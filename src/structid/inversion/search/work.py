@@ -130,7 +130,7 @@ def stored_minimum(found: Minimum) -> Stored:
 
 
 def restored_minimum(problem: Problem, method: Method, stored: Stored) -> Minimum:
-    """The minimum that `stored_minimum` gave, linearized again."""
+    """Minimum restored from the arrays `stored` by `stored_minimum`, linearized anew."""
     theta = np.asarray(stored["theta"], dtype=np.float64)
     history, costs, inner = (np.asarray(stored[name]) for name in ("history", "costs", "inner"))
     at = method.at(problem, theta).at

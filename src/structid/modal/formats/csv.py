@@ -89,7 +89,7 @@ class _Table(NamedTuple):
 
 
 def _read_table(path: Path) -> _Table:
-    """The table of modes at `path`, one mode a row or a column; commas, semicolons or tabs (then with decimal commas)."""
+    """Table of modes in the text file at `path`, in rows or columns, separated by commas, semicolons or tabs."""
     try:
         text = path.read_text(encoding="utf-8-sig")
         separator = max((",", ";", "\t"), key=text.partition("\n")[0].count)
@@ -129,7 +129,7 @@ class _Word(NamedTuple):
 
 
 def _canonical_column(cell: str) -> _Word:
-    """The standard name, unit factor and assumption for a column header in the words of another program.
+    """Standard column name, unit factor and assumption for a column header of another program.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def is_modes_table(path: Path) -> bool:
 
 
 def _is_channel(word: str) -> bool:
-    """True if `word` names a degree of freedom."""
+    """True if `word` is the name of a degree of freedom, such as ``1X+``."""
     try:
         parse_dof(word)
     except InputError:
@@ -189,7 +189,7 @@ def _is_channel(word: str) -> bool:
 
 
 def read_modes_csv(path: Path) -> ModalRecord:
-    """The modes in the CSV table at `path`; it needs ``frequency_hz`` and one column for each channel, the rest is optional.
+    """Modes in the CSV table at `path`; it needs ``frequency_hz`` and a column for each channel, others are optional.
 
     ``Frequency [Hz]``, ``Std. Frequency [Hz]``, ``Damping [%]`` and the like of other programs are understood, and a
     table with one column a mode. Standard deviations of shape entries are in columns such as ``1X+ std``. A shape entry

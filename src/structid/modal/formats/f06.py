@@ -107,7 +107,7 @@ class _Listing:
             self._read_line(number, line)
 
     def _read_line(self, number: int, line: str) -> None:
-        """Read one line (`number` from 1) according to what the lines before it began."""
+        """Read one line (`number` from 1), according to the state that earlier lines have left."""
         self.since_page += 1
         if self.state == "second":
             self._read_second(number, line)
@@ -162,7 +162,7 @@ class _Listing:
         self.page = _Page(page.subcase, page.superelement)
 
     def _read_table(self, number: int, line: str) -> None:
-        """Read a row of the eigenvalue table; raise `FileError` if it is one of buckling."""
+        """Read a row of the eigenvalue table; raise `FileError` if it is of a buckling analysis."""
         if match := _TABLE_ROW.match(line):
             _, _, cycles, mass, _ = (real_number(text) for text in match[3].split())
             self.table.setdefault(int(match[1]), []).append((real_number(match[3].split()[0]), cycles, mass))
@@ -267,7 +267,7 @@ class _Listing:
 
 
 def f06_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:
-    """The vibration modes in the `text` of a listing; no mode if it has no vectors.
+    """Vibration modes in the `text` of a Nastran f06 listing; no mode if it has no vectors.
 
     Raises
     ------

@@ -35,7 +35,7 @@ _ELSEWHERE = {
 
 
 def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> ModalRecord:
-    """The modes in the file at `path`, its format by the suffix.
+    """Modes in the file at `path`, in the format of its suffix.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def read_modes(path: str | Path, options: ModeFileOptions | None = None) -> Moda
 
 
 def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None = None) -> None:
-    """Write `modes` to `path`, whole or not at all; the format by the suffix (see `read_modes` for what it keeps).
+    """Write `modes` to `path` in the format of its suffix, complete or not at all.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def _read_json(path: Path) -> ModalRecord:
 
 
 def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix: str = "") -> np.ndarray:
-    """The numbers under `key` as an array with `n_axes` axes, null read as NaN; `prefix` completes the key in errors."""
+    """Numbers under `key` as an array with `n_axes` axes, null read as NaN; `prefix` completes the key in errors."""
     try:
         array = np.array(data.get(key), dtype=float)
     except (ValueError, TypeError) as error:
@@ -203,7 +203,7 @@ def _array(path: Path, data: Mapping[str, object], key: str, n_axes: int, prefix
 
 
 def _texts(path: Path, data: Mapping[str, object], key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
-    """The list of texts under `key`; `FileError` if it is none."""
+    """List of texts under `key` of JSON `data`; `FileError` if the value is no list of texts."""
     texts = data.get(key, default)
     if not isinstance(texts, list | tuple) or not all(isinstance(text, str) for text in texts):
         raise FileError(f"{path}: `{key}` must be a list of texts, got {_short(texts)}; write it again")

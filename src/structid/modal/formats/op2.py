@@ -66,7 +66,7 @@ class _Table:
 
 
 def op2_modes(path: Path, options: ModeFileOptions) -> PrintedModes:
-    """The modes of a binary file of results; none where it has no vectors.
+    """Vibration modes in a Nastran op2 file; no mode if it has no vectors.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def op2_modes(path: Path, options: ModeFileOptions) -> PrintedModes:
 
 
 def _words_of(path: Path, content: bytes) -> _Words:
-    """Order and size of the words, by the length of the first record, which is a marker."""
+    """Byte order and size of the words of an op2 file, judged by its first record."""
     for size in (4, 8):
         for order in "<>":
             if content[:4] == np.array(size, dtype=f"{order}i4").tobytes():
@@ -123,7 +123,7 @@ def _words_of(path: Path, content: bytes) -> _Words:
 
 
 def _records(path: Path, content: bytes, words: _Words) -> Iterator[bytes]:
-    """Fortran records, whose length stands before and behind them."""
+    """Fortran records (bytes) of a file, each stored between two copies of its length."""
     at, length_type = 0, f"{words.order}i4"
     while at < len(content):
         head = content[at : at + 4]
@@ -137,7 +137,7 @@ def _records(path: Path, content: bytes, words: _Words) -> Iterator[bytes]:
 
 
 def _tables(path: Path, content: bytes, words: _Words) -> Iterator[_Table]:
-    """The tables of a file in order."""
+    """Tables of an op2 file in their order, each with its name and records."""
     records = _records(path, content, words)
     table: _Table | None = None
     part = 0
@@ -169,7 +169,7 @@ def _tables(path: Path, content: bytes, words: _Words) -> Iterator[_Table]:
 
 
 def _vectors(path: Path, table: _Table, words: _Words, system: int) -> Iterator[tuple[VectorKey, complex, PrintedMode]]:
-    """Each vector of a table with its key and eigenvalue: omega^2, or s of complex modes."""
+    """Key, eigenvalue (omega^2, or s of complex modes) and mode of each eigenvector in a table."""
     for heading, data in zip(table.parts[0::2], table.parts[1::2], strict=False):
         if len(heading) != _HEADING * words.size:
             continue
@@ -205,7 +205,7 @@ def _vectors(path: Path, table: _Table, words: _Words, system: int) -> Iterator[
 
 
 def _generalized_masses(tables: list[_Table], words: _Words) -> dict[tuple[int | None, int], tuple[float, float]]:
-    """Eigenvalue and generalized mass by subcase (0 where it is not said) and mode, of the table of real eigenvalues."""
+    """Eigenvalue and generalized mass by (subcase, mode) from eigenvalue tables; subcase 0 if not stated."""
     masses: dict[tuple[int | None, int], tuple[float, float]] = {}
     for table in tables:
         if table.name not in _EIGENVALUES:

@@ -47,7 +47,7 @@ class ModeFileOptions:
     force_unit: str = ""
 
     def __post_init__(self) -> None:
-        """Check the kind of eigenvalues and the units."""
+        """Raise `InputError` on an unknown kind of eigenvalue or unit."""
         if self.eigenvalues not in ("", "real", "complex"):
             raise InputError(f"`eigenvalues` must be real or complex, got {self.eigenvalues!r}", "eigenvalues")
         for name, unit, units in (("length_unit", self.length_unit, LENGTHS), ("force_unit", self.force_unit, FORCES)):
@@ -159,7 +159,7 @@ def chosen_run(path: Path, keys: Sequence[VectorKey], options: ModeFileOptions) 
 def oscillating(
     path: Path, keys: Sequence[VectorKey], s: Sequence[complex]
 ) -> tuple[list[tuple[VectorKey, complex]], tuple[str, ...]]:
-    """Vectors whose complex eigenvalue has a positive frequency, each with that eigenvalue, and notes on those left out.
+    """Vectors with a positive frequency, each with its complex eigenvalue (rad/s), and notes on those left out.
 
     Each stands for a conjugate pair; `s` are the eigenvalues of `keys` in rad/s.
 

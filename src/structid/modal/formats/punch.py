@@ -48,7 +48,7 @@ class _Vector:
 
 
 def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:
-    """The vibration modes in the `text` of a Nastran punch file; no mode if it has no vectors.
+    """Vibration modes in the `text` of a Nastran punch file; no mode if it has no vectors.
 
     Raises
     ------

@@ -233,7 +233,7 @@ def _read_datasets(path: Path, blocks: Sequence[Block], notes: list[str]) -> lis
 
 
 def _drop_duplicates(path: Path, modes: list[_Mode], notes: list[str]) -> list[_Mode]:
-    """One shape for each mode: displacements where there are several kinds of motion, one mode of each conjugate pair."""
+    """Modes with one shape each: displacements preferred, and one mode of each conjugate pair."""
     numbers = {mode.number for mode in modes}
     if len(numbers) > 1:
         first, second = ([mode for mode in modes if mode.number == number] for number in (55, 2414))
@@ -258,7 +258,7 @@ def _drop_duplicates(path: Path, modes: list[_Mode], notes: list[str]) -> list[_
 
 
 def _require_vibrations(modes: list[_Mode]) -> None:
-    """Refuse modes that are damped too much to vibrate, and one that stands twice."""
+    """Raise `FileError` if modes are overdamped or one of them is stored twice."""
     for mode in modes:
         if mode.damping_ratio >= 1:
             raise FileError(
@@ -271,7 +271,7 @@ def _require_vibrations(modes: list[_Mode]) -> None:
 
 
 def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tuple[float, float, bool]:
-    """The file's units of length and force in m and N, and whether the file or the options state them."""
+    """Units of length (m) and force (N) of a universal file, and True if file or options state them."""
     factors = read_unit_factors(path, blocks)
     stated = (1.0, 1.0) if factors is None else (1 / factors.length, 1 / factors.force)
     units = []
@@ -289,7 +289,7 @@ def _units(path: Path, blocks: Sequence[Block], options: ModeFileOptions) -> tup
 
 
 def _mass_factors(modes: Sequence[_Mode], unit: float, notes: list[str]) -> list[complex]:
-    """Factors that give each shape a modal mass of 1; empty if a mode does not state its own.
+    """Factors that scale each shape to unit modal mass (kg); empty if a mode's modal mass is not stated.
 
     Parameters
     ----------
@@ -341,7 +341,7 @@ def _turn_to_global_axes(
 
 
 def _read_55(where: str, lines: list[str]) -> _Mode | str:
-    """The mode in one dataset 55 (its `lines`), or a phrase on what the dataset holds instead."""
+    """Mode in one dataset 55 of a universal file (its `lines`), or words on why it holds no mode."""
     kind = _Kind(*_integers_of(where, lines, 5, 6, "record 6"))
     if words := kind.objection():
         return words
@@ -359,7 +359,7 @@ def _read_55(where: str, lines: list[str]) -> _Mode | str:
 
 
 def _read_2414(where: str, lines: list[str]) -> _Mode | str:
-    """The mode in one dataset 2414 (its `lines`), or a phrase on what the dataset holds instead."""
+    """Mode in one dataset 2414 of a universal file (its `lines`), or words on why it holds no mode."""
     (location,) = _integers_of(where, lines, 2, 1, "record 3")
     kind = _Kind(*_integers_of(where, lines, 8, 6, "record 9"))
     if words := kind.objection():

@@ -38,6 +38,7 @@ class Poles:
     energy: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        """Convert arrays to numbers and raise `InputError` on wrong shapes or values that are not finite."""
         object.__setattr__(self, "poles", locked(self.poles, np.complex128))
         energy = np.full(len(self.poles), np.nan) if self.energy is None else self.energy
         object.__setattr__(self, "energy", locked(energy, np.float64))
@@ -92,6 +93,7 @@ class HardCriteria:
     mpc: float = 0.0
 
     def __post_init__(self) -> None:
+        """Raise `InputError` on a range of frequency or damping ratio that does not increase."""
         for name in ("frequency", "damping_ratio"):
             low, high = getattr(self, name)
             if not low < high:
@@ -109,7 +111,7 @@ class HardCriteria:
         return np.asarray(good & (ratio >= self.damping_ratio[0]) & (ratio <= self.damping_ratio[1]))
 
     def indices(self, poles: Poles) -> IntArray:
-        """Which of `poles` meet all criteria."""
+        """Indices of the `poles` that meet all criteria."""
         good = self.meets(poles.frequency, poles.damping_ratio)
         if self.mpc > 0:
             good &= poles.mpc >= self.mpc
@@ -117,7 +119,7 @@ class HardCriteria:
 
 
 def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:
-    """((Sxx - Syy)^2 + 4 Sxy^2) / (Sxx + Syy)^2 of real and imaginary parts x, y of each column, (n_modes,).
+    """Modal phase collinearity of each mode shape, (n_modes,): 1 for a real shape in any phase.
 
     Of the known entries; NaN where all of a column are unknown (NaN).
 
@@ -132,7 +134,7 @@ def modal_phase_collinearity(shapes: ComplexArray) -> FloatArray:
 
 
 def modal_phase_deviation(shapes: ComplexArray) -> FloatArray:
-    """Mean phase deviation of each column from the straight line that fits it best, weighted by size, deg, (n_modes,).
+    """Mean phase deviation of each mode shape from a straight line, weighted by size, in degrees, (n_modes,).
 
     0 for a real shape in any phase, 45 for a circular one. Unknown entries (NaN) have no part; NaN where all are unknown.
 
@@ -151,7 +153,7 @@ def modal_phase_deviation(shapes: ComplexArray) -> FloatArray:
 
 
 def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
-    """Derivative of all |s| / 2 pi, then -Re s / |s|, by all Re s, then Im s, (2 n_poles, 2 n_poles)."""
+    """Derivative of frequencies (Hz) and damping ratios by Re s and Im s, (2 n_poles, 2 n_poles)."""
     size = np.abs(poles)
     across = poles.imag / size**3
     slope = np.block([[np.diag(poles.real / size), np.diag(poles.imag / size)],
@@ -163,7 +165,7 @@ def frequency_damping_slope(poles: ComplexArray) -> FloatArray:
 def state_poles(
     transition: FloatArray, output: FloatArray, sampling_rate: float, sizes: FloatArray | None = None
 ) -> Poles:
-    """Poles of x(k+1) = A x(k), y(k) = C x(k).
+    """Continuous-time poles (rad/s) and shapes of the state-space model x(k+1) = A x(k), y(k) = C x(k).
 
     Parameters
     ----------

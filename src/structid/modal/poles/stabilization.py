@@ -85,7 +85,7 @@ class Cluster:
 def pole_distance(
     first: ComplexArray, first_shapes: ComplexArray, second: ComplexArray, second_shapes: ComplexArray
 ) -> FloatArray:
-    """|s_i - s_j| / max(|s_i|, |s_j|) + 1 - MAC_ij, (n_first, n_second)."""
+    """Distance of poles, |s_i - s_j| / max(|s_i|, |s_j|) + 1 - MAC_ij, (n_first, n_second)."""
     size = np.maximum(np.abs(first)[:, None], np.abs(second)[None, :])
     x, y = (z / np.linalg.norm(z, axis=0) for z in (first_shapes, second_shapes))
     likeness = np.minimum(np.abs(x.conj().T @ y) ** 2, 1.0)
@@ -95,7 +95,7 @@ def pole_distance(
 def clusters(
     sweep: Sequence[Poles], scale: FloatArray, criteria: HardCriteria | None = None, keep_all: bool = False
 ) -> tuple[Cluster, ...]:
-    """Clusters of stable poles that are modes, by frequency.
+    """Clusters of stable poles over the model orders that are modes, by increasing frequency.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def clusters(
 
 
 def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray) -> FloatArray:
-    """Distance of every pole to the nearest one of the order before; infinite where there is none."""
+    """Distance of every pole to the nearest pole of the next lower order; infinite if there is none."""
     nearest = np.full(len(s), np.inf)
     for k in np.unique(number):
         here, before = np.flatnonzero(number == k), np.flatnonzero(number == k - 1)
@@ -142,7 +142,7 @@ def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray) -> 
 
 
 def _two_means_boundary(values: FloatArray) -> float:
-    """Halfway between the means of the two groups with the least sum of squares; the greatest where all agree."""
+    """Boundary of two groups of `values` by one-dimensional 2-means; the maximum if all are equal."""
     ordered = np.sort(values)
     if len(ordered) < 2 or ordered[0] == ordered[-1]:
         return float(ordered.max(initial=-np.inf))
@@ -154,7 +154,7 @@ def _two_means_boundary(values: FloatArray) -> float:
 
 
 def _linked(s: ComplexArray, shapes: ComplexArray, number: IntArray, width: float) -> IntArray:
-    """Labels by average linkage up to the distance `width`, poles of one order kept apart."""
+    """Cluster labels of poles by average linkage up to distance `width`, at most one pole of each order in one."""
     if len(s) < 2:
         return np.ones(len(s), dtype=int)
     from scipy.cluster.hierarchy import fcluster, linkage
@@ -180,6 +180,7 @@ class _Pool:
 
 
 def _cluster(members: IntArray, pool: _Pool) -> Cluster:
+    """Cluster of the poles `members` of a pool, with its central pole, stability and spread."""
     s, shapes, number = pool.poles[members], pool.shapes[:, members], pool.number[members]
     inside = pole_distance(s, shapes, s, shapes)
     omega, chosen = np.abs(s), int(inside.sum(axis=1).argmin())

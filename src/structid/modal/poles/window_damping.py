@@ -13,7 +13,7 @@ from structid.modal.poles.poles import frequency_damping_slope
 
 
 def without_window_damping(modes: ModalRecord, decay: float) -> ModalRecord:
-    """`modes` with every pole s moved to s + decay.
+    """Modes corrected for an exponential window: every pole s moved to s + `decay` (1/s).
 
     A window e^(-decay t) on a free decay moves each pole by -decay and keeps the damped frequency.
 
@@ -72,7 +72,7 @@ def without_window_damping(modes: ModalRecord, decay: float) -> ModalRecord:
 
 
 def _carried(covariance: FloatArray | None, moved: FloatArray) -> FloatArray | None:
-    """The covariance after a linear change; NaN where it rests on one."""
+    """Covariance after the linear map `moved`; NaN where it depends on an unknown (NaN) entry."""
     if covariance is None:
         return None
     lost = np.isnan(covariance)
@@ -82,7 +82,7 @@ def _carried(covariance: FloatArray | None, moved: FloatArray) -> FloatArray | N
 
 
 def _doubts(modes: ModalRecord) -> list[str]:
-    """Words on modes whose damping the window hides."""
+    """Notes on modes whose damping is hidden by that of the exponential window."""
     notes, ratio = [], modes.damping_ratio
     negative = [str(i + 1) for i in np.flatnonzero(ratio < 0)]
     if negative:

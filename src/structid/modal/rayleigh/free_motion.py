@@ -18,7 +18,7 @@ _GREGORY_ORDER = 7  # differences at each end; from order 8 on some weights are 
 
 
 def sample_weights(n_samples: int, rule: str) -> FloatArray:
-    """Weights of samples 0..N for the average over the N steps between them, (n_samples,).
+    """Quadrature weights of samples 0..N for the average over the N steps between them, (n_samples,).
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class FreeMotion:
 
     @property
     def misfit(self) -> float:
-        """Part of `curvature` that no constant matrix times y explains, relative, in root mean square.
+        """Relative RMS part of the acceleration that no constant matrix times the motion explains.
 
         Undamped modes no more than channels leave nothing, whatever the step: the second difference of cos(w t) is
         -(4/h^2) sin^2(w h/2) cos(w t), and the central difference of its derivative -(w/h) sin(w h) cos(w t).
@@ -106,7 +106,7 @@ class FreeMotion:
 
 
 def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: str) -> FreeMotion:
-    """The samples of `records`, checked and weighed.
+    """Motion samples and time derivatives of free responses, checked, with weights for time averages.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def free_motion(records: Sequence[TimeRecord], quantities: Sequence[str], rule: 
 
 
 def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Sequence[str], rule: str) -> FreeMotion:
-    """One record's motion, `ends` times its duration."""
+    """Weighted motion of one record for time averages, with `ends` times its duration."""
     base, *measured = (_columns(record, channels, quantity) for quantity in quantities)
     step, inner, no_ends = 1 / record.sampling_rate, base[1:-1], np.zeros((len(channels),) * 2)
     spans = step * (len(base) - 1), step

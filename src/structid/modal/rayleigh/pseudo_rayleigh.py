@@ -169,7 +169,7 @@ def stationary_values(
     n_modes: int | None = None,
     tolerance: float = 1e-12,
 ) -> StationaryValues:
-    """The eigenvalue problem behind `pseudo_rayleigh`, with the vectors v; same parameters.
+    """Stationary values of the pseudo-Rayleigh quotient and their vectors, behind `pseudo_rayleigh`.
 
     y is first brought to independent motions z with <z z'> = 1, by a QR and a singular value decomposition of the
     samples; A itself, whose condition number is the square of theirs, is never formed.
@@ -210,7 +210,7 @@ def _smooth_end_corrected(z: FloatArray, derivative: FloatArray, to_z: FloatArra
 def _independent_motions(
     motion: FreeMotion, tolerance: float, n_modes: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Maps y -> z (n_channels, rank) and z -> y with <z z'> = 1, and the eigenvalues of A over the largest."""
+    """Maps between channels y and independent motions z, <z z'> = 1, and relative eigenvalues of <y y'>."""
     if not 0 < tolerance < 1:
         raise InputError(f"`tolerance` must lie between 0 and 1, got {tolerance!r}")
     scale = _channel_scale(motion.base, motion.channels)
@@ -231,7 +231,7 @@ def _independent_motions(
 
 
 def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
-    """Root mean square of all translations, or of all rotations, for each channel."""
+    """Scale of each channel: root mean square of all translations or of all rotations."""
     turning = np.array([dof.is_rotation for dof in channels])
     scale = np.ones(len(channels))
     for group in (turning, ~turning):
@@ -243,7 +243,7 @@ def _channel_scale(base: FloatArray, channels: tuple[Dof, ...]) -> FloatArray:
 
 
 def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberArray, NumberArray]:
-    """Conjugate pairs that are a repeated real value up to rounding become two real vectors of the same plane.
+    """Eigenvalues and vectors with nearly real conjugate pairs replaced by two real vectors each.
 
     Pairs stand side by side, the positive imaginary part first, as LAPACK gives them.
     """
@@ -258,7 +258,7 @@ def _real_where_close(eigenvalues: NumberArray, x: NumberArray) -> tuple[NumberA
 
 
 def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
-    """Circular frequencies, which of them are meaningful, and words on the others."""
+    """Circular frequencies (rad/s), mask of the meaningful ones, and notes on the others."""
     size = np.abs(eigenvalues)
     value = np.where(eigenvalues.imag == 0, np.maximum(eigenvalues.real, 0.0), size)
     kept = eigenvalues.real >= -1e-9 * size.max()
@@ -281,7 +281,7 @@ def _omega(eigenvalues: NumberArray, step: float) -> tuple[FloatArray, NDArray[n
 
 
 def _by_mass(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
-    """M^-1 V with V = M Phi (Phi' M Phi)^-1, the dual of Phi that needs no sensor beyond the measured motion."""
+    """Phi (Phi' M Phi)^-1 for `shapes` Phi (n_channels, n_modes) and the mass matrix M, full or its diagonal."""
     matrix = locked(mass, np.float64)
     require_finite("mass", matrix)
     n = len(shapes)
@@ -294,7 +294,7 @@ def _by_mass(mass: ArrayLike, shapes: NumberArray) -> NumberArray:
 
 
 def _checked_quantities(pair: str, form: str) -> tuple[str, ...]:
-    """The quantities that `form` takes from `pair`, which must hold the derivative that it needs."""
+    """Measured quantities that `form` uses of `pair`; `InputError` if the two do not fit together."""
     if form not in _NEEDS:
         raise InputError(f"`form` must be one of {', '.join(_NEEDS)}, got {form!r}")
     if pair not in PAIRS:
@@ -308,7 +308,7 @@ def _checked_quantities(pair: str, form: str) -> tuple[str, ...]:
 
 
 def _require_oscillation(omega: FloatArray, duration: float, pair: str) -> None:
-    """Refuse a response in which no mode turns by half a period."""
+    """Raise `InputError` if no mode completes half a period in `duration` (s)."""
     if omega.max(initial=0.0) * duration >= np.pi:
         return
     other = "" if pair == "velocity-acceleration" else ", measuring velocity and acceleration if it is free to drift"
@@ -320,7 +320,7 @@ def _require_oscillation(omega: FloatArray, duration: float, pair: str) -> None:
 
 
 def _doubts(found: StationaryValues, omega: FloatArray, pair: str, form: str, n_modes: int | None) -> tuple[str, ...]:
-    """What makes the modes doubtful; `omega` holds the circular frequencies identified, increasing."""
+    """Notes on what makes the modes doubtful; `omega` holds their circular frequencies (rad/s), increasing."""
     motion, gram, rank = found.motion, found.gram_eigenvalues, len(found.eigenvalues)
     # the printed forms push neighbours apart, to a gap of order 1 / T whatever the true one
     apart = np.sqrt(np.maximum(found.unsymmetrized.real, 0.0)) if form in _SYMMETRIC else omega
@@ -348,7 +348,7 @@ def _doubts(found: StationaryValues, omega: FloatArray, pair: str, form: str, n_
 
 
 def _slow_modes(omega: FloatArray, duration: float, pair: str) -> list[str]:
-    """Modes of less than half a period, except those at rest in the quotient of velocity and acceleration."""
+    """Notes on modes of less than half a period in `duration` (s), except rigid-body modes that the pair allows."""
     at_rest = omega <= 1e-6 * omega.max()
     slow = np.flatnonzero((omega * duration < np.pi) & ~(at_rest & pair.startswith(("velocity", "acceleration"))))
     if not len(slow):
@@ -361,6 +361,7 @@ def _slow_modes(omega: FloatArray, duration: float, pair: str) -> list[str]:
 
 
 def _close_modes(apart: FloatArray, duration: float, form: str) -> list[str]:
+    """Notes on neighbouring modes too close in frequency for the `duration` (s) of the records."""
     effect = (
         "their frequencies are pushed apart and their shapes mixed; use the form 'end_corrected' or 'exact', and measure"
         if form in _SYMMETRIC

@@ -103,7 +103,7 @@ def bayesian_fft(
 
 
 def band_lines(data: Outputs, low: float, high: float) -> tuple[BandLines, tuple[Dof, ...]]:
-    """Fourier lines of all records from `low` to `high` Hz, and the places of their channels.
+    """Scaled Fourier lines of all records from `low` to `high` (Hz), and the degrees of freedom measured.
 
     Returns
     -------
@@ -131,7 +131,7 @@ def band_lines(data: Outputs, low: float, high: float) -> tuple[BandLines, tuple
 
 
 def _bands(data: Outputs, options: ModalOptions, notes: list[str]) -> tuple[Band, ...]:
-    """Bands given, or around peaks, with the places of their modes; says which."""
+    """Frequency bands as given or around peaks, with the places of their modes; adds to `notes` which they are."""
     if options.bands is not None:
         spectrum = singular_spectrum(data, options.segment or default_segment(data))
         return tuple(_given_band(spectrum, *band, options, notes) for band in options.separate_bands)
@@ -143,6 +143,7 @@ def _bands(data: Outputs, options: ModalOptions, notes: list[str]) -> tuple[Band
 
 
 def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptions, notes: list[str]) -> Band:
+    """Frequency band given by the user, with the places (Hz) of its modes: as given, at peaks, or at the maximum."""
     top = spectrum.frequency[-1]
     if high > top:
         raise InputError(f"`bands` must lie between 0 and {top:g} Hz, got ({low:g}, {high:g}); sample faster")
@@ -161,7 +162,7 @@ def _given_band(spectrum: Spectrum, low: float, high: float, options: ModalOptio
 
 
 def _doubts(number: int, band: Band, found: Posterior, data: Outputs) -> list[str]:
-    """Words on a band whose result is doubtful."""
+    """Notes on a frequency band whose modes are doubtful."""
     words, spacing = [], 1 / data.duration
     where = f"band {number}, {band.low:.4g} to {band.high:.4g} Hz"
     if not found.converged:
@@ -185,7 +186,7 @@ def _doubts(number: int, band: Band, found: Posterior, data: Outputs) -> list[st
 def _modal_record(
     found: Sequence[Posterior], places: tuple[Dof, ...], options: ModalOptions, notes: list[str], source: str
 ) -> ModalRecord:
-    """All bands together, by frequency."""
+    """Modal record of the modes of all bands, by increasing frequency."""
     parts = []
     for one in found:
         unit, std = _unit_largest(one.modes.shapes, one.shape_covariance)

@@ -111,7 +111,7 @@ def chart(centre: BandModes) -> Chart:
 
 
 def coordinates(place: Chart) -> FloatArray:
-    """x of the centre of a chart."""
+    """Coordinates x of the centre of a chart, (size,)."""
     m, x = place.centre.n_modes, np.zeros(place.size)
     root = np.linalg.cholesky(place.centre.force)
     size, below = root.diagonal().real, np.tril_indices(m, -1)
@@ -122,7 +122,7 @@ def coordinates(place: Chart) -> FloatArray:
 
 
 def _root(x: FloatArray, m: int) -> ComplexArray:
-    """Cholesky factor of S."""
+    """Lower Cholesky factor (m, m) of the modal force spectra from its coordinates x."""
     tail = x[len(x) - m * m - 1 : len(x) - 1]
     size, n_below = np.exp(tail[:m]), m * (m - 1) // 2
     below, root = np.tril_indices(m, -1), np.diag(size).astype(complex)
@@ -151,7 +151,7 @@ def modes_at(place: Chart, x: FloatArray) -> BandModes:
 
 
 def transfer(data: BandLines, modes: BandModes) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """h of every line and mode, and its derivatives to ln f and ln zeta, (n_lines, m) each."""
+    """Transfer function of every line and mode, and its derivatives by ln f and ln zeta, (n_lines, m) each."""
     b = data.frequency[:, None] / modes.frequency
     friction = 2j * modes.damping_ratio * b
     below = 1 - b**2 + friction
@@ -186,7 +186,7 @@ class Solved:
 
 
 def solved(data: BandLines, modes: BandModes, spectra: ComplexArray) -> Solved:
-    """Inverses by the m x m kernel, with the part of F outside the span of the shapes apart from that inside.
+    """Solutions with the spectral matrices of all lines, by kernels of size n_modes instead of n_channels.
 
     Shapes that nearly span all channels, or are nearly parallel, leave no such parts: E itself is inverted then.
     """
@@ -219,7 +219,7 @@ def negative_log_likelihood(data: BandLines, modes: BandModes) -> float:
 
 
 def gradient(data: BandLines, place: Chart, x: FloatArray) -> tuple[float, FloatArray]:
-    """`negative_log_likelihood` at coordinates x, and its gradient, (size,).
+    """Negative log-likelihood at coordinates `x` (size,) of a chart, and its gradient (size,).
 
     With W_k = E_k^-1 - a_k a_k^*, a_k = E_k^-1 F_k, the change is the sum of tr(W_k dE_k).
     """
@@ -254,7 +254,7 @@ def _along_tangents(place: Chart, x: FloatArray, modes: BandModes, slope: FloatA
 
 
 def _of_triangle(root: ComplexArray, slope: ComplexArray) -> FloatArray:
-    """Slopes to L as slopes to coordinates: logarithms of its diagonal, then parts of the rest."""
+    """Gradient by the coordinates of a Cholesky factor L, from the gradient by L itself."""
     below, size, lower = np.tril_indices(len(root), -1), root.diagonal().real, np.tril(root)
     slope_log = np.sum(slope.real * lower.real + slope.imag * lower.imag, axis=1)
     part = slope[below] * size[below[0]]

@@ -54,7 +54,7 @@ class Posterior:
 
 
 def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
-    """Most probable modes near `places` (Hz, one a mode), and their covariance from the Hessian there.
+    """Most probable modes near `places` (Hz, one for each mode) and their posterior covariance.
 
     They are searched from several starts, with a part of the lines and in the directions in which the band has most
     power; the best goes on with all lines and channels.
@@ -72,7 +72,7 @@ def posterior(data: BandLines, places: Sequence[float]) -> Posterior:
 
 
 def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, float, FloatArray]:
-    """Newton's method with the magnitudes of the curvatures, so that it goes down from anywhere.
+    """Chart at the minimum found by Newton's method, the decrease still expected, and the Hessian there.
 
     A chart centred where it ends, the fall of twice the negative log-likelihood that is still to be expected (Newton's
     decrement), and the Hessian there; NaN where the steps did not suffice.
@@ -103,7 +103,7 @@ def _newton(data: BandLines, modes: BandModes, n_steps: int) -> tuple[Chart, flo
 
 
 def _shortened(data: BandLines, place: Chart, x: FloatArray, step: FloatArray) -> FloatArray:
-    """A step of 1 at the most in every coordinate, which keeps frequencies in the band and damping ratios sensible."""
+    """Step shortened to 1 in every coordinate, and so that frequencies and damping ratios stay sensible."""
     step = step / max(1.0, float(np.abs(step).max()))
     m = place.centre.n_modes
     low, high = _limits(data, place.centre)
@@ -112,7 +112,7 @@ def _shortened(data: BandLines, place: Chart, x: FloatArray, step: FloatArray) -
 
 
 def _limits(data: BandLines, start: BandModes) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest coordinates of frequencies in the band and damping ratios, (2 m,) each."""
+    """Least and greatest coordinates of frequencies and damping ratios in the search, (2 m,) each."""
     zeta = start.damping_ratio
     ends = [np.log(f / start.frequency) / zeta for f in (data.frequency.min(), data.frequency.max())]
     ratios = [np.log(limit / zeta) for limit in _DAMPING_LIMITS]
@@ -121,7 +121,7 @@ def _limits(data: BandLines, start: BandModes) -> tuple[FloatArray, FloatArray]:
 
 
 def _refined(data: BandLines, modes: BandModes) -> Posterior:
-    """Newton's method from nearly there, and the inverse of the Hessian at its end."""
+    """Most probable modes by Newton's method from a near start, with covariance from the Hessian's inverse."""
     place, decrement, curvature = _newton(data, modes, _STEPS)
     modes = place.centre
     n, m = modes.shapes.shape
@@ -138,7 +138,7 @@ def _refined(data: BandLines, modes: BandModes) -> Posterior:
 
 
 def hessian(data: BandLines, place: Chart, x: FloatArray) -> FloatArray:
-    """Second derivatives of the negative log-likelihood to coordinates x, by differences of its gradient."""
+    """Hessian of the negative log-likelihood at coordinates `x`, by differences of its gradient; (size, size)."""
     rows = []
     for e in np.eye(len(x)) * _STEP:
         rows.append((gradient(data, place, x + e)[1] - gradient(data, place, x - e)[1]) / (2 * _STEP))
@@ -146,7 +146,7 @@ def hessian(data: BandLines, place: Chart, x: FloatArray) -> FloatArray:
 
 
 def _inverse(curvature: FloatArray) -> FloatArray | None:
-    """Inverse of a positive definite matrix; None where it is not, to what differences can tell."""
+    """Inverse of a symmetric matrix; None if it is not positive definite within numerical accuracy."""
     if not np.isfinite(curvature).all():
         return None
     values, vectors = np.linalg.eigh(curvature)
@@ -156,7 +156,7 @@ def _inverse(curvature: FloatArray) -> FloatArray | None:
 
 
 def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
-    """Where the search begins: shapes from the lines near each place, and from the whole band."""
+    """Starting points for the search for modes near `places` (Hz), with shapes from local and all lines."""
     m, n = len(places), data.n_channels
     whole = np.linalg.eigh((data.lines.T @ data.lines.conj()).real)[1][:, ::-1]
     basis = whole[:, : min(m, n)]
@@ -175,7 +175,7 @@ def starts(data: BandLines, places: Sequence[float]) -> list[BandModes]:
 
 
 def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
-    """Principal directions of the lines nearest to each place, less those of the places before where they agree."""
+    """Shapes (n_channels, n_modes) by principal directions of the lines nearest each place (Hz), kept distinct."""
     shapes: list[FloatArray] = []
     width = max(5, len(data.frequency) // (4 * len(places)))
     for f in places:
@@ -187,7 +187,7 @@ def _local_shapes(data: BandLines, places: Sequence[float]) -> FloatArray:
 
 
 def _rough(data: BandLines, places: Sequence[float], zetas: Sequence[float], shapes: FloatArray) -> BandModes:
-    """Spectral densities that go with frequencies, damping ratios and shapes, in powers over the band."""
+    """Rough modal parameters with force spectra fitted to given frequencies (Hz), damping ratios and shapes."""
     m, n = len(places), data.n_channels
     frequency = np.array(places, dtype=float)
     for r in range(1, m):  # modes that begin alike stay alike

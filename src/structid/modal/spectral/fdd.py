@@ -23,7 +23,7 @@ from structid.records.spectrum import SpectrumRecord
 def fdd(
     records: TimeRecord | Sequence[TimeRecord] | SpectrumRecord, options: ModalOptions | None = None
 ) -> ModalIdentification:
-    """Modes at the peaks of the first singular value: a first look, without damping.
+    """Modes by frequency domain decomposition: peaks of the first singular value, without damping ratios.
 
     Parameters
     ----------

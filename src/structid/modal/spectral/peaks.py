@@ -89,7 +89,7 @@ def hann(segment: int) -> FloatArray:
 
 
 def segments(data: Outputs, segment: int) -> Iterator[FloatArray]:
-    """All stretches of `segment` samples, each half over the next, (segment, n_channels)."""
+    """Half-overlapping stretches of `segment` samples of all records, (segment, n_channels) each."""
     shortest = min(len(y) for y in data.series)
     if not 8 <= segment <= shortest:
         raise InputError(
@@ -107,7 +107,7 @@ def default_segment(data: Outputs) -> int:
 
 
 def singular_spectrum(data: Outputs, segment: int) -> Spectrum:
-    """Welch's average of Hann-windowed, half-overlapping segments, decomposed line by line."""
+    """Singular value decomposition of the Welch spectral matrix at every line, with Hann windows."""
     data = centred(data)
     window = hann(segment)
     total, count = np.zeros((segment // 2 + 1, data.n_channels, data.n_channels), dtype=complex), 0
@@ -123,7 +123,7 @@ def singular_spectrum(data: Outputs, segment: int) -> Spectrum:
 
 
 def coherence(spectrum: Spectrum, line: int) -> float:
-    """Mean MAC of the first singular vector of `line` with those of the two lines on one side, the better one.
+    """Modal coherence of a line: mean MAC of its first singular vector with two neighbours on the better side.
 
     One side, because the vector turns quickly between the peaks of close modes.
     """
@@ -136,7 +136,7 @@ def coherence(spectrum: Spectrum, line: int) -> float:
 
 
 def automatic_peaks(spectrum: Spectrum, level: int = 0) -> IntArray:
-    """Lines of the peaks of a singular value that stand out of the errors of the spectrum, lowest first.
+    """Line indices of significant peaks of a singular value of the spectrum, lowest first.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, IntArr
 
 
 def stored_spectrum(record: SpectrumRecord) -> tuple[Outputs, Spectrum]:
-    """What the channels of stored spectra are, scaled to equal power, and their singular spectrum.
+    """Channels of a record of spectra, scaled to equal power, and its singular value spectrum.
 
     Where the references are not all channels, the singular vectors on the side of the channels are taken.
     """
@@ -232,7 +232,7 @@ def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
 
 
 def peak_range(spectrum: Spectrum, line: int, others: Sequence[int] = ()) -> tuple[int, int]:
-    """First and last line of the band of a peak.
+    """First and last line index of the frequency band of a peak.
 
     The band ends where the first singular value is down by 30, or at the errors of the background, or in the valley
     before another peak, or at three times the distance at which the steeper flank is down by 5 (six half-power
@@ -260,7 +260,7 @@ def valley(spectrum: Spectrum, first: int, second: int) -> float:
 
 
 def automatic_bands(spectrum: Spectrum, peaks: Sequence[int]) -> tuple[Band, ...]:
-    """Bands around peaks; those that meet in a shallow valley are one, and the second singular value adds modes."""
+    """Frequency bands around spectral peaks, merged across shallow valleys, with the places of their modes."""
     lines = sorted(int(k) for k in peaks)
     ends = {k: peak_range(spectrum, k, [other for other in lines if other != k]) for k in lines}
     groups: list[list[int]] = []
@@ -279,7 +279,7 @@ def automatic_bands(spectrum: Spectrum, peaks: Sequence[int]) -> tuple[Band, ...
 
 
 def mode_places(spectrum: Spectrum, low: float, high: float, peaks: Sequence[int]) -> tuple[float, ...]:
-    """Where the modes of a band may be (Hz): its peaks, and of the second singular value what they leave unexplained.
+    """Frequencies (Hz) where modes of a band may lie: peaks of the first and crests of the second singular value.
 
     Between two peaks of different shape the second singular value has one crest, where the modes change places. Modes
     that fall together show one peak and one crest. So there are as many modes as peaks, or one more than crests. Crests

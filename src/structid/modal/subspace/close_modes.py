@@ -22,7 +22,7 @@ _ONE_SHAPE, _FEWEST_CHANNELS = 0.99, 3
 
 
 def gap_std(modes: ModalRecord) -> FloatArray:
-    """Standard deviation of the distance of each mode's frequency to the next one's, Hz, (n_modes - 1,).
+    """Standard deviation of the frequency difference of each mode and the next one, Hz, (n_modes - 1,).
 
     NaN where the modes have no covariance.
     """
@@ -39,7 +39,7 @@ def neighbour_std(covariance: FloatArray) -> FloatArray:
 
 
 def is_close(modes: ModalRecord) -> np.ndarray:
-    """Whether each mode is close to the next one, (n_modes - 1,) bool array.
+    """True for each mode that is close to the next one in frequency, (n_modes - 1,) bool array.
 
     It is where the gap is less than half the sum of both half-power bandwidths (2 zeta f each), so that their
     resonances overlap to one peak, or less than the half width of its own 95 % interval, so that the two are not told
@@ -58,7 +58,7 @@ def close_groups(modes: ModalRecord) -> tuple[IntArray, ...]:
 
 
 def repeated_modes(modes: ModalRecord) -> np.ndarray:
-    """Modes that are told from one of a better known damping ratio neither by frequency nor by shape, (n_modes,) bool array.
+    """Mask (n_modes,) of modes that duplicate a better known one in frequency and shape.
 
     Models of more states than a record of random motion carries give a resonance two stable poles. None where the modes
     have no covariance, or the channels are too few for shapes to differ.
@@ -79,7 +79,7 @@ def repeated_modes(modes: ModalRecord) -> np.ndarray:
 def close_mode_notes(
     modes: ModalRecord, duration: float, n_records: int = 1, free_decay: bool = False
 ) -> tuple[str, ...]:
-    """What the user should know of close modes, with remedies.
+    """Notes for the user on close and repeated modes, with remedies.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ class _Projected:
 
 
 def decay_fit(data: Outputs, start: ComplexArray) -> DecayFit | None:
-    """The decay of all records with common poles nearest to the records.
+    """Maximum-likelihood fit of free decays with common poles to all records; None if it does not converge.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def decay_fit(data: Outputs, start: ComplexArray) -> DecayFit | None:
 
 
 def energy_shares(data: Outputs, poles: ComplexArray) -> FloatArray:
-    """Energy of the decay of each mode over that of the records, (n_modes,), each channel scaled to the same power."""
+    """Energy of each mode's decay relative to that of the records, (n_modes,), channels scaled to equal power."""
     n, found = len(poles), np.zeros(len(poles))
     for p in _projected(data, poles):
         gram = p.triangle.T @ p.triangle
@@ -153,7 +153,7 @@ def schwarz(data: Outputs, poles: ComplexArray) -> float:
 
 
 def left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> FloatArray:
-    """What `strength` each of `candidates` would have as one more mode beside `poles`, (n_candidates,)."""
+    """F statistic (see `strength`) of each of the poles `candidates` if added to `poles`, (n_candidates,)."""
     parts = _projected(data, poles)
     sigma = _noise(parts)
     found = np.zeros(len(candidates))
@@ -178,6 +178,7 @@ def is_near(poles: ComplexArray, start: ComplexArray) -> bool:
 
 
 def _projected(data: Outputs, poles: ComplexArray) -> list[_Projected]:
+    """Projection of each record onto the decays of `poles` (rad/s): coefficients, residual and derivatives."""
     found = []
     for y in data.series:
         time = np.arange(len(y))[:, None] / data.sampling_rate
@@ -213,7 +214,7 @@ def _noise(parts: Sequence[_Projected]) -> FloatArray:
 
 
 def _directions(coefficients: FloatArray) -> FloatArray:
-    """S_i: the residual's slope by parameter i is -outside S_i; (2 n_modes, 2 n_modes, n_channels).
+    """Coefficients S_i of t times the decays in the fit's derivative by Re s, then Im s, (2 n, 2 n, n_channels).
 
     With a = alpha - i beta, d/d Re s of alpha Re E + beta Im E is t (alpha Re E + beta Im E), and d/d Im s is
     t (beta Re E - alpha Im E).
@@ -227,7 +228,7 @@ def _directions(coefficients: FloatArray) -> FloatArray:
 
 
 def _normal(parts: Sequence[_Projected], sigma: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """J'J, J'r and r'r / 2, residuals divided by `sigma`."""
+    """Normal equations J'J, J'r and r'r / 2 of residuals divided by `sigma` (n_channels,)."""
     size = len(parts[0].triangle)
     matrix, gradient, cost = np.zeros((size, size)), np.zeros(size), 0.0
     for p in parts:
@@ -240,7 +241,7 @@ def _normal(parts: Sequence[_Projected], sigma: FloatArray) -> tuple[FloatArray,
 
 
 def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[ComplexArray, list[_Projected]] | None:
-    """Poles where the gradient vanishes, by Levenberg's and Marquardt's method."""
+    """Poles (rad/s) of least squared residual by Levenberg-Marquardt, and projections; None without convergence."""
     poles, n, damping = start, len(start), 0.0
     parts = _projected(data, poles)
     matrix, gradient, cost = _normal(parts, sigma)
@@ -276,7 +277,7 @@ def _minimum(data: Outputs, start: ComplexArray, sigma: FloatArray) -> tuple[Com
 
 
 def _with_covariance(data: Outputs, poles: ComplexArray, parts: list[_Projected]) -> DecayFit | None:
-    """The fit at its minimum, with noise as it is around each mode."""
+    """Decay fit at its minimum `poles`, with covariance from the noise around each mode; None if singular."""
     n = len(poles)
     level = _noise(parts)
     matrix, _, _ = _normal(parts, level)
@@ -309,7 +310,7 @@ def _with_covariance(data: Outputs, poles: ComplexArray, parts: list[_Projected]
 
 
 def _local_noise(data: Outputs, poles: ComplexArray, parts: Sequence[_Projected], level: FloatArray) -> FloatArray:
-    """Power of the residual around each mode's frequency, over that of white noise of variance `level`^2; (n_modes,).
+    """Residual power near each mode's frequency, relative to white noise of standard deviation `level`; (n_modes,).
 
     The mean over four to sixteen segments, fewer for many channels, Hann-windowed, half of them overlapping, and over
     all channels. What the fit takes out of white noise there is taken into account; peaks of noise narrower than a
@@ -369,7 +370,7 @@ def decay_shapes(fit: DecayFit, scale: FloatArray, merge: ComplexArray) -> tuple
 
 
 def decay_modes(data: Outputs, modes: ModalRecord) -> ModalRecord:
-    """`modes` of free decays with those of them that stand out of the noise refined by maximum likelihood (`decay_fit`).
+    """Modes of free decays, with those that stand out of the noise refined by maximum likelihood.
 
     Parameters
     ----------

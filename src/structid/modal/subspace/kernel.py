@@ -78,7 +78,7 @@ def shift_invariant(
     parts: Parts | None = None,
     windows: Sequence[Piece] = (),
 ) -> Subspace:
-    """`Subspace` of the block Hankel `matrix`, its block rows one sample apart."""
+    """Subspace from the singular value decomposition of a block Hankel `matrix` with one-sample shifts."""
     left, singular, right = _singular_vectors(matrix, max_order, complete=len(windows) > 1)
     m, n = data.n_channels, min(max_order, len(singular), len(matrix) - data.n_channels)
     q, triangle = np.linalg.qr(left[:-m, :n])
@@ -87,7 +87,7 @@ def shift_invariant(
 
 
 def _singular_vectors(matrix: FloatArray, rank: int, complete: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """U, s, V' of `matrix`: all of them, or the leading `rank` where that is several times cheaper."""
+    """Singular value decomposition U, s, V' of `matrix`: complete, or the leading `rank` if much cheaper."""
     if complete or min(matrix.shape) < max(_LARGE, 5 * rank):
         return tuple(linalg.svd(matrix, full_matrices=False))
     from scipy.sparse.linalg import svds
@@ -103,7 +103,7 @@ def _require_full(triangle: FloatArray, order: int) -> None:
 
 
 def poles_of_orders(subspace: Subspace, orders: Sequence[int] | IntArray) -> tuple[Poles, ...]:
-    """Poles of the model of every order.
+    """Poles and shapes of the model of every order, one `Poles` for each of `orders`.
 
     Raises
     ------

@@ -41,7 +41,7 @@ _REGULAR = 1e-4
 
 
 def pencil(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
-    """Covariance pencil.
+    """Subspace of the matrix pencil of output covariances (block Hankel matrix).
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def pencil(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) ->
 
 
 def ssi_cov(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
-    """Covariance-driven stochastic subspace identification; see `pencil`."""
+    """Subspace by covariance-driven stochastic subspace identification; the parameters are of `pencil`."""
     require_length(data, 2 * block_rows, max_order)
     windows = pieces(data, 0, 2 * block_rows, n_pieces)
     parts = partial(lag_hankels, rows=block_rows, columns=block_rows, offset=1)
@@ -71,7 +71,7 @@ def ssi_cov(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -
 
 
 def ssi_data(data: Outputs, block_rows: int, max_order: int, n_pieces: int = 1) -> Subspace:
-    """Data-driven stochastic subspace identification; see `pencil`.
+    """Subspace by data-driven stochastic subspace identification; the parameters are of `pencil`.
 
     With L L' the sum of P P' over the window, the projection is the pencil's sum of F P' times L^-T. Where the past
     is too close to singular for that (L's diagonal spans more than four decades, as in motion without noise), it
@@ -123,7 +123,7 @@ def _projected(data: Outputs, windows: Sequence[Piece], rows: int, past: FloatAr
 
 
 def delayed_triangle(data: Outputs, rows: int) -> FloatArray:
-    """R of the QR decomposition of all instants' [y(t), ..., y(t + rows - 1)], in chunks.
+    """Triangle R of the QR decomposition of delayed samples [y(t), ..., y(t + rows - 1)] of all instants.
 
     Returns
     -------

@@ -73,7 +73,7 @@ class FreeDecay:
 
 
 def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
-    """The records as free decays with `poles`; nothing is fitted where a glance shows that these explain little."""
+    """Records split into free decays with the given `poles` (rad/s) and the rest."""
     if _decay_share(data, poles) < _HARDLY:
         return FreeDecay([], [], explains_most=False, explains_all=False)
     decay, rest = [], []
@@ -95,7 +95,7 @@ def free_decay(data: Outputs, poles: ComplexArray) -> FreeDecay:
 
 
 def _decay_share(data: Outputs, poles: ComplexArray) -> float:
-    """Part of the power of the records that free decays with `poles` explain, from a few random sums of the channels.
+    """Share of the records' power that free decays with `poles` (rad/s) explain, estimated quickly.
 
     By normal equations, whose matrix is a geometric series. 1 where a pole grows so fast that it would overflow.
     """
@@ -124,7 +124,7 @@ def _decay_share(data: Outputs, poles: ComplexArray) -> float:
 
 
 def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
-    """Greatest level of the spectrum at the `poles`, averaged over channels and a 32nd of the lines, over its median."""
+    """Ratio of the highest spectral level near the `poles` (rad/s) to the median level."""
     n = len(y)
     size = np.sqrt(np.mean(y**2, axis=0))
     window = np.sin(np.pi * (np.arange(n) + 0.5) / n)[:, None]
@@ -137,7 +137,7 @@ def _peak(y: FloatArray, sampling_rate: float, poles: ComplexArray) -> float:
 
 
 def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: int) -> Deviations | None:
-    """The changes that suit the motion; None where the method has no parts, or fewer than two pieces are asked for."""
+    """Deviations of the subspace matrix by windows or noise, as suits the motion; None if they cannot be had."""
     if len(subspace.windows) < 2 or subspace.parts is None:
         return None
     if not motion.explains_all:
@@ -146,7 +146,7 @@ def deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_modes: i
 
 
 def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
-    """The deviations d_b of all pieces, for stationary motion."""
+    """Deviation of the subspace matrix of each data window from their mean, for stationary motion."""
     assert subspace.parts is not None
     u, v = subspace.left[:, :max_order], subspace.right[:, :max_order]
     s = subspace.singular[:max_order]
@@ -162,7 +162,7 @@ def piece_deviations(subspace: Subspace, max_order: int) -> Deviations:
 def overlapping_batches(
     ds: ComplexArray, dshape: ComplexArray, piece: float, memory: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Sums of neighbouring changes, whose products add up to a covariance that counts how neighbours vary together.
+    """Sums of neighbouring changes of poles and shapes, for a covariance that includes their correlation.
 
     Pieces short against the memory of a mode are no independent repeats. Every run of L of them is one, L the least
     with L pieces as long as `_BATCH` memories, but at most an eighth of all pieces; runs overlap. Standard deviations
@@ -196,7 +196,7 @@ def overlapping_batches(
 
 
 def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_changes: int) -> Deviations:
-    """What noise like the residual of a free decay does to G: the residual, shifted in time by various steps.
+    """Deviations of the subspace matrix by noise, estimated from shifted residuals of a free decay.
 
     Pieces of a decay are no repeats of each other, and what noise does at the end of one the next one undoes.
     """
@@ -219,7 +219,7 @@ def noise_deviations(subspace: Subspace, max_order: int, motion: FreeDecay, n_ch
 
 
 def _whole_windows(windows: Sequence[Piece]) -> tuple[Piece, ...]:
-    """One window a record instead of several pieces."""
+    """Windows that join all pieces of each record into one."""
     found = []
     for number in sorted({piece.record for piece in windows}):
         own = [piece for piece in windows if piece.record == number]
@@ -231,7 +231,7 @@ def _whole_windows(windows: Sequence[Piece]) -> tuple[Piece, ...]:
 def pole_deviations(
     subspace: Subspace, spread: Deviations, order: int, chosen: Sequence[int]
 ) -> tuple[ComplexArray, ComplexArray]:
-    """What each piece's deviation does to poles and shapes of the model of `order` states.
+    """Changes of poles (rad/s) and shapes of the model of `order` states by each window's deviation.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def pole_deviations(
 
 
 def _left_change(subspace: Subspace, right: FloatArray, left: FloatArray, order: int) -> FloatArray:
-    """First-order change of the leading left singular vectors, as far as it changes the space they span.
+    """First-order change (n_rows, order) of the leading left singular vectors that alters their span.
 
     Directions at the level of rounding, which noise-free motion leaves, stay as they are.
     """

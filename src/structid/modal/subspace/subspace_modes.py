@@ -64,7 +64,7 @@ def subspace_modes(
 
 
 def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = False) -> ModalIdentification:
-    """The same, of records that are known to be free decays, or may be anything."""
+    """Modes by a subspace method, for records that are free decays (`is_decay`) or any motion."""
     rows = _block_rows(data, options.block_rows)
     wanted = _orders(data, rows, options.orders)
     subspace = SUBSPACE_METHODS[method](data, rows, max(wanted), n_pieces=max(options.n_pieces, 1))
@@ -106,7 +106,7 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
 
 
 def _until_noise(data: Outputs, motion: FreeDecay, n_least: int) -> Outputs | None:
-    """The records up to where their decay is a `_LOST` of the noise left, if that is less than half of them; else None.
+    """Records cut where their free decay is lost in the noise; None if more than half of them would be kept.
 
     What comes after tells nothing of the modes, but its noise hides those that die out first from a subspace method.
     """
@@ -125,7 +125,7 @@ def _with_left_over(
     data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], found: tuple[Cluster, ...], motion: FreeDecay,
     options: ModalOptions, notes: list[str],
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
-    """The same where they leave nothing but noise of a free decay; else with the modes that were missing.
+    """Chosen poles, clusters and decay, with missing modes added if the residual shows more than noise.
 
     Modes of high damping scatter over the orders, and their clusters are too small to be taken for modes.
     """
@@ -149,7 +149,7 @@ def _with_left_over(
 
 
 def _pursued(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> ComplexArray:
-    """`poles` with those of `candidates` that lower Schwarz's criterion, the strongest of what is left first.
+    """Poles with those `candidates` (rad/s) added, strongest first, that lower Schwarz's criterion.
 
     All poles are refined by maximum likelihood each time, and those that no longer stand out are left out.
     """
@@ -169,7 +169,7 @@ def _pursued(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> Co
 
 
 def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int]]:
-    """The place in the sweep of the pole nearest to each of `poles`, no place twice."""
+    """Places (order number, pole index) in the `sweep` of the poles nearest to `poles`, none used twice."""
     places = [(k, i) for k, one in enumerate(sweep) for i in range(len(one.poles))]
     values, chosen = np.concatenate([one.poles for one in sweep]), []
     for pole in poles:
@@ -179,7 +179,7 @@ def _nearest(sweep: Sequence[Poles], poles: ComplexArray) -> list[tuple[int, int
 
 
 def _around(sweep: Sequence[Poles], every: Sequence[Cluster], number: int, index: int) -> Cluster:
-    """The cluster of a pole, which stands for it, or one of its own."""
+    """Cluster of poles that holds the pole `index` of order `number`, or a new one of that pole alone."""
     for cluster in every:
         here = np.flatnonzero((cluster.number == number) & (cluster.index == index))
         if len(here):
@@ -195,7 +195,7 @@ def _poles(sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]) -> Complex
 def _damped(
     sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions, before: ComplexArray
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], list[str], tuple[Cluster, ...]]:
-    """`picked_poles` of ambient motion without undamped ones, and words on those of `before` that this leaves out."""
+    """Chosen poles of ambient motion without undamped ones, and notes on the undamped ones left out."""
     selection = picked_poles(sweep, scale, options)
     picked = selection.places
     omega, undamped = np.abs(_poles(sweep, picked)), np.abs(before[before.real >= 0])
@@ -214,7 +214,7 @@ def _standing_out(
     data: Outputs, sweep: Sequence[Poles], picked: list[tuple[int, int]], found: tuple[Cluster, ...], motion: FreeDecay,
     notes: list[str],
 ) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], FreeDecay]:  # fmt: skip
-    """Modes of a free decay without stable poles of the noise, and words on those."""
+    """Chosen poles of a free decay without those that do not stand out of the noise, which are noted."""
     s = _poles(sweep, picked)
     keep = stands_out(data, s)
     if keep.all() or not keep.any():
@@ -226,7 +226,7 @@ def _standing_out(
 
 
 def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> ModalIdentification:
-    """Modes whose standard deviation of frequency is within their half-power bandwidth 2 zeta f, or 2 / T.
+    """Identification with only modes whose frequency is known to within their half-power bandwidth, or 2 / T.
 
     Stable poles of mere noise seldom are. Of random motion each mode is told once, and its channels move in one phase or the
     opposite as far as a modal phase collinearity of `_ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
@@ -258,7 +258,7 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
 
 
 def _is_steady(data: Outputs, modes: ModalRecord) -> NDArray[np.bool_]:
-    """Which modes of a free decay are tones: weak, and of a damping ratio far below that of the modes that die out."""
+    """Mask (n_modes,) of steady tones in a free decay: weak, with far less damping than the decaying modes."""
     ratio, std = modes.damping_ratio, np.nan_to_num(modes.std[modes.n_modes :])
     dying = ratio > NOT_TOLD_APART * std
     steady = np.zeros(modes.n_modes, dtype=bool)
@@ -269,6 +269,7 @@ def _is_steady(data: Outputs, modes: ModalRecord) -> NDArray[np.bool_]:
 
 
 def _block_rows(data: Outputs, given: int | None) -> int:
+    """Number of block rows of the Hankel matrix: as given, or from channel count and record length."""
     shortest = min(len(y) for y in data.series)
     if given is not None:
         if given < 2:
@@ -282,6 +283,7 @@ def _block_rows(data: Outputs, given: int | None) -> int:
 
 
 def _orders(data: Outputs, rows: int, given: Sequence[int] | None) -> list[int]:
+    """Model orders to be tried, as given or all even ones; `InputError` if they exceed the matrix."""
     room = (rows - 1) * data.n_channels
     orders = list(range(2, min(_MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
     if not orders or orders[0] < 1 or orders[-1] > room:
@@ -315,7 +317,7 @@ class PickedPoles:
 
 
 def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOptions) -> PickedPoles:
-    """The poles of `sweep` that stand for modes, or for the frequencies asked for."""
+    """Poles of the `sweep` over orders chosen as modes: the ones nearest given frequencies, or of stable clusters."""
     criteria, frequencies = options.criteria, options.frequencies
     if len(sweep) == 1:
         places = [(0, int(i)) for i in criteria.indices(sweep[0])]
@@ -341,7 +343,7 @@ def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOption
 
 
 def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, damping_ratio: FloatArray) -> list[LeftOut]:
-    """Those of `clusters` that may be modes, other than the modes at `frequency` (Hz), with the reason."""
+    """Clusters that may be modes but were not taken, with the reason; `frequency` (Hz) lists those taken."""
     width = np.maximum(np.abs(damping_ratio), _SAME) * frequency
     listed = []
     for cluster in clusters:
@@ -356,6 +358,7 @@ def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, dampin
 def _modal_record(
     subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], motion: FreeDecay, notes: list[str]
 ) -> ModalRecord:
+    """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and notes."""
     data = subspace.data
     s = _poles(sweep, picked)
     raw = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
@@ -396,7 +399,7 @@ def _memory(s: ComplexArray) -> float:
 def _all_deviations(
     subspace: Subspace, spread: Deviations, sweep: Sequence[Poles], picked: Sequence[tuple[int, int]]
 ) -> tuple[ComplexArray, ComplexArray]:
-    """`pole_deviations` of modes that come from several orders."""
+    """Changes of poles (rad/s) and shapes of chosen modes from models of several orders; see `pole_deviations`."""
     n_pieces = len(spread.right)
     ds = np.empty((n_pieces, len(picked)), dtype=complex)
     dshape = np.empty((n_pieces, subspace.data.n_channels, len(picked)), dtype=complex)
@@ -409,7 +412,7 @@ def _all_deviations(
 
 
 def frequency_damping_covariance(changes: ModalChanges, notes: list[str]) -> FloatArray:
-    """Of frequencies (Hz), then damping ratios; modes taken as independent where pieces are too few to tell."""
+    """Covariance of frequencies (Hz), then damping ratios; modes independent if pieces are few."""
     change = np.concatenate([changes.frequency, changes.damping_ratio], axis=1)
     n = changes.frequency.shape[1]
     covariance = change.T @ change
@@ -424,7 +427,7 @@ def frequency_damping_covariance(changes: ModalChanges, notes: list[str]) -> Flo
 
 
 def _warnings(data: Outputs, s: ComplexArray, n_pieces: int) -> list[str]:
-    """What makes the modes doubtful."""
+    """Warnings on what makes the modes with poles `s` (rad/s) doubtful."""
     notes, duration, omega = [], data.duration, np.abs(s)
     if data.n_channels == 1:
         notes.append("one channel shows frequencies and damping only, no mode shape; add sensors")

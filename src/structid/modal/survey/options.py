@@ -53,6 +53,7 @@ class ModesOptions:
     window: float | None = None
 
     def __post_init__(self) -> None:
+        """Convert options given as text, and raise `InputError` on values out of range."""
         if isinstance(self.frequencies, str):
             object.__setattr__(self, "frequencies", _numbers(self.frequencies))
         if isinstance(self.orders, str):
@@ -78,6 +79,7 @@ class ModesOptions:
 
 
 def _orders(text: str) -> tuple[int, ...]:
+    """Model orders from a text such as ``10,20,30`` or ``2:60``."""
     try:
         if ":" not in text:
             return tuple(int(word) for word in text.split(",") if word.strip())

@@ -31,7 +31,7 @@ _OF_TWO = "come from the record at two sampling rates"
 
 
 def lower_rate(record: TimeRecord) -> float | None:
-    """The sampling rate, Hz, at which the lowest peak of the spectrum has samples enough; None where it has already."""
+    """Lower sampling rate (Hz) that suits the lowest spectral peak; None if the record's own rate suits it."""
     from scipy.signal import find_peaks
 
     n = len(record.values)
@@ -48,7 +48,7 @@ def lower_rate(record: TimeRecord) -> float | None:
 
 
 def join_frequency(low: ModalRecord, high: ModalRecord, rate: float) -> float:
-    """Where the two looks are joined, Hz: away from modes of both."""
+    """Frequency (Hz) that separates modes of the low-rate and the high-rate analysis, far from modes of both."""
     places = np.linspace(*_SPLIT, 41) * rate
     modes = np.concatenate([low.frequency, high.frequency])
     if not len(modes):
@@ -57,7 +57,7 @@ def join_frequency(low: ModalRecord, high: ModalRecord, rate: float) -> float:
 
 
 def look_rates(record: TimeRecord) -> tuple[float, ...]:
-    """Sampling rates, Hz, decreasing, at which the record is looked at besides its own; () where that shows all modes."""
+    """Additional sampling rates (Hz), decreasing, for analysing a record; () if its own rate suffices."""
     lowest = lower_rate(record)
     if lowest is None:
         return ()
@@ -121,7 +121,7 @@ def _is_of_two(words: str) -> bool:
 
 
 def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
-    """Modes that both have: nearest to one another, within three deviations or half a bandwidth, and of one shape."""
+    """Index pairs of modes that `low` and `high` both have: mutually nearest in frequency, with the same shape."""
     if not (low.n_modes and high.n_modes):
         return []
     gap = np.abs(low.frequency[:, None] - high.frequency)
@@ -135,7 +135,7 @@ def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
 def _limited(
     found: ModalIdentification, keep_mode: NDArray[np.bool_], least: float, greatest: float
 ) -> ModalIdentification:
-    """The modes marked in `keep_mode` with their poles, and the other poles from `least` to below `greatest`, Hz."""
+    """Identification with the modes marked in `keep_mode` and other poles between `least` and `greatest` (Hz)."""
     modes = found.modes
     clusters = [c for c, keep in zip(found.clusters, keep_mode, strict=True) if keep] if found.clusters else []
     inside = [(poles.frequency >= least) & (poles.frequency < greatest) for poles in found.sweep]

@@ -37,7 +37,7 @@ def modes_of_setups(
     read: ReadOptions | None = None,
     geometry: str | Path | None = None,
 ) -> ModesResult:
-    """The modes of one structure from several set-ups with common reference sensors, each as `modes_of_file`, merged.
+    """Modes of one structure from several set-ups with common reference sensors, identified and merged.
 
     A mode that two set-ups or more have, and one has not, is looked for in that one's record at the others' frequency. The
     record and the spectra of the result are those of the first set-up.
@@ -82,7 +82,7 @@ def modes_of_setups(
 
 
 def recovered_modes(result: ModesResult, merging: Merging, number: int) -> ModalRecord | None:
-    """Modes that set-up `number` lacks in `merging` and its record shows at the frequency of the others; None without any."""
+    """Modes that set-up `number` lacks in `merging` but its record shows at the merged frequency; None if none."""
     lost = np.flatnonzero(merging.members[number] < 0)
     limits = result.identification.options.criteria.frequency
     lost = lost[(merging.modes.frequency[lost] > limits[0]) & (merging.modes.frequency[lost] < limits[1])]
@@ -106,7 +106,7 @@ def recovered_modes(result: ModesResult, merging: Merging, number: int) -> Modal
 
 
 def _wanted_modes(again: ModalRecord, merged: ModalRecord, lost: IntArray, present: ModalRecord) -> IntArray:
-    """Which modes of `again` are those `lost`: near, of their shape, as certain as their bandwidth, and not `present`."""
+    """Indices of modes of `again` that match the `lost` ones in frequency and shape and are not `present`."""
     places = {dof.unsigned: i for i, dof in enumerate(merged.channels)}
     rows = np.array([places[dof.unsigned] for dof in again.channels])
     sign = np.array([dof.sign for dof in again.channels])[:, None]

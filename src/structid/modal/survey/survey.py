@@ -140,7 +140,7 @@ class ModesResult(ModesPlots):
 
     @property
     def scale_words(self) -> str:
-        """What the scale of the shapes is, and what the modes therefore cannot tell."""
+        """Words on the scale of the mode shapes, and what the modes cannot tell because of it."""
         if self.modes.scaling == "mass":
             return "mode shapes are scaled to a modal mass of 1 kg, from the measured forces"
         if isinstance(self.record, TimeRecord | SpectrumRecord):
@@ -182,7 +182,7 @@ def modes_of_file(
 def read_and_identify(
     path: Path, options: ModesOptions, read: ReadOptions | None, geometry: str | Path | None, alone: bool
 ) -> ModesResult:
-    """`modes_of_file`; columns without names are numbered only where the record stands `alone`."""
+    """Modes of the file at `path` (see `modes_of_file`); unnamed columns are numbered if it stands `alone`."""
     read = read or ReadOptions()
     if read.kind == SPECTRUM:
         return _modes_of_spectra(path, options, read, geometry)
@@ -219,7 +219,7 @@ def read_and_identify(
 
 
 def _modes_of_spectra(path: Path, options: ModesOptions, read: ReadOptions, geometry: str | Path | None) -> ModesResult:
-    """Modes of stored spectra, by their peaks."""
+    """Modes of stored spectra by peak picking."""
     for name in ("rate", "orders", "damping", "deviation", "window"):
         if getattr(options, name) is not None:
             raise InputError(
@@ -245,7 +245,7 @@ def _modes_of_spectra(path: Path, options: ModesOptions, read: ReadOptions, geom
 
 
 def _read(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptions, tuple[str, ...]]:
-    """The record; columns of a bare array without names are numbered, where no other set-up has the same numbers."""
+    """Record read from `path`, and the options used; columns without names are numbered if it stands `alone`."""
     try:
         return read_record(path, read), read, ()
     except UnnamedChannelsError as error:
@@ -257,7 +257,7 @@ def _read(path: Path, read: ReadOptions, alone: bool) -> tuple[Record, ReadOptio
 
 
 def _prepared(record: Record, options: ModesOptions) -> tuple[Record, tuple[str, ...], tuple[Finding, ...]]:
-    """The record made ready, what was done, and what is doubtful about it."""
+    """Record prepared for identification, words on what was done, and findings on doubtful data."""
     steps: list[str] = []
     if options.window is not None:
         steps.append(f"damping of an exponential window of {options.window:g} s taken off the modes")
@@ -277,7 +277,7 @@ def _prepared(record: Record, options: ModesOptions) -> tuple[Record, tuple[str,
 
 
 def shared_or_whole(record: Record) -> tuple[Record, SharedMotions | None]:
-    """The motions that very many channels share, in the place of the record."""
+    """Record reduced to the few motions that very many channels share, and these; else the record and None."""
     if not isinstance(record, TimeRecord) or len(record.channels) <= min(_MANY_CHANNELS, len(record.values)):
         return record, None
     quantity = record.quantities[0]
@@ -291,6 +291,7 @@ def shared_or_whole(record: Record) -> tuple[Record, SharedMotions | None]:
 
 
 def _require_below_nyquist(record: TimeRecord, options: ModesOptions) -> None:
+    """Raise `InputError` if wanted frequencies lie above half the sampling rate used."""
     highest = max([*(options.band or ())[1:], *(options.frequencies or ())], default=0.0)
     rate = record.sampling_rate if options.rate is None else min(options.rate, record.sampling_rate)
     if highest >= rate / 2:
@@ -301,7 +302,7 @@ def _require_below_nyquist(record: TimeRecord, options: ModesOptions) -> None:
 
 
 def rate_for(record: TimeRecord, options: ModesOptions) -> float | None:
-    """The sampling rate to decimate to: as given, or by the highest frequency that is asked for."""
+    """Sampling rate (Hz) to decimate to, as given or by the highest wanted frequency; None to keep the record's."""
     if options.rate is not None:
         return options.rate
     highest = max([*(options.band or ())[1:], *(options.frequencies or ())], default=None)
@@ -312,7 +313,7 @@ def rate_for(record: TimeRecord, options: ModesOptions) -> float | None:
 
 
 def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentification, tuple[str, ...]]:
-    """The modes, and words on further looks at lower rates."""
+    """Modes of the record, identified at its own and at lower sampling rates, and words on the latter."""
     settings = options.modal
     asked = (options.method, options.rate, options.band, options.frequencies)
     if isinstance(record, FrfRecord) or any(given is not None for given in asked):
@@ -341,7 +342,7 @@ def _identified(record: Record, options: ModesOptions) -> tuple[ModalIdentificat
 
 
 def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSpectra) -> ModalIdentification:
-    """`identification` with a warning that names peaks of the first singular value that no mode explains."""
+    """Identification with a warning on spectral peaks that no mode explains, if there are any."""
     low, high = identification.options.criteria.frequency
     level = spectra.values[:, 0] if spectra.is_power else spectra.values[:, 0] ** 2
     peaks = unexplained_peaks(spectra.frequency, level, identification.modes)
@@ -358,7 +359,7 @@ def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSp
 
 
 def _tone_kurtosis(record: Record, identification: ModalIdentification) -> FloatArray:
-    """`harmonic_indicator` of the modes with hardly any damping.
+    """Kurtosis of the motion of hardly damped modes, (n_modes,), which tells tones; NaN for other modes.
 
     NaN for modes of a free decay whose damping is told from 0: no tone dies out.
     """
@@ -382,7 +383,7 @@ def dies_out(identification: ModalIdentification) -> NDArray[np.bool_]:
 
 
 def mode_spectra(record: Record) -> ModeSpectra:
-    """Singular values of the spectral matrix of motion, or of the FRF matrix, line by line."""
+    """Singular values of the spectral matrix, or of the FRF matrix, at every line."""
     if isinstance(record, FrfRecord):
         values = np.linalg.svd(record.values, compute_uv=False)
         return ModeSpectra(record.frequency, values, "singular values of the FRF matrix", record.unit, is_power=False)
@@ -403,7 +404,7 @@ def modes_provenance(paths: Sequence[str | Path | None], options: ModesOptions, 
 
 
 def record_geometry(path: Path, record: Record | SpectrumRecord, given: Path | None) -> Geometry | None:
-    """The geometry in the file `given`, or else in the record's file `path`; None where there is none.
+    """Geometry from the file `given`, or from the record's own file; None if there is none.
 
     Raises
     ------

@@ -73,7 +73,7 @@ class Look:
 
 
 def look(shading: Shading | None, element: str, index: int) -> Look:
-    """The look of one element; grey where the shading says nothing of it."""
+    """Colour and style of one element; grey if `shading` has no value for it."""
     change = shading.changes.get((element, index)) if shading else None
     if shading is None or change is None:
         return Look()
@@ -82,7 +82,7 @@ def look(shading: Shading | None, element: str, index: int) -> Look:
 
 
 def shading(title: str, changes: Changes, limit: float) -> Shading:
-    """Relative changes on the diverging colours, white for none, ends at `limit`."""
+    """Shading of elements by relative change on a diverging colour scale, white for 0, with ends at +-`limit`."""
     ticks = [part * limit for part in (-1.0, -0.5, 0.0, 0.5, 1.0)]
     texts = tuple((value, f"{'+' if value > 0 else ''}{exact(100 * value, 3)} %") for value in ticks)
     exceeded = any(abs(change.ratio) > limit for change in changes.values())
@@ -102,7 +102,7 @@ def properties_of(structure: Structure, kinds: tuple[str, ...]) -> Iterator[Prop
 
 
 def elements_of(item: Property, design: csr_array) -> Iterator[tuple[tuple[str, int], int, np.ndarray]]:
-    """Element, place among all values of the structure and parameters, for each element that a parameter acts on."""
+    """Key, index of the value and parameter columns of each element of `item` that a parameter acts on."""
     for row, index in enumerate(range(item.values.start, item.values.stop)):
         columns = design.indices[design.indptr[index] : design.indptr[index + 1]]
         if len(columns):
@@ -110,7 +110,7 @@ def elements_of(item: Property, design: csr_array) -> Iterator[tuple[tuple[str, 
 
 
 def shadings(identification: Identification) -> tuple[Shading, ...]:
-    """One for each kind of property that has a parameter at all."""
+    """Shadings of an identification's changes, one for each kind of property that has parameters."""
     found = []
     for name, kinds in KINDS.items():
         changes = _changes(identification, kinds)
@@ -121,6 +121,7 @@ def shadings(identification: Identification) -> tuple[Shading, ...]:
 
 
 def _changes(identification: Identification, kinds: tuple[str, ...]) -> Changes:
+    """Relative change of properties of these `kinds` by element, from an identification."""
     structure, unknown = identification.structure, identification.parameters
     found = identification.estimate
     own = identification.own_index
@@ -142,7 +143,7 @@ def _changes(identification: Identification, kinds: tuple[str, ...]) -> Changes:
 
 
 def _merged(first: Change | None, second: Change) -> Change:
-    """Both together: the larger change, a significant one before another, identified only if both are."""
+    """Combined change of one element: the larger of the two, a significant one first; both texts."""
     if first is None:
         return second
     larger = max((first, second), key=lambda one: (one.is_significant, abs(np.nan_to_num(one.ratio))))

@@ -66,7 +66,7 @@ class _Frame:
 def structure_picture(
     structure: Structure, outputs: Sequence[Dof], inputs: Sequence[Dof], is_field: bool = False
 ) -> Picture:
-    """`structure` with sensors and loads; without nodes and names of elements where its cells carry a field."""
+    """Picture of a structure with sensors and loads; without names if its cells show a field (`is_field`)."""
     frame, notes = _frame(structure)
     marks, grounds = _marks(frame)
     hidden = frozenset(frame.points) if is_field else hidden_nodes(structure, frame.points, marks)
@@ -115,7 +115,7 @@ def structure_picture(
 
 
 def _words(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[plot.Texts]:
-    """Texts at places, those of one colour together."""
+    """Text traces of (text, place, colour) triples at this font `size`, one trace for each colour."""
     found = []
     for colour in dict.fromkeys(colour for *_, colour in words):
         texts, places = zip(*((text, at) for text, at, own in words if own == colour), strict=True)
@@ -126,6 +126,7 @@ def _words(words: Sequence[tuple[str, FloatArray, str]], size: float) -> list[pl
 
 
 def _frame(structure: Structure) -> tuple[_Frame, tuple[str, ...]]:
+    """Projected node positions and symbol sizes (m) for drawing a structure, and notes on the drawing."""
     axes = paper_axes(structure)
     table = np.array(list(structure.nodes.values()))
     flat = table @ axes[: structure.dimension]
@@ -153,7 +154,7 @@ def _spacing(points: Mapping[int, FloatArray], elements: Sequence[ElementSet], s
 
 
 def _marks(frame: _Frame) -> tuple[tuple[Mark, ...], FloatArray]:
-    """All elements, lines first so that masses stand before them, and the walls of grounded connectors."""
+    """Outlines of all elements, lines first so that masses cover them, and wall lines of grounded connectors."""
     sets = frame.structure.elements
     connectors = [(e, k) for e in sets if isinstance(e, _Connector) for k in range(len(e.nodes))]
     lines = [(e, k) for e in sets if isinstance(e, _Line) for k in range(len(e.nodes))]
@@ -190,7 +191,7 @@ def _pair(nodes: Sequence[int]) -> tuple[int, int]:
 
 
 def _place_key(element: Spring | Dashpot | Friction, index: int) -> object:
-    """What connectors side by side have in common: the pair of nodes, or the grounded direction."""
+    """Key that parallel connectors share: their pair of nodes, or node and direction of the grounded one."""
     first = element.first[index]
     if element.second is None:
         return (first.node, first.direction)
@@ -214,7 +215,7 @@ class _Around:
 def _connector(
     frame: _Frame, element: Spring | Dashpot | Friction, index: int, around: _Around, taken: Counter[object]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Path, wall and middle of one spring, dashpot or friction pad."""
+    """Path, wall line and centre of the symbol of one spring, dashpot or friction element."""
     first = element.first[index]
     second = None if element.second is None else element.second[index]
     start = frame.points[first.node]
@@ -249,7 +250,7 @@ def _connector(
 
 
 def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool]:
-    """The side on which a connector goes to the ground, and whether an element is in its way there.
+    """Direction of a connector to the ground, and True if an element is in its way.
 
     Against the sense of the axis where nothing else is attached on that side.
     """
@@ -264,7 +265,7 @@ def _outward(frame: _Frame, dof: Dof, around: _Around) -> tuple[FloatArray, bool
 def _area(
     frame: _Frame, element: ElementSet, index: int, taken: Counter[object], heaviest: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Outline and middle: a disc for a mass, rings for rotary inertias and joints, a square for what is left."""
+    """Outline and centre of an element's symbol: disc for a mass, rings for rotary inertia, square for others."""
     centre = np.mean([frame.points[int(n)] for n in element.nodes[index] if n >= 0], axis=0)
     if isinstance(element, PointMass):
         share = float(element.mass[index]) / heaviest if heaviest > 0 else 1.0
@@ -298,7 +299,7 @@ def _arrow_traces(arrows: Sequence[_Arrow], colour: str, width: float, noun: str
 
 
 def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
-    """A sensor starts at its node, a load ends there; rotations turn in a plane and have two heads in space."""
+    """Arrow of a sensor, which starts at its node, or of a load, which ends there."""
     point = frame.points[dof.node]
     head = min(0.022 * frame.size, max(0.7 * frame.spacing, 0.012 * frame.size))
     length = 0.10 * frame.size
@@ -319,7 +320,7 @@ def _arrow(frame: _Frame, dof: Dof, is_load: bool) -> _Arrow:
 
 
 def _links(frame: _Frame) -> list[FloatArray]:
-    """Lines from the main node of every rigid link or constraint to those that follow it."""
+    """Line segments from the main node of every rigid link or constraint to each dependent node."""
     found = []
     for tie in frame.structure.ties:
         if isinstance(tie, RigidLink):
@@ -338,7 +339,7 @@ def _dof_labels(frame: _Frame, arrows: Sequence[_Arrow], colour: str) -> list[La
 
 
 def _names(frame: _Frame, shown: Sequence[int], marks: Sequence[Mark], busy: set[int]) -> list[Label]:
-    """Of nodes that are few or `busy`, and of element sets."""
+    """Labels of nodes, if few or in `busy`, and of element sets."""
     few = frozenset(shown if len(frame.points) <= _MANY_NODES else ())
     aside, below = symbols.unit(np.array([-1.0, -1.0])), np.array([0.0, -frame.height])
     found = [
@@ -363,6 +364,7 @@ def _axes(frame: _Frame, corner: FloatArray, used: set[str]) -> tuple[tuple[str,
 def _bounds(
     corners: FloatArray, words: Sequence[tuple[str, FloatArray]], paths: Sequence[FloatArray], per_inch: float
 ) -> tuple[float, float, float, float]:
+    """Drawing limits (x low, x high, y low, y high) that hold corners, texts and paths with a margin."""
     half = 0.5 * per_inch * np.array(_CHARACTER_INCHES)
     boxes = [at + sign * half * (len(text), 1.0) for text, at in words for sign in (-1.0, 1.0)]
     everything = np.concatenate([corners, *paths, np.array(boxes).reshape(-1, 2)])
@@ -372,6 +374,7 @@ def _bounds(
 
 
 def _node_texts(structure: Structure, shown: Sequence[int]) -> tuple[str, ...]:
+    """Hover texts of nodes: label, coordinates (m) and fixed directions."""
     held: dict[int, list[str]] = {}
     for dof in structure.fixed:
         held.setdefault(dof.node, []).append(dof.direction)

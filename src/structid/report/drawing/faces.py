@@ -36,7 +36,7 @@ def is_cells(element: ElementSet) -> bool:
 
 
 def cell_faces(structure: Structure, points: Mapping[int, FloatArray]) -> list[Mark]:
-    """One mark for every cell, of solids for every outer face that looks at the eye; the farthest first.
+    """Marks for drawing cells: one for each area cell or visible outer face of a solid, farthest first.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def _outer_faces(rows: list[IntArray]) -> list[tuple[int, IntArray]]:
 
 
 def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: Sequence[Mark]) -> frozenset[int]:
-    """Nodes of cells in space that a face covers, and those within solids; all of them where the mesh is large."""
+    """Nodes of solid or shell cells that faces hide from view; for a large mesh all nodes of cells."""
     faces = [mark for mark in marks if mark.nodes]
     if not is_spatial(structure) or not faces:
         return frozenset()
@@ -134,7 +134,7 @@ def hidden_nodes(structure: Structure, points: Mapping[int, FloatArray], marks: 
 
 
 def _inside(corners: FloatArray, at: FloatArray) -> np.ndarray:
-    """Whether points (n, 2) lie in a convex outline."""
+    """Mask (n,) of the points `at` (n, 2) that lie in the convex polygon `corners` (m, 2)."""
     sides = np.roll(corners, -1, axis=0) - corners
     away = at[:, None] - corners
     turns = sides[:, 0] * away[:, :, 1] - sides[:, 1] * away[:, :, 0]

@@ -23,7 +23,7 @@ class Label:
 def place(
     wanted: Iterable[Label], character: tuple[float, float], gap: float, obstacles: FloatArray
 ) -> tuple[list[tuple[Label, FloatArray]], int]:
-    """Labels that find a place, with its middle, first come first served, and the number of those left out.
+    """Text labels placed without overlap, with their centres, and the number of labels left out.
 
     Of the places that no other label covers, the one with the fewest obstacles behind the text is taken.
 
@@ -62,7 +62,7 @@ def place(
 
 
 def _candidates(label: Label, half: FloatArray, gap: float) -> list[FloatArray]:
-    """Centres to try: in the wanted direction, then turned by up to 135 degrees, then the same farther out."""
+    """Centres to try for a label: the wanted direction, then turned by up to 135 degrees, then farther out."""
     found = []
     for distance in (1.0, 2.5, 4.5):
         for turn in (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75):

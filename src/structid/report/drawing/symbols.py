@@ -24,7 +24,7 @@ _BODIES: dict[str, list[list[tuple[float, float]]]] = {
 
 
 def joined(paths: Iterable[FloatArray]) -> FloatArray:
-    """`paths` as one, with the pen lifted in between, (n, 2)."""
+    """Several paths (n_i, 2) as one path (n, 2), with NaN rows in between to lift the pen."""
     parts: list[FloatArray] = []
     for path in paths:
         parts += [np.asarray(path, dtype=np.float64), _LIFT]
@@ -32,7 +32,7 @@ def joined(paths: Iterable[FloatArray]) -> FloatArray:
 
 
 def sampled(path: FloatArray, step: float) -> FloatArray:
-    """Points along `path`, no farther apart than `step`, without the lifts of the pen."""
+    """Points along `path` (n, 2), at most `step` apart."""
     start, end = path[:-1], path[1:]
     drawn = np.isfinite(start).all(axis=1) & np.isfinite(end).all(axis=1)
     parts = [path[np.isfinite(path).all(axis=1)]]
@@ -59,7 +59,7 @@ def _placed(local: ArrayLike, start: FloatArray, along: FloatArray) -> FloatArra
 
 
 def connector(kind: str, start: FloatArray, end: FloatArray, height: float) -> FloatArray:
-    """A ``spring``, a ``dashpot`` or ``friction`` pads of half height `height`, between straight leads."""
+    """Path of a spring, dashpot or friction symbol of half height `height` from `start` to `end`."""
     length = float(np.hypot(*(end - start)))
     size = min((6 if kind == "spring" else 4) * height, 0.6 * length)
     body = 0.5 * (length - size), 0.5 * (length + size)
@@ -106,7 +106,7 @@ def arrow_head(tip: FloatArray, along: FloatArray, size: float) -> FloatArray:
 
 
 def turning_arrow(centre: FloatArray, sense: int, radius: float, head: float) -> tuple[FloatArray, FloatArray]:
-    """Shaft and head of an arrow that turns about `centre`, against the clock for `sense` +1."""
+    """Shaft and head of a curved arrow about `centre`, counterclockwise for `sense` +1."""
     angle = sense * np.linspace(-0.25 * np.pi, 1.15 * np.pi, 30)
     shaft = centre + radius * np.column_stack([np.cos(angle), np.sin(angle)])
     along = sense * np.array([-np.sin(angle[-1]), np.cos(angle[-1])])

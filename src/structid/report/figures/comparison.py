@@ -26,7 +26,7 @@ from structid.report.rendering import plot
 
 
 def comparison_figures(result: ComparisonResult) -> dict[str, plot.Figure]:
-    """By name: ``changes``, and ``map`` where the structure is known."""
+    """Figures of a comparison by name: ``changes``, and ``map`` if the structure is known."""
     figures = {"changes": changes_figure(result.comparison)}
     drawn = result.later.drawn or result.baseline.drawn
     if drawn is not None:
@@ -61,7 +61,7 @@ def changes_figure(found: Comparison) -> plot.Figure:
 
 
 def _axis_limit(found: Comparison) -> float:
-    """Largest relative change shown: what the changes and most intervals need."""
+    """Largest relative change on the axis, chosen to hold all changes and most intervals."""
     reach = np.abs(found.relative_change) + NORMAL_95 * found.relative_std
     reach = reach[np.isfinite(reach)]
     if not reach.size:
@@ -77,7 +77,7 @@ def map_figure(found: Comparison, drawn: Drawn) -> plot.Figure:
 
 
 def _shading(found: Comparison, drawn: Drawn, name: str, kinds: tuple[str, ...]) -> Shading | None:
-    """Declared changes of one kind of property by element; None where nothing of it was compared."""
+    """Shading of elements by declared changes of one kind of property; None if none was compared."""
     place = {label: i for i, label in enumerate(found.names)}
     changes: Changes = {}
     for item in properties_of(drawn.structure, kinds):

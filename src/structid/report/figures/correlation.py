@@ -21,7 +21,7 @@ _MOST_MAPS = 2
 
 
 def mac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.Figure:
-    """MAC of measured and modelled modes, one panel a model; pairs are framed."""
+    """Matrix figure of the MAC between measured and model modes, one panel for each model, pairs framed."""
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
     panels, largest = [], 1
     for part, word in zip(parts, words, strict=True):
@@ -48,7 +48,7 @@ def mac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.
 
 
 def _frames(cells: FloatArray) -> list[plot.Curve]:
-    """A frame round each cell (column, row)."""
+    """Closed curves around matrix cells (column, row), (n, 2)."""
     if not len(cells):
         return []
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1), (np.nan, np.nan)]) * 0.47
@@ -57,7 +57,7 @@ def _frames(cells: FloatArray) -> list[plot.Curve]:
 
 
 def comac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plot.Figure:
-    """COMAC and ECOMAC of every sensor."""
+    """Bar chart of COMAC and ECOMAC of every sensor, for one or two models."""
     names = [str(dof) for dof in parts[-1].measured.channels]
     panels = (
         _bars(names, "sensor", plot.Axis("COMAC", "1", (0.0, 1.05)), [part.comac for part in parts], words),
@@ -72,7 +72,7 @@ def comac_figure(parts: Sequence[ModesCorrelation], words: Sequence[str]) -> plo
 
 
 def frac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> plot.Figure:
-    """FRAC of every function, one panel a load."""
+    """Bar chart of FRAC of every response function, one panel for each load."""
     record = parts[-1].record
     names = [str(dof) for dof in record.outputs]
     panels = tuple(
@@ -94,7 +94,7 @@ def frac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> 
 
 
 def fdac_figure(parts: Sequence[ResponsesCorrelation], words: Sequence[str]) -> plot.Figure | None:
-    """FDAC of the first loads, of one model after the other; None with a single output."""
+    """Matrix figure of FDAC for the first loads and each model; None if there is a single output."""
     if any(part.fdac is None for part in parts):
         return None
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "FDAC")
@@ -127,7 +127,7 @@ def _bars(
     words: Sequence[str],
     title: str = "",
 ) -> plot.Panel:
-    """One bar for each of `names` and of `values`."""
+    """Bar chart panel with a group for each of `names` and a bar for each of `values`."""
     place, count = np.arange(len(names), dtype=float), len(values)
     width = 0.8 / count
     traces: list[plot.Trace] = []

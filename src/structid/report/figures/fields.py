@@ -19,7 +19,7 @@ from structid.report.rendering import plot
 
 
 def field_figures(found: Identification) -> dict[str, plot.Figure]:
-    """By name, one for each property that has at least three different parameters over an element set."""
+    """Figures by property name for element properties with three or more parameters over a mesh."""
     estimate, unknown, own = found.estimate, found.parameters, found.own_index
     records = [fit.problem.record for fit in found.fits]
     before, after = unknown.values(estimate.initial[own]), unknown.values(estimate.values[own])
@@ -46,7 +46,7 @@ def field_figures(found: Identification) -> dict[str, plot.Figure]:
 def _field_figure(
     drawn: Picture, names: tuple[str, str], change: FloatArray, std: FloatArray, limit: float
 ) -> plot.Figure:
-    """The change beside its standard deviation; a line round changes of more than `limit` standard deviations."""
+    """Figure of relative change beside its standard deviation, by element, with significant areas outlined."""
     name, elements = names
     texts = [f"{percent(c)} ± {percent(s, 2, signed=False)}" for c, s in zip(change, std, strict=True)]
     sides = [
@@ -70,7 +70,7 @@ def _field_figure(
 
 
 def _caption(elements: str, change: FloatArray, std: FloatArray) -> str:
-    """The lowest element and what the colours are."""
+    """Caption with the element of the lowest value and the meaning of the colours."""
     if not np.isfinite(change).any():
         return ""
     lowest = int(np.nanargmin(change))

@@ -38,7 +38,7 @@ class ModeRows:
 
 
 def mode_rows(found: Identification | RecordFit) -> ModeRows:
-    """Modes before and after, as many as both models have."""
+    """Frequencies, damping ratios and MAC of the modes of initial and identified model."""
     before, after = found.modes_initial, found.modes
     n = min(len(before.frequency), len(after.frequency))
     x, y = before.mode_shapes[:, :n], after.mode_shapes[:, :n]
@@ -72,7 +72,7 @@ def modes_figure(rows: ModeRows, band: plot.Limits) -> plot.Figure:
 
 
 def modal_fit_figure(fit: ModalFit) -> plot.Figure:
-    """Differences in frequency from what was measured, and MAC, before and after."""
+    """Figure of frequency differences from the measured modes, and MAC, before and after fitting."""
     problem = fit.problem
     number, measured = problem.data.measured + 1, problem.data.frequency
     before, after = (100 * (model.frequency / measured - 1) for model in (fit.initial, fit.fitted))

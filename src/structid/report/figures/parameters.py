@@ -20,7 +20,7 @@ _N_HIGHLIGHTED = 7
 
 
 def parameters_figure(identification: Identification) -> plot.Figure:
-    """A dot with its intervals for every parameter, over the initial value.
+    """Figure of all parameters with intervals, relative to their initial values.
 
     The axis holds what is identified; what lies beyond stands at its end.
     """
@@ -72,7 +72,7 @@ def parameters_figure(identification: Identification) -> plot.Figure:
 def _ratio_limits(
     ratio: FloatArray, interval: FloatArray, prior: FloatArray, sure: np.ndarray
 ) -> tuple[float, float, bool]:
-    """Axis limits that hold what is identified, with its interval, and the priors; others where they are near."""
+    """Axis limits that hold identified parameters, intervals and priors, and True for a logarithmic axis."""
     ends = np.concatenate([[1.0], ratio[sure], interval[sure].ravel(), prior.ravel()])
     ends = ends[np.isfinite(ends)]
     centre = np.append(ratio[sure & np.isfinite(ratio)], 1.0)
@@ -90,7 +90,7 @@ def _ratio_limits(
 
 
 def _ratio_axis(label: str, limits: plot.Limits, log: bool, room: float = 0.0) -> plot.Axis:
-    """With `room` at both ends, as a part of the length; plain numbers where it is logarithmic."""
+    """Axis of relative values with a margin `room` (part of its length), with plain tick labels if `log`."""
     low, high = limits
     if not log:
         return plot.Axis(label, limits=(low - room * (high - low), high + room * (high - low)))
@@ -113,7 +113,7 @@ def correlation_figure(identification: Identification) -> plot.Figure:
 
 
 def convergence_figure(identification: Identification) -> plot.Figure:
-    """Parameters over their initial values along the last stage; the largest changes in colour."""
+    """Figure of parameters relative to initial values over the iterations of the last stage."""
     found = identification.estimate
     ratio = found.search.history / np.where(found.initial != 0, found.initial, np.nan)
     change = np.nan_to_num(np.abs(np.log(np.where(ratio[-1] > 0, ratio[-1], np.nan))))

@@ -20,7 +20,7 @@ _OFF_SCALE = 1e3
 
 
 def plan_figures(found: Plan) -> dict[str, plot.Figure]:
-    """By name: the chosen places, those of effective independence, standard deviations, and lines."""
+    """Figures of a test plan by name: chosen places, effective independence, standard deviations, and lines."""
     figures = {"plan_places": _places(found, found.chosen)}
     if found.kammer is not None and set(found.kammer.sensors) != set(found.chosen.sensors):
         figures["plan_effective_independence"] = _places(found, found.kammer)
@@ -43,7 +43,7 @@ def _places(found: Plan, test: PlannedTest) -> plot.Figure:
 
 
 def std_figure(found: Plan) -> plot.Figure:
-    """Predicted relative standard deviation of every parameter, one mark a test, on a logarithmic axis."""
+    """Figure of the predicted relative standard deviation of every parameter, one marker for each test."""
     tests, target = compared(found), found.options.target
     of_interest = zip(found.parameters.names, found.chosen.of_interest, strict=True)
     names = [name + ("" if counts else " (nuisance)") for name, counts in of_interest]
@@ -73,7 +73,7 @@ def std_figure(found: Plan) -> plot.Figure:
 
 
 def _limits(finite: np.ndarray) -> tuple[float, float]:
-    """Powers of ten around the marks, at least one decade."""
+    """Logarithmic axis limits: powers of ten around the values, at least one decade apart."""
     if not finite.size:
         return 0.1, 10.0
     low = 10.0 ** np.floor(np.log10(finite.min() / 1.2))
@@ -81,7 +81,7 @@ def _limits(finite: np.ndarray) -> tuple[float, float]:
 
 
 def lines_figure(found: Plan, chosen: PlannedTest) -> plot.Figure:
-    """The chosen lines over the response of the initial model at the chosen places."""
+    """Figure of the chosen frequency lines over the response of the initial model at the chosen sensors."""
     frequency, magnitude = _response(found, found.chosen.sensors, found.chosen.loads)
     at = np.interp(chosen.frequency, frequency, magnitude)
     spread = np.diff(np.log(np.maximum(frequency, np.finfo(float).tiny)))
@@ -98,6 +98,7 @@ def lines_figure(found: Plan, chosen: PlannedTest) -> plot.Figure:
 
 
 def _response(found: Plan, sensors: tuple[Dof, ...], loads: tuple[Dof, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (Hz) and root-mean-square FRF magnitude of the initial model at these sensors and loads."""
     from structid.forward.frf.response import response
     from structid.records import FrfRecord
 

@@ -20,7 +20,7 @@ _DECADES = 1e-5
 
 
 def frf_figure(found: Prediction | PredictedChange) -> plot.Figure:
-    """Magnitudes of predicted FRFs with their bands, a channel at a time."""
+    """Figure of predicted FRF magnitudes with probability bands, one channel at a time."""
     parts = _shown(found)
     first = next(iter(parts.values()))
     axes = first.quantity.axes
@@ -47,7 +47,7 @@ def frf_figure(found: Prediction | PredictedChange) -> plot.Figure:
 
 
 def history_figure(found: Prediction | PredictedChange) -> plot.Figure:
-    """Predicted motion over time with its band, a sensor at a time."""
+    """Figure of predicted time histories with probability bands, one sensor at a time."""
     parts = _shown(found)
     first = next(iter(parts.values()))
     axes = first.quantity.axes
@@ -71,7 +71,7 @@ def history_figure(found: Prediction | PredictedChange) -> plot.Figure:
 
 
 def _figure(panels: list[plot.Panel], label: str, caption: str) -> plot.Figure:
-    """One panel, or one at a time to choose from."""
+    """Figure of one panel, or of several that are chosen one at a time from a list with this `label`."""
     if len(panels) == 1:
         return plot.Figure(tuple(panels), (900.0, 420.0), caption=caption)
     shown = tuple(range(min(len(panels), _MOST_PANELS)))

@@ -19,7 +19,7 @@ _MOST_MARKED = 40
 
 
 def panels_figure(panels: tuple[Panel, ...]) -> plot.Figure:
-    """Up to two panels side by side; a label has one colour in all of them."""
+    """Figure of up to two panels in a row, with one colour for each label in all of them."""
     columns = min(2, len(panels))
     labels = list(dict.fromkeys(_label(curve) for panel in panels for curve in panel.curves))
     shown = tuple(_panel(panel, labels) for panel in panels)
@@ -27,6 +27,7 @@ def panels_figure(panels: tuple[Panel, ...]) -> plot.Figure:
 
 
 def _panel(panel: Panel, labels: list[str]) -> plot.Panel:
+    """Plot panel of reproduced curves, with bands and axes."""
     log = panel.log_y and any((_finite(curve.y) > 0).any() for curve in panel.curves)
     ends = [values for curve in panel.curves for values in (curve.y, curve.low, curve.high) if values is not None]
     drawn = np.abs(np.concatenate([_drawable(values, log) for values in ends]))
@@ -39,7 +40,7 @@ def _panel(panel: Panel, labels: list[str]) -> plot.Panel:
 
 
 def _x_axis(panel: Panel) -> plot.Axis:
-    """Whole numbers where all are whole; a logarithmic axis where few points are spread over powers of ten."""
+    """Horizontal axis of a panel, with integer ticks for integer data or a logarithmic scale for few wide data."""
     points = np.unique(np.concatenate([np.asarray(curve.x, dtype=np.float64) for curve in panel.curves]))
     first, last = float(points[0]), float(points[-1])
     if 3 <= len(points) <= 12 and first > 0 and last > 100 * first:
@@ -49,7 +50,7 @@ def _x_axis(panel: Panel) -> plot.Axis:
 
 
 def _curve(curve: Curve, index: int, below: int, log: bool) -> plot.Curve:
-    """Thinner the more curves are `below` it, so that those still show where they coincide."""
+    """Plot curve in the colour of its label's `index`, thinner the more curves lie `below` it."""
     colour = palette.CYCLE[index % len(palette.CYCLE)]
     pen = plot.Pen(colour, max(1.7, 4.4 - 1.4 * below), _DASHES[index // len(palette.CYCLE) % len(_DASHES)])
     sign = plot.Marker(_SYMBOLS[index % len(_SYMBOLS)], max(4.9, 9.7 - 2.1 * below), colour)
@@ -60,7 +61,7 @@ def _curve(curve: Curve, index: int, below: int, log: bool) -> plot.Curve:
 
 
 def _band(curve: Curve, index: int, log: bool, highest: float) -> plot.Area:
-    """From the low to the high end of a curve; where that is not finite it reaches to the `highest` value."""
+    """Filled area from low to high end of a curve; infinite ends are drawn at the `highest` value."""
     ends = (curve.y if end is None else end for end in (curve.low, curve.high))
     low, high = (_drawable(np.where(np.isposinf(end), highest, end), log) for end in ends)
     x, gaps = np.asarray(curve.x, dtype=float), np.isnan(low + high)
@@ -74,6 +75,7 @@ def _band(curve: Curve, index: int, log: bool, highest: float) -> plot.Area:
 
 
 def _label(curve: Curve) -> str:
+    """Legend text of a curve, with a note on its 5-95 % band if it has one."""
     if curve.low is None or curve.high is None:
         return curve.label
     middle = "" if "median" in curve.label else "median, "

@@ -64,7 +64,7 @@ def worst_channels(fit: RecordFit, count: int = MAX_CHANNELS) -> list[int]:
 
 
 def responses_figure(fit: RecordFit) -> plot.Figure:
-    """Magnitude, phase and coherence of every channel to choose from; a picture shows those that are fitted worst.
+    """Figure of magnitude, phase and coherence of measured and model FRFs, one channel at a time.
 
     The models are shown on the lines that were used or judged.
     """
@@ -103,7 +103,7 @@ def responses_figure(fit: RecordFit) -> plot.Figure:
 
 
 def extremes_figure(fit: RecordFit) -> plot.Figure:
-    """Magnitude of the channel that is fitted worst and of the one that is fitted best."""
+    """Figure of the FRF magnitudes of the worst and the best fitted channel."""
     whole = responses_figure(fit)
     errors = np.array([channel.median_error for channel in channels(fit)])
     chosen = dict.fromkeys((int(np.argmax(errors)), int(np.argmin(errors))))
@@ -117,7 +117,7 @@ def extremes_figure(fit: RecordFit) -> plot.Figure:
 
 
 def _strips(frequency: FloatArray, used: np.ndarray, values: ComplexArray, y: plot.Axis) -> list[plot.Strip]:
-    """Magnitude and phase of one channel: `values` are what was measured, the initial and the fitted model."""
+    """Plot strips of magnitude and phase of one channel; `values` are measured, initial and fitted FRF."""
     sizes, angles = np.where(np.abs(values) > 0, np.abs(values), np.nan), np.degrees(np.angle(values))
     turns = np.abs(np.diff(angles[1:], axis=1, prepend=angles[1:, :1])) > 270
     angles[1:][turns] = np.nan  # a gap where the phase would jump by a turn
@@ -133,7 +133,7 @@ def _strips(frequency: FloatArray, used: np.ndarray, values: ComplexArray, y: pl
 def _curves(
     frequency: FloatArray, used: np.ndarray, values: FloatArray, pen: plot.Pen | None, dot: plot.Marker | None
 ) -> tuple[plot.Trace, ...]:
-    """What was measured, used and not used, and both models; `pen` or `dot` show what was not used."""
+    """Plot curves of measured values, used and not used, and of initial and fitted model."""
     measured, initial, fitted = values
     count = int(used.sum())
     inside = plot.Marker(size=float(np.clip(4.2 * np.sqrt(300 / max(count, 1)), 2.2, 4.2)), colour=palette.MEASURED)
@@ -157,7 +157,7 @@ def _coherence(frequency: FloatArray, used: np.ndarray, values: FloatArray) -> p
 
 
 def residual_channels_figure(fit: RecordFit) -> plot.Figure:
-    """Median relative error of every channel, with the 90 % quantile and the initial model."""
+    """Figure of the median relative error of every channel, with 90 % quantile and initial model."""
     found = channels(fit)
     labels, place = [c.label for c in found], np.arange(len(found), dtype=float)
     rows = np.array([(c.median_error, c.high_error, c.median_error_initial) for c in found])
@@ -186,7 +186,7 @@ def residual_channels_figure(fit: RecordFit) -> plot.Figure:
 
 
 def residual_map_figure(fit: RecordFit) -> plot.Figure:
-    """Size of the whitened residual over frequency and channel."""
+    """Map of the size of the whitened residual over frequency and channel."""
     labels = tuple(channel.label for channel in channels(fit))
     frequency, values = whitened(fit)
     stride = max(1, -(-values.size // MOST_VALUES))
@@ -208,7 +208,7 @@ def residual_map_figure(fit: RecordFit) -> plot.Figure:
 
 
 def whitened(fit: RecordFit) -> tuple[FloatArray, FloatArray]:
-    """Lines of the record, and by line and channel the residual over its expected size; NaN where a line was not used."""
+    """Frequencies (Hz), and residual over its expected size by line and channel; NaN for unused lines."""
     frequency, used = fit.measured.frequency, fit.problem.record.frequency
     residual = fit.problem.residual(fit.theta)[: fit.problem.n_data].reshape(2, len(used), -1)
     found = np.full((len(frequency), residual.shape[2]), np.nan)
@@ -217,7 +217,7 @@ def whitened(fit: RecordFit) -> tuple[FloatArray, FloatArray]:
 
 
 def line_edges(frequency: FloatArray) -> FloatArray:
-    """Edges of cells centred on lines, (n_lines + 1,), for maps over frequency."""
+    """Frequencies (n_lines + 1,) of the cell edges between lines, for maps over frequency."""
     if len(frequency) == 1:
         return np.array([frequency[0] - 0.5, frequency[0] + 0.5])
     middle = 0.5 * (frequency[1:] + frequency[:-1])

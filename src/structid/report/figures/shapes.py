@@ -56,7 +56,7 @@ class Scene:
 
 
 def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
-    """The scene of `modes`, each turned to the phase in which most of it is real."""
+    """Points, motions and axes for drawing mode shapes, each turned to its most real phase."""
     shapes = modes.mode_shapes * real_turn(modes.mode_shapes)
     signed = shapes * np.array([dof.sign for dof in modes.channels])[:, None]
     still = np.where(modes.known, signed, 0.0)
@@ -68,6 +68,7 @@ def mode_scene(modes: ModalRecord, geometry: Geometry | None) -> Scene:
 
 
 def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
+    """Drawing of mode shapes without geometry: sensors in a row, one line for each direction."""
     nodes = list(dict.fromkeys(dof.node for dof in channels))
     rest = np.array([[nodes.index(dof.node), 0.0] for dof in channels])
     motion = np.zeros((shapes.shape[1], len(channels), 2), dtype=complex)
@@ -90,6 +91,7 @@ def _row(channels: tuple[Dof, ...], shapes: ComplexArray) -> Scene:
 
 
 def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry) -> Scene:
+    """Drawing of mode shapes on the positions of the nodes (m), scaled to a part of the structure's size."""
     nodes = list(geometry.nodes)
     rest = np.array([geometry.nodes[node] for node in nodes], dtype=float)
     motion = np.zeros((shapes.shape[1], len(nodes), 3), dtype=complex)
@@ -115,7 +117,7 @@ def _placed(channels: tuple[Dof, ...], shapes: ComplexArray, geometry: Geometry)
 
 
 def _equal_axes(rest: FloatArray, motion: ComplexArray, used: list[int]) -> tuple[plot.Axis, ...]:
-    """Those that hold every mode at every phase."""
+    """Axes with equal margins (m) that hold every mode at every phase."""
     reach = np.abs(motion).max(axis=0)
     low, high = (rest - reach).min(axis=0), (rest + reach).max(axis=0)
     pad = 0.04 * float(np.max(high - low))
@@ -124,7 +126,7 @@ def _equal_axes(rest: FloatArray, motion: ComplexArray, used: list[int]) -> tupl
 
 
 def _paths(geometry: Geometry, nodes: list[int], seen: set[int]) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
-    """Lines between two sensors, and all others; points that no line touches by themselves."""
+    """Paths along lines between two sensors, and along all other lines; lone points on their own."""
     chains: dict[bool, list[int]] = {True: [], False: []}
     touched = set()
     for line in geometry.lines:
@@ -142,7 +144,7 @@ def _paths(geometry: Geometry, nodes: list[int], seen: set[int]) -> tuple[dict[s
 
 
 def shapes_figure(result: ModesResult) -> plot.Figure:
-    """Every mode to choose from, at rest and in motion; a picture shows the first ones at both ends of it."""
+    """Animated figure of all mode shapes of a modal survey, to be chosen from a list."""
     scene, is_row = mode_scene(result.modes, result.geometry), result.geometry is None
     x, y, *deep = scene.axes
     panels = []
@@ -156,7 +158,7 @@ def shapes_figure(result: ModesResult) -> plot.Figure:
 
 
 def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
-    """Every path at rest, then those that are measured with the motion of `mode`."""
+    """Plot curves of the structure at rest and of its measured lines deflected in `mode`."""
     found = []
     for place, (name, path) in enumerate(scene.measured.items()):
         symbol = _SYMBOLS[place % len(_SYMBOLS)] if is_row else "circle"
@@ -173,7 +175,7 @@ def _curves(scene: Scene, mode: int, is_row: bool) -> list[plot.Curve]:
 
 
 def _orbits(scene: Scene, mode: int) -> plot.Curve | None:
-    """The ellipse that each point runs through in a cycle; None for a mode whose points move to and fro on lines."""
+    """Ellipses that points follow during a cycle of `mode`; None if all motion is along straight lines."""
     motion = scene.motion[mode]
     moving = np.flatnonzero(np.abs(motion).max(axis=1) > 0)
     padded = np.zeros((len(motion), 3), dtype=complex)
@@ -191,6 +193,7 @@ def _orbits(scene: Scene, mode: int) -> plot.Curve | None:
 def _curve(
     scene: Scene, path: list[int], pen: plot.Pen, marker: plot.Marker, label: str, mode: int | None = None
 ) -> plot.Curve:
+    """Plot curve along the points `path` (-1 lifts the pen), at rest, or moving in `mode` if that is given."""
     lifted = (np.array(path) < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, scene.rest[path]).T
     words = tuple("" if i < 0 else scene.labels[i] for i in path)

@@ -29,7 +29,7 @@ _MEASURED, _MODEL = palette.MEASURED, palette.FITTED
 
 
 def side_by_side_figure(part: ModesCorrelation) -> plot.Figure | None:
-    """Each measured mode that has a shape beside its like in the model; None where no mode has one."""
+    """Animated figure of measured mode shapes beside their model counterparts; None if none is known."""
     pairs = part.pairing.paired[part.measured.known[:, part.pairing.paired].any(axis=0)]
     chosen = pairs[:MOST_SHAPES]
     if not len(chosen):
@@ -70,7 +70,7 @@ class _Scene:
 
 
 def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | None:
-    """Each mode of a model on its structure, to choose from; None where no mode has a shape in space."""
+    """Animated figure of the mode shapes of a model; None if no mode has a shape in space."""
     scene = _in_place(structure, ())
     n_modes = min(len(modes.frequency), MOST_SHAPES)
     if scene is None or n_modes == 0:
@@ -98,7 +98,7 @@ def model_shapes_figure(structure: Structure, modes: Modes) -> plot.Figure | Non
 
 
 def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
-    """None where the nodes have no places, or nothing of the structure moves in space."""
+    """Node positions and lines for drawing shapes in space; None if nodes have no positions or do not move."""
     labels = tuple(structure.nodes)
     rest = np.zeros((len(labels), 3))
     rest[:, : structure.dimension] = np.array([structure.nodes[node] for node in labels])
@@ -132,7 +132,7 @@ def _in_place(structure: Structure, channels: Sequence[Dof]) -> _Scene | None:
 
 
 def _lines(structure: Structure, place: dict[int, int]) -> IntArray:
-    """Edges of the elements as a chain; single nodes where they are too many or there are none."""
+    """Edges of the elements as a chain of node rows (-1 lifts the pen); single nodes if edges are too many."""
     edges: dict[tuple[int, int], None] = {}
     for element in structure.elements:
         found = cell_edges(element) if is_cells(element) else _spans(element.nodes)
@@ -158,7 +158,7 @@ def _spans(nodes: IntArray) -> list[tuple[int, int]]:
 
 
 def _panels(part: ModesCorrelation, chosen: IntArray, scene: _Scene) -> tuple[plot.Panel, ...]:
-    """A panel for each pair, on axes that hold them all."""
+    """Plot panels of mode pairs, measured shape beside model shape, all with the same axes."""
     structure = part.structure
     like = part.model.mode_shapes @ part.coefficients[:, chosen]
     carried = like if part.expanded is None else part.expanded.shapes[:, chosen]
@@ -207,6 +207,7 @@ def _curve(
     label: str,
     motion: FloatArray | None = None,
 ) -> plot.Curve:
+    """Plot curve along the points `path` (-1 lifts the pen), moved by `offset` (m), with `motion` if given."""
     lifted = (path < 0)[:, None]
     x, y, *deep = np.where(lifted, np.nan, (scene.rest + offset)[path][:, scene.used]).T
     words = None if marker is None else tuple("" if i < 0 else f"node {scene.nodes[i]}" for i in path.tolist())
@@ -219,7 +220,7 @@ def _curve(
 
 
 def _row_panels(part: ModesCorrelation, chosen: IntArray) -> tuple[plot.Panel, ...]:
-    """Both shapes over the sensors in order."""
+    """Plot panels of mode pairs without geometry: both shapes over the sensors in order."""
     names = [str(dof) for dof in part.measured.channels]
     place = np.arange(len(names), dtype=float)
     x = plot.Axis("sensor", limits=(-0.5, len(names) - 0.5), ticks=plot.named_ticks(names, 40))

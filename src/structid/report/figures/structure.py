@@ -32,7 +32,7 @@ _CAPTION = (
 def structure_figure(
     drawn: Picture, shadings: Sequence[Shading] = (), title: str = "", caption: str = ""
 ) -> plot.Figure:
-    """A panel for each shading; one without colours, under `title`, where there is none."""
+    """Figure of a structure, one panel for each shading, or one plain panel if there is none."""
     left, right, bottom, top = drawn.bounds
     x, y = plot.Axis(limits=(left, right)), plot.Axis(limits=(bottom, top))
     panels = tuple(
@@ -55,7 +55,7 @@ def _headed(shadings: Sequence[Shading], title: str) -> list[tuple[Shading | Non
 
 
 def _traces(drawn: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
-    """From what lies below to what stands before it."""
+    """Traces of a structure's drawing, from what lies behind to what is in front."""
     yield from drawn.behind
     yield from _marks(drawn.marks, shade)
     yield from drawn.before
@@ -66,7 +66,7 @@ def _traces(drawn: Picture, shade: Shading | None) -> Iterator[plot.Trace]:
 
 
 def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]:
-    """All elements of one look as one trace: faces of a mesh below, far ones first, then lines, then other areas."""
+    """Plot traces of all elements, one for each look: faces of cells first, then lines, then other areas."""
     looks = [(mark, look(shade, mark.element, mark.index)) for mark in marks]
     changes = sum(a[1] != b[1] for a, b in pairwise(looks) if b[0].nodes)
     groups: dict[tuple[int, int, Look], list[FloatArray]] = {}
@@ -91,7 +91,7 @@ def _marks(marks: Sequence[Mark], shade: Shading | None) -> Iterator[plot.Trace]
 
 
 def _region(marks: Sequence[Mark], shade: Shading) -> FloatArray:
-    """Sides that only one face of those outlined has."""
+    """Boundary of the outlined faces, (n, 2): sides that only one outlined face has."""
     found: dict[tuple[int, int], list[FloatArray]] = {}
     for mark in marks:
         if (mark.element, mark.index) in shade.outlined:

@@ -34,7 +34,7 @@ _MOST_LINES = 2400
 
 
 def pole_kinds(result: ModesResult) -> list[np.ndarray]:
-    """What each pole of each order is."""
+    """Kind of each pole of each model order (outside, alone, clustered, chosen), one array for each order."""
     found, modes = result.identification, result.modes
     kinds = [np.full(len(poles.poles), OUTSIDE) for poles in found.sweep]
     for kind, poles in zip(kinds, found.sweep, strict=True):
@@ -52,7 +52,7 @@ def pole_kinds(result: ModesResult) -> list[np.ndarray]:
 
 
 def stabilization_figure(result: ModesResult) -> plot.Figure | None:
-    """Poles of every order, over the first singular value; None where the method has no orders."""
+    """Stabilization diagram: poles by model order over the first singular value; None without orders."""
     sweep = result.identification.sweep
     if not sweep:
         return None
@@ -82,7 +82,7 @@ def stabilization_figure(result: ModesResult) -> plot.Figure | None:
 
 
 def _view(result: ModesResult) -> plot.Limits:
-    """The part of the frequency axis that is shown first, Hz."""
+    """Frequency range (low, high) in Hz of the plots' initial view."""
     lines, modes = result.spectra.frequency, result.modes.frequency
     high = min(float(lines[-1]), 1.5 * float(modes.max(initial=0.0)) or float(lines[-1]))
     low = 0.0
@@ -96,7 +96,7 @@ def _view(result: ModesResult) -> plot.Limits:
 
 
 def mode_labels(result: ModesResult) -> list[tuple[float, str]]:
-    """Where the numbers of modes stand in what is shown first; neighbours that would touch share a place."""
+    """Frequencies (Hz) and texts of mode number labels in the initial view; close modes share a label."""
     low, high = _view(result)
     labels: list[tuple[float, list[int]]] = []
     for k, f in enumerate(result.modes.frequency.tolist()):
@@ -110,7 +110,7 @@ def mode_labels(result: ModesResult) -> list[tuple[float, str]]:
 
 
 def _mode_marks(result: ModesResult, limits: plot.Limits) -> tuple[plot.Trace, ...]:
-    """A line at every mode and its number above it."""
+    """Plot traces of a vertical line at every mode, with its number on top."""
     f, labels = result.modes.frequency, mode_labels(result)
     at, words = np.array([x for x, _ in labels]), tuple(text for _, text in labels)
     height = np.full(len(at), 0.9999 * limits[1])
@@ -121,7 +121,7 @@ def _mode_marks(result: ModesResult, limits: plot.Limits) -> tuple[plot.Trace, .
 
 
 def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, FloatArray]:
-    """Frequencies and the first singular values: all lines, or the largest of neighbours where there are too many."""
+    """Frequencies (Hz) and first `n_values` singular values; the largest of neighbouring lines if there are many."""
     frequency, values = result.spectra.frequency, result.spectra.values[:, :n_values]
     step = -(-len(frequency) // _MOST_LINES)
     if step == 1:
@@ -132,7 +132,7 @@ def _thinned_lines(result: ModesResult, n_values: int) -> tuple[FloatArray, Floa
 
 
 def _spectrum_limits(result: ModesResult) -> plot.Limits:
-    """Least and greatest value on the logarithmic axis, in what is shown first."""
+    """Limits of the logarithmic axis for the spectrum in the range that is shown first."""
     low, high = _view(result)
     if low == 0 and result.modes.n_modes:  # drift stands above every mode, and would set the scale
         low = 0.25 * float(result.modes.frequency[0])
@@ -146,7 +146,7 @@ def _spectrum_limits(result: ModesResult) -> plot.Limits:
 
 
 def spectra_figure(result: ModesResult) -> plot.Figure:
-    """The first three singular values, the modes marked."""
+    """Figure of the first three singular values of the spectra over frequency, with modes marked."""
     frequency, values = _thinned_lines(result, len(_SINGULAR))
     limits = _spectrum_limits(result)
     curves = [
@@ -163,7 +163,7 @@ def spectra_figure(result: ModesResult) -> plot.Figure:
 
 
 def damping_figure(result: ModesResult) -> plot.Figure | None:
-    """Damping ratio over frequency with one standard deviation; None where the method gives no damping."""
+    """Figure of damping ratio over frequency with standard deviations; None if damping is not identified."""
     modes, n = result.modes, result.modes.n_modes
     known = np.flatnonzero(np.isfinite(modes.damping_ratio))
     if not len(known):
@@ -187,7 +187,7 @@ def damping_figure(result: ModesResult) -> plot.Figure | None:
 
 
 def mac_figure(result: ModesResult) -> plot.Figure:
-    """MAC of the modes with each other."""
+    """Matrix figure of the MAC between all pairs of identified modes."""
     n = result.modes.n_modes
     scale = plot.ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "MAC")
     names = tuple(f"{k + 1}" for k in range(n))
@@ -206,7 +206,7 @@ def mpc(result: ModesResult) -> FloatArray:
 
 
 def complexity_figure(result: ModesResult) -> plot.Figure:
-    """Entries of every shape in the complex plane, one circle a mode.
+    """Figure of the complex entries of every mode shape, one circle for each mode.
 
     The largest entry has size 1, and each shape is turned so that most of it is real.
     """
@@ -229,6 +229,7 @@ def complexity_figure(result: ModesResult) -> plot.Figure:
 
 
 def _circle(title: str, shape: ComplexArray, names: list[str]) -> plot.Panel:
+    """Plot panel of the complex entries of one mode shape, as arrows from the centre of a circle."""
     x, y = shape.real, shape.imag
     rings = symbols.joined(symbols.disc(np.zeros(2), radius) for radius in (0.5, 1.0))
     angles = np.degrees(np.angle(shape))

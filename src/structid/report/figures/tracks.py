@@ -13,7 +13,7 @@ _COLOURS = (palette.BLUE, palette.VERMILLION, palette.PURPLE, palette.INK)
 
 
 def tracks_figure(tracks: ModeTracks) -> plot.Figure:
-    """Change of each frequency since it was first seen, in %, with one standard deviation, over the records."""
+    """Figure of the relative change (%) of each tracked natural frequency over the records, with error bars."""
     number = np.arange(len(tracks.names))
     traces: list[plot.Trace] = []
     change = 100 * tracks.change

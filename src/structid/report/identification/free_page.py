@@ -25,7 +25,7 @@ _HEADER = ("Parameter", "Initial", "Identified", "Change", "Change in standard d
 
 
 def free_page(result: StudyResult) -> Page:
-    """The page and its figures."""
+    """Report page of an identification with very many parameters, with its figures."""
     found = result.identification
     estimate = found.estimate
     maps = field_figures(found)
@@ -56,6 +56,7 @@ def free_page(result: StudyResult) -> Page:
 
 
 def _cards(result: StudyResult) -> tuple[tuple[str, str, str], ...]:
+    """Key figures of an identification with very many parameters: label, value and remark of each."""
     found = result.identification
     estimate = found.estimate
     error, before = (
@@ -107,6 +108,7 @@ def _row(result: StudyResult, i: int) -> tuple[str, ...]:
 
 
 def _std_words(result: StudyResult) -> str:
+    """Sentence on how accurately the standard deviations are known from posterior draws."""
     found = result.identification.estimate
     spread = found.uncertainty.std_error[np.isfinite(found.uncertainty.std_error)]
     if not spread.size:

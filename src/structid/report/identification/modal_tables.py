@@ -20,7 +20,7 @@ _MAC = "frequencies over their standard deviations, and 1 - MAC of each shape ov
 
 
 def modal_table(fit: ModalFit) -> Table:
-    """Every measured mode with its pair in the model, before and after."""
+    """Table of every measured mode with its pair in the initial and the fitted model."""
     problem = fit.problem
     header = (
         "Mode", "Measured ± std (Hz)", "Initial model (Hz)", "Difference", "Fitted model (Hz)", "Difference",
@@ -47,7 +47,7 @@ def modal_table(fit: ModalFit) -> Table:
 
 
 def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], ...]:
-    """What was measured, as pairs of a label and a text."""
+    """Labels and texts on measured modes: source, sensors, errors and residual."""
     problem, record = fit.problem, fit.measured
     own = "with covariance" if record.covariance is not None else "no covariance"
     assumed = [
@@ -84,7 +84,7 @@ def modal_facts(fit: ModalFit, masses_unknown: bool) -> tuple[tuple[str, str], .
 
 
 def _pull(fit: ModalFit) -> str:
-    """What each kind of value determines, and its part of the misfit."""
+    """Words on the number of parameters that each kind of value determines, and its share of the misfit."""
     found = pull(fit.problem, fit.theta)
     if not found:
         return "not told: these modes alone do not determine every parameter"
@@ -99,7 +99,7 @@ def _pull(fit: ModalFit) -> str:
 
 
 def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], ...]:
-    """Largest difference in frequency and least MAC over all records of modes: label, value and a remark."""
+    """Key figures of a fit to modes, largest frequency difference and least MAC: label, value and remark."""
     fits = identification.modal_fits
     if not fits:
         return ()
@@ -119,7 +119,7 @@ def modal_cards(identification: Identification) -> tuple[tuple[str, str, str], .
 
 
 def ratio_table(identification: Identification) -> Table | None:
-    """Ratios that remain where a common scale is free; None where none is."""
+    """Table of parameter ratios that are determined though their common scale is not; None if it is."""
     found = identification.mass.ratios
     if found is None:
         return None

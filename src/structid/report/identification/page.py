@@ -91,7 +91,7 @@ def report_page(
     provenance: Mapping[str, object] | None = None,
     diagnosis: Diagnosis | None = None,
 ) -> Page:
-    """The page and its figures."""
+    """Report page of an identification, with its figures."""
     view = results_view(identification, diagnosis, title or "Structural identification", provenance)
     found, structure = identification.estimate, identification.structure
     drawn = structure_picture(structure, identification.sensors, identification.loads)
@@ -157,7 +157,7 @@ def report_page(
 
 
 def _record_figures(identification: Identification) -> dict[str, plot.Figure]:
-    """Responses and residuals of every record, the map of the first."""
+    """Figures by name: responses and residuals of every record, and a residual map of the first."""
     figures = {}
     for place, fit in enumerate(identification.fits, 1):
         prefix = f"record_{place}_" if place > 1 else ""
@@ -193,7 +193,7 @@ def _other(identification: Identification, place: int) -> dict[str, object]:
 
 
 def sorted_warnings(identification: Identification) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Warnings of `identification` that stand apart, and those that say the same of one parameter after another.
+    """Warnings to be shown one by one, and those that repeat one message for many parameters.
 
     The status and the undetermined directions have places of their own and are in neither.
     """
@@ -213,7 +213,7 @@ def _status_warning(identification: Identification) -> str:
 
 
 def verdict_words(view: ResultsView) -> dict[str, object]:
-    """What the template shows of the verdict, of causes and of changes that explain nothing."""
+    """Template values for the verdict, its reasons, possible causes and advice."""
     diagnosis = view.diagnosis
     causes = diagnosis.named
     table = Table(_HEADER, tuple(_row(cause, causes[0]) for cause in causes), (1, 2)) if causes else None
@@ -250,6 +250,7 @@ def _held_row(one: FixedValueSensitivity) -> tuple[str, ...]:
 
 
 def _row(cause: Cause, first: Cause) -> tuple[str, ...]:
+    """Table row of one possible cause of misfit: text, gain, chi-square, added parameters, largest change."""
     alike = " (the data cannot distinguish it from the first)" if cause.is_alike and cause is not first else ""
     added = ", ".join(f"{name} = {with_unit(number(value), unit)}" for name, value, unit in cause.found)
     moved = ""

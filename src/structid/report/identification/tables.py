@@ -58,7 +58,7 @@ _MOST_SETS = 12
 
 
 def value_table(view: ResultsView) -> Table:
-    """Every parameter with its standard deviation, interval and state."""
+    """Table of every parameter with standard deviation, interval, initial value and state."""
     header = ("Parameter", "Identified ± std", "95\u00a0% interval", "Initial", "State")
     rows = tuple(
         (
@@ -75,7 +75,7 @@ def value_table(view: ResultsView) -> Table:
 
 
 def parameter_table(view: ResultsView) -> Table:
-    """Every parameter with its prior, its change, and standard deviations by what they come from."""
+    """Table of every parameter with prior, change, and standard deviations from noise and from model error."""
     found = view.identification.estimate
     adopted = "model error" if found.covariance_basis == "model_error" else "noise"
     adopted += "" if found.fixed is None else " and tolerances"
@@ -102,7 +102,7 @@ def parameter_table(view: ResultsView) -> Table:
 
 
 def alternatives_table(sets: Alternatives) -> Table:
-    """Sets of values that fit the data equally well, one a column, and what would tell them apart."""
+    """Table of sets of values that fit equally well, one column each, and a measurement to decide."""
     count = min(len(sets), _MOST_SETS)
     header = ("Parameter", "Unit", *(f"Set {k + 1}" for k in range(count)))
     rows = []
@@ -116,7 +116,7 @@ def alternatives_table(sets: Alternatives) -> Table:
 
 
 def varied_table(identification: Identification, varied: Varied) -> Table:
-    """Each record's own value of what differs from record to record."""
+    """Table of each record's own values of parameters that vary between records."""
     found, ends = identification.estimate, identification.intervals.ends
     header = ("Record", "Parameter", "Unit", "Own value ± std", "95\u00a0% interval", "Scatters from the common value",
               "p of chance (Holm)", "")  # fmt: skip
@@ -138,7 +138,7 @@ def interval_words(identification: Identification) -> str:
 
 
 def residual_table(found: Estimate) -> Table | None:
-    """Tests of every channel's residual; real and imaginary parts have a row each. None where nothing was tested."""
+    """Table of statistical tests of every channel's residual; None if none was tested."""
     tests = found.goodness.residual_tests
     if tests is None:
         return None
@@ -158,7 +158,7 @@ def residual_table(found: Estimate) -> Table | None:
 
 
 def mode_table(rows: ModeRows, band: tuple[float, float]) -> Table:
-    """Modes before and after; those in the band that was used are marked."""
+    """Table of modes of initial and identified model, with a mark for those in the frequency `band` (Hz)."""
     header = (
         "Mode", "Initial frequency (Hz)", "Identified frequency (Hz)", "Change",
         "Initial damping ratio", "Identified damping ratio", "MAC with initial shape", "In the band used",
@@ -201,7 +201,7 @@ def direction_table(found: Estimate) -> Table:
 
 
 def record_facts(identification: Identification) -> tuple[tuple[str, str], ...]:
-    """What was measured, as pairs of a label and a text."""
+    """Labels and texts on a measured record: source, lines, sensors, loads, noise and residual."""
     whole, problem = identification.measured, identification.problem
     used = problem.record
     errors = "none stated" if used.variance is None else _NOISE.get(used.noise_source, used.noise_source)
@@ -233,7 +233,7 @@ def record_facts(identification: Identification) -> tuple[tuple[str, str], ...]:
 
 
 def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
-    """What was assumed of the structure, as pairs of a label and a text."""
+    """Labels and texts on the structure: nodes, degrees of freedom, supports, constraints and damping."""
     positions = np.array(list(structure.nodes.values()))
     extent = f" {TIMES} ".join(exact(float(x), 4) for x in np.ptp(positions, axis=0))
     ties = [f"{tie.name} ({type(tie).__name__})" for tie in structure.ties]
@@ -250,7 +250,7 @@ def structure_facts(structure: Structure) -> tuple[tuple[str, str], ...]:
 
 
 def element_table(structure: Structure) -> Table:
-    """Element sets with their types and nominal properties; properties that are all 0 are left out."""
+    """Table of element sets with their types and nominal properties, without those that are all 0."""
     rows = []
     for element in structure.sets:
         own = [p for p in structure.properties if p.element == element.name]
@@ -264,7 +264,7 @@ def element_table(structure: Structure) -> Table:
 
 
 def summary_facts(identification: Identification) -> tuple[tuple[str, str, str], ...]:
-    """The answer in a line: label, value and a remark."""
+    """Key figures of an identification: label, value and remark of each."""
     found = identification.estimate
     mass, std = identification.mass.total, identification.mass.std
     has_mass = np.isfinite(mass) and mass > 0
@@ -305,7 +305,7 @@ def _span(frequency: FloatArray) -> str:
 
 
 def _gaps(whole: FloatArray, used: FloatArray) -> str:
-    """Stretches inside the band that were left out."""
+    """Words on frequency stretches inside the band that were left out."""
     inside = whole[(whole >= used[0]) & (whole <= used[-1])]
     out = ~np.isin(inside, used)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], out.astype(int), [0]])))
@@ -316,7 +316,7 @@ def _gaps(whole: FloatArray, used: FloatArray) -> str:
 
 
 def _listed(items: Iterable[str]) -> str:
-    """`items` with commas; the count first where there are many."""
+    """Items joined by commas, with the count first if they are many."""
     words = list(items)
     if not words:
         return "none"

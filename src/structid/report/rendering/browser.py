@@ -58,7 +58,7 @@ class Arrays:
     places: dict[bytes, int] = field(default_factory=dict)
 
     def place(self, values: FloatArray) -> int:
-        """Where `values` stand among `rows`."""
+        """Row number of `values` among the stored arrays; they are added if they are new."""
         given = np.ascontiguousarray(values, dtype=np.float64)
         place = self.places.setdefault(given.tobytes(), len(self.rows))
         if place == len(self.rows):
@@ -67,7 +67,7 @@ class Arrays:
 
 
 def numbers(values: FloatArray) -> list[float | None]:
-    """`values` with six significant digits; None for what is not finite."""
+    """List of `values` rounded to six significant digits, with None for values that are not finite."""
     given = np.asarray(values, dtype=np.float64)
     finite = np.isfinite(given)
     size = np.abs(np.where(finite & (given != 0), given, 1.0))
@@ -87,6 +87,7 @@ def embedded(figures: Mapping[str, Figure]) -> str:
 
 
 def _panel(figure: Figure, number: int, arrays: Arrays) -> Described:
+    """Plotly data and layout of panel `number` of a figure; numbers are stored in `arrays`."""
     panel, height = figure.panels[number], figure.size[1]
     axes: dict[str, Described] = {"xaxis": _axis(panel.x, panel.bare)}
     data: list[Described] = []
@@ -126,7 +127,7 @@ def _panel(figure: Figure, number: int, arrays: Arrays) -> Described:
 
 
 def _domains(panel: Panel, height: float) -> list[list[float]]:
-    """Foot and top of every strip, in parts of the height between the margins."""
+    """Lower and upper end of every strip of a panel, as fractions of the plot height."""
     shares = np.array([strip.weight for strip in panel.strips])
     tops = 1.0 - np.concatenate([[0.0], np.cumsum(shares)]) / shares.sum()
     gap = _GAP / (height - _TOP - _BOTTOM)
@@ -139,6 +140,7 @@ def clean(text: str) -> str:
 
 
 def _axis(axis: Axis, is_bare: bool) -> Described:
+    """Plotly description of an axis with its scale, limits and ticks; hidden if `is_bare`."""
     found: Described = {"title": {"text": clean(axis.title)}, "visible": not is_bare, "showgrid": axis.grid}
     ends = axis.limits
     if axis.log:
@@ -151,6 +153,7 @@ def _axis(axis: Axis, is_bare: bool) -> Described:
 
 
 def _ticks(ticks: Ticks) -> Described:
+    """Plotly description of tick places and texts; {} for automatic ticks."""
     if not ticks:
         return {}
     texts = [clean(text) for _, text in ticks]
@@ -162,6 +165,7 @@ def _ticks(ticks: Ticks) -> Described:
 
 
 def _colours(scale: ColourScale) -> Described:
+    """Plotly description of a colour scale with its bar."""
     place = np.log10 if scale.log else np.asarray
     anchors = palette.SCALES[scale.colours]
     title = scale.label + (" (or beyond)" if scale.is_exceeded else "")
@@ -175,7 +179,7 @@ def _colours(scale: ColourScale) -> Described:
 
 
 def _space(*axes: Axis) -> Described:
-    """Axes of equal scale, seen from `VIEW`."""
+    """Plotly description of three axes of equal scale, seen from `VIEW`."""
     turn, tilt = np.radians(VIEW)
     eye = 1.8 * np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)])
     spans = np.ptp([axis.limits or (0.0, 1.0) for axis in axes], axis=1)
@@ -203,7 +207,7 @@ class _Traces:
         self.data.append({"type": "scatter", "yaxis": self.left} | trace | named | {"arrays": places})
 
     def curve(self, trace: Curve) -> None:
-        """As scatter, of a plane or of space."""
+        """Add a curve as a Plotly scatter trace, in the plane or in space."""
         found: Described = {"mode": "+".join(["lines"] * bool(trace.pen) + ["markers"] * bool(trace.marker))}
         found |= {"line": _pen(trace.pen)} if trace.pen else {}
         found |= {"marker": _marker(trace.marker)} if trace.marker else {}
@@ -225,7 +229,7 @@ class _Traces:
         self._add(found, trace.label, **places)
 
     def area(self, trace: Area) -> None:
-        """As outlines filled to themselves."""
+        """Add an area as a filled Plotly outline."""
         found: Described = {"mode": "lines", "fill": "toself", "fillcolor": trace.colour, "hoverinfo": "skip"}
         found |= {"line": _pen(trace.edge or Pen(trace.colour, 0.0)), "opacity": trace.opacity}
         pattern = {"shape": "/", "fgcolor": palette.INK, "bgcolor": trace.colour, "size": 6, "solidity": 0.25}
@@ -233,7 +237,7 @@ class _Traces:
         self._add(found, trace.label, x=self.arrays.place(trace.x), y=self.arrays.place(trace.y))
 
     def heat_map(self, trace: HeatMap) -> None:
-        """With the colours of the panel's scale."""
+        """Add a heat map in the colours of the panel's scale."""
         is_log = self.panel.scale is not None and self.panel.scale.log
         shown = np.log10(trace.values) if is_log else trace.values
         place = "%{text}: " if trace.columns else "%{x}, %{text}: "
@@ -251,7 +255,7 @@ class _Traces:
         self._add(found, "", x=self.arrays.place(trace.x), y=self.arrays.place(trace.y), z=rows)
 
     def texts(self, trace: Texts) -> None:
-        """As words beside signs that are not seen."""
+        """Add texts at invisible markers."""
         found: Described = {"mode": "markers+text", "text": [clean(word) for word in trace.words]}
         found |= {"textposition": trace.side, "textfont": {"size": trace.size, "color": trace.colour}}
         found |= {"marker": {"size": 8, "opacity": 0}, "hoverinfo": "skip", "cliponaxis": False}
@@ -268,7 +272,7 @@ def _marker(marker: Marker) -> Described:
 
 
 def legend(figure: Figure) -> list[tuple[str, Markup]]:
-    """Labels and their swatches, small drawings of 26 by 12 pixels."""
+    """Legend entries of a figure: labels and SVG swatches of 26 by 12 pixels."""
     found = []
     for trace in figure.legend:
         swatch = _Swatch()
@@ -290,7 +294,7 @@ class _Swatch:
         self.shapes.append(Markup(form).format(path, fill or "none", edge.colour, width, dash, opacity))
 
     def curve(self, trace: Curve) -> None:
-        """Its line, and its sign in the middle."""
+        """Add the swatch of a curve to the legend: its line, with its marker in the middle."""
         if trace.pen:
             self._path("M1,6 h24", "", trace.pen)
         if trace.marker:

@@ -105,7 +105,7 @@ class Curve:
         canvas.curve(self)
 
     def at(self, phase: float | None = None) -> tuple[FloatArray, ...]:
-        """Coordinates by axis, two or three; at rest, or at `phase`, rad."""
+        """Coordinates of the curve, one array for each of two or three axes, at rest or at `phase` (rad)."""
         places = (self.x, self.y) if self.z is None else (self.x, self.y, self.z)
         if self.sway is None or phase is None:
             return places
@@ -299,7 +299,7 @@ class Figure:
 
     @property
     def legend(self) -> tuple[Trace, ...]:
-        """The first trace of each label."""
+        """Traces for the legend: the first one of each label."""
         found: dict[str, Trace] = {}
         for panel in self.panels:
             for trace in panel.traces:
@@ -324,7 +324,7 @@ def matrix_panel(
     columns: Sequence[str] = (),
     across: str = "",
 ) -> Panel:
-    """A heat map with a name for every row and column, the first row on top.
+    """Heat map panel of a matrix with a name for every row and column, first row on top.
 
     Without `columns` it is square, with the names of the rows and the same `label` on both axes. Values are written into
     the cells of a small matrix, to two decimals.
@@ -388,7 +388,7 @@ def decade_ticks(low: float, high: float) -> Ticks:
 
 
 def decade_limits(values: ArrayLike) -> Limits:
-    """Ends of a logarithmic axis that holds what is positive of `values` and is at least a decade long."""
+    """Limits of a logarithmic axis that hold the positive `values` and span at least a decade."""
     given = np.ravel(values)
     powers = np.log10(given[np.isfinite(given) & (given > 0)])
     low, high = (float(powers.min()), float(powers.max())) if powers.size else (0.0, 0.0)

@@ -77,7 +77,7 @@ _NONE = Pen("none", 0.0)
 
 
 def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
-    """Write a PNG file into `folder`, which is made where it does not exist, for each of `pictures`."""
+    """Write a PNG file for each figure into `folder`, created if missing."""
     make_folder(folder)
     for name, figure in pictures(figures).items():
         with atomic_write(folder / f"{name}.png") as temporary, matplotlib.rc_context(STYLE):
@@ -85,7 +85,7 @@ def write_pngs(figures: Mapping[str, Figure], folder: Path) -> None:
 
 
 def pictures(figures: Mapping[str, Figure]) -> dict[str, Figure]:
-    """A picture for each figure, and for each strip of figures whose panels have several."""
+    """Figures to be drawn as pictures: one for each figure, or for each of its strips if panels have several."""
     found = {}
     for name, figure in figures.items():
         strips = figure.panels[0].strips
@@ -105,7 +105,7 @@ class NotebookPicture(Picture):
 
 
 def plotted(figure: Figure, axes: Axes | Sequence[Axes] | None = None) -> Picture:
-    """The figure with all strips, above each other; on `axes` where they are given, one for each strip from the first on.
+    """Matplotlib picture of a figure with all strips one above the other, on the given `axes` or new ones.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def plotted(figure: Figure, axes: Axes | Sequence[Axes] | None = None) -> Pictur
 def _whole_panel(
     picture: Picture, axes: Axes, panel: Panel, handles: dict[str, Artist], width: float, named: tuple[bool, bool]
 ) -> None:
-    """A panel of one strip with its scales, `width` pixels wide; `named` says which of x and y is told."""
+    """Draw a panel of one strip with its axes; `named` tells if the x and the y axis get a title."""
     _panel(axes, panel, handles)
     _scale(axes, "x", panel.x, width, named[0])
     _scale(axes, "y", panel.strips[0].y, width, named[1])
@@ -156,7 +156,7 @@ def _whole_panel(
 
 
 def drawn(figure: Figure) -> Picture:
-    """The figure of Matplotlib; its panels have one strip each."""
+    """Matplotlib picture of a figure whose panels have one strip each."""
     choice = figure.choice
     shown = figure.panels if choice is None else tuple(figure.panels[i] for i in choice.shown)
     width, height = figure.size if choice is None else choice.size
@@ -184,7 +184,7 @@ def drawn(figure: Figure) -> Picture:
 
 
 def _panel(axes: Axes, panel: Panel, handles: dict[str, Artist]) -> None:
-    """What stands on `axes`; what is in the legend is added to `handles`."""
+    """Draw a panel with one strip on Matplotlib `axes`, and add its legend entries to `handles`."""
     (strip,) = panel.strips
     axes.set_facecolor(panel.background)
     beside = axes.twinx() if strip.right is not None else axes
@@ -207,7 +207,7 @@ def _panel(axes: Axes, panel: Panel, handles: dict[str, Artist]) -> None:
 
 
 def _scale(axes: Axes, which: Literal["x", "y"], axis: Axis, width: float, is_named: bool) -> None:
-    """Scale, limits, ticks and name of an axis of `axes`, which are `width` pixels wide."""
+    """Set scale, limits, ticks and title of the `which` axis of Matplotlib `axes` that are `width` pixels wide."""
     own = axes.xaxis if which == "x" else axes.yaxis
     if axis.log:
         axes.set(**{f"{which}scale": "log"})
@@ -223,6 +223,7 @@ def _scale(axes: Axes, which: Literal["x", "y"], axis: Axis, width: float, is_na
 
 
 def _bar(picture: Picture, axes: Axes, scale: ColourScale) -> None:
+    """Add a bar for the colour scale beside `axes`."""
     extend = "both" if scale.is_exceeded else "neither"
     colours = ScalarMappable(_norm(scale), _colours(scale.colours))
     bar = picture.colorbar(colours, ax=axes, aspect=25, shrink=0.9, extend=extend)
@@ -242,7 +243,7 @@ class _Canvas:
     handles: dict[str, Artist]
 
     def curve(self, trace: Curve) -> None:
-        """A line; where it sways, one at each end of the motion."""
+        """Draw a curve; a swaying one is drawn at both ends of its motion."""
         self._line(trace, trace.at(0.0))
         if trace.sway is not None:
             marker = trace.marker and replace(trace.marker, colour=palette.BLUE)
@@ -250,6 +251,7 @@ class _Canvas:
             self._line(later, trace.at(np.pi))
 
     def _line(self, trace: Curve, places: tuple[np.ndarray, ...]) -> None:
+        """Draw one line of a curve through `places` (x, y and perhaps z), and note its legend entry."""
         pen, marker = trace.pen or _NONE, trace.marker or Marker("none", 0.0, "")
         edge, axes = marker.edge or _NONE, self.beside if trace.right else self.axes
         (line,) = axes.plot(
@@ -261,7 +263,7 @@ class _Canvas:
             self.handles.setdefault(plain(trace.label), line)
 
     def area(self, trace: Area) -> None:
-        """Polygons."""
+        """Draw filled polygons."""
         edge = trace.edge or _NONE
         shape = PolyCollection(
             _pieces(trace.x, trace.y), facecolor=trace.colour, edgecolor=edge.colour, linewidth=edge.width * _PIXEL,
@@ -273,7 +275,7 @@ class _Canvas:
             self.handles.setdefault(plain(trace.label), shape)
 
     def heat_map(self, trace: HeatMap) -> None:
-        """Cells, and their values where they are written."""
+        """Draw coloured cells, with their values if these are to be written."""
         scale = self.panel.scale or ColourScale(palette.SEQUENTIAL, 0.0, 1.0, "")
         colours, norm = _colours(scale.colours), _norm(scale)
         self.axes.pcolormesh(
@@ -287,7 +289,7 @@ class _Canvas:
             self.axes.text(*at, text, ha="center", va="center", size=7.0, color="white" if light < 0.5 else palette.INK)
 
     def texts(self, trace: Texts) -> None:
-        """Words with a white halo, so that they can be read over lines."""
+        """Draw texts with a white halo, legible over lines."""
         up, along = trace.side.split()
         aside = {"left": "right", "right": "left", "center": "center"}[along]
         below = {"top": "bottom", "bottom": "top", "middle": "center"}[up]
@@ -304,7 +306,7 @@ class _Canvas:
 
 
 def _pieces(x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
-    """The outlines between NaN."""
+    """Separate outlines of a path with NaN between them, each (n, 2)."""
     points = np.column_stack([x, y])
     gaps = np.flatnonzero(np.isnan(x))
     pieces = (piece[~np.isnan(piece[:, 0])] for piece in np.split(points, gaps))

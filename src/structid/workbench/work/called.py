@@ -22,7 +22,7 @@ _KEPT_BYTES = 500_000_000
 
 
 def called(name: str, root: str, given: dict[str, Any]) -> str:
-    """The answer of the function `name` as JSON, or ``{"error": words}``; all that is heavy is imported by then only."""
+    """Answer of the worker function `name` as JSON, or ``{"error": words}`` if it raises an error."""
     from structid.core.json_types import plain
 
     try:
@@ -59,6 +59,7 @@ def _scene(opened: OpenFolder, study: str, number: int = 0) -> Entry:
 
 
 def _channels(opened: OpenFolder, study: str, number: int = 0) -> Entry:
+    """Channels of a study's record, with their nodes and directions on the structure."""
     from structid.study.schema.kinds import as_list
     from structid.workbench.work.model import read_model, read_record_section
     from structid.workbench.work.scene import placed_channels
@@ -75,6 +76,7 @@ def _channels(opened: OpenFolder, study: str, number: int = 0) -> Entry:
 
 
 def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any]) -> Entry:
+    """Write a new study from a template with these `numbers`, and return its path."""
     from structid.study.templates import TEMPLATES, MeshTemplate, study_file, template_with, write_study
 
     path = str(study_file(Path(path)))
@@ -116,6 +118,7 @@ def _overview(opened: OpenFolder, record: str, options: dict[str, Any]) -> Entry
 
 
 def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int = 0) -> Entry:
+    """Magnitude, phase and coherence of a study's record at `outputs`, with its frequency band."""
     from structid.study.schema.method import read_method
     from structid.study.schema.records.record import load_record
     from structid.workbench.work.model import read_record_source
@@ -129,6 +132,7 @@ def _responses(opened: OpenFolder, study: str, outputs: list[str], number: int =
 
 
 def _check(opened: OpenFolder, study: str) -> Entry:
+    """Findings of a study's check before identification: predicted standard deviations, rank and warnings."""
     import numpy as np
 
     from structid.study.run.check import check_study
@@ -164,6 +168,7 @@ def _check(opened: OpenFolder, study: str) -> Entry:
 
 
 def _needs(opened: OpenFolder, study: str) -> Entry:
+    """Memory (bytes) and duration (s) that a study's identification is expected to take."""
     from structid.study.run.resources import available_bytes, expected
     from structid.study.schema.study import load_study
 
@@ -180,6 +185,7 @@ def _needs(opened: OpenFolder, study: str) -> Entry:
 
 
 def _plan(opened: OpenFolder, study: str, sensors: int) -> Entry:
+    """Best sensors and loads for a study's planned test, with predicted relative standard deviations."""
     from structid.study.schema.plan import load_plan, planned
 
     found = planned(load_plan(opened.inside(study), n_sensors=sensors, work=LOOKING))
@@ -206,6 +212,7 @@ def _pick(
     out: str,
     band: list[float] | None,
 ) -> Entry:
+    """Modes at the chosen `frequencies` (Hz) of a record, saved in the folder `out`."""
     from structid.workbench.work.modes import save
     from structid.workbench.work.signals import options_of
 
@@ -216,6 +223,7 @@ def _pick(
 def _merge(
     opened: OpenFolder, records: list[str], options: dict[str, Any], out: str, band: list[float] | None
 ) -> Entry:
+    """Modes merged from several set-ups, saved in the folder `out`."""
     from structid.workbench.work.modes import merge
     from structid.workbench.work.signals import options_of
 
@@ -224,6 +232,7 @@ def _merge(
 
 
 def _beside(opened: OpenFolder, study: str, number: int, measured: str | dict[str, Any], at: str) -> Entry:
+    """Measured modes compared with those of a study's model, at start values or results in `at`."""
     from structid.modal.formats.files import read_modes
     from structid.workbench.work.model import read_model
     from structid.workbench.work.modes import beside, posted_modes
@@ -240,7 +249,7 @@ def _fits(opened: OpenFolder, results: str) -> Entry:
 
 
 def _solver(opened: OpenFolder, study: str) -> Entry:
-    """The command that a study runs; empty where it runs none."""
+    """Solver command that a study runs; empty if it runs none."""
     from structid.study.schema.model.solver import solver_command
     from structid.study.schema.root import read_root
 
@@ -249,7 +258,7 @@ def _solver(opened: OpenFolder, study: str) -> Entry:
 
 
 def _line(opened: OpenFolder, study: str) -> Entry:
-    """What is wrong with a study as it stands; nothing where it can be read."""
+    """Empty answer if a study can be read; reading errors are raised as `InputError`."""
     from structid.study.schema.plan import load_plan
     from structid.study.schema.root import read_root
     from structid.study.schema.study import load_study

@@ -17,7 +17,7 @@ _MOST_VALUES = 400_000
 
 
 def fitted_responses(folder: Path) -> dict[str, Entry]:
-    """Magnitudes of every channel of the first record, the worst fitted first; no channels where there are no responses.
+    """Measured and fitted FRF magnitudes of every channel of the first record, worst fitted first.
 
     Raises
     ------

@@ -69,7 +69,7 @@ def _required(record: Section | None) -> Section:
 
 
 def read_record_source(path: Path, number: int = 0) -> tuple[Section, RecordSource]:
-    """The study at `path`, and the source of its record `number`; files of its other records need not be there.
+    """Study at `path`, and the source of its record `number`; other records' files may be missing.
 
     Raises
     ------
@@ -84,6 +84,7 @@ def read_record_source(path: Path, number: int = 0) -> tuple[Section, RecordSour
 
 
 def _record(root: Section, number: int) -> Section | None:
+    """Section of record `number` (from 0) of a study; None if it has no record."""
     listed = record_sections(root)
     if not 0 <= number < max(len(listed), 1):
         raise InputError(f"the study has {len(listed)} records and none of number {number + 1}; it was changed since")

@@ -39,7 +39,7 @@ _MOST_LINES = 3000
 
 
 def survey(path: Path, read: ReadOptions, band: list[float] | None) -> dict[str, Entry]:
-    """Modes of the record with all poles behind them.
+    """Modes of a record, with all poles of the stabilization diagram and the spectrum, for the web page.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def save(
 
 
 def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[float] | None) -> dict[str, Entry]:
-    """Modes of set-ups with common reference sensors, written as ``structid modes A B``, or ``--merge``, writes them.
+    """Modes of several set-ups merged by their common reference sensors, and written into `folder`.
 
     Parameters
     ----------
@@ -111,6 +111,7 @@ def merge(paths: Sequence[Path], read: ReadOptions, folder: Path, band: list[flo
 
 
 def _written(found: ModesResult, folder: Path) -> dict[str, Entry]:
+    """Write modes and their report into `folder`, and return them for the web page."""
     with staged_folder(folder, MODES_PAGE) as staged:
         write_modes_results(found, staged)
         modes_page(found).write(staged)
@@ -142,7 +143,7 @@ def _told(modes: ModalRecord) -> dict[str, Entry]:
 
 
 def posted_modes(given: dict[str, Any]) -> ModalRecord:
-    """Modes that the page has found and not saved yet, shapes as `picked` told them.
+    """Modal record of unsaved modes that the web page sends: frequencies, damping, shapes and channels.
 
     Raises
     ------
@@ -156,7 +157,7 @@ def posted_modes(given: dict[str, Any]) -> ModalRecord:
 
 
 def beside(model: ReadModel, measured: ModalRecord, results: Path | None) -> dict[str, Any]:
-    """`measured` beside the modes of `model` at its start values, or at those that the folder `results` holds.
+    """Comparison of `measured` modes with those of `model`, at start values or at the values in `results`.
 
     Channels are renamed as the record of the study says, where it has them.
 

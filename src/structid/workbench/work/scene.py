@@ -30,7 +30,7 @@ _MOST_JUDGED = 60_000
 
 
 def scene(path: Path, number: int = 0) -> dict[str, Entry]:
-    """The structure of the study at `path`, the changes of its record `number` (from 0) made.
+    """Drawing data of the structure of a study with the changes of its record `number` (from 0) applied.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def scene(path: Path, number: int = 0) -> dict[str, Entry]:
 
 
 def _moves(structure: Structure, labels: IntArray, rows: Any) -> IntArray:
-    """In which of X, Y and Z each node moves: 1, 2 and 4, added."""
+    """Directions in which each node can move, (n_nodes,) int: the sum of 1 for X, 2 for Y and 4 for Z."""
     nodes, axes = np.divmod(structure.numbering.moving, 6)
     own = np.isin(nodes, labels) & (axes < 3)
     bits = np.zeros(len(labels), dtype=np.int64)
@@ -111,7 +111,7 @@ def told_findings(structure: Structure, findings: Sequence[PlacedFinding]) -> li
 
 
 def _outlines(element: ElementSet, rows: IntArray) -> list[list[int]]:
-    """Labels around the elements `rows`: of lines their ends, of solids those of each face."""
+    """Node labels around each of the elements `rows`: ends of lines, corners of areas, faces of solids."""
     found: list[list[int]] = []
     for nodes in element.nodes[rows[:_MOST_MARKED]]:
         own = nodes[nodes >= 0]
@@ -128,7 +128,7 @@ def packed(values: ArrayLike, kind: type[np.generic]) -> str:
 
 
 def _set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entry]:
-    """One element set: what it is, its properties, and how it is drawn."""
+    """Description of one element set for the page: type, count, property ranges and drawing data."""
     properties: list[dict[str, Entry]] = [
         {
             "name": item.term.property,
@@ -168,7 +168,7 @@ def _set(element: ElementSet, structure: Structure, rows: Any) -> dict[str, Entr
 
 
 def _faces(element: ElementSet, rows: Any) -> tuple[str, str, str]:
-    """Triangles, sides, and the element of each triangle; of solids the outer faces only."""
+    """Triangles, edges, and the element of each triangle as packed arrays; outer faces only for solids."""
     corners, owners = [], []
     counts = (element.nodes >= 0).sum(axis=1)
     solid = isinstance(element, Solid)
@@ -205,6 +205,7 @@ def _four(faces: IntArray) -> IntArray:
 
 
 def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Entry]]:
+    """Fixed nodes (by row) with the directions in which each is fixed."""
     held: dict[int, list[str]] = {}
     for dof in structure.fixed:
         if dof.node in row:
@@ -214,7 +215,7 @@ def _supports(structure: Structure, row: dict[int, int]) -> list[dict[str, Entry
 
 
 def placed_channels(model: ReadModel, channels: list[tuple[str, str]]) -> list[dict[str, Entry]]:
-    """Where each channel (name, role) of the model's record reads its structure.
+    """Node and direction vector of each channel (name, role) of the record on the model's structure.
 
     ``node`` is the label of the structure's node, None where the channel is on none; ``direction`` a vector.
     """

@@ -35,7 +35,7 @@ _CHECKED_BYTES = 200_000_000
 
 
 def facts(path: Path, options: ReadOptions) -> dict[str, Any]:
-    """What the file at `path` is understood as, and what is doubtful about it.
+    """Kind, channels, units and findings of the data file at `path`, as read with `options`.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def _segment(n_times: int) -> int:
 
 
 def _opened(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
-    """The record; a long one is only opened."""
+    """Record in the file at `path`; a long time record is opened but not read into memory."""
     try:
         size = path.stat().st_size
     except FileNotFoundError:
@@ -121,7 +121,7 @@ def _opened(path: Path, options: ReadOptions) -> ChunkedRecord | FrfRecord:
 def histories(
     path: Path, options: ReadOptions, first: float, last: float | None, points: int, kept: Path
 ) -> dict[str, Entry]:
-    """Every channel from `first` to `last`, s, as least and greatest of about `points` stretches.
+    """Minimum and maximum of every channel in about `points` stretches from `first` to `last` (s).
 
     Parameters
     ----------
@@ -157,6 +157,7 @@ def histories(
 def _read_stretches(
     record: ChunkedRecord, begin: int, end: int, points: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Minimum and maximum (n_channels, n_stretches) of samples `begin` to `end`, and first samples."""
     parts = [np.asarray(part) for part in record.chunks(begin, end)]
     values = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     step = max(1, -(-values.shape[1] // points))
@@ -167,7 +168,7 @@ def _read_stretches(
 def _overview_stretches(
     overview: FloatArray, begin: int, end: int, points: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """From the overview, (2, n_channels, n_stretches)."""
+    """Minimum and maximum of stretches from the stored overview (2, n_channels, n_stretches)."""
     first, last = begin // STRETCH, -(-end // STRETCH)
     part = overview[:, :, first:last]
     step = max(1, -(-part.shape[2] // points))
@@ -177,7 +178,7 @@ def _overview_stretches(
 
 
 def _sampled_stretches(record: ChunkedRecord, begin: int, end: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of a few samples here and there, where nothing better is there yet."""
+    """Minimum and maximum of a few short samples of a long record, without reading all of it."""
     starts = np.linspace(begin, end - _SAMPLE, _SAMPLED).astype(int)
     parts = [next(record.chunks(at, at + _SAMPLE)) for at in starts.tolist()]
     low, high = (np.column_stack([turn(part, axis=1) for part in parts]) for turn in (np.min, np.max))
@@ -192,7 +193,7 @@ def overview_path(path: Path, options: ReadOptions, kept: Path) -> Path:
 
 
 def write_overview(path: Path, options: ReadOptions, kept: Path) -> None:
-    """Least and greatest of every stretch of a long record, read once from start to end."""
+    """Write minimum and maximum of every stretch of a long record to the folder `kept`, in one pass."""
     record, target = _opened(path, options), overview_path(path, options, kept)
     if isinstance(record, FrfRecord) or target.exists():
         return
@@ -247,7 +248,7 @@ def responses(record: FrfRecord, outputs: list[str]) -> dict[str, Entry]:
 
 
 def options_of(given: dict[str, Any]) -> ReadOptions:
-    """What the page or a ``[record]`` says about a file.
+    """Reading options for a file from a mapping, such as the page or a ``[record]`` section gives.
 
     Raises
     ------

@@ -36,6 +36,7 @@ class Workers:
     """Calls of `called_again` in processes; the last answers are kept by the content that they belong to."""
 
     def __init__(self, root: str) -> None:
+        """Worker processes for the folder `root`, started with the first question."""
         self.root = root
         self._pools: dict[str, PipedProcesses] = {}
         self._used: dict[str, float] = {}
@@ -44,7 +45,7 @@ class Workers:
         self._running: dict[tuple[str, ...], asyncio.Task[str]] = {}
 
     async def __call__(self, name: str, given: dict[str, Any], version: str = "") -> str:
-        """The answer as JSON; with a `version`, what it says of the files that it is made from, it is made once."""
+        """Answer of the worker function `name` as JSON; with a `version` of its input files, cached."""
         key = (name, repr(sorted(given.items())), version)
         if version and key in self._answers:
             self._answers.move_to_end(key)
@@ -60,6 +61,7 @@ class Workers:
         return answer
 
     async def _called(self, name: str, given: dict[str, Any]) -> str:
+        """Answer of the worker function `name` from its process; an error message if that process was lost."""
         kind = "think" if name in _THINKING else "look"
         if kind not in self._pools:
             self._pools[kind] = PipedProcesses(1, limit_memory)

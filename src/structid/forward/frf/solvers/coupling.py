@@ -73,7 +73,7 @@ class SubstructureCoupling:
     def _pushed(
         self, physical: FloatArray, coefficients: ComplexArray, right: sparse.csc_array
     ) -> Iterator[tuple[slice, NumberArray, NumberArray]]:
-        """Stretches of lines, fields of the model alone under unit forces at what is joined and the columns, and the forces."""
+        """Slice of lines, fields of the model alone under interface forces and `right`, and forces at interfaces."""
         n_joined = self.joined.shape[1]
         given = np.zeros((n_joined, right.shape[1]))
         given[: self.n_driven] = (self._reader[: self.n_driven] @ right).toarray()
@@ -97,7 +97,7 @@ class SubstructureCoupling:
         return np.concatenate([self.channels.read(x) for _, x in self.fields(physical, coefficients, chosen)])
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """See `LineDerivatives`; a stretch of lines after another."""
+        """`LineDerivatives` of the coupled structure's readings, for one stretch of lines after another."""
         for part, fields in self.fields(physical, coefficients):
             x, y = self.channels.under_loads(fields), self.channels.under_sensors(fields)
             change = self.slopes.contracted(physical, -coefficients[part], x, y)
@@ -109,7 +109,7 @@ class SubstructureCoupling:
         return sparse.csr_array(self.joined.T)
 
     def _beside(self, loads: sparse.csc_array) -> sparse.csc_array:
-        """Unit forces at what is joined, then `loads`; the last ones are kept, so that their identity stands."""
+        """Columns of unit forces at the interfaces, then `loads`; cached, so that the same object is returned again."""
         known = self._last.get("last")
         if known is None or known[0] is not loads:
             known = self._last["last"] = loads, sparse.csc_array(sparse.hstack([self.joined, loads]))

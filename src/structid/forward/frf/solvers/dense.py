@@ -52,7 +52,7 @@ class DenseSolver:
         return np.concatenate(read)
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """See `LineDerivatives`; a stretch of lines after another."""
+        """`LineDerivatives` of the readings of a small model, for one stretch of lines after another."""
         forces = self.slopes.dense.at(self.slopes.parameters.values(physical))
         with single_blas():
             for part, fields in self.fields(physical, coefficients):
@@ -67,7 +67,7 @@ class DenseSolver:
     def at(
         self, physical: FloatArray, coefficients: ComplexArray, loads: sparse.csc_array | None = None
     ) -> DenseFields:
-        """The fields under these loads, or all columns; the last ones are kept, with the poles that serve any friction."""
+        """Fields under `loads` (n_dofs, n_loads), by default under all columns; the last ones are cached."""
         loads, laplace = self.channels.columns if loads is None else loads, coefficients[:, 1]
         key = physical.tobytes(), laplace.tobytes(), id(loads)
         known = self._known.get(key)

@@ -124,7 +124,7 @@ class SparseSolver:
         return found
 
     def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
-        """See `LineDerivatives`; one line after another, or all at once where a basis serves them.
+        """`LineDerivatives` of the readings, one line after another, or all at once where a reduced basis is used.
 
         Where parameters times loads are fewer than sensors, Z^-1 (dZ/dp) x is solved for instead of adjoint fields.
         """
@@ -172,7 +172,7 @@ class SparseSolver:
         return LastSweep()
 
     def _reduced_sweep(self, physical: FloatArray, coefficients: ComplexArray) -> FieldSweep | None:
-        """Fields of all columns from few factorizations, verified; None where each line is to be solved for."""
+        """Fields of all columns at all lines from few factorizations; None if each line must be solved."""
         if self.reduced is None or self.channels.n_contacts:
             return None
 
@@ -202,7 +202,7 @@ def sweep_error(
     loads: IntArray,
     forces: tuple[ParameterForces, ComplexArray],
 ) -> ErrorOf:
-    """Error of fields from a basis, in parts of what is allowed.
+    """Function for the error of fields from a reduced basis, relative to what `tolerance` allows.
 
     Readings may be off by `tolerance` of the largest of their line, derivatives by ten times that in root mean square
     over parameters. As readings are off by the product of what the fields of loads and sensors are, and derivatives by
@@ -246,6 +246,7 @@ class LastSweep:
     """
 
     def __init__(self) -> None:
+        """Empty store of readings, derivatives and reduced sweeps by the key of their parameters."""
         self.readings: dict[bytes, ComplexArray] = {}
         self.derivatives: dict[bytes, LineDerivatives] = {}
         self._sweeps: dict[bytes, FieldSweep] = {}
@@ -260,7 +261,7 @@ class LastSweep:
         return max((sweep.n_basis for sweep in self._sweeps.values()), default=0)
 
     def verified(self, key: bytes, begun: Callable[[], FieldSweep], error_of: ErrorOf) -> FieldSweep | None:
-        """The sweep of `key`, with a basis that satisfies `error_of`; None where it would take too much."""
+        """Reduced sweep of `key`, begun if new, within the error of `error_of`; None where that would cost too much."""
         sweep = self._sweeps.pop(key, None)
         if sweep is None:
             if len(self._sweeps) == _KEPT:  # the memory of the oldest goes before the next takes any
@@ -271,7 +272,7 @@ class LastSweep:
             return None if sweep.verified(error_of) is None else sweep
 
     def read(self, key: bytes, sweep: FieldSweep, sensors: sparse.csc_array) -> ComplexArray:
-        """Readings of the sensors at all lines under all load columns; kept, as searches return to the same parameters."""
+        """Sensor readings of `sweep` at all lines under all load columns; cached by `key`."""
         while len(self.readings) >= _MOST_READINGS:
             del self.readings[next(iter(self.readings))]
         self.readings[key] = sweep.basis.read(sensors)
@@ -280,7 +281,7 @@ class LastSweep:
     def derived(
         self, key: bytes, sweep: FieldSweep, sides: Channels, forces: ParameterForces, factors: ComplexArray
     ) -> LineDerivatives:
-        """Readings of the sensors at all lines under the loads, and their derivatives; the last ones are kept."""
+        """Sensor readings of `sweep` under the loads and their derivatives by parameters; the last ones are cached."""
         x = sweep.basis.all_coordinates()
         used, place = np.unique(sides.inputs[0], return_inverse=True)
         change = forces.projected(factors, sweep.basis.vectors, x[:, :, used], sides.under_sensors(x))[:, :, place]

@@ -60,7 +60,7 @@ class TabulatedFrf:
         raise InputError(f"the motion of all nodes {NO_MATRICES}")
 
     def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
-        """Readings of the sensors under the distinct loads, each with the sense of its degree of freedom."""
+        """Tabulated receptances of sensors under some distinct load columns, with the signs of the directions."""
         values, _ = self._seen(physical)
         senses = np.array([dof.sign for dof in self.record.inputs])
         first = [list(self._columns).index(column) for column in columns.tolist()]
