@@ -12,6 +12,7 @@ from structid.diagnose.causes import Appendage, FaultyChannel, Mass
 from structid.diagnose.causes.rotary_inertia import AddedRotaryInertia
 from structid.diagnose.search import _weighed, is_misfit
 from structid.diagnose.thresholds import ALIKE
+from structid.diagnose.verdict import Cause, ParameterShift, find_moving_change
 
 SWINGING = Appendage(where=("4Y",), frequency=25.0)
 MASS, INERTIA = Mass(where=("4",)), AddedRotaryInertia(where=("4RZ",))
@@ -103,3 +104,10 @@ def test_noise_is_no_misfit(base):
     dof = N_DATA - N_PARAMS
     for risk, is_more in ((1.05e-3, False), (0.95e-3, True)):
         assert is_misfit(replace(base, cost=float(stats.chi2.isf(risk, dof)))) is is_more
+
+
+@pytest.mark.parametrize(("share", "is_wrong"), [(0.6, True), (0.4, False)])
+def test_a_change_that_moves_a_value_makes_the_model_wrong_where_it_removes_most_of_the_misfit(share, is_wrong):
+    shift = ParameterShift("stiffness[k]", "N/m", 1.0, 1.3, (1.2, 1.4), 5.0)
+    change = Cause("mass", ("3",), "a mass at 3", share, 4.0, moved=(shift,), is_alike=True)
+    assert (find_moving_change([change]) is not None) is is_wrong

@@ -48,7 +48,7 @@ def results_folder(default: str) -> OptionInfo:
 
 
 def _no_file(folder: Path | None) -> Path | None:
-    """`folder`, refused before anything is computed where a file is in its way."""
+    """The results folder as it was given; fails where a file is in its way."""
     if folder is not None:
         from structid.files import require_no_file  # the help needs none of it
 
@@ -59,7 +59,7 @@ def _no_file(folder: Path | None) -> Path | None:
 
 @contextmanager
 def reported() -> Iterator[None]:
-    """Turns what a user can cause into one message on stderr and an exit code."""
+    """A context that turns errors of a user into one message on stderr and an exit code."""
     try:
         with _terminable():
             yield
@@ -79,7 +79,7 @@ def reported() -> Iterator[None]:
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """A request to end, as batch systems send it before they kill, is taken like Ctrl-C."""
+    """A context in which the signal SIGTERM, as batch systems send it, ends the run like Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -101,7 +101,7 @@ def fail(message: str, code: int) -> None:
 
 
 def say(text: object, err: bool = False, is_exact: bool = False) -> None:
-    """Print a line with paths as the user gave them, or exactly; what would steer a terminal in it is shown by its number."""
+    """Print a line, with paths as the user gave them unless `is_exact`; control characters are shown as numbers."""
     from structid.core.isolation import paths_as_called  # the help needs none of it
 
     shown = str(text) if is_exact else paths_as_called(str(text))

@@ -17,7 +17,7 @@ _MOST_WARNINGS = 5
 
 
 def check_summary(result: CheckResult) -> list[RenderableType]:
-    """Record, sensors, modes, rank and predicted accuracy of a study."""
+    """The printed parts of `structid check`: record, sensors, modes, rank and predicted accuracy of a study."""
     study = result.study
     facts = [
         *(f"record: {words}" for words in result.records),
@@ -69,7 +69,7 @@ def _apart(result: CheckResult) -> str:
 
 
 def _modes(result: CheckResult) -> RenderableType:
-    """The modes of the initial model, and how far its elements put them off."""
+    """A table of the modes of the initial model, with the errors of their frequencies by the mesh."""
     by_mesh = {} if isinstance(result.mesh, str) else dict(zip(result.mesh.number, result.mesh.error, strict=True))
     has_lines = any(math.isfinite(mode.lines_per_bandwidth) for mode in result.modes)
     of_lines = ("in band", "lines per half-power bandwidth") if has_lines else ()
@@ -84,7 +84,7 @@ def _modes(result: CheckResult) -> RenderableType:
 
 
 def _resonances(result: CheckResult) -> list[RenderableType]:
-    """Measured resonances beside the initial model's, record by record."""
+    """Tables of measured resonances beside those of the initial model, one for each record."""
     found: list[RenderableType] = []
     for one in result.beside:
         if not one.resonances:
@@ -104,7 +104,7 @@ def _resonances(result: CheckResult) -> list[RenderableType]:
 
 
 def _prediction(result: CheckResult) -> str:
-    """How well very many parameters would be known, in words."""
+    """A sentence on the predicted standard deviations of very many parameters: median, largest and unseen ones."""
     relative = (result.std / result.sizes).tolist()
     known = sorted(value for value in relative if math.isfinite(value))
     lost = len(relative) - len(known)

@@ -25,7 +25,7 @@ _STYLES = {"sound": "bold green", "approximate": "bold yellow"}
 
 
 def identification_summary(result: StudyResult, is_verbose: bool = False, folder: str = "") -> list[RenderableType]:
-    """Verdict, values and what to do; with `is_verbose` warnings, statistics, causes and modes too.
+    """The printed parts of `structid identify`: verdict, values and next step, with `is_verbose` statistics too.
 
     Studies that were written into `folder`, that of the results, are named by their path from here.
     """
@@ -50,7 +50,7 @@ def _from_here(words: str, folder: str) -> str:
 
 
 def _values(view: ResultsView) -> list[RenderableType]:
-    """The table of values, the doubtful ones first where it is cut."""
+    """The table of identified values; where it is cut, undetermined ones come first."""
     if not view.identification.estimate.uncertainty.has_matrix:
         return _changes(view)
     rows = view.listed
@@ -66,7 +66,7 @@ def _values(view: ResultsView) -> list[RenderableType]:
 
 
 def _changes(view: ResultsView) -> list[RenderableType]:
-    """The parameters that moved most, of very many."""
+    """The table of the parameters that moved most, where there are very many."""
     table = new_table("parameter that moved most", "initial", "value", "unit")
     for parameter in view.parameters[:_MOST_CHANGES]:
         initial = number(parameter.scaled(parameter.initial))
@@ -76,7 +76,7 @@ def _changes(view: ResultsView) -> list[RenderableType]:
 
 
 def _details(view: ResultsView) -> list[RenderableType]:
-    """All that stands on the page below its first screen, as text."""
+    """The parts printed with --verbose: warnings, statistics, causes, standard deviations and modes."""
     found = view.identification
     shown: list[RenderableType] = [Text(""), *map(Text, first_warnings(found.warnings, len(found.warnings)))]
     shown += [Text(f"{label}: {text}") for label, text in view.statistics]
@@ -98,7 +98,7 @@ def _details(view: ResultsView) -> list[RenderableType]:
 
 
 def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
-    """Sets of values that fit the data equally well, one a column."""
+    """The table of sets of values that fit the data equally well, one set a column; empty without such sets."""
     if sets is None:
         return []
     count = min(len(sets), _MOST_SETS)
@@ -113,7 +113,7 @@ def _alternatives(sets: Alternatives | None) -> list[RenderableType]:
 
 
 def _causes(view: ResultsView) -> list[RenderableType]:
-    """Changes of model or record that lower the misfit."""
+    """The table of changes of model or record that lower the misfit; empty where there are none."""
     causes = view.diagnosis.named
     if not causes:
         return []
@@ -127,7 +127,7 @@ def _causes(view: ResultsView) -> list[RenderableType]:
 
 
 def _spreads(view: ResultsView) -> list[RenderableType]:
-    """Initial values and standard deviations by what they come from."""
+    """The table of initial values and standard deviations, with those from noise alone."""
     if not view.identification.estimate.uncertainty.has_matrix:
         return []
     table = new_table("parameter", "unit", "initial", "std", "std from noise alone")
@@ -139,7 +139,7 @@ def _spreads(view: ResultsView) -> list[RenderableType]:
 
 
 def _modes(found: Identification) -> list[RenderableType]:
-    """Modes of the identified model, and resonances of the first record."""
+    """Tables of the modes of the identified model and of the resonances of the first record."""
     shown: list[RenderableType] = []
     if len(found.modes.frequency):
         table = new_table("mode", "frequency Hz", "damping ratio")
@@ -156,7 +156,7 @@ def _modes(found: Identification) -> list[RenderableType]:
 
 
 def _pairs(found: Identification) -> list[RenderableType]:
-    """Measured modes beside those of the model, and the ratios that a free scale leaves."""
+    """Tables of measured modes beside those of the model, and of the ratios where the scale is free."""
     shown: list[RenderableType] = []
     for fit in found.modal_fits:
         table = new_table("measured mode", "Hz", "fitted model Hz", "MAC", "initial model Hz", "initial MAC")

@@ -8,7 +8,7 @@ from structid.study.run.resources import Duration, Needs, gigabytes
 
 
 def installed_lines(found: Installation) -> list[str]:
-    """Versions, packages that are missing, factorizers, threads and memory."""
+    """Lines on versions, packages, factorizers, threads and memory of the installation."""
     required = ", ".join(f"{name} {version}" for name, version in found.required.items())
     has = ", ".join(f"{name} {version}" for name, version in found.optional.items() if version)
     lacks = [f"{name}: {OPTIONAL[name]}" for name, version in found.optional.items() if not version]
@@ -25,7 +25,7 @@ def installed_lines(found: Installation) -> list[str]:
 
 
 def needed_lines(needs: Needs, duration: Duration, free: int, workers: int) -> list[str]:
-    """Size, memory and time of a study, with `free` bytes of memory and so many workers."""
+    """Lines on size, memory and time that a study needs, with `free` bytes of memory and so many workers."""
     size = needs.sizes
     records = f"{size.n_records} records, the largest with " if size.n_records > 1 else ""
     starts = f", {needs.starts} starts" if needs.starts > 1 else ""
@@ -46,6 +46,7 @@ def needed_lines(needs: Needs, duration: Duration, free: int, workers: int) -> l
 
 
 def _duration_words(duration: Duration) -> str:
+    """A phrase on the duration of a run, and whether its search was tried."""
     if duration.is_tried and duration.causes:
         return (
             f"{clock(duration.least)}, of which {clock(duration.causes)} to look for causes: the search was tried, and its fit"

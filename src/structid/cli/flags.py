@@ -30,7 +30,7 @@ _NAMES = {
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """`function` as typer takes it, with what a user can cause reported as one message and an exit code."""
+    """The function as typer takes it, with flags for its options and errors as one message and an exit code."""
     signature = inspect.signature(function, eval_str=True)
     options: dict[str, type] = {
         p.name: p.annotation
@@ -40,6 +40,7 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     groups = {name: list(_flags(kind)) for name, kind in options.items()}
 
     def run(**given: object) -> None:
+        """Call the function with its dataclasses of options made from the flags."""
         from structid.core.isolation import absolute_paths, isolated  # the help needs none of it
         from structid.external.confirmation import commands_told
         from structid.records.formats.options import options_given_as_flags
@@ -79,7 +80,7 @@ def _inner(kind: object) -> type | None:
 
 
 def _made(options: type[T], told: Mapping[str, object]) -> T:
-    """A dataclass from its flags, what begins with the name of a field that is a dataclass itself for that one."""
+    """A dataclass of options from its flags; flags that begin with a field's name make the dataclass of that field."""
     kinds, own = get_type_hints(options), dict(told)
     for field in inspect.signature(options).parameters:
         inner, prefix = _inner(kinds[field]), f"{field}_"
@@ -91,7 +92,7 @@ def _made(options: type[T], told: Mapping[str, object]) -> T:
 
 
 def _flags(options: type, prefix: str = "") -> Iterator[inspect.Parameter]:
-    """One parameter for each field of a dataclass, and each field of a dataclass that it holds."""
+    """Parameters of a command line function, one for each field of a dataclass of options and of the ones inside it."""
     from structid.core.constraints import parameter_descriptions
 
     kinds, words = get_type_hints(options), parameter_descriptions(options)

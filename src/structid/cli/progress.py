@@ -43,7 +43,7 @@ class ProgressFile:
         path.touch()
 
     def write(self, name: str, done: int, total: int | None, words: str, cost: float | None = None) -> None:
-        """One line, with the sum of squares and the values of a search; few of them where they come fast."""
+        """Add a line on a task, with sum of squares and values for a search; lines that come too fast are left out."""
         now = time.time()
         if self._lines >= _ALL_LINES and now - self._written < _FILE_SECONDS and done not in (1, total):
             return
@@ -66,6 +66,7 @@ class RunProgress:
     """
 
     def __init__(self, most_iterations: int, show: Show) -> None:
+        """Progress for searches of at most so many iterations, given to `show`."""
         self.most_iterations = most_iterations
         self.show = show
         self.file: ProgressFile | None = None
@@ -73,20 +74,20 @@ class RunProgress:
         self._ends: dict[str, float] = {}
 
     def search(self, stage: str, iteration: int, cost: float) -> None:
-        """After an iteration."""
+        """Tell of a finished iteration of a search stage and its sum of squares."""
         each = self._each(stage, iteration)
         pace = f", {clock(each)} each" if each >= 1 else ""
         total = self.most_iterations if iteration <= self.most_iterations else None
         self._tell(stage, iteration, total, f"{stage}: iteration {iteration}{pace}, misfit {cost:.4g}", cost)
 
     def tasks(self, name: str, done: int, total: int) -> None:
-        """After some tasks."""
+        """Tell how many of the tasks of this name are done, and the time left."""
         left = self._left(name, done, total)
         words = f", about {clock(left)} left" if left >= 1 and done < total else ""
         self._tell(name, done, total, f"{name}: {done} of {total}{words}")
 
     def _left(self, name: str, done: int, total: int) -> float:
-        """Time until the last task, s; 0 while it is not known."""
+        """Time until the last task of this name ends, s; 0 while it is not known."""
         each, now = self._each(name, done), time.monotonic()
         if each == 0:
             return 0.0
@@ -102,7 +103,7 @@ class RunProgress:
             self.file.write(name, done, total, words, cost)
 
     def _each(self, name: str, done: int) -> float:
-        """Mean time of one since the first call, s; 0 while it is not known."""
+        """Mean time of one task or iteration since the first call of this name, s; 0 while it is not known."""
         now = time.monotonic()
         if name not in self._begun or done < self._begun[name][1]:
             self._begun[name] = now, done
@@ -112,7 +113,7 @@ class RunProgress:
 
 @contextmanager
 def run_progress(most_iterations: int) -> Iterator[RunProgress]:
-    """The progress of a run: bars where stderr is a terminal, else one line a minute."""
+    """A context with the progress of a run: bars where stderr is a terminal, otherwise one line a minute."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield RunProgress(most_iterations, _lines())
@@ -123,9 +124,11 @@ def run_progress(most_iterations: int) -> Iterator[RunProgress]:
 
 
 def _bars(bar: Progress) -> Show:
+    """A function that shows progress as one bar, that of the current task."""
     tasks: dict[str, TaskID] = {"": bar.add_task("reading and checking", total=None)}
 
     def show(name: str, done: int, total: int | None, words: str) -> None:
+        """Show the bar of this task, and hide those of others."""
         if name not in tasks:
             for task in tasks.values():
                 bar.update(task, visible=False)
@@ -136,9 +139,11 @@ def _bars(bar: Progress) -> Show:
 
 
 def _lines() -> Show:
+    """A function that prints progress on stderr, one line a minute at most."""
     shown = time.monotonic()
 
     def show(_name: str, _done: int, _total: int | None, words: str) -> None:
+        """Print the words where the last line is a minute old."""
         nonlocal shown
         if time.monotonic() - shown >= _LINE_SECONDS:
             typer.echo(words, err=True)
@@ -148,7 +153,7 @@ def _lines() -> Show:
 
 
 def clock(seconds: float) -> str:
-    """A duration in its own unit: 0.35 s, 12 s, 3:05 min, 2:10 h."""
+    """A duration given in seconds, in words with a unit of its own: 0.35 s, 12 s, 3:05 min, 2:10 h."""
     if seconds < 60:
         return f"{seconds:.2g} s"
     if seconds < 3600:

@@ -16,7 +16,7 @@ _MOST_GROUPS = 3
 
 
 def show(parts: Iterable[RenderableType]) -> None:
-    """Print `parts`, as wide as the terminal, and so wide that no line is broken where there is none."""
+    """Print the parts on standard output, as wide as the terminal; elsewhere so wide that no line is broken."""
     console = Console(highlight=False, markup=False, emoji=False)
     if not console.is_terminal:
         console = Console(highlight=False, markup=False, emoji=False, width=_WIDTH_OF_FILES)

@@ -21,7 +21,7 @@ _LOUDEST, _SKIRT = 6, 4
 
 
 def scaled_misfit(squares: float, n_rows: int) -> float:
-    """Twice the negative logarithm of the likelihood of rows whose errors are larger by one factor, the likeliest, less a constant.
+    """Misfit, -2 ln likelihood, of rows with this sum of squares, their errors larger by the likeliest factor.
 
     Rows as stated have `squares` instead; one parameter is the price of the factor.
     """
@@ -29,7 +29,7 @@ def scaled_misfit(squares: float, n_rows: int) -> float:
 
 
 def rows_of(problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[tuple[RecordProblem, FloatArray]]:
-    """Each problem with its own of the whitened data rows (n_rows,) of all."""
+    """Each problem with its part of the whitened data rows (n_rows,) of all problems."""
     first = 0
     for problem in problems:
         yield problem, residual[first : first + problem.n_data]
@@ -37,14 +37,14 @@ def rows_of(problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator
 
 
 def misfit_of_lines(problem: RecordProblem, residual: FloatArray) -> FloatArray:
-    """Mean square of the whitened data rows (n_data,) of each line, (n_lines,)."""
+    """Mean square of the whitened data rows (n_data,) on each frequency line, (n_lines,)."""
     count = np.bincount(problem.rows.lines, minlength=len(problem.frequency))
     found: FloatArray = np.bincount(problem.rows.lines, residual**2, len(problem.frequency)) / np.maximum(count, 1)
     return found
 
 
 def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]:
-    """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; none where they are many."""
+    """Spans of lines whose misfit stands out from those about them, as ``49.8 to 50.2 Hz``; none if many."""
     frequency = problem.frequency
     size = misfit_of_lines(problem, residual)
     level = np.maximum(ndimage.median_filter(size, _ABOUT, mode="nearest"), 1.0)
@@ -60,7 +60,7 @@ def outlying_spans(problem: FrfProblem, residual: FloatArray) -> tuple[str, ...]
 
 
 def tones(problem: SpectraProblem, residual: FloatArray) -> tuple[str, ...]:
-    """Steady tones in the misfit of a record, as ``50.003 Hz``: its lines fall off from a peak as 1 / (f - f0)^2.
+    """Steady tones in the misfit of a record, as ``50.003 Hz``: their lines fall off from a peak as 1 / (f - f0)^2.
 
     The two lines about a tone have amplitudes in inverse proportion to their distances from it.
     """

@@ -25,7 +25,7 @@ _NEIGHBOURS = 4
 
 
 def derived_candidates(base: Fitted, shortlist: Shortlist) -> list[Screened]:
-    """What else is worth a fit.
+    """Further changes that are worth a fit, which follow from the most promising screened ones.
 
     Sensors that are late together, masses off their nodes otherwise, sensors of the wrong sense and at other nodes where they
     are better left out, loads at other nodes, and feet that let go of all rotations.
@@ -36,7 +36,7 @@ def derived_candidates(base: Fitted, shortlist: Shortlist) -> list[Screened]:
 
 
 def _of_one_card(rows: Sequence[Screened]) -> list[Screened]:
-    """Sensors that are late by about the same time, the most telling two, three and so on: they share a card or a cable."""
+    """Common delays of sensors of one record that are late by about the same time: the most telling two, three, ..."""
     late = [row for row in rows if isinstance(row.candidate, SensorDelay)]
     alike = [
         row
@@ -54,7 +54,7 @@ def _of_one_card(rows: Sequence[Screened]) -> list[Screened]:
 
 
 def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened]:
-    """Sensors of the wrong sense where one is better left out; seen as FRFs, modes show them as half of that."""
+    """Sensors of the wrong sense among those that are better left out (`lost`), where that was not tried yet."""
     known = {row.candidate.where for row in rows if isinstance(row.candidate, SensorPolarity)}
     return [
         Screened(SensorPolarity(where=row.candidate.where, record=row.candidate.record), 1.0, row.left)
@@ -64,7 +64,7 @@ def _turned(rows: Sequence[Screened], lost: Sequence[Screened]) -> list[Screened
 
 
 def _misplaced(base: Fitted, lost: Sequence[Screened]) -> list[Screened]:
-    """Loads, and sensors that are better left out, at one of the nodes about their own."""
+    """Loads, and sensors that are better left out (`lost`), placed at one of the nodes about their own."""
     found = []
     better_out = {(row.candidate.record, row.candidate.where[0]) for row in lost}
     for number, setup in enumerate(base.modified.setups):
@@ -82,7 +82,7 @@ def _misplaced(base: Fitted, lost: Sequence[Screened]) -> list[Screened]:
 
 
 def _about(structure: Structure, dof: Dof) -> list[Dof]:
-    """The same direction at the nearest nodes that are free to move in it."""
+    """The direction of `dof` at up to four of the nearest nodes that are free to move in it."""
     nodes = {label: np.asarray(position) for label, position in structure.nodes.items()}
     distance = {label: float(np.linalg.norm(x - nodes[dof.node])) for label, x in nodes.items() if label != dof.node}
     found = []

@@ -20,7 +20,7 @@ _STEPS = np.array([0.005, 0.02, 0.08, 0.25, 0.6, 1.0, 1.8, 4.0, 12.0, 60.0])
 
 
 def strengths_about(scale: float, signs: tuple[int, ...] = (1,)) -> FloatArray:
-    """Strengths over five decades about `scale`."""
+    """Strengths from 0.005 to 60 times `scale`, for each of the `signs`."""
     return np.concatenate([sign * scale * _STEPS for sign in signs])
 
 
@@ -32,7 +32,7 @@ class Directions:
     weights: FloatArray
 
     def rows(self, receptances: Receptances) -> tuple[IntArray, FloatArray]:
-        """The free degrees of freedom that take part, and D on them, (n_rows, m)."""
+        """Positions of the free degrees of freedom that take part, (n_rows,), and D on them, (n_rows, m)."""
         directions = receptances.reached(self.codes).T @ self.weights
         rows = np.flatnonzero(directions.any(axis=1))
         return rows, directions[rows]
@@ -45,18 +45,18 @@ class Directions:
 
 
 def direction_of(*ends: tuple[Dof, float]) -> Directions:
-    """One direction of some degrees of freedom, each with its weight."""
+    """One direction: the weighted sum of some degrees of freedom."""
     codes = [dof_code(dof.node, dof.direction) for dof, _ in ends]
     return Directions(np.array(codes), np.array([[weight] for _, weight in ends]))
 
 
 def all_directions(several: Sequence[Directions]) -> Directions:
-    """Some single directions, each by itself."""
+    """Several single directions as the columns of one set."""
     return Directions(np.concatenate([one.codes for one in several]), np.eye(len(several)))
 
 
 def stiffness_scale(receptances: Receptances, directions: Directions, law: ComplexArray) -> float:
-    """Strength at which an added part with this law (n_lines,) is as stiff as the structure there, at most lines."""
+    """Strength at which an added part with the law a(s), (n_lines,), is about as stiff as the structure."""
     rows, weights = directions.rows(receptances)
     d = weights[:, 0]
     return float(1 / np.median(np.abs(law * (d @ receptances.flexibility[:, rows[:, None], rows] @ d))))
@@ -105,10 +105,10 @@ def effect_of_coupling(receptances: Receptances, directions: Directions, k: Comp
 
 
 def effect_of_friction(receptances: Receptances, directions: Directions, strengths: FloatArray) -> ComplexArray:
-    """Change of the FRF for dry friction r per unit of drive along one direction, by harmonic balance: stiffness i r / |x|.
+    """Change of the FRF by dry friction r (force per unit load) in one direction, as a stiffness i r / |x|.
 
     |x| is the sliding amplitude with friction: |x|^2 - 2 r |x| Im g + r^2 |g|^2 = |x0|^2, where x0 is the motion without it
-    and g = d' Z^-1 d. For one load.
+    and g = d' Z^-1 d. For one load, by harmonic balance.
     """
     x, y, g = directions.projected(receptances)
     x, y, g = x[:, 0, 0], y[:, 0], g[:, 0, 0]
@@ -124,7 +124,7 @@ def effect_of_friction(receptances: Receptances, directions: Directions, strengt
 def effect_of_release(
     receptances: Receptances, coupling: ComplexArray, own: ComplexArray, strengths: FloatArray
 ) -> ComplexArray:
-    """Change of the FRF for a part that gets a compliance q: dh = (R'y)' q / (1 + q zeta) R'x, zeta = Z_cc - R' Z^-1 R.
+    """Change of the FRF by a compliance q: dh = (R'y)' q / (1 + q zeta) R'x, zeta = Z_cc - R' Z^-1 R.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def effect_of_release(
 
 
 def channel_reading(receptances: Receptances, axis: int, i: int, ways: FloatArray) -> ComplexArray:
-    """FRFs of one channel if it picked the motion in other `ways` (n, n_dofs): (n, n_lines, channels of the other side).
+    """FRFs of one channel that reads the motion in other `ways` (n, n_dofs): (n, n_lines, channels of the other side).
 
     The channel is the i-th output for axis 1, the i-th input for axis 2.
     """
@@ -156,7 +156,7 @@ def channel_reading(receptances: Receptances, axis: int, i: int, ways: FloatArra
 
 
 def channel_change(receptances: Receptances, axis: int, i: int, change: ComplexArray) -> ComplexArray:
-    """Changes of one channel as changes of all FRFs; see `channel_reading`."""
+    """Changes of all FRFs by those of the i-th sensor (axis 1) or load (axis 2); see `channel_reading`."""
     of_all = np.zeros((len(change), *receptances.frf.shape), dtype=np.complex128)
     np.moveaxis(of_all, axis + 1, 0)[i] = change
     return of_all

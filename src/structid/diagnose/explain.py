@@ -69,7 +69,7 @@ class DiagnosedIdentification:
 
 
 def time_for_causes(identification_seconds: float) -> TimeBudget:
-    """The processor time that causes are looked for by default, from now on, after an identification that took so long."""
+    """The default processor time of a search for causes after an identification that took so many seconds."""
     return TimeBudget(IDENTIFICATIONS * identification_seconds + SEARCH_SECONDS)
 
 
@@ -111,7 +111,7 @@ def diagnose(
     budget: Callable[[], TimeBudget] = TimeBudget,
     before_search: Callable[[Diagnosis], None] | None = None,
 ) -> DiagnosedIdentification:
-    """The identification with its diagnosis.
+    """The diagnosis of an identification: its verdict, and where that is not sound the causes of the misfit.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def diagnose(
 
 
 def _why_not_searched(model: TestedModel, identification: Identification, explain: bool | None) -> str:
-    """Why causes cannot be looked for; "" where they can."""
+    """The reason why causes cannot be looked for, in words; "" where they can."""
     if explain is False:
         return NOT_TRIED
     if identification.target is None or not identification.estimate.uncertainty.has_matrix:
@@ -177,6 +177,7 @@ def _why_not_searched(model: TestedModel, identification: Identification, explai
 
 
 def _base(model: TestedModel, identification: Identification) -> Fitted:
+    """The answer as a fitted model without changes, with which a search for causes begins."""
     theta = identification.estimate.theta
     estimate = identification.estimate
     within = estimate.goodness.least_chi_square
@@ -192,7 +193,7 @@ def _diagnose_sound(
     work: Work,
     is_asked: bool,
 ) -> DiagnosedIdentification:
-    """A sound answer, but where the record asks for other fixed values, or for another single change: then with these fitted."""
+    """The diagnosis of a sound answer, with fixed values or one change fitted where the record asks for them."""
     doubts = doubted(sensitivities)[:MOST_FREED]
     if doubts:
         try:
@@ -216,7 +217,7 @@ def _diagnose_sound(
 
 
 def _can_be_asked(model: TestedModel, identification: Identification) -> bool:
-    """Whether a linear look at all single changes is one at the data themselves, and takes less than the answer did."""
+    """True where a first-order test of all single changes is quick: small models, FRFs, and a known Jacobian."""
     are_frfs = all(isinstance(problem, FrfProblem) for problem in identification.problems)
     is_whole = identification.target is not None and identification.estimate.uncertainty.has_matrix
     return are_small(model.setups) and are_frfs and is_whole and model.setups[0].structure.has_matrices
@@ -230,7 +231,7 @@ def _diagnose_explained(
     work: Work,
     is_search: bool = True,
 ) -> DiagnosedIdentification:
-    """The diagnosis with what a search gave; without `is_search` as changes that would lower the misfit, not as causes."""
+    """The diagnosis with a search's results; without `is_search` its changes are no causes."""
     estimate = identification.estimate
     is_doubted = bool(doubted(sensitivities))
     likely = explanation.likely if is_doubted or not is_sound(identification) or not is_search else ()
@@ -257,7 +258,7 @@ def _diagnose_explained(
 
 
 def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
-    """Causes that were not looked for, and how to go on."""
+    """Sentences on causes that were not looked for for want of time, and how to go on."""
     if explanation.base.modified.is_large:
         return (_OF_RECORDS,)
     parts = [explanation, *([] if explanation.further is None else [explanation.further])]
@@ -277,7 +278,7 @@ def _without_causes(
 
 
 def _friction_like(cause: Cause) -> tuple[Cause, ...]:
-    """Friction beside a damper to the ground: one level of a broad-band drive does not distinguish them."""
+    """Friction at the place of a damper to the ground, which the record cannot distinguish; none for other causes."""
     if cause.kind != "dashpot" or len(cause.where) > 1:
         return ()
     words = f"something rubs at {cause.where[0]}: one level of the force cannot distinguish it from a damper"
@@ -291,7 +292,7 @@ def _noise_level(chi_square: float, ratio: float) -> Cause:
 
 
 def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
-    """The likeliest cause and those that cannot be distinguished from it, a second cause beside it, and those that come next."""
+    """Fitted changes in the order of the report, each with whether it cannot be distinguished from the likeliest."""
     marked = [
         (one, criterion - explanation.criteria[0] < ALIKE)
         for one, criterion in zip(explanation.causes, explanation.criteria, strict=True)
@@ -304,6 +305,7 @@ def _ranked(explanation: Explanation) -> list[tuple[Fitted, bool]]:
 
 
 def _cause(identification: Identification, explanation: Explanation, fit: Fitted, is_alike: bool) -> Cause:
+    """A fitted change as a cause for the report, with its share of the misfit and the values that it moves."""
     base, before, after, target = explanation.base, explanation.base.values, fit.values, fit.modified.target
     candidate = fit.cause
     added = tuple(
@@ -333,7 +335,7 @@ def _cause(identification: Identification, explanation: Explanation, fit: Fitted
 
 
 def _shifts(identification: Identification, base: Fitted, fit: Fitted) -> tuple[ParameterShift, ...]:
-    """The values that a modified model has otherwise, the farthest first."""
+    """Parameters of the answer with their values before and after a change, the farthest moved first."""
     estimate, target = identification.estimate, fit.modified.target
     before, after, ends = base.values, fit.values, intervals_of(fit, identification.intervals.level)
     std = dict(zip(estimate.names, estimate.std.tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""What the values of an answer rest on: the properties that its model holds."""
+"""Sensitivity of identified values to the properties that the model fixes."""
 
 from __future__ import annotations
 
@@ -67,14 +67,14 @@ class FixedValueSensitivity:
 
     @property
     def moved_words(self) -> str:
-        """What 1 % of it does to the parameter that it moves farthest."""
+        """A clause on how far the parameter that moves most goes where the fixed value is 1 % larger."""
         at = self.most_moved
         moved = f"{self.parameters[at]} {_percent(0.01 * self.influence[at])}, {abs(self.distance[at]):.2g} standard deviations"
         return f"with {self.name} 1 % larger, {moved}"
 
     @property
     def words(self) -> str:
-        """What the record says of it, in a clause."""
+        """A clause on the value that the record would prefer, and the parameter that would move with it."""
         more = f"{_percent(self.pull)} (standard deviation {abs(100 * self.pull_std):.2g} %)"
         words = f"the record would have {self.name}, which the model fixes, {more}"
         at = self.moved_by_pull
@@ -83,7 +83,7 @@ class FixedValueSensitivity:
         return f"{words}, and then {self.parameters[at]} {_percent(self.influence[at] * self.pull)}"
 
     def is_doubted(self, among: int, risk: float = DOUBT_RISK) -> bool:
-        """Whether the record would have another value, beyond the chance that it does so with any of `among`, and it matters."""
+        """True where the record prefers another value, beyond chance `among` so many, and it matters."""
         if not self.pull_std > 0 or self.moved_by_pull is None or abs(self.pull) <= DOUBTED_TOLERANCES * self.tolerance:
             return False
         return abs(self.pull) > float(special.ndtri(1 - risk / (2 * among))) * self.pull_std
@@ -94,7 +94,7 @@ def _percent(part: float) -> str:
 
 
 def doubted(held: Sequence[FixedValueSensitivity]) -> tuple[FixedValueSensitivity, ...]:
-    """Those that the record would rather have otherwise, the clearest first."""
+    """The fixed values that the record would rather have otherwise, the clearest first."""
     found = [one for one in held if one.is_doubted(len(held))]
     return tuple(sorted(found, key=lambda one: -abs(one.pull / one.pull_std)))
 
@@ -105,7 +105,7 @@ def resting(held: Sequence[FixedValueSensitivity]) -> list[FixedValueSensitivity
 
 
 def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
-    """What the intervals take for granted; "" where no held value matters."""
+    """A sentence on the fixed value that the intervals depend on most; "" where none matters."""
     most = [one for one in resting(held) if abs(one.distance[one.most_moved]) >= TOLD_SENSITIVITY]
     if not most:
         return ""
@@ -130,7 +130,7 @@ def influences(
     std: FloatArray,
     scale: float,
 ) -> tuple[FixedValueSensitivity, ...]:
-    """What each held value does to the parameters, and what the residual asks of it: a score test of each alone.
+    """Sensitivity of the parameters to each fixed value, and what the residual asks of it: a score test of each alone.
 
     With J_p of the parameters, J_q of a held value, both by relative changes, and r the residual: the parameters follow by
     -(J_p' J_p)^-1 J_p' J_q; what J_q has off J_p, w, would have q change by -w'r / w'w, with deviation `scale` / |w|.

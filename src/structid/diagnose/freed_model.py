@@ -22,7 +22,7 @@ from structid.inversion.uncertainty import relative_steps
 
 
 def fixed_value_sensitivities(model: TestedModel, identification: Identification) -> tuple[FixedValueSensitivity, ...]:
-    """What every fixed mass and stiffness does to the answer; none of models or searches that are too large for that.
+    """Sensitivity of an answer to every fixed mass and stiffness; empty for models or searches that are too large.
 
     Parameters
     ----------

@@ -52,14 +52,14 @@ class View:
 
     @cached_property
     def near(self) -> FloatArray:
-        """The frequencies of some hundred lines of the record, evenly chosen, that serve to tell changes apart."""
+        """Frequencies, Hz, of up to 300 lines of the record, evenly chosen, on which changes are fitted near."""
         if self.chosen is not None:
             return self.chosen
         frequency = self.problem.frequency
         return frequency[evenly_spaced_indices(len(frequency), _NEAR_LINES)]
 
     def of(self, problem: RecordProblem) -> View:
-        """The same data beside the model of a problem and its errors of channels."""
+        """The view with the same data, and with the structure, parameters and channel errors of another problem."""
         channels = None if problem.channels is None else problem.channels.seen_by(self.problem.record)
         own = replace(self.problem, structure=problem.structure, parameters=problem.parameters, channels=channels)
         return View(own, self.smooth, self.near)
@@ -68,7 +68,7 @@ class View:
 def views(
     setups: Sequence[AnySetup], problems: Sequence[RecordProblem], theta: Sequence[FloatArray], options: IdentifyOptions
 ) -> tuple[View, ...]:
-    """Every record as FRFs.
+    """Records of a study as FRFs: as measured, averaged from histories, or synthesized from modes.
 
     Parameters
     ----------
@@ -90,9 +90,9 @@ def views(
 
 
 def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
-    """FRFs of measured modes with their stated errors, scaled to unit modal mass by the model's; its own modes and entries where
-    none was measured.
+    """FRFs of measured modes with their stated errors, scaled to unit modal mass by the model's shapes.
 
+    Modes and shape entries that were not measured are the model's.
     Damping that is not fitted is the model's, with errors as large as all that it does; a model that has none is held
     against none.
 
@@ -131,6 +131,7 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
     output_std, omega_std = shape_std[:, kept], 2 * np.pi * frequency_std[kept]
 
     def record(level: float) -> FrfRecord:
+        """The FRFs on lines with the decay `level` times their angular frequency, and their variances."""
         decay = level * 2 * np.pi * lines
         s = (decay + 2j * np.pi * lines)[:, None]
         of_mode, undamped = (1 / (s**2 + 2 * s * one[kept] * omega + omega**2) for one in (likely, damping))
@@ -155,6 +156,6 @@ def modal_view(problem: ModalProblem, theta: FloatArray) -> View:
 
 
 def _synthesized(outputs: FloatArray, of_mode: Values, inputs: FloatArray) -> Values:
-    """Sum over modes, each with its own factor of every line, (n_lines, n_outputs, n_inputs)."""
+    """Sum over modes of output (o, m), factor of every line (l, m) and input (i, m): (n_lines, n_outputs, n_inputs)."""
     found: Values = np.einsum("om,lm,im->loi", outputs, of_mode, inputs)
     return found

@@ -22,7 +22,7 @@ Ends = dict[str, tuple[float, float]]
 
 
 def intervals_of(fitted: Fitted, level: float) -> Ends:
-    """Normal intervals of the free variables of a fitted study, in physical units by name; see `Estimate.interval`."""
+    """Normal intervals at `level` of the parameters of a fitted study, (low, high) in physical units by name."""
     target, theta = fitted.modified.target, fitted.theta
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         std = np.sqrt(np.diag(fitted.covariance_with_tolerances)) / np.abs(target.slope(theta))
@@ -33,7 +33,7 @@ def intervals_of(fitted: Fitted, level: float) -> Ends:
 
 
 def widened(found: Identification, likely: Sequence[Fitted], direction: str | None) -> Identification:
-    """An answer whose intervals and standard deviations reach over enlarged models that may be the truth.
+    """The identification with intervals and standard deviations that cover likely changed models as well.
 
     Intervals are the union of its own and theirs; its covariance is the mean over all of these models of their own
     covariance and of the square of their distance from its values. No weights: with misfits as large as those of wrong models they

@@ -87,6 +87,7 @@ class AddPart:
     record: int | None = None
 
     def apply(self, draft: ModelDraft) -> None:
+        """Add the element set or tie to the structures of a model draft."""
         structures = draft.structures if self.record is None else [draft.structure_of(self.record)]
         for structure in structures:
             if self.table in _TIES:
@@ -106,6 +107,7 @@ class AddUnknown:
     entry: Mapping[str, Any]
 
     def apply(self, draft: ModelDraft) -> None:
+        """Declare the unknown in every record of a model draft whose structure has the elements."""
         names = as_list(self.entry["elements"])
         for record in draft.records:
             there = {element.name for element in record.structure.get("elements")}
@@ -172,6 +174,7 @@ class AddNode:
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def _position(self, nodes: Mapping[Any, Any], key: Callable[[int], Any]) -> list[float]:
+        """Coordinates, m, of the new node from those of `nodes`, whose keys `key` makes of labels."""
         first = np.atleast_1d(np.asarray(nodes[key(self.beside)], dtype=float))
         moved = first + np.array(self.offset[: len(first)])
         if self.towards is not None:
@@ -185,6 +188,7 @@ class AddNode:
             structure.set("nodes", {**nodes, self.label: self._position(nodes, int)})
 
     def write(self, study: Tables) -> None:
+        """Write the new node into [structure.nodes] of a study."""
         nodes = study["structure"].get("nodes")
         if nodes is None or str(self.beside) not in nodes:
             raise NoStudyTextError(
@@ -201,6 +205,7 @@ class MoveBaseSupport:
     label: int
 
     def apply(self, draft: ModelDraft) -> None:
+        """Move the driving support of a model draft to the new node."""
         for structure in draft.structures:
             bases = [
                 Base(base.name, [self._moved(support) for support in base.supports]) for base in structure.get("bases")
@@ -211,6 +216,7 @@ class MoveBaseSupport:
         return Dof(self.label, support.direction, support.sign) if support.unsigned == self.dof else support
 
     def write(self, study: Tables) -> None:
+        """Write the new node in place of the driving support into the tables of a study."""
         for base in study["structure"].get("base", []):
             supports = [one for text in as_list(base["supports"]) for one in dofs_of_text(str(text))]
             if all(one.unsigned != self.dof for one in supports):
@@ -230,6 +236,7 @@ class RenameChannels:
         draft.records[self.record].rename_channels(dict(self.names))
 
     def write(self, study: Tables) -> None:
+        """Write the new names of channels into the table of the record."""
         record = record_tables(study)[self.record]
         if any(name.removeprefix("load ") in record.get("sensors", {}) for name in self.names):
             raise NoStudyTextError("a channel of [record.sensors] is renamed there")
@@ -246,6 +253,7 @@ class AimSensor:
     label: int
 
     def apply(self, draft: ModelDraft) -> None:
+        """Add a node and a tie to the record's structure by which the sensor reads along its direction."""
         structure = draft.structure_of(self.record)
         moves = [d for d in DIRECTIONS[:3] if d in (structure.original.active or ())]
         seen = moves[0]
@@ -258,6 +266,7 @@ class AimSensor:
         draft.records[self.record].rename_channels({self.dof.place: f"{self.label}{seen}"})
 
     def write(self, study: Tables) -> None:
+        """Write the direction of the sensor into the table of the record."""
         sensors = record_tables(study)[self.record].setdefault("sensors", {})
         if self.dof.place in sensors:
             raise NoStudyTextError(f"the direction of {self.dof.place} is given in the study already")
@@ -272,6 +281,7 @@ class AddChannelError:
     entry: Mapping[str, Any]
 
     def apply(self, draft: ModelDraft) -> None:
+        """Declare the channel error as an unknown of the record in a model draft."""
         record, entry = draft.records[self.record], self.entry
         is_sensor_gain = "outputs" in entry and entry["property"] == "gain"
         if isinstance(record.setup, ModalSetup) and not is_sensor_gain:
@@ -366,6 +376,7 @@ class AverageSegments:
     """The FRFs of all records are averages of segments under a Hann window."""
 
     def apply(self, draft: ModelDraft) -> None:
+        """Make the FRFs of all records of a model draft averages of segments under a Hann window."""
         for record in draft.records:
             frfs = record.get("record")
             if not isinstance(frfs, FrfRecord):
@@ -384,6 +395,7 @@ class ScaleAxis:
     factor: float
 
     def apply(self, draft: ModelDraft) -> None:
+        """Multiply frequencies, sampling rates, tones, bands and exclusions of a model draft by the factor."""
         for record in draft.records:
             record.set("record", self._scaled(record.get("record")))
             if isinstance(record.setup, TimeSetup):
@@ -398,6 +410,7 @@ class ScaleAxis:
         return None if span is None else (self.factor * span[0], self.factor * span[1])
 
     def _scaled(self, record: FrfRecord | TimeRecord | ModalRecord) -> FrfRecord | TimeRecord | ModalRecord:
+        """A record with its frequency or time axis scaled by the factor."""
         if isinstance(record, TimeRecord):
             return replace(record, sampling_rate=self.factor * record.sampling_rate)
         if isinstance(record, FrfRecord):
@@ -408,6 +421,7 @@ class ScaleAxis:
         return replace(record, frequency=self.factor * record.frequency, covariance=covariance)
 
     def write(self, study: Tables) -> None:
+        """Write the scaled sampling rates, bands and exclusions into the tables of a study."""
         for record in record_tables(study):
             if "sampling_rate" not in record:
                 raise NoStudyTextError("the record file says its axis; correct it there")
@@ -468,6 +482,7 @@ class MoveMass:
             structure.set("elements", tuple(self._moved(element) for element in structure.get("elements")))
 
     def _moved(self, element: Any) -> Any:
+        """The element set with one of its masses at the new node; other sets as they are."""
         if element.name != self.name:
             return element
         nodes = element.nodes.ravel().copy()
@@ -475,6 +490,7 @@ class MoveMass:
         return replace(element, nodes=nodes, directions=element.directions or self.directions)
 
     def write(self, study: Tables) -> None:
+        """Write the new node of the mass into the table of its set."""
         entry = element_table(study, self.name)
         if "nodes" not in entry:
             raise NoStudyTextError(f"{self.name}:{self.number} is at no node that the study lists")
@@ -508,7 +524,7 @@ class SeparateElement:
     nominal: Mapping[str, tuple[float, ...]] = field(hash=False)
 
     def _take_out(self, entries: Sequence[Tables]) -> None:
-        """Take it out of the unknowns that have it."""
+        """Take the element or set out of the unknowns (tables) that declare its property."""
         name, _, number = self.where.rpartition(":")
         name = name or self.where
         own = [entry for entry in entries if is_declaration_of(entry, name, self.property_name)]
@@ -530,6 +546,7 @@ class SeparateElement:
         return self.nominal.get(text.rpartition(":")[0], ())
 
     def apply(self, draft: ModelDraft) -> None:
+        """Give the element or set a parameter of its own in every record of a model draft."""
         for record in draft.records:
             entries = _as_tables(record.unknowns)
             self._take_out(entries)
@@ -552,6 +569,7 @@ class LetVary:
     name: str
 
     def _mark(self, entries: Sequence[Tables]) -> bool:
+        """Mark the unknown of this name as varying from record to record; true where it was found."""
         for entry in entries:
             if label_of(entry) == self.name and not entry.get("each"):
                 entry["varies"] = True
@@ -559,6 +577,7 @@ class LetVary:
         return False
 
     def apply(self, draft: ModelDraft) -> None:
+        """Let the parameter vary from record to record in a model draft."""
         marked = False
         for record in draft.records:
             entries = _as_tables(record.unknowns)

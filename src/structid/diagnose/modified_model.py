@@ -100,7 +100,7 @@ class ModifiedModel:
         return fixed_values(freed_problems(self.setups, self.problems, self.model.options.tolerances))
 
     def changed(self, candidate: Candidate, strength: float) -> ModifiedModel:
-        """The model with one change more.
+        """The model with one more change: a candidate with its strength.
 
         Raises
         ------
@@ -148,7 +148,7 @@ class ModifiedModel:
         return all(isinstance(problem, ModalProblem) for problem in self.problems)
 
     def smoothed(self, levels: Sequence[float] = LEVELS) -> list[tuple[float, JointProblem]]:
-        """Stages on smoothed data with their decays, from far to near; those that the lines of every record allow."""
+        """Problems on smoothed data with their decays, from far to near, as the lines of every record allow."""
         if self.is_of_modes:
             return []
         shared = [level for level in levels if all(level in view.smooth for view in self.views)]
@@ -165,7 +165,7 @@ class ModifiedModel:
         return JointProblem(self.anchored_problems(), first_prior_counts=True)
 
     def anchored_problems(self) -> tuple[RecordProblem, ...]:
-        """The logarithm of some hundred lines of the FRFs with 10 % of model error, as if of all lines; modes as they are.
+        """Problems of the quick fit: log-FRFs on some lines with 10 % of model error; modes as they are.
 
         Every parameter is held near its start.
         """
@@ -177,7 +177,7 @@ class ModifiedModel:
         return tuple(held)
 
     def _fitted_near(self) -> list[RecordProblem]:
-        """What near fits take of every record: modes as they are, the FRFs of all others."""
+        """The problem of each record in near fits: modes as they are, FRFs for all other records."""
         pairs = zip(self.problems, self.views, strict=True)
         return [problem if isinstance(problem, ModalProblem) else view.problem for problem, view in pairs]
 
@@ -191,14 +191,14 @@ class ModifiedModel:
         return tuple(replace(one, form="log", model_error=_MODEL_ERROR) for one in self.shown_problems)
 
     def point_at(self, problems: Sequence[FrfProblem], theta: FloatArray, most_lines: int = MOST_LINES) -> Point:
-        """Views in some form where changes are screened; modes whose damping is not fitted say nothing of damping."""
+        """FRF problems of the records linearized at free variables (n_params,), on at most `most_lines` lines."""
         silent = [
             k for k, one in enumerate(self.problems) if isinstance(one, ModalProblem) and not one.settings.use_damping
         ]
         return point_at(problems, theta, silent, most_lines)
 
     def fit_near(self, above: float = np.inf) -> NearFit:
-        """The anchored fit, come to by the nearest smoothed stages; it ends early where its misfit would stay `above`."""
+        """The quick fit with parameters held near their start; it ends early where its misfit would stay `above`."""
         theta, stop = np.asarray(self.target.theta_start), time_limit_callback(self.fit_seconds)
         for _, stage in self.smoothed(NEAR_LEVELS):
             theta = minimize(stage, QUICK, theta, stop).theta
@@ -206,7 +206,7 @@ class ModifiedModel:
         return NearFit(near.theta, float(near.costs[-1]))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
-        """The best fit as the options ask for from some starts.
+        """The best fit, as the options ask for, from some starts (n_params,).
 
         Raises
         ------
@@ -267,6 +267,7 @@ def prepared_problems(
 def _prepared(
     setup: AnySetup, known: AnySetup, problem: RecordProblem, options: IdentifyOptions, is_same: bool
 ) -> RecordProblem:
+    """The problem of a changed set-up; transformed histories are kept where record and channels are the same."""
     if (
         is_same
         and isinstance(problem, SpectraProblem)
@@ -280,14 +281,14 @@ def _prepared(
 
 
 def _on_lines(problem: FrfProblem, frequency: FloatArray) -> FrfProblem:
-    """The logarithm of the FRFs at those of these frequencies that it has, which weigh as all of its lines do."""
+    """The problem of log-FRFs at those of its lines that are in `frequency`, which weigh as all of its lines do."""
     keep = np.flatnonzero(np.isin(problem.frequency, frequency))
     error = _MODEL_ERROR * float(np.sqrt(len(keep) / len(problem.frequency)))
     return replace(problem.with_lines(keep), form="log", model_error=error)
 
 
 def _same_view(problem: RecordProblem, setup: AnySetup, before: AnySetup, view: View, options: IdentifyOptions) -> View:
-    """The view of a changed problem: the same FRFs where the record is the same."""
+    """The view of a changed problem, with the FRFs of the view before where the record is the same."""
     if isinstance(problem, FrfProblem):
         known = view.problem.record
         if _is_same(problem.record, known):

@@ -21,7 +21,7 @@ from structid.inversion.search.work import Tools, Work
 
 
 def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget: TimeBudget = UNLIMITED) -> list[Item]:
-    """The changes beside which a linear look promises that a second one leaves little, the one that leaves least first.
+    """Changes, best first, beside which the best screened second change leaves little misfit.
 
     Looks are taken at near fits, of the logarithm of the FRFs with the start held: a full fit of one of two faults is bent
     to the other.
@@ -51,7 +51,7 @@ def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget
 
 
 def _looked_beside(base: Fitted, item: Item, tools: Tools) -> dict[str, float]:
-    """What the best second change leaves beside one, by a linear look."""
+    """The misfit that the best second change beside this one leaves, parameters following linearly; else infinite."""
     candidate, strength, theta = item
     try:
         modified = base.modified.changed(candidate, strength)

@@ -87,7 +87,7 @@ class Receptances:
         return self.problem.record.laplace
 
     def stiffness_of(self, structure: Structure) -> ComplexArray:
-        """Z of the matrices of `structure`, which has the same properties, (n_lines, n, n)."""
+        """The dynamic stiffness Z of `structure`, which has the same properties, (n_lines, n_dofs, n_dofs)."""
         inertia, viscous, elastic, structural = (
             structure.matrix(law, self.values).toarray() for law in ("inertia", "viscous", "elastic", "structural")
         )
@@ -102,7 +102,7 @@ class Receptances:
 
     @cached_property
     def _alone(self) -> ComplexArray:
-        """The same without measured components."""
+        """G = Z^-1 without measured components, (n_lines, n_dofs, n_dofs); zero at driven degrees of freedom."""
         whole = self.stiffness_of(self.structure)
         own = np.s_[:, self.undriven[:, None], self.undriven]
         found = np.zeros_like(whole)
@@ -110,7 +110,7 @@ class Receptances:
         return found
 
     def _joined(self, motion: ComplexArray) -> ComplexArray:
-        """Motion (n_lines, n_dofs, n) of the model alone once its measured components move along."""
+        """Motion (n_lines, n_dofs, n) of the model with its measured components, from that without them."""
         parts = self.structure.measured
         if not parts:
             return motion
@@ -122,7 +122,7 @@ class Receptances:
 
     @cached_property
     def under_loads(self) -> ComplexArray:
-        """x = G f under forces, x = b - G Z b under motions b of supports, (n_lines, n_dofs, n_inputs)."""
+        """Motion x = G f under unit forces f, or x = b - G Z b under support motions b, (n_lines, n_dofs, n_inputs)."""
         loads = self.structure.selection(self.problem.record.inputs).toarray()
         if not self._bases:
             return self.flexibility @ loads
@@ -135,7 +135,7 @@ class Receptances:
 
     @cached_property
     def factor(self) -> ComplexArray:
-        """What makes of a receptance what the record has, its kind and the errors of its channels; broadcasts to `frf`."""
+        """The factor that makes an FRF of the record of a receptance, channel errors included; broadcasts to `frf`."""
         kind = (self.laplace ** DERIVATIVES[self.problem.record.kind])[:, None, None]
         channels = self.problem.channels
         found: ComplexArray = kind if channels is None else kind * channels.factor(self.channel_values, self.laplace)
@@ -143,14 +143,14 @@ class Receptances:
 
     @cached_property
     def columns(self) -> dict[Dof, FloatArray]:
-        """Of each free direction of each node: which free degrees of freedom follow it, (n_dofs,); none that is driven."""
+        """Free directions of nodes with the weights (n_dofs,) by which they follow free degrees of freedom."""
         moves = self._follow[:, self.undriven].any(axis=1)
         pairs = zip(self.structure.numbering.codes[moves].tolist(), self._follow[moves], strict=True)
         return {dof_of_code(code).unsigned: follow for code, follow in pairs}
 
     @cached_property
     def loose(self) -> tuple[tuple[Dof, ...], ComplexArray, ComplexArray]:
-        """Supports that can give way: which they are, Z between them and the free degrees of freedom, and of each alone.
+        """Supports that can give way, Z between them and the free degrees of freedom, and Z of each support alone.
 
         Those that drive give way against what moves them. Shapes (n_supports), (n_lines, n_dofs, n_supports),
         (n_lines, n_supports).
@@ -173,7 +173,7 @@ class Receptances:
         return tuple(held), follow.T @ whole[:, :, ends], whole[:, ends, ends]
 
     def elements(self, kinds: tuple[str, ...]) -> Iterator[ElementMatrix]:
-        """Every element matrix of properties of these kinds, with its weight."""
+        """Every element matrix of properties of these kinds, multiplied by the property's value."""
         losses = {p.element: self.values[p.values] for p in self.structure.properties if p.term.kind == "loss_factor"}
         for item in self.structure.properties:
             if item.term.kind not in kinds:
@@ -189,7 +189,7 @@ class Receptances:
                     yield ElementMatrix(item.element, e, item.term.property, item.term.kind, codes, matrix, lost, row)
 
     def reached(self, codes: IntArray) -> FloatArray:
-        """How free degrees of freedom move these, (n_codes, n_dofs); zero where they are held, or are no part of the model."""
+        """Weights (n_codes, n_dofs) by which degrees of freedom, by code, follow the free ones; zero where held."""
         known = self.structure.numbering.codes
         place = np.minimum(np.searchsorted(known, codes), len(known) - 1)
         return np.where((known[place] == codes)[:, None], self._follow[place], 0.0)
@@ -201,7 +201,7 @@ class Receptances:
 
 
 def receptances_at(problem: FrfProblem, theta: FloatArray, most_lines: int = MOST_LINES) -> Receptances:
-    """The receptances of a problem at free variables, on so many of its lines as memory allows.
+    """The receptances of a problem at free variables, on as many of its lines as memory allows.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ class Fitted:
 
 
 def fitted_at(modified: ModifiedModel, theta: FloatArray, cost: float, aside: float = 0.0) -> Fitted:
-    """The fit at free variables; where its misfit is beyond noise, with the misfit that tolerances leave."""
+    """The fit at given free variables; where its misfit is beyond noise, with the misfit that tolerances leave."""
     fitted = Fitted(modified, theta, cost, aside)
     if modified.is_large or not is_beyond_noise(fitted) or modified.fixed_values is None:
         return fitted
@@ -101,7 +101,7 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, cost: float, aside: fl
 
 
 def is_beyond_noise(fitted: Fitted) -> bool:
-    """Whether a fit leaves more than chance makes of noise, fixed values as they are; data that are left out aside."""
+    """True where a fit leaves more misfit than chance makes of noise, with fixed values as they are."""
     target = fitted.modified.target
     dof = target.n_data - n_parameters(fitted.modified)
     return dof > 0 and misfit_probability(target, fitted.cost - fitted.aside, dof) < MISFIT
@@ -136,7 +136,7 @@ Item = tuple[Candidate, float, FloatArray]
 
 
 def fit_near(base: Fitted, change: Near, tools: Tools) -> Fit:
-    """Free variables and misfit of the anchored fit of a change; nothing where the model has no place for it.
+    """Free variables and misfit of a quick fit with a change, parameters held near their start; empty if impossible.
 
     The misfit is only known to be above the one given where it would end there.
     """
@@ -151,7 +151,7 @@ def fit_near(base: Fitted, change: Near, tools: Tools) -> Fit:
 
 
 def fit_fully(base: Fitted, item: Item, tools: Tools) -> Fit:
-    """The fit of a change as the options ask for, from `fit_near`; nothing where there is no model with it."""
+    """The fit of a change as the options ask for, started at its quick fit; empty where no model has the change."""
     candidate, strength, theta = item
     try:
         if isinstance(candidate, OtherState) and not _fits_alone(base, candidate):
@@ -163,7 +163,7 @@ def fit_fully(base: Fitted, item: Item, tools: Tools) -> Fit:
 
 
 def _is_no_gain(base: Fitted, found: Fitted) -> bool:
-    """Whether a factor is so far from 1 that it only leaves the channel out, and is that of no unit."""
+    """True where the fitted gain is so far from 1 that it only leaves the channel out, and is that of no unit."""
     candidate = found.cause
     assert isinstance(candidate, SensorGain | LoadGain)
     added = [value for name, value in found.values.items() if name not in base.values and value > 0]
@@ -171,7 +171,7 @@ def _is_no_gain(base: Fitted, found: Fitted) -> bool:
 
 
 def reuse_equivalent_fit(base: Fitted, item: tuple[Task, Near | Item, Fit], tools: Tools) -> Fit:
-    """What the fit of another change gave, where it has the same misfit with this one; else this one's own fit.
+    """The fit of another change where it has the same misfit with this one; otherwise this one's own fit.
 
     At mirrored places of a symmetric structure changes answer alike.
 
@@ -195,7 +195,7 @@ def reuse_equivalent_fit(base: Fitted, item: tuple[Task, Near | Item, Fit], tool
 
 
 def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
-    """Whether a record that is said to be of another state is one of the model at all, with values of its own.
+    """True where the model fits the candidate's record by itself, with values of its own, as another state.
 
     Without one of two records little is left to misfit, whatever is wrong with the model.
     """
@@ -211,7 +211,7 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
 
 
 def _stored(found: Fitted) -> Fit:
-    """A fit of one change more in numbers and texts."""
+    """A fit of one more change as numbers and texts."""
     candidate, strength, _ = found.modified.changes[-1]
     return {
         "where": list(candidate.where), "strength": float(strength), "theta": found.theta, "cost": found.cost,
@@ -220,7 +220,7 @@ def _stored(found: Fitted) -> Fit:
 
 
 def load_fit(base: Fitted, candidate: Candidate, stored: Fit) -> Fitted:
-    """The fit that `fit_fully` gave of a candidate."""
+    """The fit of a candidate, made again from what `fit_fully` gave."""
     modified = base.modified.changed(replace(candidate, where=tuple(stored["where"])), float(stored["strength"]))
     return Fitted(
         modified, np.asarray(stored["theta"]), float(stored["cost"]), float(stored["aside"]),
@@ -229,7 +229,7 @@ def load_fit(base: Fitted, candidate: Candidate, stored: Fit) -> Fitted:
 
 
 def _finally(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> Fitted:
-    """The fit as the options ask for; of outlying lines those that stand out from it once more."""
+    """The fit of a changed model as the options ask for, from some starts; outlying lines and tones are found again."""
     starts = [theta, modified.theta_of(base.values)]
     if modified.changes[-1].candidate.begins_at_start:
         starts.append(np.asarray(modified.target.theta_start))
@@ -246,7 +246,7 @@ def _finally(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> Fitted
 
 
 def _stronger(base: Fitted, modified: ModifiedModel, found: Minimum) -> tuple[ModifiedModel, Minimum]:
-    """The best of some strengths, where the strength is no parameter of the changed study, or far starts of it matter."""
+    """The best fit over several strengths, for candidates whose strength is no parameter or has far minima."""
     candidate, strength, _ = modified.changes[-1]
     for step in candidate.other_strengths:
         for factor in (step, 1 / step):
@@ -270,7 +270,7 @@ def _values(modified: ModifiedModel, theta: FloatArray, base: Fitted) -> dict[st
 
 
 def _other_lines(base: Fitted, modified: ModifiedModel, theta: FloatArray) -> ModifiedModel | None:
-    """The modified with all lines that stand out from its fit left out, or all tones; None where these are the ones."""
+    """The model with the lines or tones that stand out from its fit; None where they are those of the candidate."""
     candidate, strength, _ = modified.changes[-1]
     if not isinstance(candidate, OutlyingLines | Tone) or len(base.modified.problems) > 1:
         return None
@@ -292,7 +292,7 @@ def _seen_from(base: Fitted, modified: ModifiedModel, theta: FloatArray, of: Pro
 
 
 def _left_out(base: Fitted, modified: ModifiedModel, theta: FloatArray, is_near: bool = False) -> float:
-    """What data that the last change leaves out add to the misfit, or to that of the anchored fit where `is_near`.
+    """Misfit of the data that the last change leaves out; with `is_near` in the form of the quick fit.
 
     Their errors are larger by the likeliest factor.
     """

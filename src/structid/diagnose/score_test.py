@@ -81,7 +81,7 @@ class Point:
         return float(self._base @ self._base)
 
     def without(self, rows: np.ndarray) -> float:
-        """What is left where some data rows (n_data,) count with the likeliest factor on their errors only."""
+        """The misfit that is left where a mask (n_data,) marks rows whose errors are larger by the likeliest factor."""
         keep = np.ones(len(self.residual), dtype=bool)
         keep[: len(rows)] = ~rows
         step, *_ = np.linalg.lstsq(self.basis[keep], self.residual[keep], rcond=None)
@@ -89,7 +89,7 @@ class Point:
         return float(rest[keep] @ rest[keep]) + scaled_misfit(float(rest[~keep] @ rest[~keep]), int((~keep).sum()))
 
     def screened(self, candidates: Sequence[Candidate]) -> list[Screened]:
-        """Of every candidate the best of its strengths; of the most promising of each kind those about it as well."""
+        """Every candidate, in the given order, with its best strength, the parameters following linearly."""
         keys = [self._key(candidate) for candidate in candidates]
         known: dict[_Key, _Look] = {}
         for key, candidate in zip(keys, candidates, strict=True):
@@ -109,7 +109,7 @@ class Point:
         ]
 
     def requested(self, candidates: Sequence[Candidate]) -> list[RequestedChange]:
-        """What the residual asks of every candidate that may be small, each alone, all parameters following: a score test.
+        """Strengths that the residual asks of small candidates, each alone, all parameters following: a score test.
 
         With w the slope of a candidate off the basis its strength is -w'r / w'w, and its score |w'r| / |w|, the size of a standard
         normal variable where model and noise are right. None of those that would be out of bounds.
@@ -128,13 +128,13 @@ class Point:
         return found
 
     def _linear(self, off: FloatArray, small: float) -> tuple[float, float]:
-        """The step to the least of what a candidate leaves by its slope, and the square of that; `off` is at a small strength."""
+        """The strength of least misfit by a candidate's slope, and the squared length of that slope."""
         slope = (off - self._base) / small
         size = float(slope @ slope)
         return (float(-(slope @ self._base) / size) if 0 < size < np.inf else 0.0), size
 
     def _key(self, candidate: Candidate) -> _Key:
-        """What a look depends on: places of parts that are rigid move alike in many nodes."""
+        """A key that is the same for candidates whose effect is the same: rigid parts move alike at many nodes."""
         alike = candidate.alike_by()
         if alike is None:
             return (id(candidate),)
@@ -143,6 +143,7 @@ class Point:
         return *values, *moves
 
     def _look(self, candidate: Candidate) -> _Look:
+        """A candidate's misfit at each strength, parameters following linearly, and what its slope promises."""
         strengths = candidate.strengths
         if len(strengths) == 1:
             left = self._left_by(candidate, strengths)
@@ -155,6 +156,7 @@ class Point:
         return _Look(strengths, left, step, float(min(left.min(), linear)))
 
     def _closer(self, candidate: Candidate, look: _Look) -> _Look:
+        """The screening result of a candidate with further strengths about its best and its linear estimate."""
         low, high = candidate.bounds
         best = look.best(candidate)
         about = (0.5 * look.step, look.step, 2 * look.step, 0.75 * best.strength, 1.35 * best.strength)
@@ -172,7 +174,7 @@ class Point:
         return _squares(self._off(candidate, strengths))
 
     def _off(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
-        """Residuals off the basis, (n_rows, n_strengths)."""
+        """Residuals with a candidate, without what the parameters can follow, (n_rows, n_strengths)."""
         rows = np.empty((len(self.residual), len(strengths)))
         rows[:] = self.residual[:, None]
         first = 0
@@ -198,7 +200,7 @@ def _squares(off: FloatArray) -> FloatArray:
 def point_at(
     problems: Sequence[FrfProblem], theta: FloatArray, undamped: Collection[int] = (), most_lines: int = MOST_LINES
 ) -> Point:
-    """Problems at free variables of all their parameters together, on at most so many of their lines; see `Point`."""
+    """FRF problems linearized at free variables (n_params,) of all of them, on at most `most_lines` lines."""
     own = JointProblem(tuple(problems), first_prior_counts=True).unknowns.split(theta)
     records = tuple(receptances_at(problem, at, most_lines) for problem, at in zip(problems, own, strict=True))
     whole = JointProblem(tuple(receptances.problem for receptances in records), first_prior_counts=True)

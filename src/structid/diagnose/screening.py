@@ -59,7 +59,7 @@ _Promises = dict[Hashable, tuple[float, Screened]]
 
 
 def screen_sets(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMITED) -> list[Screened]:
-    """Changes of sets and of the mesh that lower the misfit by one linear step at the fit, each with its best strength."""
+    """Changes of whole sets and of the mesh that lower the misfit by one linear step, with their best strengths."""
     several = set_candidates(base.modified.model, base.modified.problems)
     sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
     left = iter(_left_by_step(base, sized, work, name, budget))
@@ -73,12 +73,13 @@ def screen_sets(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMI
 
 
 def _left_by_step(base: Fitted, sized: Sequence[Sized], work: Work, name: str, budget: TimeBudget) -> list[float]:
-    """The misfit that a linear step of each modified model leaves; infinite where there is none, or no time for it."""
+    """The misfit that a linear step of each changed model leaves; infinite where there is none, or no time for it."""
     steps = map_within_budget(budget, work, name, _stepped, base, sized)
     return [np.inf if step is None else step["left"] for step in steps]
 
 
 def _stepped(base: Fitted, change: Sized, tools: Tools) -> dict[str, float]:
+    """The misfit that one linear step leaves of a model with the change; infinite where it cannot be evaluated."""
     try:
         modified = base.modified.changed(*change)
         at = modified.target.linearize(modified.theta_of(base.values))
@@ -89,7 +90,7 @@ def _stepped(base: Fitted, change: Sized, tools: Tools) -> dict[str, float]:
 
 
 def screening_points(base: Fitted) -> list[Point]:
-    """Where candidates are screened: on smoothed data, at the anchored fit, and at the fit."""
+    """Linearized problems to screen candidates at: on smoothed data, at the quick fit, and at the fit."""
     modified, points = base.modified, []
     if modified.is_large:  # every fit costs
         start = np.asarray(modified.target.theta_start)
@@ -130,7 +131,7 @@ class Shortlist(NamedTuple):
 
 
 def shortlist_candidates(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMITED) -> Shortlist:
-    """The candidates that are worth a fit.
+    """The candidates that are worth a fit, screened at several points with parameters that follow linearly.
 
     Parameters
     ----------
@@ -198,7 +199,7 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: TimeBudget
 
 
 def _feet(several: Iterable[Candidate], left: float) -> list[Screened]:
-    """Supports that hold rotations, giving way together: all of a node, as a loose bolt lets them, and all of a direction.
+    """Supports that hold rotations, giving way together: all of a node, and all of a direction.
 
     Feet that are drawn clamped and turn are the commonest slip of all, and one foot of two explains half of it.
     """
@@ -225,7 +226,7 @@ def _feet(several: Iterable[Candidate], left: float) -> list[Screened]:
 
 
 def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
-    """Channels that the initial model shows to be exchanged, turned or of another gain: a model bent to them is far off."""
+    """Keys of channels that the initial model shows to be exchanged, turned or of another gain."""
     modified = base.modified
     if modified.is_of_modes:
         return set()
@@ -240,7 +241,7 @@ def _exchanged(base: Fitted, points: Sequence[Point]) -> set[Hashable]:
 
 
 def _faulty(base: Fitted) -> set[Hashable]:
-    """Channels whose histories show, by themselves or by what the fit misses, that they did not measure their motion."""
+    """Keys of channels whose histories, or the fit's misfit, show that they did not measure their motion."""
     shown = {
         FaultyChannel(where=(parse_dof(fault.channel.split()[0]).place,), record=number).key
         for number, setup in enumerate(base.modified.setups)
@@ -251,7 +252,7 @@ def _faulty(base: Fitted) -> set[Hashable]:
 
 
 def _outstanding(base: Fitted) -> set[Hashable]:
-    """Channels of histories that make a good part of the misfit: averaged FRFs hide drift and all else that no force makes."""
+    """Keys of channels of histories that make a good part of the misfit."""
     problems, keys = base.modified.problems, set[Hashable]()
     residual = base.modified.target.residual(base.theta)
     of_records = zip(rows_of(problems, residual), base.modified.views, strict=True)
@@ -267,7 +268,7 @@ def _outstanding(base: Fitted) -> set[Hashable]:
 
 
 def _family(candidate: Candidate, held_nodes: Collection[int]) -> str:
-    """Its kind; what holds one more direction of a node that is held is of a kind of its own: a pin may be a clamp."""
+    """The kind of a candidate; "clamp" for a spring that holds one more direction of a node that is held."""
     is_clamp = isinstance(candidate, SpringToGround) and candidate.is_clamp(held_nodes)
     return "clamp" if is_clamp else candidate.place[0]
 
@@ -278,7 +279,7 @@ def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
 
 
 def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: TimeBudget) -> list[Screened]:
-    """Of changes that FRFs of the fit show, those that lower the misfit of the modes themselves most by a linear step.
+    """Candidates sorted by the misfit of measured modes after a linear step; the first few keep their place.
 
     Modes weigh a change quite unlike the FRFs that they make up: where those promise a tenth, four fifths may go.
     """
@@ -291,7 +292,7 @@ def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, bud
 
 
 def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: Tools) -> dict[str, FloatArray]:
-    """The best strength of every candidate at a point of records with these names, and what it leaves."""
+    """The best strength of every candidate at one point and the misfit that it leaves, (n_candidates,) each."""
     points, names = looks
     point = points[number]
     rows = point.screened(candidates(point.records, names))
@@ -299,7 +300,7 @@ def _looked(looks: tuple[Sequence[Point], Sequence[str]], number: int, tools: To
 
 
 def _with_friction(best: _Promises, can_rub: bool) -> None:
-    """Beside the best dampers, friction at the same places: smoothed data show one as the other."""
+    """Add friction at the places of the best dampers to `best`: smoothed data show one as the other."""
     dampers = [
         pair
         for pair in best.values()

@@ -119,7 +119,7 @@ class Explanation:
 
 
 def search_causes(base: Fitted, work: Work = ALONE, budget: TimeBudget = UNLIMITED) -> Explanation:
-    """The changes that explain the misfit of a fitted study; and where the first leaves some, a second beside it.
+    """The changes that explain the misfit of a fitted study; where the first leaves some, also a second.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def _is_far(fitted: Fitted) -> bool:
 
 
 def _of_two(explanation: Explanation, work: Work, budget: TimeBudget, tried: Sequence[Fitted] = ()) -> Explanation:
-    """Two changes that leave noise alone, where one by itself brings little.
+    """An explanation by two changes that leave noise alone, where one by itself brings little.
 
     A fit to all data that is bent to one of two faults is as wrong once the other is known. Those that were `tried` with a
     second are passed over.
@@ -176,18 +176,18 @@ def _of_two(explanation: Explanation, work: Work, budget: TimeBudget, tried: Seq
 
 
 def _first(explanation: Explanation, item: Item, work: Work) -> Fitted | None:
-    """The fit of a change that was fitted near, to the end."""
+    """The full fit of a change that had a quick fit (its free variables are in `item`); None where it fails."""
     known = [one for one in explanation.causes if one.cause.place == item[0].place]
     fits = known or _refits(explanation.base, [item], work, "a first of two causes")
     return fits[0] if fits else None
 
 
 def _paired(explanation: Explanation, work: Work, budget: TimeBudget) -> Explanation:
-    """The first cause with a second; where noise is not all that both leave, the best of some other pairs.
+    """The first cause with a second one; where both leave more than noise, the best of some other pairs.
 
     Beside the second, another first is looked for: a change that only looks like the first of two faults gives way once the
     second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
-    nothing, a second is looked for beside the next of the first causes.
+    nothing, a second is looked for with another of the first causes.
     """
     if budget.left < explanation.spent / 2:
         return replace(explanation, is_single=True)
@@ -216,7 +216,7 @@ def _paired(explanation: Explanation, work: Work, budget: TimeBudget) -> Explana
 
 
 def _second_alone(explanation: Explanation, pair: Explanation, work: Work) -> Explanation | None:
-    """The second cause as the only one, where it explains as much without the first: one that had only looked like it."""
+    """The second cause as the only one, where it explains as much without the first; None otherwise."""
     if pair.further is None or not pair.further.causes or is_misfit(pair.further.causes[0]):
         return None
     alone = _alone(explanation, pair.further.causes[0], work)
@@ -228,7 +228,7 @@ def _second_alone(explanation: Explanation, pair: Explanation, work: Work) -> Ex
 
 
 def _from_second(explanation: Explanation, second: Explanation, work: Work, budget: TimeBudget) -> Explanation | None:
-    """A pair with another first cause, where it explains clearly more."""
+    """A pair of the second cause with another first one, where it explains clearly more; None otherwise."""
     alone = _alone(explanation, second.causes[0], work)
     again = None if alone is None else _beside(alone, work, "beside the second, first ", budget)
     if again is None or not _is_better(again, second):
@@ -246,13 +246,13 @@ def _from_second(explanation: Explanation, second: Explanation, work: Work, budg
 def _from_next(
     explanation: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
 ) -> Explanation | None:
-    """A pair with this first cause, where it explains clearly more."""
+    """A pair with the given first cause, where it explains clearly more than the `second` there is; None otherwise."""
     further = _beside(first, work, "second changes after the next, ", budget)
     return _led_by(explanation, first, further) if _is_better(further, second) else None
 
 
 def _is_better(one: Explanation, other: Explanation) -> bool:
-    """Whether the likeliest of two pairs is one of the first explanation."""
+    """True where the first cause of `one` has a clearly better criterion than that of `other`."""
     if not one.causes:
         return False
     mine, theirs = one.causes[0], other.causes[0]
@@ -261,7 +261,7 @@ def _is_better(one: Explanation, other: Explanation) -> bool:
 
 
 def _led_by(explanation: Explanation, first: Fitted, further: Explanation) -> Explanation | None:
-    """The explanation with another first cause than the one that is likeliest alone, and the second beside it.
+    """The explanation with the given first cause and its second ones, whichever is likeliest alone.
 
     None where the first removes little alone, and noise is not all that is left beside it.
     """
@@ -277,7 +277,7 @@ def _last_change(fitted: Fitted) -> Sized:
 
 
 def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | None:
-    """The last change of a fit as the only one."""
+    """The fit of the study with only the last change of a fit; None where that does not lower the misfit."""
     change = _last_change(fitted)
     for one in explanation.causes:
         if one.cause.place == change[0].place:
@@ -289,7 +289,7 @@ def _alone(explanation: Explanation, fitted: Fitted, work: Work) -> Fitted | Non
 
 
 def _from_elsewhere(base: Fitted) -> Fitted | None:
-    """The study as it is from the way that candidates are refitted, where that is clearly better."""
+    """The unchanged study fitted anew from its quick fit; None where that is not clearly better than `base`."""
     try:
         minimum = base.modified.fitted([base.modified.fit_near().theta, base.theta])
     except (StructidError, np.linalg.LinAlgError):
@@ -299,7 +299,7 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
 
 
 def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
-    """The changes that explain the misfit of `base`, one at a time: looked at, fitted near, and the likeliest fitted to the end."""
+    """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully."""
     clock, looks = TimeBudget(), budget.part(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
     problems = base.modified.problems
@@ -345,7 +345,7 @@ def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Ex
 
 
 def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
-    """The ranks of changes that no linear look is taken at: behind the finalists, but for feet that turn together.
+    """Ranks, for quick fits, of changes without a first-order test: supports that turn together come first.
 
     These come first where a look promises something of one of them.
     """
@@ -357,7 +357,7 @@ def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> 
 
 
 def _beside(first: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
-    """What else a changed study would need; nothing where its records cannot be looked at so: friction under two loads."""
+    """An explanation of what a changed study leaves; empty where its records cannot be linearized."""
     try:
         return _search_once(first, work, which, budget)
     except (StructidError, np.linalg.LinAlgError):
@@ -365,7 +365,7 @@ def _beside(first: Fitted, work: Work, which: str, budget: TimeBudget) -> Explan
 
 
 def _first_alike(rows: Sequence[Screened]) -> list[int]:
-    """For each change the first that a linear look cannot tell from it: mostly itself, at mirrored places another."""
+    """For each change the position of the first one with the same screening result, mostly its own."""
     seen = [(one.candidate.place[0], f"{one.strength:.9e}", f"{one.left:.9e}") for one in rows]
     return [seen.index(key) for key in seen]
 
@@ -380,7 +380,7 @@ def _fit_near_all(
     name: str,
     budget: TimeBudget,
 ) -> list[Fit | None]:
-    """`fit_near` of every change, of those of low `rank` first; None of those that there is no time for.
+    """Quick fits (`fit_near`) of every change, of low `rank` first; None of those that there is no time for.
 
     Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
     whatever comes of it.
@@ -427,7 +427,7 @@ def _refits_in_time(
     budget: TimeBudget,
     least: int = LEAST_REFITS,
 ) -> tuple[list[Fitted], int]:
-    """The changes fitted to the end, those that a model can be made of, and of how many the time sufficed for.
+    """Full fits of changes in the time there is, without those that no model can have; and how many were tried.
 
     Those that may be `alike` an earlier one take its answer where they can.
     """
@@ -445,7 +445,7 @@ def _refits_in_time(
 
 
 def _simpler(base: Fitted, one: Fitted) -> list[Item]:
-    """A local resonance far above all lines as the mass that it is, far below them as a spring, to be refitted."""
+    """The changes to refit instead of a local resonance far above or below all lines: a mass or a spring."""
     limit = _limit_of(base, one)
     if limit is None:
         return []
@@ -473,7 +473,7 @@ def _limit_of(base: Fitted, one: Fitted) -> Candidate | None:
 
 
 def _lossy(base: Fitted, one: Fitted) -> list[Item]:
-    """A spring that is most of the cause but not all, with damping of its own, to be refitted."""
+    """A spring, support or joint that is most of the cause but not all, to be refitted with damping of its own."""
     candidate, strength = _last_change(one)
     if not isinstance(candidate, SpringToGround | Support | FlexibleJoint) or base.modified.is_of_modes:
         return []
@@ -484,7 +484,7 @@ def _lossy(base: Fitted, one: Fitted) -> list[Item]:
 
 
 def _begun(modified: ModifiedModel, changes: Sequence[Sized], known: Mapping[str, float]) -> list[Item]:
-    """The changes that a study has a place for, with known physical values where their fits begin."""
+    """The changes that the model has a place for, each with free variables at known physical values to start from."""
     items: list[Item] = []
     for candidate, strength in changes:
         with suppress(StructidError):
@@ -493,7 +493,7 @@ def _begun(modified: ModifiedModel, changes: Sequence[Sized], known: Mapping[str
 
 
 def _of_records(base: Fitted, work: Work, budget: TimeBudget) -> Explanation:
-    """The likeliest changes of the records of a large model, so few that they cost some identifications at most."""
+    """The likeliest changes of the records of a large model; only a few are refitted."""
     clock = TimeBudget()
     shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.part(SCREENING_TIME))
     residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
@@ -505,7 +505,7 @@ def _of_records(base: Fitted, work: Work, budget: TimeBudget) -> Explanation:
 
 
 def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALONE) -> Explanation:
-    """The study with each of some properties free that it holds, all of which may be the truth.
+    """An explanation with each of some fixed properties free, all of which may be the truth.
 
     Parameters
     ----------
@@ -524,7 +524,7 @@ def with_freed(base: Fitted, names: Sequence[str], tried: int, work: Work = ALON
 
 
 def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
-    """Of all changes that can be small, those that the record of an answer within its noise asks for beyond chance, fitted.
+    """Small changes, fitted, that the record of an answer within its noise asks for beyond chance.
 
     Many more lines count than in the screens of a misfit: what is looked for is far below the noise of any of them.
 
@@ -550,7 +550,7 @@ def requested_changes(base: Fitted, work: Work = ALONE) -> Explanation:
 
 
 def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
-    """Which refitted changes are causes, and which may be the truth."""
+    """The explanation from refitted changes: the causes among them, and those that may be the truth."""
     scale = _scale(base, fits)
     fits = [one for one in fits if not _has_simpler(base, one, fits, scale)]
     priced = sorted(
@@ -565,7 +565,7 @@ def _weighed(base: Fitted, fits: Sequence[Fitted], tried: int) -> Explanation:
 
 
 def _has_simpler(base: Fitted, one: Fitted, fits: Sequence[Fitted], scale: float) -> bool:
-    """Whether a local resonance is that mass or spring which it holds as a limit, or no better by a likelihood ratio."""
+    """True where a local resonance is the mass or spring that it has as a limit, or fits no better than it."""
     if not isinstance(one.cause, Appendage):
         return False
     limit, dof = _limit_of(base, one), parse_dof(one.cause.where[0])
@@ -592,7 +592,7 @@ def _criterion(base: Fitted, one: Fitted, scale: float) -> float:
 
 
 def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:
-    """Whether a change lowers the misfit by more than chance among all that were tried, and by a part that matters."""
+    """True where a change lowers the misfit by more than chance among all `tried`, and by a part that matters."""
     more = max(n_parameters(one.modified) - len(base.modified.target.names), 1)
     drop = base.misfit - one.misfit
     probability = float(special.gammaincc(more / 2, drop / scale / 2)) if drop > 0 else 1.0
@@ -601,7 +601,7 @@ def _is_worth(base: Fitted, one: Fitted, scale: float, tried: int) -> bool:
 
 
 def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
-    """Whether data that a change leaves out miss more than the others, by an F test: any that are left out take a part along."""
+    """True where data that a change leaves out miss more than the others, by an F test, or none are left out."""
     left = one.modified.target.n_data
     out = base.modified.target.n_data - left
     if out <= 0:

@@ -74,7 +74,7 @@ def disagreements(
     work: Work = ALONE,
     freed: Sequence[RecordProblem] = (),
 ) -> tuple[Disagreement, ...]:
-    """Halves of the band and of the channels, and single records, that give other values; each pair once.
+    """Pairs of parts of the data (halves of the band and of the channels) whose fits give different values.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class _Parts(NamedTuple):
 
 
 def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
-    """The fit of one of the parts from a start."""
+    """Values, deviations and changes by fixed values of the fit of one part; empty where it cannot be fitted."""
     number, start = item
     search = Search(restarts=0, start=start)
     try:
@@ -152,7 +152,7 @@ Part = tuple[str, Problem]
 
 
 def _pairs(problems: Sequence[RecordProblem], by_sensors: bool) -> Iterator[tuple[Part, Part]]:
-    """Pairs of parts of the data, each with its name."""
+    """Pairs of parts of the data with their names: low and high lines, and with `by_sensors` every other sensor."""
     if not problems:
         return
     frequency = np.sort(np.concatenate([problem.frequency for problem in problems]))
@@ -182,7 +182,7 @@ def _whole(parts: Sequence[RecordProblem | None]) -> Problem:
 
 
 def _lines(problem: RecordProblem, keep: np.ndarray) -> RecordProblem | None:
-    """The problem on some of its lines; None where it cannot be cut, or too few are left."""
+    """The problem on the lines of a mask (n_lines,); None where it cannot be cut, or too few are left."""
     if keep.sum() < _FEWEST_LINES:
         return None
     cut = problem.with_lines(np.flatnonzero(keep))

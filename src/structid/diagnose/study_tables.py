@@ -17,7 +17,7 @@ class NoStudyTextError(InputError):
 
 
 def element_tables(study: Tables) -> Iterator[tuple[str, Tables]]:
-    """The type and the table of every element set and tie."""
+    """Type and table of every element set and tie of a study."""
     for kind, entries in study["structure"].items():
         for entry in entries if isinstance(entries, list) else ():
             if isinstance(entry, dict):
@@ -25,7 +25,7 @@ def element_tables(study: Tables) -> Iterator[tuple[str, Tables]]:
 
 
 def element_table(study: Tables, name: str) -> Tables:
-    """The table of an element set; a tie may have the same name."""
+    """The table of the element set with this name; a tie may have the same name."""
     for kind, entry in element_tables(study):
         if entry.get("name") == name and kind not in _TIES:
             return entry
@@ -33,7 +33,7 @@ def element_table(study: Tables, name: str) -> Tables:
 
 
 def append(table: Tables, key: str, entry: Tables) -> None:
-    """Add a table to an array of tables."""
+    """Append an entry to the array of tables `key` of a table, made where it is missing."""
     if key in table:
         table[key].append(entry)
     else:
@@ -51,7 +51,7 @@ def support_tables(study: Tables) -> list[Tables]:
 
 
 def release(table: Tables, dof: Dof) -> bool:
-    """Take one direction out of ``fixed``; whether it was there."""
+    """Take one degree of freedom out of the ``fixed`` of a table; true where it was there."""
     kept: list[str] = []
     is_there = False
     for text in as_list(table.get("fixed", [])):
@@ -68,7 +68,7 @@ def release(table: Tables, dof: Dof) -> bool:
 
 
 def rename_channels(record: Tables, changes: dict[str, str]) -> None:
-    """Give channels other names in ``relabel``, those that it gave them already among them."""
+    """Give channels of a record other names in its ``relabel``, which may have names for them already."""
     given = record.setdefault("relabel", {})
     called = {(key.partition(" ")[0] if " " in key else "", parse_dof(name).place): key for key, name in given.items()}
     for old, new in changes.items():
@@ -94,7 +94,7 @@ def label_of(entry: Tables) -> str:
 
 
 def take_out_element(entry: Tables, name: str, number: int, count: int, is_factor: bool) -> None:
-    """Take one element of a set with `count` of them out of an unknown, which keeps its name."""
+    """Take element `number` of a set of `count` elements out of an unknown, which keeps its name."""
     texts = [str(text) for text in as_list(entry["elements"])]
     kept: list[str] = []
     for text in texts:
@@ -110,7 +110,7 @@ def take_out_element(entry: Tables, name: str, number: int, count: int, is_facto
 
 
 def keep_elements(entry: Tables, kept: list[str], is_factor: bool) -> None:
-    """Leave an unknown some of its elements, its name and its sense: that of unequal elements is a factor."""
+    """Leave an unknown only the elements `kept`, with its name; `is_factor` makes it a factor on their values."""
     if entry.get("factor") is None and is_factor:
         entry["factor"] = True
     name = ", ".join(str(text) for text in as_list(entry["elements"]))
@@ -120,7 +120,7 @@ def keep_elements(entry: Tables, kept: list[str], is_factor: bool) -> None:
 
 
 def _spans(name: str, numbers: list[int]) -> list[str]:
-    """``set:2-4`` for each run of numbers."""
+    """Element names such as ``set:2-4``, one for each run of consecutive numbers."""
     runs: list[list[int]] = []
     for number in numbers:
         if runs and number == runs[-1][-1] + 1:

@@ -43,7 +43,7 @@ class TestedModel:
         return next(name for name in (words, *(f"{words} {k}" for k in range(2, 1000))) if name not in taken)
 
     def new_node(self) -> int:
-        """The label of a node that no structure has."""
+        """A node label above those of all structures, channels and aimed sensors."""
         labels = [max(setup.structure.nodes) for setup in self.setups]
         labels += [dof.node for setup in self.setups for _, dofs in setup.channels for dof in dofs]
         labels += [tie.label for setup in self.setups for tie in setup.structure.ties if isinstance(tie, AimedSensor)]
@@ -82,6 +82,7 @@ class RecordDraft:
     """One record and its model while they are edited."""
 
     def __init__(self, setup: AnySetup, structure: StructureDraft) -> None:
+        """A draft of a set-up begins with its unknowns and channel unknowns, on the draft of its structure."""
         self.setup = setup
         self.structure = structure
         self.unknowns: list[Unknown] = list(setup.parameters.unknowns)
@@ -96,7 +97,7 @@ class RecordDraft:
         self._changes[argument] = value
 
     def rename_channels(self, names: dict[str, str]) -> None:
-        """Give channels other names; see `structid.core.dof.renamed`."""
+        """Give channels other names, old to new, such as ``3X`` to ``4X-``; ``load 3X`` is a load."""
         record = self.get("record")
         if isinstance(self.setup, ModalSetup):
             self.set("record", replace(record, channels=renamed(record.channels, (), names)[0]))
@@ -107,7 +108,7 @@ class RecordDraft:
             self.set("shown", None if shown is None else _renamed_where_there(shown, names))
 
     def use_channels(self, outputs: Sequence[str]) -> None:
-        """Keep only these sensors, by their places."""
+        """Keep only the sensors at these places, such as ``3X``; loads stay."""
         record = self.get("record")
         if isinstance(record, FrfRecord):
             self.set("record", record.channels(tuple(dof for dof in record.outputs if dof.place in outputs)))
@@ -153,6 +154,7 @@ class ModelDraft:
     """A tested model while edits are made."""
 
     def __init__(self, model: TestedModel) -> None:
+        """Drafts of all records; those with the same structure share its draft."""
         self.model = model
         self.options = model.options
         drafts: dict[int, StructureDraft] = {}
@@ -171,7 +173,7 @@ class ModelDraft:
         return list({id(record.structure): record.structure for record in self.records}.values())
 
     def structure_of(self, number: int) -> StructureDraft:
-        """The structure of one record, to be edited for it alone."""
+        """The draft of one record's structure, which other records do not share any more."""
         record = self.records[number]
         if sum(other.structure is record.structure for other in self.records) > 1:
             record.structure = record.structure.copy()
@@ -189,7 +191,7 @@ class ModelDraft:
 
 
 def _renamed_where_there(record: FrfRecord, names: dict[str, str]) -> FrfRecord:
-    """FRFs with those of the names that their channels have."""
+    """FRFs with new names for the channels that they have; other names are passed over."""
     places = {dof.place for dof in record.outputs} | {f"load {dof.place}" for dof in record.inputs}
     places |= {dof.place for dof in record.inputs}
     return rename_channels(record, {name: other for name, other in names.items() if name in places})

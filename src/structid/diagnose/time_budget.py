@@ -86,7 +86,7 @@ def map_within_budget(
     items: Sequence[Item],
     least: int = 0,
 ) -> list[Result | None]:
-    """Results of `task` for the items in their order, until the budget is used up; None for the items not reached.
+    """Results of `task` for the items in order, until the budget is used up; None for items not reached.
 
     The first `least` items run in any case. The time is looked at after every batch, of one item in this process and of
     two a worker elsewhere, so that it is exceeded by one batch at most.
@@ -102,7 +102,7 @@ def map_within_budget(
 
 
 def time_limit_callback(seconds: float) -> Progress | None:
-    """A `progress` callback that raises `TimeUpError` after so many processor seconds of this process; None if infinite."""
+    """A `progress` callback that raises `TimeUpError` after so many processor seconds; None if infinite."""
     if np.isinf(seconds):
         return None
     end = time.process_time() + seconds

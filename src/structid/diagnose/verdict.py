@@ -180,7 +180,7 @@ class Diagnosis(Shown):
     sensitivities: tuple[FixedValueSensitivity, ...] = ()
 
     def overview(self) -> Overview:
-        """The verdict, and one row a cause."""
+        """The verdict and a table with one row for each cause."""
         rows = [
             (
                 cause.line,
@@ -199,7 +199,7 @@ class Diagnosis(Shown):
 
 
 def noise_ratio(identification: Identification) -> float | None:
-    """The noise in parts of what the fit takes, where only it is wrong: the residual has no order in it, but another size."""
+    """Ratio of the true noise to the one assumed, where only its size is wrong; 1 where that fits, None otherwise."""
     tests = identification.estimate.goodness.residual_tests
     is_normal = tests is not None and tests.normality_probability >= DOUBT
     if tests is None or tests.not_white or tests.one_sided:
@@ -216,7 +216,7 @@ def noise_ratio(identification: Identification) -> float | None:
 
 
 def fits_noise(identification: Identification) -> bool:
-    """Whether the residual is what the noise leaves: its size, as a whole and in its parts, and no order in it."""
+    """True where the residual is what the noise leaves: of the right size, in whole and in parts, and without order."""
     fixed = identification.estimate.fixed
     if identification.missed or (fixed is not None and fixed.beyond):
         return False
@@ -237,13 +237,13 @@ def _is_quiet(identification: Identification) -> bool:
 
 
 def _is_unforced(identification: Identification) -> bool:
-    """Whether the search ended in a place where nothing is at a bound that the data push at, or has run away."""
+    """True where the search converged, and no parameter ran away or is at a bound that the data push at."""
     forced = identification.ran_away or any(one.is_pushed for one in identification.estimate.spread.at_bound)
     return identification.estimate.status is Status.CONVERGED and not forced
 
 
 def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is_hidden: bool = False) -> bool:
-    """Whether changes are the causes of a misfit, not only such that lower it.
+    """True where changes are the causes of the misfit, and do not only lower it.
 
     The first is where it leaves no more than noise and tolerances do, and removes most of the misfit or moves a value by more
     than its interval and 1 %: small errors all over a model are lowered a little by many changes, none of which matters. A change
@@ -270,6 +270,7 @@ def are_causes(causes: Sequence[Cause], misfit: float, expected: float = 1.0, is
 
 
 def _explains(cause: Cause, misfit: float, expected: float, is_hidden: bool) -> bool:
+    """True where a cause leaves no more than noise, and removes most of the misfit or moves a value that matters."""
     left = cause.rest_per_dof if cause.leaves_data_out else cause.chi_square_per_dof
     beyond = (misfit - cause.chi_square_per_dof) / (misfit - expected) if misfit > expected else 0.0
     is_noise = cause.leaves_noise or left <= NOISE_TOLERANCE * expected
@@ -288,7 +289,7 @@ def _completing(causes: Sequence[Cause], expected: float) -> Cause | None:
 
 
 def _is_scatter(cause: Cause) -> bool:
-    """Whether one element differs from its group by no more than elements do as they are made, and nothing moves with it."""
+    """True where one element differs from its group no more than manufacture makes it, and no value moves."""
     is_small = all(unit == "1" and abs(ratio - 1) < ELEMENT_SCATTER for _, ratio, unit in cause.found[:1])
     return cause.kind == "untied" and is_small and not any(map(_matters, cause.moved))
 
@@ -307,7 +308,7 @@ def judged(
     is_asked: bool = False,
     work: Work = ALONE,
 ) -> Judgement:
-    """The verdict on an identification; records that stand out from the others are among its reasons.
+    """The verdict on an identification, with its reasons; faults of records and records that stand out are among them.
 
     Parameters
     ----------
@@ -321,7 +322,7 @@ def judged(
     untried : str
         Why no changes were tried, where they might tell more.
     held : sequence of FixedValueSensitivity
-        What the values rest on.
+        Fixed values with the sensitivity of the answer to them.
     is_asked : bool
         Whether the record of an answer within its noise asks for the `suggestions` beyond chance.
     work : Work
@@ -348,7 +349,7 @@ def judged(
 
 
 def record_faults(identification: Identification) -> tuple[str, ...]:
-    """Faults of single channels that the histories of the records show by themselves, loads first: dead, clipped, spikes."""
+    """Faults of single channels that the histories show by themselves (dead, clipped, spikes), sensors after loads."""
     faults: list[tuple[bool, str]] = []
     for setup in identification.setups:
         loads = {str(dof) for role, dofs in setup.channels if role == "input" for dof in dofs}
@@ -357,7 +358,7 @@ def record_faults(identification: Identification) -> tuple[str, ...]:
 
 
 def _asked_for(suggestions: Sequence[Cause]) -> Judgement:
-    """The verdict where the misfit is noise, but for a change that the record asks for beyond chance."""
+    """The verdict on an answer within its noise whose record asks for changes beyond chance."""
     told = tuple(one.words for one in suggestions)
     most = max(suggestions, key=lambda one: one.moves)
     first = most.moved[0]
@@ -377,6 +378,7 @@ def _judged(
     doubts: Sequence[FixedValueSensitivity],
     work: Work,
 ) -> Judgement:
+    """The verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first that applies."""
     estimate = identification.estimate
     if identification.alternatives is not None:
         return _several(identification.alternatives)
@@ -458,7 +460,7 @@ def _judged(
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
     off = [] if fits_noise(identification) else _off(identification)
     is_far = estimate.goodness.misfit > FAR_BEYOND
-    moving = None if fits_noise(identification) else _moving(suggestions)
+    moving = None if fits_noise(identification) else find_moving_change(suggestions)
     if moving is not None:
         change, shift = moving
         words = (
@@ -538,9 +540,13 @@ def _judged(
     return Judgement("approximate", words, (misfit, *pushed, *map(_apart, apart)))
 
 
-def _moving(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
-    """The first of the likeliest changes that moves a value beyond its interval, and the value that it moves farthest."""
-    for change in (one for k, one in enumerate(changes) if k == 0 or one.is_alike):
+def find_moving_change(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift] | None:
+    """The first of the likeliest changes that removes most of the misfit and moves a value beyond its interval, and that value.
+
+    A change that removes less is carried by the intervals, which include it.
+    """
+    likely = [change for k, change in enumerate(changes) if k == 0 or change.is_alike]
+    for change in (one for one in likely if one.share >= MOST_OF_MISFIT):
         shift = next((shift for shift in change.moved if _matters(shift)), None)
         if shift is not None:
             return change, shift
@@ -554,7 +560,7 @@ def _several(sets: Alternatives) -> Judgement:
 
 
 def _untested(identification: Identification) -> Judgement:
-    """The verdict where as many values are sought as were measured: whatever the model, it fits."""
+    """The verdict where there are no more data than parameters, so that any model fits."""
     estimate = identification.estimate
     words = (
         f"Untested: the data have no more values than the model has parameters ({len(estimate.names)}): a wrong one fits as well."
@@ -569,7 +575,7 @@ def _by_priors(identification: Identification) -> list[str]:
 
 
 def _is_large(identification: Identification) -> bool:
-    """Whether a misfit is large beside what was measured, not only beside a very small noise."""
+    """True where the misfit is large beside the measured responses or modes, not only beside a small noise."""
     measured = [(fit.judged.record.values, fit.judged.final) for fit in identification.fits]
     of_frfs = [bool(np.linalg.norm(of_model - own) > LARGE_ERROR * np.linalg.norm(own)) for own, of_model in measured]
     of_modes = [
@@ -591,6 +597,7 @@ def not_found(identification: Identification, reached: float) -> Judgement:
 
 
 def _misfit_words(identification: Identification) -> str:
+    """A clause on the misfit: the missed resonance, the fixed value that is off, or its ratio to the noise."""
     if identification.missed and (identification.missed[0].is_far or noise_ratio(identification) == 1.0):
         return identification.missed[0].words
     size = float(np.sqrt(identification.estimate.goodness.least_per_dof))
@@ -638,14 +645,14 @@ def _with_second(identification: Identification, causes: Sequence[Cause]) -> str
 
 
 def _off(identification: Identification) -> list[str]:
-    """Resonances that the model misses, in words, the farthest of each record first."""
+    """Sentences on resonances that the model misses, the farthest first."""
     of_modes = [_off_modes(fit) for fit in identification.modal_fits]
     far = [*(_off_resonances(fit) for fit in identification.fits), *of_modes]
     return [words for own in far for _, words in sorted(own, key=lambda pair: -pair[0])]
 
 
 def _off_modes(fit: ModalFit) -> list[tuple[float, str]]:
-    """Measured modes that the model misses by more than their half-bandwidth and what is stated of their errors."""
+    """Measured modes that the model misses by more than their half-width and errors: distance and words."""
     data, pairs = fit.problem.data, fit.fitted
     damping = np.maximum(np.nan_to_num(fit.measured.damping_ratio[data.measured]), LEAST_DAMPING)
     off = pairs.frequency - data.frequency
@@ -661,7 +668,7 @@ def _missed(measured: float, predicted: float, distance: float) -> tuple[float, 
 
 
 def _off_resonances(fit: RecordFit) -> list[tuple[float, str]]:
-    """Resonances that the model misses by more than their half-bandwidth, with how many; only where the misfit shows it."""
+    """Resonances of FRFs that the model misses by more than half their width: distance in such halves, and words."""
     missed, frequency = [], fit.problem.frequency
     of_line = misfit_of_lines(fit.problem, fit.problem.data_rows(fit.predicted))
     spacing = float(np.median(np.diff(np.unique(frequency)))) if len(frequency) > 1 else 0.0

@@ -41,7 +41,7 @@ class DecidingMeasurement:
 
     @property
     def words(self) -> str:
-        """The measurement with the first predictions."""
+        """The measurement in words, with what the first sets of values predict of it."""
         told = ", ".join(format_number(value, 3) for value in self.predicted[:_MOST_TOLD])
         more = len(self.predicted) - _MOST_TOLD
         unit = f" {self.unit}" if self.unit else ""
@@ -84,14 +84,14 @@ class Alternatives:
 
     @property
     def words(self) -> str:
-        """How many there are, and what decides among them."""
+        """A clause with the number of sets and the measurement that would decide among them."""
         least = "" if self.is_exhaustive else "at least "
         decides = "" if self.deciding is None else f"; what would decide: {self.deciding.words}"
         return f"{self.measured} alone allow {least}{len(self)} sets of values, which fit equally well{decides}"
 
     @property
     def search_words(self) -> str:
-        """How well the search for more sets went, in a sentence."""
+        """A sentence on how many searches ended at the sets, and whether more sets are to be expected."""
         total = f"{sum(self.n_searches)} searches ended at these sets"
         if self.is_exhaustive:
             return f"{total}, from starts a factor of up to five away, and no more sets are to be expected"
@@ -99,7 +99,7 @@ class Alternatives:
 
 
 def alternatives(found: Estimate, problems: Sequence[RecordProblem]) -> Alternatives | None:
-    """The sets of values that the data allow; None where there is one only."""
+    """The sets of values that fit the data equally well; None where there is only one."""
     fitting = [answer for answer in found.search.answers if answer.fits]
     if len(fitting) < 2:
         return None
@@ -124,7 +124,7 @@ def _relative_distance(values: FloatArray, start: FloatArray) -> float:
 
 
 def _measured_words(problems: Sequence[RecordProblem]) -> str:
-    """What was measured, as the subject of a sentence."""
+    """The measured quantities as the subject of a sentence, such as "these modes"."""
     modal = [problem for problem in problems if isinstance(problem, ModalProblem)]
     if len(modal) == len(problems):
         return "these modes" if any(problem.data.has_shapes for problem in modal) else "these frequencies"
@@ -134,7 +134,7 @@ def _measured_words(problems: Sequence[RecordProblem]) -> str:
 def deciding_measurement(
     names: tuple[str, ...], values: FloatArray, problem: RecordProblem
 ) -> DecidingMeasurement | None:
-    """The frequency beyond those measured, or the ratio of two entries of a shape, that differs most between sets of values.
+    """A frequency beyond those measured, or a ratio of shape entries, that differs most between sets of values.
 
     Parameters
     ----------
@@ -159,14 +159,14 @@ def deciding_measurement(
 
 
 def _frequency_candidate(sets: Sequence[Modes], mode: int) -> tuple[float, DecidingMeasurement]:
-    """The least difference of the frequencies of a mode between two sets, in what a test resolves, and the measurement."""
+    """A mode's frequency as a deciding measurement, with its least gap between sets over what a test resolves."""
     frequency = np.array([each.frequency[mode] for each in sets])
     gap = float(np.diff(np.sort(np.log(np.maximum(frequency, np.finfo(float).tiny)))).min())
     return gap / _FREQUENCY, DecidingMeasurement(f"the frequency of mode {mode + 1}", "Hz", tuple(frequency.tolist()))
 
 
 def _shape_candidate(dofs: Sequence[Dof], sets: Sequence[Modes], mode: int) -> tuple[float, DecidingMeasurement] | None:
-    """The same of the two places whose entries in the shape of a mode differ most between all sets in their ratio."""
+    """The ratio of two shape entries of a mode as a deciding measurement, with its least gap; None without one."""
     moving = np.array([i for i, dof in enumerate(dofs) if not dof.is_rotation], dtype=int)
     if len(moving) < 2:
         return None

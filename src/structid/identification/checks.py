@@ -17,7 +17,7 @@ _ENOUGH_LINES, _WRONG_WAY = 100, 0.5
 
 
 def record_warnings(record: FrfRecord) -> tuple[str, ...]:
-    """Signs and coherence of `record` that do not look right.
+    """Warnings about signs and coherence of an FRF record that do not look right.
 
     A driving point must have a real part of its mobility of at least 0 (it can only take power in); a record whose
     mobility there is negative at most lines has a sensor or load with the wrong sense or another sign convention. Phases
@@ -38,7 +38,7 @@ def record_warnings(record: FrfRecord) -> tuple[str, ...]:
 
 
 def _phases_that_rise(record: FrfRecord) -> list[str]:
-    """Whether phases rise through the resonances, of all channels together."""
+    """A warning where phases rise through the resonances, over all channels together; none otherwise."""
     turning = (record.values[1:] * record.values[:-1].conj()).imag
     total = float(np.abs(turning).sum())
     if len(record.frequency) < _ENOUGH_LINES or total == 0 or float(turning.sum()) <= _WRONG_WAY * total:
@@ -50,6 +50,7 @@ def _phases_that_rise(record: FrfRecord) -> list[str]:
 
 
 def _driving_point(record: FrfRecord, o: int, i: int) -> list[str]:
+    """A warning where the real part of the mobility of output o and load i, at one place, is mostly negative."""
     keep = record.frequency > 0
     mobility = record.lines(np.flatnonzero(keep)).as_kind("mobility").values[:, o, i]
     sense = record.outputs[o].sign * record.inputs[i].sign
@@ -63,7 +64,7 @@ def _driving_point(record: FrfRecord, o: int, i: int) -> list[str]:
 
 
 def require_sound_model(structure: Structure, values: FloatArray, lowest: float) -> None:
-    """Raise `SingularModelError` where the model has a mechanism that its response or modes cannot be computed with.
+    """Raise `SingularModelError` where the model has a mechanism, so that responses or modes do not exist.
 
     Two things are looked for, with the degrees of freedom that take part: motion without mass, damping and stiffness;
     and, where a line at 0 Hz is used, motion without stiffness (supports are missing). Models of more than 600
@@ -118,7 +119,7 @@ def _scaled(matrix: FloatArray) -> FloatArray:
 
 
 def _null_words(structure: Structure, matrix: FloatArray, members: np.ndarray | None = None) -> str:
-    """The degrees of freedom that take most part in a null vector of a positive semidefinite matrix; "" if none."""
+    """Names of the degrees of freedom that move most in a null vector of a positive semidefinite matrix; "" if none."""
     if not len(matrix):
         return ""
     index = np.arange(len(matrix)) if members is None else members

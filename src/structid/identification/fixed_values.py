@@ -16,19 +16,19 @@ from structid.unknowns.tolerances import Tolerances
 def freed_problems(
     setups: Sequence[AnySetup], problems: Sequence[RecordProblem], tolerances: Tolerances
 ) -> tuple[RecordProblem, ...]:
-    """The problem of each record with what its model holds among its unknowns; see `with_fixed_values`."""
+    """The problem of each record with the fixed values of its model among its unknowns; see `with_fixed_values`."""
     named = zip(setups, titles(setups), problems, strict=True)
     return tuple(with_fixed_values(problem, tolerances, setup.calibration, title) for setup, title, problem in named)
 
 
 def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
-    """The tolerance of every held value that `freed` problems have among their unknowns, by its name there."""
+    """Tolerances of the fixed values among the unknowns of `freed` problems, by the names of these unknowns."""
     held = [(part.names, part.held[1].tolist()) for one in freed for part in one.parts if part.held is not None]
     pairs = [pair for names, deviations in held for pair in zip(names, deviations, strict=True)]
     return {name: float(std) for name, std in pairs if name.startswith(FIXED)}
 
 
 def fixed_values(freed: Sequence[RecordProblem]) -> FixedValues | None:
-    """What `freed` problems have free that their models hold, the same in all records; None where that is nothing."""
+    """The fixed values that are free in the `freed` problems, the same in all records; None where there are none."""
     known = tolerances_of(freed)
     return FixedValues(joint_problem(freed), known, joint_sample(freed)) if known else None

@@ -201,6 +201,7 @@ class Identification(Shown, IdentificationPlots):
 
     @property
     def _assumed(self) -> str:
+        """A clause on the errors of fixed values that the standard deviations include."""
         fixed = self.estimate.fixed
         if fixed is not None:
             return f"± includes {fixed.words}"
@@ -230,7 +231,7 @@ class Identification(Shown, IdentificationPlots):
 
     @property
     def by_prior(self) -> tuple[int, ...]:
-        """Indices of parameters that their priors determine more than the data, alone or in a combination the data do not see."""
+        """Indices of parameters that priors determine more than the data do, alone or in an unseen combination."""
         if self.priors.share is None:
             return ()
         is_open = np.zeros(len(self.priors.share), dtype=bool)

@@ -43,7 +43,7 @@ def identify(
     progress: StageProgress | None = None,
     channel_unknowns: Sequence[ChannelUnknown] = (),
 ) -> Identification:
-    """Parameters of `structure` from a frequency response record, from any set of sensors.
+    """The identification of parameters of `structure` from a frequency response record, from any set of sensors.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def identify_together(
     progress: StageProgress | None = None,
     work: Work = ALONE,
 ) -> Identification:
-    """Parameters from several records in one fit: other sensors, loads, supports or added masses of one structure.
+    """Identification of parameters from several records of a structure, with other sensors, loads, supports or masses.
 
     Records of responses (`Setup`), of modes (`ModalSetup`) and of time histories (`TimeSetup`) go together as they come.
     Very many parameters are searched for without a Jacobian; see `IdentifyOptions.matrix_free`.
@@ -176,14 +176,14 @@ def identify_together(
 
 
 def _series_names(setups: Sequence[AnySetup], problems: Sequence[RecordProblem]) -> list[str]:
-    """Name of each channel of the residual, with its record where there are several."""
+    """Names of the channels of the residual, with the record's title before them where there are several records."""
     pairs = zip(prefixes(setups), problems, strict=True)
     own = [prefix + name for prefix, problem in pairs for name in problem.rows.names]
     return own + [f"scatter of {one.name}" for one in scatter_problems(problems)]
 
 
 def _own(problem: RecordProblem, found: Estimate) -> Own:
-    """Values of the problem's own parameters in the estimate."""
+    """Free variables, values and initial values of the problem's own parameters in the estimate."""
     place = indices_of(found.names, problem.names)
     return Own(found.theta[place], found.values[place], found.initial[place])
 
@@ -191,7 +191,7 @@ def _own(problem: RecordProblem, found: Estimate) -> Own:
 def total_mass(
     problem: RecordProblem, found: Estimate, direction: str | None, freed: RecordProblem | None = None
 ) -> tuple[float, float]:
-    """Total mass of the problem's structure and its standard deviation, kg.
+    """Total mass of the problem's structure for motion in a direction, and its standard deviation, kg.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def total_mass(
 def mass_deviation(
     row: FloatArray, covariance: Covariance, held: Mapping[str, float], fixed: FixedValueInfluence | None
 ) -> float:
-    """Standard deviation of a total mass that parameters and held values make, kg.
+    """Standard deviation, kg, of a total mass that depends on parameters and fixed values.
 
     Parameters
     ----------

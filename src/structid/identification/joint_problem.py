@@ -19,13 +19,13 @@ from structid.unknowns.priors import Prior, priors_of
 
 
 def joint_problem(problems: Sequence[RecordProblem]) -> Problem:
-    """The joint problem of all records and of the scatters between them; the problem itself where there is one."""
+    """The joint problem of all records and of the scatters between them; of one record its own problem."""
     parts = _parts(problems)
     return parts[0] if len(parts) == 1 else JointProblem(parts)
 
 
 def joint_schedules(problems: Sequence[RecordProblem]) -> Sequence[Schedule]:
-    """Schedules of the joint problem: those of each problem, joined stage by stage.
+    """Schedules of the joint problem: the schedules of the records' problems, joined stage by stage.
 
     A problem with fewer schedules or stages than another stays in its last one, and one without any is as it is.
     """
@@ -57,7 +57,7 @@ def joint_sample(problems: Sequence[RecordProblem]) -> Problem | None:
 
 
 def joint_obstacle(problems: Sequence[RecordProblem]) -> str:
-    """Obstacle to a matrix-free search of the joint problem, in words; "" where there is none."""
+    """The obstacle to a matrix-free search of the joint problem, in words; "" where there is none."""
     obstacles = [problem.matrix_free_obstacle for problem in problems]
     if scatter_problems(problems):
         obstacles.append("takes no unknown that varies from record to record")
@@ -70,7 +70,7 @@ def _parts(problems: Sequence[RecordProblem]) -> tuple[RecordProblem | ScatterPr
 
 
 def _joint_stage(parts: Sequence[Problem], schedules: Sequence[Schedule], stage: int) -> tuple[str, JointProblem]:
-    """One stage of each schedule: its last one where it has fewer, or the whole problem where it has none."""
+    """The joint problem of one stage of each schedule; a shorter schedule stays in its last stage."""
     reached = [
         schedule[min(stage, len(schedule) - 1)] if schedule else ("", part)
         for part, schedule in zip(parts, schedules, strict=True)
@@ -88,7 +88,7 @@ def indices_of(names: tuple[str, ...], wanted: Sequence[str]) -> IntArray:
 def first_values(
     names: tuple[str, ...], problems: Sequence[RecordProblem], values: Callable[[NamedUnknowns], FloatArray]
 ) -> FloatArray:
-    """Values of all parameters `names`, each from the first problem that has it."""
+    """Values of all parameters `names`, (n_params,): `values` of the first problem that has the parameter."""
     known: dict[str, float] = {}
     for problem in problems:
         for name, value in zip(problem.names, values(problem.unknowns), strict=True):
@@ -97,7 +97,7 @@ def first_values(
 
 
 def harmonize_shared_parameters(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[RecordProblem, ...]:
-    """Copies of the problems in which parameters of one name have one start and the prior that any of them states.
+    """Copies of the problems in which parameters of one name share their start and prior.
 
     What varies from record to record has a value of its own in each of them.
 
@@ -129,7 +129,7 @@ def harmonize_shared_parameters(problems: Sequence[RecordProblem], titles: Seque
 
 
 def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], priors: Mapping[str, Prior]) -> N:
-    """A copy with start and scale of each unknown from where `first` has it, and with these `priors`."""
+    """A copy of the unknowns with start and scale from the part and index in `first`, and with these `priors`."""
     if not unknowns.names:
         return unknowns
     origin = [first[name] for name in unknowns.names]

@@ -54,7 +54,7 @@ class MeshPieces:
 
     @property
     def words(self) -> str:
-        """The choice in a phrase."""
+        """A phrase on the number of pieces, and how far the mesh moves the values."""
         cut = f"beams are cut into {self.count} pieces" if self.count > 1 else "beams are not cut"
         if self.is_enough:
             return f"{cut}: the mesh moves no value by more than {self.moved:.2g} of its deviation"
@@ -67,7 +67,7 @@ class MeshPieces:
 
 
 def judge_pieces(setups: Sequence[AnySetup], found: Identification, options: IdentifyOptions, count: int) -> MeshPieces:
-    """What the mesh does to an answer whose beams are cut into `count` pieces.
+    """The shifts of identified values by the mesh, for beams that are cut into `count` pieces.
 
     With b the change of the residual by pieces half as long, values move by (J'J)^-1 J'b.
 
@@ -125,14 +125,14 @@ def _finer(setup: AnySetup, count: int) -> int:
 
 
 def _deviation(found: Identification) -> FloatArray:
-    """Standard deviations from noise and the tolerances of held values, (n_params,): a misfit may be that of the mesh itself."""
+    """Standard deviations (n_params,) from noise and tolerances of fixed values, without model error."""
     fixed = found.estimate.fixed
     variance = found.estimate.std_noise**2
     return np.sqrt(variance if fixed is None else variance + np.diag(fixed.covariance))
 
 
 def _shift(jacobian: FloatArray, change: FloatArray) -> FloatArray:
-    """The shift of the free variables by a change of the residual, (n_params,); NaN of those that the data do not see."""
+    """The shift (n_params,) of the free variables by a change (n_rows,) of the residual; NaN where it is unseen."""
     bread = inverse_information(jacobian)
     seen = np.isfinite(np.diag(bread))
     shift = np.full(len(bread), np.nan)

@@ -66,7 +66,7 @@ class Held:
 
     @property
     def words(self) -> str:
-        """The regularization and its strength, in one sentence."""
+        """The regularization with its strength, in a sentence."""
         how = "as given" if self.rule == "given" else f"chosen by {self.rule.replace('_', ' ')}"
         if self.n_free is not None:
             text = f"{self.name}, {how}: {self.n_free} of {len(self.strengths)} parameters leave their start"
@@ -105,7 +105,7 @@ def regularized(
     progress: StageProgress | None,
     work: Work,
 ) -> Regularized:
-    """The problems with the rows of the regularizations and the scatters at the strengths that they give or the data choose.
+    """The problems with regularizations and scatters at the strengths that are given or that the data choose.
 
     The rows stand with the parameters of the first problem, which the others share by name.
 
@@ -132,7 +132,7 @@ def regularized(
 
 
 def takes_matrix_free(terms: Sequence[Regularization]) -> str:
-    """Obstacle of these terms to a matrix-free search, in words; "" where there is none."""
+    """The obstacle of these terms to a matrix-free search, in words; "" where there is none."""
     for term in terms:
         if term.is_sparse:
             return f"takes smoothness as the only regularization, got {term_name(term)}"
@@ -160,7 +160,7 @@ def _by_draws(
     progress: StageProgress | None,
     work: Work,
 ) -> Regularized:
-    """Strengths of smoothness for very many parameters; see `settled_strengths`."""
+    """The regularized problems of a matrix-free search, their strengths settled by draws; see `settled_strengths`."""
     terms, unit = options.regularization, unit_penalties(problems, options.regularization)
 
     def held_by(strengths: Sequence[float]) -> tuple[RecordProblem, ...]:
@@ -195,7 +195,7 @@ def _by_local_models(
     progress: StageProgress | None,
     work: Work,
 ) -> Regularized:
-    """Strengths by fits and exact local models in turn; see `settled`."""
+    """The regularized problems, their strengths found by fits and exact local models in turn; see `settled`."""
     begun = tuple(decide_polarities(problem, problem.theta_start) for problem in problems)
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
@@ -219,7 +219,7 @@ def _by_local_models(
 def _staged(
     problems: Sequence[RecordProblem], method: Method, theta: FloatArray, progress: StageProgress | None, work: Work
 ) -> FloatArray:
-    """Free variables at the end of the first schedule of the joint problem, from `theta`."""
+    """Free variables (n_params,) after the first schedule of the joint problem, begun at `theta`."""
     for name, stage in next(iter(joint_schedules(problems)), ()):
         theta = work.minimize(stage, method.for_stages(), theta, named(progress, name)).theta
     return theta
@@ -238,7 +238,7 @@ def _held(
     converged: bool,
     determined: float = float("nan"),
 ) -> Held:
-    """`term` as it was used; `rest` is what its rows come to at the end."""
+    """The term with its strength as it was used; `rest` (n_rows,) is what its rows come to at the end."""
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None
     settled = converged or (term.rule == "given" and not term.is_sparse)
@@ -261,7 +261,7 @@ class _Search:
 
     @cached_property
     def problem(self) -> Problem:
-        """All of them, without the terms and the scatters to be chosen."""
+        """The joint problem of all records, without the terms and scatters whose strengths are to be chosen."""
         chosen = {one.name for one in self.scatters}
         known = [one for one in scatter_problems(self.problems) if one.name not in chosen]
         return JointProblem((*self.problems, *known)) if len(self.problems) > 1 else self.problems[0]
@@ -282,13 +282,13 @@ class _Search:
 
     @cached_property
     def start(self) -> Strengths:
-        """Strengths of the first fit: those given, and where data and penalty weigh the same."""
+        """Strengths of the first fit: the given ones, otherwise those at which data and penalty weigh the same."""
         at = self.model(np.array(self.problem.theta_start))
         terms = [at.balance(k) if t.is_sparse or t.given is None else t.given for k, t in enumerate(self.terms)]
         return (*terms, *(one.std**-2 for one in self.scatters))
 
     def held_by(self, problems: Sequence[RecordProblem], strengths: Strengths) -> tuple[RecordProblem, ...]:
-        """Problems with the terms and scatters at these strengths."""
+        """Problems with the regularization terms and scatters at these strengths."""
         n_terms = len(self.terms)
         pairs = zip(self.scatters, strengths[n_terms:], strict=True)
         made = with_scatters(problems, {one.name: float(s) ** -0.5 for one, s in pairs})
@@ -301,13 +301,14 @@ class _Search:
         return self.work.minimize(self.with_strengths(strengths), self.method, theta).theta
 
     def model(self, theta: FloatArray) -> LocalModel:
-        """Data and penalties at `theta`."""
+        """Data and penalties linearized at the free variables `theta` (n_params,)."""
         physical, slope = self.problem.physical(theta), self.problem.slope(theta)
         rows = [coupling.rows(physical) for coupling in self._wide]
         penalties = tuple(Linearization(residual, jacobian * slope) for residual, jacobian in rows)
         return LocalModel(self.problem.linearize(theta), penalties)
 
     def choose(self, model: LocalModel, strengths: Strengths) -> Strengths:
+        """New strengths of all terms and scatters, each by its rule, from a local model and the strengths so far."""
         made = list(strengths)
         together = [k for k, t in enumerate(self.terms) if not t.is_sparse and t.rule == "marginal_likelihood"]
         together += range(len(self.terms), len(strengths))
@@ -328,6 +329,7 @@ class _Search:
         return tuple(made)
 
     def _sparse(self, model: LocalModel, index: int, strengths: Strengths) -> FloatArray:
+        """Strengths (n_rows,) of the sparsity at position `index`, chosen by the data or for its given strength."""
         given = self.terms[index].given
         if given is None:
             return sparse_strengths(model, index, strengths)
@@ -335,7 +337,7 @@ class _Search:
 
 
 def _folded(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> LocalModel:
-    """The model with all penalties but `kept` at their strengths, as if they were data."""
+    """The local model in which all penalties but those at positions `kept` count as data, at their strengths."""
     parts = [(model.data.residual, model.data.jacobian)]
     for k, part in enumerate(model.penalties):
         if k not in kept:
@@ -346,7 +348,7 @@ def _folded(model: LocalModel, kept: Sequence[int], strengths: Strengths) -> Loc
 
 
 def shares(problem: Problem | None, found: Estimate) -> FloatArray | None:
-    """Part of each parameter's variance that stems from priors of any kind; see `prior_share`.
+    """Part of each parameter's variance, (n_params,), that stems from priors and regularizations.
 
     None without a covariance matrix; 0 where no problem was minimized.
     """
@@ -360,7 +362,7 @@ def shares(problem: Problem | None, found: Estimate) -> FloatArray | None:
 def regularization_warnings(
     problems: Sequence[RecordProblem], found: Estimate, held: Sequence[Held], share: FloatArray | None
 ) -> tuple[str, ...]:
-    """Warnings on the regularizations used, and on parameters that owe more than half of their variance to priors."""
+    """Warnings on the regularizations, and on parameters that owe more than half of their variance to priors."""
     warnings = [item.words for item in held]
     owing = [] if share is None else [name for name, part in zip(found.names, share, strict=True) if part > 0.5]
     if owing:

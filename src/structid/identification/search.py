@@ -75,7 +75,7 @@ def answered(
     progress: StageProgress | None,
     work: Work,
 ) -> Answer:
-    """Search for the parameters by the method that set-ups and options ask for.
+    """The best estimate over the problems of all records, by the method that set-ups and options ask for.
 
     Raises
     ------
@@ -143,7 +143,7 @@ def answered(
 
 
 def wide_starts(problems: Sequence[RecordProblem]) -> int:
-    """How many wide starts are made at most: many for few data of small models, none where they would take long.
+    """Number of wide starts by default: many for few modal data of small models, 0 where they would take long.
 
     Few are modes without a known shape entry, and modes with fewer values than twice the parameters.
     """
@@ -160,7 +160,7 @@ def wide_starts(problems: Sequence[RecordProblem]) -> int:
 
 
 def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Problem:
-    """All of `problems` as one, with modes that are paired in their order at `theta` in their order everywhere."""
+    """The joint problem in which modes keep the order in which they are paired at `theta` (n_params,)."""
     names = joint_problem(problems).names
     return joint_problem(
         [
@@ -171,7 +171,7 @@ def _keeping_order(problems: Sequence[RecordProblem], theta: FloatArray) -> Prob
 
 
 def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -> Method:
-    """The method of the search: matrix-free where that is asked for, or where a Jacobian would be too large.
+    """The search method: matrix-free where the options ask for it, or where a Jacobian would be too large.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def chosen_method(problems: Sequence[RecordProblem], options: IdentifyOptions) -
 
 
 def matrix_free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOptions) -> str:
-    """Obstacle to a matrix-free search of this study, in words; "" where there is none."""
+    """The obstacle to a matrix-free search with these problems and options, in words; "" where there is none."""
     obstacle = joint_obstacle(problems)
     if not obstacle and options.intervals != "laplace":
         return f"takes intervals 'laplace', got {options.intervals!r}"
@@ -203,7 +203,7 @@ def matrix_free_obstacle(problems: Sequence[RecordProblem], options: IdentifyOpt
 def searched(
     problems: tuple[RecordProblem, ...], search: Callable[[tuple[RecordProblem, ...]], Estimate]
 ) -> tuple[Estimate, tuple[RecordProblem, ...]]:
-    """The best fit, and the problems with the polarities that it has.
+    """The best fit, and copies of the problems with the channel polarities that it has.
 
     Polarities begin as the initial model asks for and are decided again by the fitted model. Where the fit then
     misses the noise, every other choice of up to three polarities is tried too.
@@ -237,7 +237,7 @@ def reweighted(
     problems: tuple[RecordProblem, ...],
     search: Callable[[tuple[RecordProblem, ...], FloatArray], Estimate],
 ) -> tuple[Estimate, tuple[RecordProblem, ...]]:
-    """The fit again, with errors that are a part of each value's size taken of the fitted model; see `RecordProblem.reweighted`.
+    """The fit repeated with errors in proportion to values that are taken from the fitted model, and its problems.
 
     Where the model misses the values by more than twice their noise, the weights stay as they are measured. Strengths of
     regularizations stay as they were chosen.
@@ -257,7 +257,7 @@ def reweighted(
 
 
 def _as_searched(again: Estimate, first: Estimate) -> Estimate:
-    """A fit that went on from another, with the story of both searches."""
+    """The second of two fits in sequence, with the iterations and the history of both searches."""
     search = replace(
         first.search,
         n_iterations=first.search.n_iterations + again.search.n_iterations,
@@ -272,7 +272,7 @@ def _polarities(problems: Sequence[RecordProblem]) -> tuple[float, ...]:
 
 
 def _with_polarities(problems: Sequence[RecordProblem], signs: Sequence[float]) -> tuple[RecordProblem, ...]:
-    """Copies of the problems with the polarities `signs` of all records, one after another."""
+    """Copies of the problems with these polarities of their channels, those of all records one after another."""
     ends = np.cumsum([len(polarities(problem)) for problem in problems])[:-1]
     parts = np.split(np.asarray(signs), ends)
     return tuple(with_polarities(problem, part.tolist()) for problem, part in zip(problems, parts, strict=True))

@@ -68,7 +68,7 @@ class Varied:
 
     @property
     def parts(self) -> tuple[tuple[str, str, str, float, float, bool], ...]:
-        """Record, common and own name, deviation, p-value and whether it stands out, of each value."""
+        """Rows of record, common name, own name, deviation, p-value and whether it stands out, one for each value."""
         outlying = self.outlying
         marks = (k in outlying for k in range(len(self.own)))
         rows = zip(
@@ -78,7 +78,7 @@ class Varied:
 
     @property
     def words(self) -> str:
-        """The scatter in a sentence."""
+        """A sentence on the scatter from record to record."""
         many = len(dict.fromkeys(self.records))
         size = f"{100 * self.scatter:.2g} %"
         if self.rule == "given":
@@ -113,7 +113,7 @@ class FoundScatter:
 
 
 def varying(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[RecordProblem, ...]:
-    """The problems with values of their own for what varies from record to record; unchanged where nothing does.
+    """The problems, in which what varies from record to record has a value of its own in each; otherwise unchanged.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def varying(problems: Sequence[RecordProblem], titles: Sequence[str]) -> tuple[R
 
 
 def with_scatters(problems: Sequence[RecordProblem], std: Mapping[str, float]) -> tuple[RecordProblem, ...]:
-    """The problems with the standard deviations of scatters by name."""
+    """The problems with new standard deviations `std` of their scatters, by name."""
     return tuple(
         problem.with_parameters(with_scatter(problem.parameters, std)) if problem.parameters.scatters else problem
         for problem in problems
@@ -154,7 +154,7 @@ def free_scatters(problems: Sequence[RecordProblem]) -> tuple[ScatterProblem, ..
 
 
 def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> FoundScatter:
-    """Scatter that the data choose near the answer, for the rows of penalty `index`.
+    """The interval of a scatter that the data choose near the answer, and the covariance that it adds.
 
     The restricted likelihood of the scatter times a uniform prior on it, on a grid; the mean and covariance of the free
     variables at each of its points give what not knowing it adds.
@@ -182,7 +182,7 @@ def found_scatter(model: LocalModel, strengths: Sequence[float], index: int) -> 
 
 
 def widened_estimate(found: Estimate, more: Sequence[FoundScatter]) -> Estimate:
-    """The estimate with the covariance that not knowing scatters exactly adds."""
+    """The estimate with the covariance that is added because scatters are not known exactly."""
     slope, spread = found.parameters.slope, found.spread
     if not more or slope is None:
         return found
@@ -196,7 +196,7 @@ def widened_estimate(found: Estimate, more: Sequence[FoundScatter]) -> Estimate:
 
 
 def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str, FoundScatter]) -> tuple[Varied, ...]:
-    """Parameters that differ from record to record, with the records that stand out.
+    """Parameters that differ from record to record, with their scatter and the records that stand out.
 
     A value's deviation over its standard deviation under the scatter is Student's t once the scatter is that of the
     others (Grubbs, 1950, Eq. (1)); the p-values of all values are corrected together.
@@ -241,7 +241,7 @@ def varied(problems: Sequence[RecordProblem], found: Estimate, more: Mapping[str
 
 
 def _chances(residual: FloatArray, std: float, left: FloatArray, is_known: bool) -> FloatArray:
-    """Two-sided probability of each deviation, before correction; NaN where the data say nothing of it.
+    """Two-sided p-value (n,) of each deviation, before correction; NaN where the data say nothing of it.
 
     The variance of a predicted deviation is the scatter's less what the data leave open, `left`. A scatter that the data chose
     is first freed of the value's own part in it: of n values known exactly this is Grubbs's test, of values that their own

@@ -22,7 +22,7 @@ INCLUDES_MODEL_ERROR = "standard deviations include the model error"
 
 
 def _scale_warnings(found: Estimate) -> list[str]:
-    """True where a gain leaves the absolute size of masses and stiffnesses open."""
+    """A warning where an unknown gain leaves the absolute size of masses and stiffnesses open; none otherwise."""
     kinds = np.array(found.kinds)
     for direction in found.identifiability.directions:
         part = np.abs(direction.vector) > 0.1 * np.abs(direction.vector).max()
@@ -36,7 +36,7 @@ def _scale_warnings(found: Estimate) -> list[str]:
 
 
 def unidentified_warnings(found: Estimate) -> list[str]:
-    """Each parameter that is not identified; very many of them together."""
+    """Warnings about parameters that are not identified, one for each, or one for all of a matrix-free search."""
     lost = np.flatnonzero(~found.identified & found.spread.is_free)
     if not found.uncertainty.has_matrix:
         words = (
@@ -54,7 +54,7 @@ def unidentified_warnings(found: Estimate) -> list[str]:
 def unused_damping(
     problems: Sequence[RecordProblem], names: Sequence[str], kinds: Sequence[str], is_determined: np.ndarray
 ) -> list[str]:
-    """Warning that measured damping ratios are left out, where dampings are not determined."""
+    """A warning that measured damping ratios are not used, where dampings are not determined; none otherwise."""
     open_ones = np.flatnonzero(~is_determined & np.isin(kinds, DAMPING)).tolist()
     if not open_ones or not any(problem.facts.leaves_damping_out for problem in problems):
         return []
@@ -66,7 +66,7 @@ def unused_damping(
 
 
 def estimate_warnings(found: Estimate) -> tuple[str, ...]:
-    """Warnings of an estimate, the most important first."""
+    """Warnings about an estimate, the most important first."""
     warnings = []
     if found.status is not Status.CONVERGED:
         warnings.append(f"{found.status_words} ({found.message})")
@@ -100,7 +100,7 @@ def estimate_warnings(found: Estimate) -> tuple[str, ...]:
 
 
 def ran_away(found: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, ...]:
-    """Positions of the positive parameters without prior or bounds that ended a thousand times their start or more away.
+    """Indices of positive parameters without prior that ended a factor of a thousand or more from their start.
 
     Those that the data determine in a fit to within the noise were only started far off, and a damping that goes to nothing
     is absent; these have not run away.
@@ -116,6 +116,6 @@ def ran_away(found: Estimate, problems: Sequence[RecordProblem]) -> tuple[int, .
 
 
 def ran_away_words(found: Estimate, index: int) -> str:
-    """Which parameter ran away, from where and to where."""
+    """A clause that says which parameter ran away, from where and to where."""
     unit = "" if found.units[index] == "1" else f" {found.units[index]}"
     return f"{found.names[index]} ran away (from {found.initial[index]:.3g} to {found.values[index]:.3g}{unit}): not an answer"

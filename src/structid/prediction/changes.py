@@ -45,7 +45,7 @@ class AddMass:
     mass: float
 
     def structure_of(self, structure: Structure) -> Structure:
-        """See `Change.structure_of`."""
+        """The structure with the point mass added."""
         _require_node(structure, self.node)
         _require_positive("mass", self.mass)
         name = _free_name(structure, f"added mass {self.node}")
@@ -73,7 +73,7 @@ class Scale:
         return structure
 
     def factors_of(self, structure: Structure) -> FloatArray:
-        """See `Change.factors_of`."""
+        """Factors on the property values of the structure, (n_values,): `factor` for the scaled ones, 1 for others."""
         if not (np.isfinite(self.factor) and self.factor >= 0):
             raise InputError(f"`factor` of {self.label} must be at least 0, got {self.factor:g}")
         found = _LABEL.match(self.label)
@@ -106,7 +106,7 @@ class Remove:
     name: str
 
     def structure_of(self, structure: Structure) -> Structure:
-        """See `Change.structure_of`."""
+        """The structure without the element set."""
         kept = tuple(element for element in structure.elements if element.name != self.name)
         if len(kept) == len(structure.elements):
             near = difflib.get_close_matches(self.name, [element.name for element in structure.elements], 1, 0.0)
@@ -130,7 +130,7 @@ class AddSupport:
     dof: str | Dof
 
     def structure_of(self, structure: Structure) -> Structure:
-        """See `Change.structure_of`."""
+        """The structure with the degree of freedom held."""
         held = parse_dof(self.dof).unsigned
         structure.selection([held])
         return replace(structure, fixed=(*structure.fixed, held))
@@ -155,7 +155,7 @@ class AddTunedMassDamper:
     damping_ratio: float
 
     def structure_of(self, structure: Structure) -> Structure:
-        """See `Change.structure_of`."""
+        """The structure with a new node that holds the mass, and a spring and a dashpot to it."""
         at = parse_dof(self.dof).unsigned
         if at.is_rotation:
             raise InputError(f"a tuned mass damper moves along X, Y or Z, got {at}")
@@ -190,7 +190,7 @@ class AddTunedMassDamper:
 def changed_model(
     structure: Structure, parameters: Parameters, changes: Sequence[Change]
 ) -> tuple[Structure, Parameters]:
-    """A structure after changes, and the same parameters of it.
+    """A structure after changes, and its parameters, which are the same unknowns as before.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def changed_model(
 
 
 def _carried_over(parameters: Parameters, before: Structure, after: Structure) -> Parameters:
-    """Parameters of a structure as those of another that has its properties and more, or fewer."""
+    """Parameters of the structure `before` as parameters of `after`, matched by the labels of properties."""
     places = {item.label: item.values for item in before.properties}
     offset = np.array(after.values)
     rows: list[int] = []
@@ -243,7 +243,7 @@ def _require_positive(name: str, value: float) -> None:
 
 
 def _free_name(structure: Structure, name: str) -> str:
-    """`name`, with a number behind it where an element set is called so."""
+    """A name that no element set has: `name`, with a number behind it where that is taken."""
     taken, number = {element.name for element in structure.elements}, 2
     free = name
     while any(other.startswith(free) for other in taken):

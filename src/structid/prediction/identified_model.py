@@ -68,7 +68,7 @@ class IdentifiedModel:
         return np.where(self._is_vague, along_line, transforms.physical(np.where(self._is_vague, theta, theta + moves)))
 
     def draw_parameters(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
-        """Physical parameters of random models within the uncertainty and within their limits, (n_draws, n_params).
+        """Random physical parameters within the uncertainty and the limits, (n_draws, n_params).
 
         Raises
         ------
@@ -93,7 +93,7 @@ class IdentifiedModel:
 
     @property
     def _is_vague(self) -> np.ndarray:
-        """Which parameters are uncertain by more than half of their size, (n_params,) bool."""
+        """A mask (n_params,) of the parameters that are uncertain by more than half of their size."""
         slope = self.parameters.slope(self.parameters.transforms.free(self.physical))
         spread = np.abs(slope) * np.linalg.norm(self.factor, axis=1)
         return np.asarray(spread > _VAGUE * np.abs(self.physical))
@@ -108,7 +108,7 @@ def identified_model(
     fixed_changes: FloatArray | None = None,
     words: str = "",
 ) -> IdentifiedModel:
-    """The `IdentifiedModel` of estimated parameters, of their covariance, and of what fixed values did to them.
+    """An `IdentifiedModel` from estimated parameters, their covariance, and the influence of fixed values on them.
 
     A fixed value that is off by one tolerance changes the parameters by its column of `fixed_changes` and the model by itself.
     Both are one error here, so that what cancels in the fitted responses cancels in a prediction too. The effect of second order is
@@ -196,7 +196,7 @@ def model_of(found: Identification) -> IdentifiedModel:
 
 
 def _square_root(covariance: FloatArray) -> FloatArray:
-    """F with F F' = covariance, of a symmetric positive matrix that may be singular, (n, rank)."""
+    """A factor F (n, rank) with F F' = covariance (n, n), which is symmetric and may be singular."""
     size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.where(size > 0, size, 1.0)
     values, vectors = linalg.eigh(covariance / np.outer(scale, scale))

@@ -45,7 +45,7 @@ class ModelError:
 
     @classmethod
     def of_fit(cls, problem: FrfProblem, physical: FloatArray, predicted: ComplexArray) -> ModelError:
-        """The error that each sensor shows when it is left out in turn, noise taken off where its size is known.
+        """The error of modelled FRFs that sensors show when each is left out of the fit in turn, without noise.
 
         To first order: without sensor s the parameters move by -(N - N_s)^-1 g_s, where N sums the information of all sensors and
         g_s is the gradient of s, so that the model of s is what the others alone make of it.
@@ -80,7 +80,7 @@ class ModelError:
     def added_to(
         self, draws: ComplexArray, frequency: FloatArray, kind: FrfKind, nominal: ComplexArray, rng: np.random.Generator
     ) -> ComplexArray:
-        """FRFs (n_draws, n_frequencies, n_outputs, n_inputs) with random errors added; `nominal` gives the size of each."""
+        """FRFs (n_draws, n_frequencies, n_outputs, n_inputs) with random errors, whose size `nominal` FRFs give."""
         part, size = (np.interp(frequency, self.frequency, each) for each in (self.part, self.size))
         size = size * (2 * np.pi * frequency) ** (DERIVATIVES[kind] - DERIVATIVES[self.kind])
         count = _sum_nearby(np.ones(len(frequency)))[:, None, None]
@@ -91,7 +91,7 @@ class ModelError:
 
 
 def _moved_without(problem: FrfProblem, physical: FloatArray, predicted: ComplexArray) -> ComplexArray:
-    """The responses at each sensor by a model that is fitted to the others, to first order, shape of `predicted`."""
+    """Responses at each sensor by a model fitted to the other sensors, to first order, shaped as `predicted`."""
     record = problem.record
     residual = record.values - predicted
     slopes = response(problem.structure, problem.parameters, record).derivatives_at(physical)[1]
@@ -111,7 +111,7 @@ def _moved_without(problem: FrfProblem, physical: FloatArray, predicted: Complex
 
 
 def _sum_nearby(values: FloatArray) -> FloatArray:
-    """Sums over the lines up to `_REACH` away, along the first axis."""
+    """Sums of `values` (n_lines, ...) over the lines up to ten positions away, for each line."""
     total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
     n = len(values)
     first, last = np.maximum(np.arange(n) - _REACH, 0), np.minimum(np.arange(n) + _REACH + 1, n)

@@ -53,7 +53,7 @@ class PredictOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Check each option; `InputError` for an unknown kind or a band that is none."""
+        """Raise `InputError` for an option out of its limits, or a band that does not rise from above 0 Hz."""
         require_declared(self)
         if self.band is not None and not 0 < self.band[0] < self.band[1]:
             raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {self.band}", "band")
@@ -90,6 +90,7 @@ class SenseOptions:
     draws: int = 20
 
     def __post_init__(self) -> None:
+        """Raise `InputError` where unknown forces are named without a correlation time."""
         if self.unknown and self.correlation_time is None:
             raise InputError(
                 "`correlation_time` must be given with `unknown`: the time, s, over which the forces forget themselves, such as 0.1"

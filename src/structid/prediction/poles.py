@@ -48,7 +48,7 @@ class ReducedMatrices:
 
     @property
     def is_rigid(self) -> np.ndarray:
-        """Which modes are free rigid motions that nothing damps, (n_modes,) bool."""
+        """A mask (n_modes,) of the free rigid motions that nothing damps."""
         largest = float(self.omega.max(initial=0.0))
         couples = np.abs(self.damping).sum(axis=0) > 2 * np.sqrt(_RIGID) * largest
         return np.asarray((self.omega**2 <= _RIGID * largest**2) & ~couples)
@@ -60,7 +60,7 @@ class ReducedMatrices:
 
 
 def reduce_structure(structure: Structure, values: FloatArray, basis: FloatArray, sides: Sides) -> ReducedMatrices:
-    """The matrices of a structure with the property `values` on the span of `basis` (n_dofs, n_vectors).
+    """Matrices of a structure with the property `values` (n_values,) on the motions `basis` (n_dofs, n_vectors).
 
     Raises
     ------
@@ -133,7 +133,7 @@ def reduction_basis(
 
 
 def _solve(matrix: sparse.csc_array, right: FloatArray) -> FloatArray:
-    """The solution of a sparse symmetric system with several right sides."""
+    """The solution (n, n_right) of a sparse symmetric system with several right sides (n, n_right)."""
     matrix.sort_indices()
     if not matrix.diagonal().all():
         return np.asarray(sparse.linalg.spsolve(matrix, right)).reshape(right.shape)
@@ -141,7 +141,7 @@ def _solve(matrix: sparse.csc_array, right: FloatArray) -> FloatArray:
 
 
 def _independent(columns: FloatArray, mass: sparse.csc_array) -> FloatArray:
-    """Orthonormal motions (in the mass matrix) that span `columns`, those apart that add nothing to the others."""
+    """Mass-orthonormal motions that span `columns` (n_dofs, n), without those that add nothing to the others."""
     energy = np.sqrt(np.maximum(np.einsum("ij,ij->j", columns, mass @ columns), 0.0))
     moving = energy > 0
     scaled = columns[:, moving] / energy[moving]
@@ -151,7 +151,7 @@ def _independent(columns: FloatArray, mass: sparse.csc_array) -> FloatArray:
 
 
 def _without_modal_damping(structure: Structure, values: FloatArray) -> tuple[Structure, float]:
-    """The structure without the damping ratio of all modes, whose matrix is full, and that ratio."""
+    """The structure without the damping ratio that all modes share, and that ratio."""
     if structure.damping_ratio is None:
         return structure, 0.0
     place = next(item.values for item in structure.properties if item.element == ALL_MODES)
@@ -187,7 +187,7 @@ class PoleSum:
 
 
 def sum_over_poles(reduced: ReducedMatrices, damping: FloatArray | None = None) -> PoleSum:
-    """The poles of a reduced structure, with whatever damping it has.
+    """Receptances of a reduced structure as a sum over its poles, with whatever damping it has.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def sum_over_poles(reduced: ReducedMatrices, damping: FloatArray | None = None) 
 
 
 def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float, derivatives: int) -> FloatArray:
-    """Motion from rest under loads that run in straight lines between samples, exact at the samples: (n_times, n_outputs).
+    """Motion (n_times, n_outputs) from rest under loads that are linear between samples, exact at the samples.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float, d
 
 
 def _first_order_hold(pole: complex, step: float) -> tuple[complex, complex]:
-    """Weights of the load at both ends of a step in x' = pole x + f, f running in a straight line."""
+    """Weights of the load at both ends of a step in x' = pole x + f, where f runs in a straight line."""
     z = pole * step
     if abs(z) < 1e-3:
         return step * (0.5 + z / 3 + z**2 / 8 + z**3 / 30), step * (0.5 + z / 6 + z**2 / 24 + z**3 / 120)
@@ -261,7 +261,7 @@ def _first_order_hold(pole: complex, step: float) -> tuple[complex, complex]:
 
 
 def _rigid_history(loads: FloatArray, step: float, derivatives: int) -> FloatArray:
-    """The loads integrated twice, once or not at all, exactly for straight lines between samples."""
+    """Displacement, velocity or acceleration (0 to 2 derivatives) of a unit mass under loads (n_times, n)."""
     if derivatives == 2:
         return loads
     first, second = loads[:-1], loads[1:]

@@ -53,7 +53,7 @@ class Prediction(Shown):
     words: str
 
     def overview(self) -> Overview:
-        """Shape, and the width of the band."""
+        """A line with the shape of the quantity and the median width of its 95 % band."""
         size = np.abs(self.values)
         part = np.divide(self.high - self.low, 2 * size, out=np.zeros(size.shape), where=size > 0)
         axes = ", ".join(f"{len(entries)} {name}" for name, entries in self.quantity.axes.items())
@@ -86,7 +86,7 @@ def predict(
     seed: int = 0,
     model_error: ModelError | None = None,
 ) -> Prediction:
-    """What an identified model says of a quantity, with a 95 % band.
+    """A prediction of a quantity by an identified model, with a 95 % band.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def predict_change(
     seed: int = 0,
     model_error: ModelError | None = None,
 ) -> PredictedChange:
-    """What changes of the structure do to a quantity, with the band of the difference.
+    """A quantity before and after changes of the structure, and the difference with its 95 % band.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def predict_change(
 def _model_and_error(
     source: Identification | IdentifiedModel, model_error: ModelError | None
 ) -> tuple[IdentifiedModel, ModelError | None]:
-    """The model of an identification, and what its fitted FRFs missed."""
+    """The model of an identification with the error of its fitted FRFs; a given model as it is."""
     if isinstance(source, IdentifiedModel):
         return source, model_error
     if model_error is None and source.fits and source.estimate.covariance_basis == "model_error":
@@ -168,7 +168,7 @@ def _model_and_error(
 def _drawn(
     model: IdentifiedModel, structure: Structure, parameters: Parameters, quantity: Quantity, n_draws: int, seed: int
 ) -> tuple[NumberArray, NumberArray]:
-    """The quantity by the identified model, and by each random model, (n_draws, ...)."""
+    """The quantity by the identified model, and by each of the random models, (n_draws, ...)."""
     if n_draws < _FEWEST:
         raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")
     evaluate = quantity.evaluator(structure, parameters, _points(model))
@@ -187,7 +187,7 @@ def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
 
 
 def _points(model: IdentifiedModel) -> list[FloatArray]:
-    """The identified parameters, then those with one of the largest independent errors each."""
+    """The identified parameters, and parameters that are off by one of the largest independent errors each."""
     order = np.argsort(-np.linalg.norm(model.factor, axis=0))[:_MOST_POINTS]
     lines = _OFF * np.eye(model.factor.shape[1])[order]
     moved = (np.maximum(model.parameters_at(z), 1e-3 * model.physical) for z in lines)
@@ -202,7 +202,7 @@ def _band(
     error: ModelError | None,
     seed: int,
 ) -> Prediction:
-    """The prediction that random models make of a quantity."""
+    """The prediction with its 95 % band, from the nominal quantity and that of the random models (n_draws, ...)."""
     words = model.words
     if error is not None and isinstance(quantity, Frf) and np.iscomplexobj(nominal):
         rng = np.random.default_rng(seed + 1)

@@ -83,6 +83,7 @@ class Frf:
         frequency: Sequence[float] | FloatArray,
         kind: FrfKind = "accelerance",
     ) -> None:
+        """Read the names of sensors and loads, and require an increasing axis of frequencies above 0 Hz."""
         lines = np.asarray(frequency, dtype=np.float64)
         require_shape("frequency", lines, (None,))
         if not (lines > 0).all():
@@ -94,7 +95,7 @@ class Frf:
         object.__setattr__(self, "record", FrfRecord(lines, values, sensors, loads, kind))
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """See `Quantity.evaluator`: each value by a solution of its own for small models, by poles for others."""
+        """FRFs as a function of physical parameters: solved line by line for small models, by poles for others."""
         exact = response(structure, parameters, self.record)
         if structure.n_dofs <= DENSE_UP_TO or not _is_linear(structure):
             return exact.values_at
@@ -153,6 +154,7 @@ class History:
         sampling_rate: float,
         motion: str = "acceleration",
     ) -> None:
+        """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion."""
         sensors, places = parse_dofs(outputs), parse_dofs(inputs)
         given = np.asarray(loads, dtype=np.float64)
         require_shape("loads", given, (None, len(places)), "one column an input")
@@ -171,7 +173,7 @@ class History:
         return np.arange(len(self.loads)) / self.sampling_rate
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """See `Quantity.evaluator`."""
+        """The motion (n_times, n_outputs) as a function of physical parameters, by a sum over poles."""
         _require_linear(structure, "a history")
         lowest = self.sampling_rate / len(self.loads)
         system = _pole_function(structure, parameters, points, self, (lowest, self.sampling_rate / 2), True)
@@ -283,12 +285,13 @@ class NaturalModes:
     n_modes: int = 10
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """See `Quantity.evaluator`."""
+        """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters."""
         structure.require_modes("modes")
         first = _structure_modes(structure, parameters.values(points[0]), self.n_modes)
         mass = structure.matrix("inertia", parameters.values(points[0]))
 
         def evaluate(physical: FloatArray) -> FloatArray:
+            """Frequency and damping ratio of the modes that are most like the identified ones, (n_modes, 2)."""
             found = _structure_modes(structure, parameters.values(physical), self.n_modes + 4)
             alike = np.abs(first.mode_shapes.T @ (mass @ found.mode_shapes))
             order = alike.argmax(axis=1)
@@ -311,7 +314,7 @@ class NaturalModes:
 
 
 def _structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
-    """The lowest modes of a structure with these property values."""
+    """The `n_modes` lowest modes of a structure with the property values (n_values,)."""
     mass, stiffness, damping, loss = (
         structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
     )
@@ -326,7 +329,7 @@ def _pole_function(
     band: tuple[float, float],
     is_viscous: bool = False,
 ) -> Callable[[FloatArray], PoleSum]:
-    """The poles of a structure as a function of its physical parameters, on one basis."""
+    """The sum over poles of a structure as a function of its physical parameters, on one basis of motions."""
     sides = Sides(structure.selection(channels.outputs), structure.selection(channels.inputs))
     basis = reduction_basis(structure, [parameters.values(point) for point in points], sides, *band)
 
@@ -343,6 +346,7 @@ def _is_linear(structure: Structure) -> bool:
 
 
 def _require_linear(structure: Structure, what: str) -> None:
+    """Raise `InputError` where a structure has no modes, or dry friction; `what` is the quantity in words."""
     structure.require_modes(what, "predict FRFs")
     rubbing = [element.name for element in structure.elements if isinstance(element, Friction)]
     if rubbing:

@@ -60,7 +60,7 @@ class StateSpace(Shown):
     draws: tuple[tuple[FloatArray, FloatArray, FloatArray, FloatArray], ...] = ()
 
     def overview(self) -> Overview:
-        """Order, channels and error."""
+        """A line with the number of states, the channels and the largest error of FRFs."""
         kind = "continuous time" if self.sampling_rate is None else f"{self.sampling_rate:g} samples a second"
         error = format_number(100 * self.error, 2)
         return Overview(
@@ -102,6 +102,7 @@ class StateSpace(Shown):
 
 
 def _bytes_of(suffix: str, content: dict[str, object]) -> bytes:
+    """The content of a file with these arrays, by its suffix .npz, .mat or .h5."""
     buffer = io.BytesIO()
     if suffix == ".npz":
         np.savez_compressed(buffer, **content)  # type: ignore[arg-type]
@@ -133,7 +134,7 @@ def state_space(
     n_draws: int = 0,
     seed: int = 0,
 ) -> StateSpace:
-    """State equations of an identified model between loads and sensors, of the lowest order that a band allows.
+    """State equations of an identified model from loads to sensors, of the lowest order that the error allows.
 
     They are balanced on that band (Gawronski and Juang 1990) and cut off; free rigid motions are kept whole. Loss factors act as
     viscous dampings that take as much energy at each resonance.
@@ -204,7 +205,7 @@ def state_space(
 
 
 def _judged_lines(reduced: ReducedMatrices, low: float, high: float) -> FloatArray:
-    """Frequencies, Hz, on which an error is judged: even ones, and some across each resonance."""
+    """Frequencies, Hz, on which an error is judged: evenly spaced ones, and some across each resonance."""
     omega = reduced.omega[~reduced.is_rigid]
     half = np.diag(reduced.viscous_equivalent())[~reduced.is_rigid] / 2
     near = (omega + half * np.linspace(-3, 3, _ACROSS)[:, None]).ravel() / (2 * np.pi)
@@ -225,7 +226,7 @@ class _Equations:
 
     @classmethod
     def of(cls, reduced: ReducedMatrices, derivatives: int) -> _Equations:
-        """Modal displacements (times omega) and speeds; outputs are speeds where accelerations are wanted."""
+        """State equations of modal displacements (times omega) and speeds; outputs are speeds for 1, 2 derivatives."""
         rigid = reduced.is_rigid
         order = np.concatenate([np.flatnonzero(rigid), np.flatnonzero(~rigid)])
         omega, n, n_rigid = reduced.omega[order], len(order), int(rigid.sum())
@@ -249,7 +250,7 @@ class _Equations:
         return len(self.a)
 
     def frf(self, frequency: FloatArray) -> np.ndarray:
-        """FRFs in continuous time, (n_frequencies, n_outputs, n_inputs)."""
+        """FRFs of the equations in continuous time, (n_frequencies, n_outputs, n_inputs)."""
         poles, vectors = np.linalg.eig(self.a[self.n_rigid :, self.n_rigid :])
         into = np.linalg.solve(vectors, self.b[self.n_rigid :].astype(complex))
         out = self.c[:, self.n_rigid :] @ vectors
@@ -266,7 +267,7 @@ class _Equations:
         return float(np.abs(self.frf(frequency) - exact).max() / np.abs(exact).max())
 
     def cut(self, order: int, highest: float) -> _Equations:
-        """The stable equations with `order` states that say most of the FRFs up to `highest` Hz.
+        """Stable equations with `order` states that keep most of the FRFs up to `highest` Hz.
 
         Balancing on a band may leave unstable equations; then all frequencies count.
         """
@@ -288,7 +289,7 @@ class _Equations:
         return _Equations(whole, *made, direct, r, self.is_differentiated)
 
     def _direct(self, keep: int, left: FloatArray, right: FloatArray, highest: float) -> FloatArray:
-        """The direct part that makes up for the cut states at the middle of the band."""
+        """The direct part (n_outputs, n_inputs) that makes up for the cut states at the middle of the band."""
         r = self.n_rigid
         s = 2j * np.pi * 0.5 * highest
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
@@ -298,7 +299,7 @@ class _Equations:
         return np.asarray(self.d + (exact - cut).real)
 
     def _balanced(self, highest: float | None) -> tuple[FloatArray, FloatArray]:
-        """Columns that make states of those balanced up to `highest` Hz, and rows the other way, those that say most first."""
+        """Columns from balanced to own states and rows back, most important first; up to `highest` Hz or over all."""
         r = self.n_rigid
         a, b, c = self.a[r:, r:], self.b[r:], self.c[:, r:]
         one = np.eye(len(a))
@@ -314,7 +315,7 @@ class _Equations:
         return roots[0] @ right.T * size, (roots[1] @ left * size).T
 
     def sampled(self, rate: float | None) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """The equations from sample to sample for constant loads in between; as they are where there is no rate."""
+        """The matrices (a, b, c, d) from sample to sample for loads constant in between; as they are without a rate."""
         c, d = (self.c @ self.a, self.d + self.c @ self.b) if self.is_differentiated else (self.c, self.d)
         if rate is None:
             return self.a, self.b, c, d

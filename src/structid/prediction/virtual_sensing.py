@@ -47,6 +47,7 @@ class UnknownForces:
     std: float | None = None
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for a correlation time or a standard deviation that is not positive."""
         if not (np.isfinite(self.correlation_time) and self.correlation_time > 0):
             raise InputError(f"`correlation_time` must be greater than 0 s, got {self.correlation_time:g}")
         if self.std is not None and not (np.isfinite(self.std) and self.std > 0):
@@ -89,7 +90,7 @@ class SensedMotion(Shown):
     words: tuple[str, ...] = ()
 
     def overview(self) -> Overview:
-        """One row an output: its size and its standard deviation."""
+        """A table with the size and the standard deviation of each output and force, and checks of left-out sensors."""
         rows = [
             (
                 str(dof),
@@ -121,7 +122,7 @@ def sense(
     n_draws: int = 20,
     seed: int = 0,
 ) -> SensedMotion:
-    """Motion at any degree of freedom during a record, its forces known, partly known or unknown.
+    """Motion at any degree of freedom during a record, whose forces may be known, partly known or unknown.
 
     A Kalman filter with steady gains and a Rauch-Tung-Striebel smoother run over the modes up to half the sampling rate, with each
     unknown force as a state of first order. They are run again for models within the uncertainty: the deviation includes both.
@@ -243,7 +244,7 @@ class _Channels:
 
     @classmethod
     def of_record(cls, record: TimeRecord, left: tuple[Dof, ...]) -> _Channels:
-        """The channels of a record, of which those in `left` are not used."""
+        """Forces and sensors of a record, without the sensors in `left`, which are only compared."""
         quantities = record.quantities
         other = [str(quantity) for quantity in quantities if quantity not in (*_MOTIONS, "force")]
         if other:
@@ -323,7 +324,7 @@ class _Smoother:
     n_wanted: int
 
     def run(self, reduced: ReducedMatrices, std: float) -> _Smoothed:
-        """The smoothed motion and forces for unknown forces of standard deviation `std`."""
+        """Smoothed motion and forces, where unknown forces have the standard deviation `std`, N."""
         system = self._system(reduced, std)
         predicted, gain, innovation = self._steady(system)
         before, after = self._filtered(system, gain)
@@ -338,7 +339,7 @@ class _Smoother:
         return _Smoothed(mean, np.maximum(variance, 0.0))
 
     def likeliest_std(self, reduced: ReducedMatrices) -> float:
-        """Standard deviation of the unknown forces under which the record is likeliest, N."""
+        """Standard deviation, N, of the unknown forces under which the record is likeliest."""
         size = self._first_std(reduced)
         tried = size * np.logspace(-_DECADES, _DECADES, _SIZES)
         likelihood = [self._log_likelihood(reduced, float(std)) for std in tried]
@@ -350,7 +351,7 @@ class _Smoother:
         return float(tried[best] * (tried[1] / tried[0]) ** np.clip(shift, -0.5, 0.5))
 
     def _first_std(self, reduced: ReducedMatrices) -> float:
-        """The force that would make the sensors move as much as they do."""
+        """A first guess of the unknown forces, N: they would make the sensors move as much as they do."""
         system = self._system(reduced, 1.0)
         stationary = linalg.solve_discrete_lyapunov(system.transition, system.noise)
         made = np.einsum("ij,jk,ik->i", system.reading, stationary, system.reading)
@@ -362,6 +363,7 @@ class _Smoother:
         return self.channels.measured / np.sqrt(self.channels.variance)
 
     def _log_likelihood(self, reduced: ReducedMatrices, std: float) -> float:
+        """Log-likelihood of the record, less a constant, where unknown forces have the standard deviation `std`, N."""
         system = self._system(reduced, std)
         _, gain, innovation = self._steady(system)
         before, _ = self._filtered(system, gain)
@@ -370,7 +372,7 @@ class _Smoother:
         return float(-0.5 * (whitened**2).sum() - 0.5 * len(error) * np.linalg.slogdet(innovation)[1])
 
     def _steady(self, system: _StateSpace) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Covariance of the predicted state, gain, and covariance of the innovations, all as they settle."""
+        """Covariance of the predicted state, gain, and covariance of the innovations, all in the steady state."""
         noise = np.eye(len(self.channels.variance))
         try:
             predicted = linalg.solve_discrete_are(system.transition.T, system.reading.T, system.noise, noise)
@@ -383,7 +385,7 @@ class _Smoother:
         return predicted, gain, innovation
 
     def _filtered(self, system: _StateSpace, gain: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """States before and after each sample is used, (n_times, n_states) each."""
+        """States before and after the reading of each sample, (n_times, n_states) each."""
         known = self.channels.known
         read = (self._measured - known @ system.direct.T) @ gain.T
         n = len(system.transition)
@@ -394,7 +396,7 @@ class _Smoother:
         return before, before @ keep.T + read
 
     def _system(self, reduced: ReducedMatrices, std: float) -> _StateSpace:
-        """Modal displacements and speeds, then the unknown forces, from sample to sample, each in units of its own size."""
+        """The equations from sample to sample of modal displacements, speeds and unknown forces, in scaled units."""
         n, n_forces, n_known = len(reduced.omega), self.n_forces, reduced.inputs.shape[1] - self.n_forces
         step, size = 1 / self.rate, 2 * n + n_forces
         known, unknown = reduced.inputs[:, :n_known], reduced.inputs[:, n_known:]
@@ -438,7 +440,7 @@ class _Smoother:
     def _readings(
         outputs: FloatArray, orders: tuple[int, ...], acceleration: FloatArray, known: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """What each output reads of the states, and directly of the known forces."""
+        """Matrices of outputs over states (n_outputs, n_states) and over known forces (n_outputs, n_known)."""
         n = outputs.shape[1]
         rows, direct = np.zeros((len(orders), acceleration.shape[1])), np.zeros((len(orders), known.shape[1]))
         for i, order in enumerate(orders):

@@ -138,7 +138,7 @@ def _words(kind: str) -> str:
 
 
 def _contents_of(source: Path, target: Path) -> str:
-    """What `source` holds, by its suffix and first lines, and by what `target` may hold where both leave it open."""
+    """The contents of `source` (record, matrices or modes) by its suffix and first lines, or by that of `target`."""
     suffix = source.suffix.lower()
     if suffix in JSON_SUFFIXES or holds_modes(source):
         return "modes"
@@ -153,6 +153,7 @@ def _contents_of(source: Path, target: Path) -> str:
 
 
 def _record(source: Path, target: Path, options: ReadOptions) -> list[str]:
+    """Convert a record file, and return the lines to print."""
     record = read_record(source, options)
     write_record(target, record)
     read = [f"read: {record.source}"] if how_read(record.source, source) else []
@@ -160,6 +161,7 @@ def _record(source: Path, target: Path, options: ReadOptions) -> list[str]:
 
 
 def _record_size(record: Record) -> str:
+    """A phrase with the kind and the size of a record."""
     if isinstance(record, FrfRecord):
         return (
             f"{record.kind}, {len(record.frequency)} lines, {len(record.outputs)} outputs, {len(record.inputs)} inputs"
@@ -169,6 +171,7 @@ def _record_size(record: Record) -> str:
 
 
 def _modes(source: Path, target: Path, options: ModeFileOptions) -> list[str]:
+    """Convert a file of modes, and return the lines to print, with what the new format loses."""
     record = read_modes(source, options)
     write_modes(target, record)
     is_told = source.suffix.lower() not in JSON_SUFFIXES and "; " in record.source
@@ -179,7 +182,7 @@ def _modes(source: Path, target: Path, options: ModeFileOptions) -> list[str]:
 
 
 def _lost_of_modes(record: ModalRecord, target: Path) -> list[str]:
-    """What the format of `target` does not hold of a record of modes."""
+    """Names of the data in a record of modes that the format of `target` cannot hold."""
     suffix = target.suffix.lower()
     lost = []
     if suffix in UFF_SUFFIXES:
@@ -194,6 +197,7 @@ def _lost_of_modes(record: ModalRecord, target: Path) -> list[str]:
 
 
 def _matrices(source: Path, target: Path, options: MatrixOptions) -> list[str]:
+    """Convert a file of matrices, and return the lines to print."""
     items = [read_matrix(source, options.matrix)] if options.matrix else list(read_matrices(source).values())
     if options.name:
         if len(items) > 1:
@@ -227,7 +231,7 @@ def _matrix_size(item: ImportedMatrix) -> str:
 
 
 def _numbered(item: ImportedMatrix, table: np.ndarray, path: Path) -> ImportedMatrix:
-    """The matrix with the numbering of a file."""
+    """The matrix with node and component of its rows from `table`, which was read from the file `path`."""
     if item.dofs is not None:
         raise InputError(f"{item.name!r} has node and component of its rows in its own file; leave `dofs` out", "dofs")
     if len(table) != item.matrix.shape[0]:
@@ -236,7 +240,7 @@ def _numbered(item: ImportedMatrix, table: np.ndarray, path: Path) -> ImportedMa
 
 
 def _write_numbering(path: Path, items: Sequence[ImportedMatrix]) -> str:
-    """Write node and component of the rows, one line a row, as `read_numbering` reads them."""
+    """Write node and component of the matrices' rows to a file, one line a row, and return the line to print."""
     if not items:
         raise InputError("no matrix has node and component of its rows; leave `write_dofs` out", "write_dofs")
     first = items[0]

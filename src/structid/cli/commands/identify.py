@@ -112,6 +112,7 @@ def identify(
     is_answered = False
 
     def write(answer: StudyResult, fits: Sequence[Fitted]) -> str:
+        """Write the results and suggested studies into the results folder, and return the file to read first."""
         with staged_folder(folder) as staged:
             page = _write(answer, staged, report, png)
             write_suggestions(answer, fits, staged, folder)
@@ -160,7 +161,7 @@ def identify(
 
 
 def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
-    """The name of what to read first in `folder`; drawing is imported here, so that nothing else waits for it."""
+    """Write the results into `folder`, and return the name of the file to read first."""
     from structid.study.results.folder import write_results
 
     write_results(result, folder)
@@ -178,7 +179,7 @@ def _write(result: StudyResult, folder: Path, report: bool, png: bool) -> str:
 
 
 def _interrupted(run: LongRun, kept: Checkpoint, again: str) -> str:
-    """What was reached, where it is, and how to go on; what is done is written."""
+    """A message on how far an interrupted run came and how to go on; its values are written to the checkpoint."""
     if not run.reached.search and not kept.n_found:
         return "interrupted before the first iteration; nothing was written"
     kept.write(run.so_far())

@@ -47,6 +47,7 @@ def init(
 
 
 def _given(pairs: list[str]) -> dict[str, str]:
+    """Values by name from texts NAME=VALUE."""
     found = {}
     for pair in pairs:
         name, equals, value = pair.partition("=")
@@ -57,6 +58,7 @@ def _given(pairs: list[str]) -> dict[str, str]:
 
 
 def _asked(kind: type[Template], known: set[str]) -> dict[str, str]:
+    """Values by name that the user types for the numbers of a template, without the `known` ones."""
     found = {}
     for one in asked_of(kind):
         if one.name not in known:
@@ -68,7 +70,7 @@ def _asked(kind: type[Template], known: set[str]) -> dict[str, str]:
 
 
 def _checked(one: Asked, text: str) -> str:
-    """`text`, or an error after which it is asked again."""
+    """The text as it is; raises the error after which typer asks again where it is no value."""
     try:
         asked_value(one, text)
     except InputError as error:

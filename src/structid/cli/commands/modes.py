@@ -99,7 +99,7 @@ def _track(
     report: bool,
     png: bool,
 ) -> None:
-    """Modes followed over records, or over files of modes, in the order given; those of a folder by name."""
+    """Follow modes over records or files of modes in the order given (those of a folder by name), and write them."""
     from structid.cli.tables import show  # the help needs none of these
     from structid.core.display import file_names
     from structid.modal.formats.files import read_modes
@@ -132,7 +132,7 @@ def _files_of(folder: Path) -> list[Path]:
 def _merge(
     paths: list[Path], options: ModesOptions, read: ReadOptions, geometry: Path | None, out: Path | None
 ) -> None:
-    """Modes of set-ups from files that hold modes, merged and written as files that a study takes as a record."""
+    """Merge modes of set-ups from files of modes, and write them as files that a study takes as a record."""
     from structid.cli.tables import show
     from structid.core.display import file_names
     from structid.modal.formats.files import read_modes

@@ -80,7 +80,7 @@ def _told(done: int, whole: int) -> None:
 
 
 def motion_lines(found: MotionResult) -> list[str]:
-    """What the command prints."""
+    """The lines to print: size, identified parameters, message, wall times and memory."""
     solution, structure = found.solution, found.study.structure
     lines = [
         f"{structure.n_dofs} degrees of freedom, {len(solution.values)} parameters, {solution.n_samples} samples"

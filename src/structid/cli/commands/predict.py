@@ -79,7 +79,7 @@ def _changes(
     supports: list[str] | tuple[()],
     removed: list[str] | tuple[()],
 ) -> list[Change]:
-    """The changes that flags describe, in the order of their kinds."""
+    """Changes of the structure from the texts of the flags, such as ``5@12`` for a mass."""
     from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Remove, Scale
 
     changes: list[Change] = []

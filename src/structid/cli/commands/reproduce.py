@@ -44,7 +44,7 @@ def reproduce(
 
 
 def _summary(items: Iterable[Item]) -> list[RenderableType]:
-    """Verdict and largest difference of every table and figure."""
+    """A table with the verdict and the largest difference of every table and figure."""
     from structid.cli.tables import new_table
     from structid.core.display import format_number
 

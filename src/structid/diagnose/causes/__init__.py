@@ -78,7 +78,7 @@ LeftOut = FaultyChannel | OtherState | ExtraMode | OutlyingLines
 
 
 def candidates(records: Sequence[Receptances], names: Sequence[str] = ("",)) -> list[Candidate]:
-    """All candidates whose effects follow from receptances, for records of one structure at one point of the parameters.
+    """All candidates whose effects follow from receptances, for records of one structure at one set of parameters.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def residual_candidates(problems: Sequence[RecordProblem], residual: FloatArray)
 
 
 def rows_left_out(candidate: Candidate, problems: Sequence[RecordProblem]) -> np.ndarray:
-    """Data rows of all problems that a candidate leaves out, (n_rows,) bool."""
+    """A mask (n_rows,) of the data rows of all problems that a candidate leaves out."""
     assert isinstance(candidate, LeftOut)
     return np.concatenate([
         candidate.rows_left_out(problem) if number == candidate.record else np.zeros(problem.n_data, dtype=bool)

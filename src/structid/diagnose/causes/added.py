@@ -9,7 +9,7 @@ from structid.diagnose.model_edits import AddPart, AddUnknown, Edit, rounded
 
 
 def added_spring(table: str, entry: Mapping[str, Any], loss_factor: float | None) -> list[Edit]:
-    """A spring or joint of unknown stiffness, with an unknown loss factor of its own where one is given."""
+    """The edits that add a spring or joint of unknown stiffness; with a `loss_factor`, that is unknown too."""
     loss = {} if loss_factor is None else {"loss_factor": loss_factor}
     return [
         AddPart(table, {**entry, **loss}),
@@ -18,6 +18,6 @@ def added_spring(table: str, entry: Mapping[str, Any], loss_factor: float | None
 
 
 def unknown_of_either_sign(prop: str, name: str, strength: float) -> AddUnknown:
-    """An unknown mass or inertia that may be too much in the model, which begins at the strength then."""
+    """The edit that makes an added mass or inertia an unknown; a negative `strength` is where it starts."""
     signed = {} if strength > 0 else {"positive": False, "start": rounded(strength)}
     return AddUnknown({"property": prop, "elements": name, **signed})

@@ -39,6 +39,7 @@ class Appendage(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidate appendages at chosen degrees of freedom of the first record, one for each frequency."""
         first = records[0]
         nodes = set(spread(sorted(chosen_nodes(first)), _MOST_NODES))
         moving = {dof.node for dof in first.columns if not dof.is_rotation}
@@ -51,7 +52,7 @@ class Appendage(Candidate):
                 yield cls(where=(dof.place,), strengths=scale * _MASSES, frequency=frequency)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """With s^2 k / (s^2 + k) of a unit mass on a spring k = (2 pi f)^2 (1 + i eta)."""
+        """Changes of the FRF: a unit mass on a spring k = (2 pi f)^2 (1 + i eta) adds s^2 k / (s^2 + k) to Z."""
         k = (2 * np.pi * self.frequency) ** 2 * (1 + 1j * _LOSS)
         law = receptances.laplace**2 * k / (receptances.laplace**2 + k)
         return effect_of_addition(receptances, self._direction, law, strengths)
@@ -64,6 +65,7 @@ class Appendage(Candidate):
         return self._direction, (self.kind, self.frequency, self.strengths.tobytes())
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
+        """The edits that add the appendage: a new node, a mass there, and a spring to it, with three unknowns."""
         dof, label = parse_dof(self.where[0]), model.new_node()
         mass, spring = (model.unique_name(f"{words} {dof.place}") for words in ("appendage", "appendage spring"))
         if dof.is_rotation:
@@ -89,7 +91,7 @@ class Appendage(Candidate):
 
 
 def _frequencies(receptances: Receptances) -> list[float]:
-    """Frequencies at which something may resonate alone, Hz: where the misfit of lines peaks, and some over the band."""
+    """Frequencies, Hz, at which an appendage may resonate alone: peaks of the misfit, and some over the band."""
     problem = receptances.problem
     frequency = problem.frequency
     misfit = misfit_of_lines(problem, problem.data_rows(receptances.frf))

@@ -32,6 +32,7 @@ class AxialForce(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
+        """A candidate axial force for each beam or bar set that has none; no candidates for many sets."""
         structure = model.setups[0].structure
         slack = [
             one
@@ -52,7 +53,7 @@ class AxialForce(Candidate):
 
 
 def _first_guess(structure: Structure, element: ElementSet) -> float:
-    """The Euler load of a set as one pinned strut, or the force of a small strain where it does not bend, N."""
+    """A first guess of a set's axial force, N: its Euler load as one strut, or that of a small strain for bars."""
     values = vars(element)
     bending = next((values[key] for key in _BENDING if key in values), None)
     if bending is None:

@@ -26,7 +26,7 @@ _BOUNDS = (0.0, 1.0)
 
 
 def following(ends: Sequence[FloatArray], axis: int, part: float, bends: bool) -> FloatArray:
-    """How a translation of a point on the line between two nodes follows the directions of both, (2, 6).
+    """Weights (2, 6) by which a translation at a point between two nodes follows the six motions of each node.
 
     Along the line it is straight, across it cubic where a beam bends between them.
 
@@ -107,6 +107,7 @@ class LoadBetween(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidate places of each measured force on the lines from its node to the next ones."""
         for channel, other, bends in _lines(records, 2):
             if records[channel.record].problem.facts.measures_force:
                 where = (channel.dof.place, other.place)
@@ -123,7 +124,7 @@ class LoadBetween(Candidate):
 
 
 def _lines(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel, Dof, bool]]:
-    """Translations of channels, the next nodes that move in them, and whether a beam is between."""
+    """Sensors (axis 1) or loads (axis 2), each with a next node's direction and whether a beam is between."""
     for receptances, channel in channels(records, axis):
         bends: dict[int, bool] = {}
         dof = channel.dof
@@ -141,7 +142,7 @@ def _lines(records: Sequence[Receptances], axis: int) -> Iterator[tuple[Channel,
 
 
 def _ends(structure: Structure, places: Sequence[str]) -> tuple[tuple[Dof, Dof], list[FloatArray]]:
-    """The degrees of freedom of a channel and of the next node, and where the nodes are."""
+    """The degrees of freedom named by two `places`, and the positions (m) of their nodes."""
     first, second = (parse_dof(place) for place in places)
     return (first, second), [np.atleast_1d(structure.nodes[dof.node]) for dof in (first, second)]
 
@@ -149,6 +150,7 @@ def _ends(structure: Structure, places: Sequence[str]) -> tuple[tuple[Dof, Dof],
 def _effect(
     receptances: Receptances, axis: int, places: Sequence[str], bends: bool, strengths: FloatArray
 ) -> ComplexArray:
+    """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by a channel that far between two nodes."""
     index = index_of(receptances, axis, places[0])
     record = receptances.problem.record
     sign = (record.outputs if axis == 1 else record.inputs)[index].sign
@@ -160,7 +162,7 @@ def _effect(
 
 
 def _edits(model: TestedModel, record: int, places: Sequence[str], bends: bool, part: float, side: str) -> Edits:
-    """The channel at a new node between two others, which follows them as the beam or bar between them does."""
+    """The edits that put a channel at a new node between two others, which follows them as a beam or bar does."""
     structure = model.setups[record].structure
     (first, second), ends = _ends(structure, places)
     label, weights = model.new_node(), following(ends, first.axis, part, bends)

@@ -32,14 +32,14 @@ class FaultyChannel(Candidate):
 
     @classmethod
     def from_data(cls, problems: Sequence[RecordProblem], names: Sequence[str]) -> Iterator[FaultyChannel]:
-        """Each sensor of records of FRFs with several."""
+        """A candidate for each sensor of every record of FRFs that has several."""
         for number, problem in enumerate(problems):
             outputs = tuple(dof.place for dof in problem.record.outputs) if isinstance(problem, FrfProblem) else ()
             for name in outputs if len(outputs) > 1 else ():
                 yield cls(where=(name,), record=number, others=tuple(other for other in outputs if other != name))
 
     def rows_left_out(self, problem: RecordProblem) -> np.ndarray:
-        """Data rows of its record that are left out, (n_data,) bool."""
+        """A mask (n_data,) of the data rows that come from the sensor; `problem` is that of its record."""
         channels = [name.split("/")[0].removeprefix("shape at ").rstrip("+-") for name in problem.rows.names]
         is_it = np.array([channel == self.where[0] for channel in channels])
         taken: np.ndarray = is_it[np.unique(problem.rows.series, return_inverse=True)[1]]

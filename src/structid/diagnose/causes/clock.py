@@ -49,6 +49,7 @@ class Clock(Candidate):
         return [ScaleAxis(strength)]
 
     def sentence(self, value: float | None) -> str:
+        """A clause that says by what factor the time or frequency axis is off, and which unit that may be."""
         size, stiffness = (
             ("one factor", "one factor") if value is None else (f"a factor of {value:.4g}", f"{value**-2:.4g} times")
         )

@@ -39,6 +39,7 @@ class DampingLaw(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
+        """A candidate for the other damping law of each element set, and one for all sets that may be viscous."""
         middle = float(np.median(np.concatenate([problem.frequency for problem in problems])))
         laws = [one for element in model.setups[0].structure.elements for one in cls._of_set(element, middle)]
         yield from laws
@@ -49,7 +50,7 @@ class DampingLaw(Candidate):
 
     @classmethod
     def _of_set(cls, element: ElementSet, middle: float) -> Iterator[DampingLaw]:
-        """The other law beside the one that a set has."""
+        """The candidate for the damping law that a set does not have; `middle` is a frequency in mid-band, Hz."""
         known = declarations(element)
         if "loss_factor" not in known:
             return
@@ -62,6 +63,7 @@ class DampingLaw(Candidate):
             yield cls(where=(element.name, "loss factor"), strengths=np.array([_FIRST_LOSS]))
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
+        """The edits that give the sets a loss factor, or viscous damping beside their loss factor, as unknowns."""
         *names, law = self.where
         edits: list[Edit] = []
         if law == "loss factor":
@@ -93,12 +95,12 @@ class DampingLaw(Candidate):
 
 
 def _plain(values: list[float]) -> float | list[float]:
-    """The only value of several that are the same, or all of them."""
+    """One number where all values are the same, otherwise the list of them."""
     return values[0] if len(set(values)) == 1 else values
 
 
 def _names(dofs: Sequence[Dof]) -> str | list[str]:
-    """Ends of springs as a study writes them."""
+    """Names of degrees of freedom as a study writes them, such as ``3X`` or ``3X-``: one text, or a list of several."""
     names = [dof.place if dof.sign > 0 else f"{dof.place}-" for dof in dofs]
     return names[0] if len(names) == 1 else names
 
@@ -108,7 +110,7 @@ def _unknown(prop: str, names: list[str], **more: bool) -> AddUnknown:
 
 
 def _viscous(element: ElementSet, prop: str, weight: float) -> list[float]:
-    """Damping of a set in proportion to its stiffness or mass."""
+    """Nominal viscous damping of each element: `weight` times its stiffness, or its mass for `mass_damping`."""
     known = declarations(element)
     key = next((key for key in (("mass", "density") if prop == "mass_damping" else _STIFFNESSES) if key in known), "")
     nominal = np.atleast_1d(np.asarray(vars(element)[key], dtype=float)) if key and prop in known else np.zeros(1)

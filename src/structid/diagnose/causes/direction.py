@@ -24,6 +24,7 @@ _BOUNDS = (-np.pi, np.pi)
 
 
 def _effect(receptances: Receptances, axis: int, places: Sequence[str], sign: int, angles: FloatArray) -> ComplexArray:
+    """Changes of the FRF, (n_angles, n_lines, n_outputs, n_inputs), with a channel turned by these angles, rad."""
     index = index_of(receptances, axis, places[0])
     column = sign * receptances.columns[parse_dof(places[1])]
     own = receptances.frf.take(index, axis)
@@ -52,6 +53,7 @@ class SensorDirection(Candidate):
         return _effect(receptances, 1, self.where, 1, strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
+        """The edits that rename a sensor turned by a right angle, or aim it along a direction in between."""
         record, names = self.record or 0, self.where
         dofs = [parse_dof(name) for name in names]
         if abs(abs(strength) - np.pi / 2) < _SQUARE:
@@ -82,6 +84,7 @@ class LoadDirection(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidate turns of each measured force towards every other direction of its node."""
         for receptances, channel in channels(records, 2):
             if not receptances.problem.facts.measures_force:
                 continue
@@ -93,7 +96,7 @@ class LoadDirection(Candidate):
         return _effect(receptances, 2, self.where, self.sign, strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The load acts on a node of its own, whose direction is the sum of both."""
+        """The edits that let the load act on a new node, whose motion is the weighted sum of both directions."""
         dof, label = parse_dof(self.where[0]), model.new_node()
         weights = (np.cos(strength), np.sin(strength))
         pairs = [[name, rounded(float(part))] for name, part in zip(self.where, weights, strict=True)]
@@ -107,7 +110,7 @@ class LoadDirection(Candidate):
 def follower(
     model: TestedModel, record: int, name: str, dof: Dof, label: int, pairs: Sequence[object], node: AddNode, side: str
 ) -> Edits:
-    """Edits by which a channel is that of a new node, which follows others and is held in all other directions."""
+    """The edits that move a channel to a new node, which follows weighted others and is otherwise held."""
     acts = f"{label}{dof.direction}"
     active = model.setups[record].structure.active or DIRECTIONS
     held = tuple(f"{label}{direction}" for direction in active if direction != dof.direction)

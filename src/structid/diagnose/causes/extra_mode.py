@@ -38,7 +38,7 @@ class ExtraMode(Candidate):
 
     @classmethod
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
-        """Each mode of records of some modes."""
+        """A candidate for each mode of every record with more than two measured modes; `residual` is not used."""
         for number, problem in enumerate(problems):
             if isinstance(problem, ModalProblem) and len(problem.data.measured) > _FEWEST_MODES:
                 used = [mode + 1 for mode in problem.data.measured.tolist()]
@@ -48,7 +48,7 @@ class ExtraMode(Candidate):
                     yield cls(where=where, record=number, mode=mode, others=others)
 
     def rows_left_out(self, problem: RecordProblem) -> np.ndarray:
-        """Data rows of its record that are left out, (n_data,) bool."""
+        """A mask (n_data,) of the data rows that belong to the mode."""
         taken: np.ndarray = problem.rows.lines == self.mode
         return taken
 

@@ -33,7 +33,7 @@ class DryFriction(Candidate):
 
     @classmethod
     def can_act(cls, receptances: Receptances) -> bool:
-        """Whether the record has one load, and that is a force."""
+        """True where the record has one load, a measured force: friction is computed for that alone."""
         problem = receptances.problem
         return len(problem.record.inputs) == 1 and problem.facts.measures_force
 

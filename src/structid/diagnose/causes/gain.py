@@ -34,6 +34,7 @@ class SensorGain(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidate gains of each sensor that is not the only one: calibrations and mistaken units."""
         for _, channel in channels(records, 1):
             if channel.n_alike > 1:
                 units = np.log([factor for factor, _, _ in mistaken_motions(channel.dof.is_rotation)])
@@ -50,7 +51,7 @@ class SensorGain(Candidate):
         return [AddChannelError(self.record or 0, entry)]
 
     def mistaken_unit(self, gain: float | None) -> str:
-        """The mistaken unit that a gain stands for; "" where it is that of none."""
+        """The unit, in words, that a sensor of this gain was read in by mistake; "" where no unit fits."""
         if gain is None or gain <= 0:
             return ""
         return mistaken_unit(math.log(gain), mistaken_motions(parse_dof(self.where[0]).is_rotation), _UNIT)
@@ -72,6 +73,7 @@ class LoadGain(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidate gains of each load: calibrations and mistaken units of the force."""
         units = np.log([factor for factor, _, _ in MISTAKEN_FORCES])
         for _, channel in channels(records, 2):
             logs = np.concatenate([FACTORS, -FACTORS, units, -units])
@@ -86,7 +88,7 @@ class LoadGain(Candidate):
         return [AddChannelError(self.record or 0, {"property": "gain", "inputs": list(self.where), "start": start})]
 
     def mistaken_unit(self, gain: float | None) -> str:
-        """The mistaken unit that a gain stands for; "" where it is that of none."""
+        """The unit, in words, that a force of this gain was read in by mistake; "" where no unit fits."""
         return "" if gain is None or gain <= 0 else mistaken_unit(-math.log(gain), MISTAKEN_FORCES, _UNIT)
 
     def named_kind(self, value: float | None) -> str:
@@ -97,7 +99,7 @@ class LoadGain(Candidate):
 
 
 def gain_sentence(channel: str, unit: str, gain: float | None) -> str:
-    """What a gain of a channel says."""
+    """A clause that says that a channel is in another `unit`, or that its calibration is off by the `gain`."""
     if unit:
         return f"{channel} is in another unit than stated: {unit}"
     return f"the calibration of {channel} is off" + ("" if gain is None else f" by a factor of {gain:.4g}")

@@ -43,6 +43,7 @@ class FlexibleJoint(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidate flexible joints at the rotations of element ends that have a bending stiffness."""
         first = records[0]
         ends: dict[tuple[str, int, int], list[_Column]] = {}
         for one in first.elements(("mass", "rotary_inertia", "viscous_damping", "stiffness", "axial_force")):
@@ -64,6 +65,7 @@ class FlexibleJoint(Candidate):
         return 0.5
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
+        """The edits that put a rotational spring of unknown stiffness between the element's end and its node."""
         element, place = self.where
         name = model.unique_name(f"joint {element} {place}")
         entry = {"name": name, "element": element, "at": place, "stiffness": rounded(1 / strength)}
@@ -78,7 +80,7 @@ class FlexibleJoint(Candidate):
 
 
 def _couplings(receptances: Receptances, columns: Sequence[_Column]) -> tuple[ComplexArray, ComplexArray]:
-    """Z between the end of an element that turns and the free degrees of freedom, and of the end alone."""
+    """Z between a turning element end and the free degrees of freedom, (n_lines, n_dofs), and Z of the end alone."""
     coupling = np.zeros((len(receptances.laplace), receptances.structure.n_dofs), dtype=np.complex128)
     own = np.zeros(len(receptances.laplace), dtype=np.complex128)
     for part in columns:

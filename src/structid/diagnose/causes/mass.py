@@ -25,7 +25,7 @@ from structid.diagnose.tested_model import TestedModel
 
 
 def lack_words(value: float | None) -> str:
-    """What is wrong with a mass of this sign."""
+    """The clause "missing in the model" for a positive or unknown mass, "too much in the model" for a negative one."""
     return "missing in the model" if value is None or value > 0 else "too much in the model"
 
 
@@ -37,6 +37,7 @@ class Mass(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidate masses at chosen nodes, in all records together and, with several names, in each record alone."""
         yield from cls._at_nodes(records[0])
         for number, receptances in enumerate(records if len(names) > 1 else ()):
             if receptances.structure.n_dofs <= MOST_DOFS:
@@ -44,6 +45,7 @@ class Mass(Candidate):
 
     @classmethod
     def _at_nodes(cls, receptances: Receptances, record: int | None = None, name: str = "") -> Iterator[Candidate]:
+        """Candidate masses at chosen nodes that translate; `record` and its `name` where only one record has them."""
         nodes: dict[int, list[Directions]] = {}
         for dof, direction in chosen_dofs(receptances):
             if not dof.is_rotation:
@@ -54,6 +56,7 @@ class Mass(Candidate):
             yield cls(where=where, strengths=strengths_about(scale, (1, -1)), record=record)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by a mass (kg) at the node."""
         node = int(self.where[0])
         moves = [Dof(node, direction) for direction in DIRECTIONS[:3]]
         directions = all_directions([direction_of((dof, 1.0)) for dof in moves if dof in receptances.columns])

@@ -49,6 +49,7 @@ class MassOffset(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidate offsets of each point mass along each axis, where rotations of its node would move it."""
         first = records[0]
         nodes = {one.name: one.nodes.ravel() for one in first.structure.elements if isinstance(one, PointMass)}
         size = float(np.ptp(list(first.structure.nodes.values()), axis=0).max())
@@ -67,7 +68,7 @@ class MassOffset(Candidate):
                     )  # fmt: skip
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
-        """Z changes between translations and rotations of a node whose mass moves by u + q lever theta, not by u."""
+        """Changes of the FRF by levers q (m): with them the mass moves by u + q lever theta instead of u."""
         codes = np.array([dof_code(self.node, direction) for direction in DIRECTIONS])
         first, second = np.zeros((6, 6)), np.zeros((6, 6))
         first[:3, 3:], first[3:, :3], second[3:, 3:] = self.lever, self.lever.T, self.lever.T @ self.lever
@@ -76,7 +77,7 @@ class MassOffset(Candidate):
         return effect_of_coupling(receptances, Directions(codes, np.eye(6)), k)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The mass at a new node that a rigid link holds to the one where it was."""
+        """The edits that move the mass to a new node, with a rigid link to the node where it was."""
         element, direction = self.where
         name, _, number = element.rpartition(":")
         sets = [one for setup in model.setups for one in setup.structure.elements if one.name == name]

@@ -27,7 +27,7 @@ class OutlyingLines(Candidate):
 
     @classmethod
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
-        """Lines that stand out from the whitened data rows (n_rows,) of all problems."""
+        """A candidate for each record of FRFs with lines that stand out of the whitened data rows (n_rows,) of all."""
         for number, (problem, own) in enumerate(rows_of(problems, residual)):
             spans = outlying_spans(problem, own) if isinstance(problem, FrfProblem) else ()
             if spans:
@@ -43,7 +43,7 @@ class OutlyingLines(Candidate):
         return tuple((float(low), float(high)) for low, high in pairs)
 
     def rows_left_out(self, problem: RecordProblem) -> np.ndarray:
-        """Data rows of its record that are left out, (n_data,) bool."""
+        """A mask (n_data,) of the data rows on the outlying lines."""
         is_out = np.zeros(len(problem.frequency), dtype=bool)
         for low, high in self._spans:
             is_out |= (problem.frequency >= low) & (problem.frequency <= high)

@@ -25,19 +25,19 @@ _SHOWN = 3
 
 
 def spread(items: Sequence[T], most: int) -> list[T]:
-    """All items, or as many as `most` of them, evenly."""
+    """All items, or `most` of them, evenly chosen, where there are more."""
     if len(items) <= most:
         return list(items)
     return [items[i] for i in np.linspace(0, len(items) - 1, most).round().astype(int)]
 
 
 def chosen_nodes(receptances: Receptances) -> set[int]:
-    """The nodes where something may be added."""
+    """Labels of the nodes where something may be added; of many nodes some, evenly chosen."""
     return set(spread(list(dict.fromkeys(dof.node for dof in receptances.columns)), MOST_NODES))
 
 
 def chosen_dofs(receptances: Receptances) -> Iterator[tuple[Dof, Directions]]:
-    """The degrees of freedom where something may be added, each with its direction."""
+    """Degrees of freedom where something may be added, each with its direction in the model."""
     nodes = chosen_nodes(receptances)
     for dof in receptances.columns:
         if dof.node in nodes:
@@ -60,7 +60,7 @@ def constant(receptances: Receptances, loss: float = 0.0) -> ComplexArray:
 
 
 def spring_ends(receptances: Receptances) -> Iterator[tuple[tuple[str, str], Directions]]:
-    """Springs between two ends that both move: the ends, and the direction in which they move apart."""
+    """Names of the two ends of each spring between moving ends, and the direction in which they move apart."""
     for element in receptances.structure.elements:
         if isinstance(element, Spring) and element.second is not None:
             for first, second in zip(element.first, element.second, strict=True):
@@ -71,14 +71,14 @@ def spring_ends(receptances: Receptances) -> Iterator[tuple[tuple[str, str], Dir
 
 
 def moved_elements(receptances: Receptances) -> Iterator[tuple[ElementMatrix, tuple[int, ...]]]:
-    """Stiffness and mass of elements, each with the parameters that move it."""
+    """Stiffness and mass matrices of elements, each with the positions of the parameters that change it."""
     design = receptances.problem.parameters.design.tocsr()
     for one in receptances.elements(("stiffness", "mass")):
         yield one, tuple(design.indices[design.indptr[one.row] : design.indptr[one.row + 1]].tolist())
 
 
 def summed(items: Sequence[ElementMatrix]) -> ElementMatrix:
-    """Several element matrices as one, called as their kind where they are of several properties."""
+    """The sum of several element matrices over all of their degrees of freedom; its property may be their kind."""
     first, *more = items
     if not more:
         return first
@@ -104,7 +104,7 @@ class Factored(NamedTuple):
 
 
 def factored(receptances: Receptances, one: ElementMatrix, most: float = np.inf) -> Factored | None:
-    """An element matrix by its directions; None where nothing moves that has it, or it moves in more ways than `most`."""
+    """An element matrix as D D' with its directions D; None where nothing of it moves, or in more than `most` ways."""
     size, vectors = np.linalg.eigh(one.matrix)
     keep = size > 1e-9 * max(size[-1], 0.0)
     directions = Directions(one.codes, vectors[:, keep] * np.sqrt(size[keep]))
@@ -114,10 +114,10 @@ def factored(receptances: Receptances, one: ElementMatrix, most: float = np.inf)
 
 
 def record_words(title: str) -> str:
-    """A record by its name, or by the number that stands for it."""
+    """A title with the word "record" before it, unless it begins with that."""
     return title if title.startswith("record ") else f"record {title}"
 
 
 def few_words(places: tuple[str, ...]) -> str:
-    """All of few places, the first of many and how many more there are."""
+    """The places in words: all of a few, otherwise the first three and how many more there are."""
     return join_words(places) if len(places) <= _SHOWN + 1 else f"{join_words(places, _SHOWN)} stretches"

@@ -26,7 +26,7 @@ class OtherState(Candidate):
 
     @classmethod
     def from_data(cls, problems: Sequence[RecordProblem], names: Sequence[str]) -> Iterator[OtherState]:
-        """Each record of several."""
+        """A candidate for each record, by its name in `names`, where there are several."""
         for number, name in enumerate(names if len(problems) > 1 else ()):
             yield cls(where=(name,), record=number)
 

@@ -29,6 +29,7 @@ class AddedRotaryInertia(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidate inertias at free rotations of chosen nodes; a negative one takes no more than the model has."""
         first, nodes = records[0], chosen_nodes(records[0])
         mass, free = first.structure.matrix("inertia", first.values), set(first.structure.numbering.free)
         for dof, follow in first.columns.items():
@@ -44,6 +45,7 @@ class AddedRotaryInertia(Candidate):
         return effect_of_addition(receptances, direction, inertia(receptances), strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
+        """The edits that add a rotary inertia at the node and make it an unknown."""
         dof, name = parse_dof(self.where[0]), model.unique_name(f"inertia {self.where[0]}")
         size = rounded(abs(strength))
         entry = {"name": name, "nodes": [dof.node], "direction": dof.direction, "rotary_inertia": size}

@@ -45,6 +45,7 @@ class SensorMass(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """One candidate mass for all sensors together, where they are at several nodes and move in few ways."""
         nodes = list(dict.fromkeys(node for one in records for node in _sensed(one)))
         most = max(len(_translations(one, _sensed(one))) for one in records)
         if len(nodes) > 1 and most <= _MOST_WAYS:
@@ -55,13 +56,14 @@ class SensorMass(Candidate):
             yield cls(where=tuple(map(str, nodes)), strengths=strengths_about(scale, (1, -1)), nodes=of_record)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by one mass (kg) at each sensor."""
         directions = [direction_of((dof, 1.0)) for dof in _translations(receptances, _sensed(receptances))]
         if not directions:
             return np.zeros((len(strengths), *receptances.frf.shape), complex)
         return effect_of_addition(receptances, all_directions(directions), inertia(receptances), strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """One set of masses in the structure, or in that of each record where the sensors are not the same."""
+        """The edits that add equal masses at the sensors, record by record where these differ."""
         name = model.unique_name("mass of each sensor")
         is_same = len(set(self.nodes)) == 1
         edits: list[Edit] = []
@@ -76,11 +78,11 @@ class SensorMass(Candidate):
 
 
 def _sensed(receptances: Receptances) -> tuple[int, ...]:
-    """The nodes of the sensors that read translations, those that move."""
+    """Labels of the nodes of a record's translation sensors that are free to move."""
     nodes = dict.fromkeys(dof.node for dof in receptances.problem.record.outputs if not dof.is_rotation)
     return tuple(node for node in nodes if _translations(receptances, (node,)))
 
 
 def _translations(receptances: Receptances, nodes: Collection[int]) -> list[Dof]:
-    """The translations of some nodes that are free."""
+    """The translations in which these nodes are free to move."""
     return [dof for dof in receptances.columns if dof.node in nodes and not dof.is_rotation]

@@ -37,6 +37,7 @@ class DifferingElement(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidates for the stiffness and the mass of each element in a set of several."""
         first = records[0]
         items = list(_of_elements(first))
         counts = Counter((one.element, one.property) for one in items)
@@ -71,7 +72,7 @@ class DifferingElement(Candidate):
 
 
 def separation(model: TestedModel, where: str, prop: str, strength: float) -> SeparateElement:
-    """The edit that gives an element, or a set, a parameter of its own."""
+    """The edit that gives an element (``girder:2``) or a set a factor on a property, started at 1 + strength."""
     nominal: dict[str, tuple[float, ...]] = {}
     count = 1
     for setup in model.setups:
@@ -84,7 +85,7 @@ def separation(model: TestedModel, where: str, prop: str, strength: float) -> Se
 
 
 def _of_elements(receptances: Receptances) -> Iterator[ElementMatrix]:
-    """Stiffness and mass of elements; properties of an element that one parameter moves are one, called as their kind."""
+    """Stiffness and mass matrices of elements, summed over properties that the same parameters change."""
     parts: dict[tuple[object, ...], list[ElementMatrix]] = {}
     for one, moved_by in moved_elements(receptances):
         parts.setdefault((one.element, one.number, one.kind, moved_by or one.property), []).append(one)

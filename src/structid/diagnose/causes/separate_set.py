@@ -33,6 +33,7 @@ class DifferingSet(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """Candidates for the stiffness or mass of each set that one parameter ties to other sets."""
         first = records[0]
         groups: dict[tuple[str, tuple[int, ...]], dict[str, list[ElementMatrix]]] = {}
         for one, moved_by in moved_elements(first):

@@ -48,6 +48,7 @@ class Support(Candidate):
 
     @classmethod
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
+        """A candidate for each direction that some record holds or drives."""
         inputs = [{dof.unsigned for dof in one.problem.record.inputs} for one in records]
         scales = {
             dof.unsigned: float(1 / np.median(np.abs(own)))
@@ -59,6 +60,7 @@ class Support(Candidate):
             yield cls(where=(dof.place,), strengths=strengths_about(scale), driven=driven)
 
     def effect(self, receptances: Receptances, strengths: FloatArray) -> ComplexArray:
+        """Changes of the FRF, (n_strengths, n_lines, n_outputs, n_inputs), by compliances of the support."""
         held, coupling, own = receptances.loose
         dof = parse_dof(self.where[0])
         index = [i for i, one in enumerate(held) if one.unsigned == dof]
@@ -67,7 +69,7 @@ class Support(Candidate):
         return effect_of_release(receptances, coupling[:, :, index[0]], own[:, index[0]], strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """A spring in the place of the support, to the ground or to a new node that the base moves."""
+        """The edits that replace the support by a spring to the ground, or to a new node that the base moves."""
         dof = parse_dof(self.where[0])
         held = {one.unsigned for setup in model.setups for one in setup.structure.fixed}
         if not held.issuperset(parse_dof(place) for place in self.where):
@@ -80,7 +82,7 @@ class Support(Candidate):
         return [*to_base, *released, *added_spring("spring", entry, self.loss_factor)]
 
     def _driving_end(self, model: TestedModel, dof: Dof) -> tuple[list[Edit], dict[str, str]]:
-        """The other end of a spring at a support that drives: a new node in its place, with its channel."""
+        """The edits and the second end of a spring at a support that drives: a new node that moves in its place."""
         if not any(base.moves(dof) for setup in model.setups for base in setup.structure.bases):
             return [], {}
         label = model.new_node()

@@ -18,6 +18,7 @@ from structid.diagnose.tested_model import TestedModel
 
 
 def _effect(receptances: Receptances, axis: int, places: Sequence[str], strengths: FloatArray) -> ComplexArray:
+    """Changes of the FRF with two sensors (axis 1) or loads (axis 2) exchanged, times the strengths (n_strengths,)."""
     i, k = (index_of(receptances, axis, place) for place in places)
     order = np.arange(receptances.frf.shape[axis])
     order[[i, k]] = k, i

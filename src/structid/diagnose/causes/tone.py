@@ -26,7 +26,7 @@ class Tone(Candidate):
 
     @classmethod
     def from_residual(cls, problems: Sequence[RecordProblem], residual: FloatArray) -> Iterator[Candidate]:
-        """Tones in the whitened data rows (n_rows,) of all problems."""
+        """A candidate for each record of histories with steady tones in the whitened data rows (n_rows,)."""
         for number, (problem, own) in enumerate(rows_of(problems, residual)):
             heard = tones(problem, own) if isinstance(problem, SpectraProblem) else ()
             if heard:

@@ -76,7 +76,7 @@ class Aligned:
 
 
 def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
-    """Mean cosine of the angle between two arrays over the first axis; NaN where there are no values."""
+    """Mean cosine of the phase angle between two complex arrays over the first axis; NaN where there are no values."""
     product = measured * model.conj()
     cosine = product.real / np.maximum(np.abs(product), np.finfo(float).tiny)
     count = (~np.isnan(cosine)).sum(axis=0)
@@ -85,7 +85,7 @@ def accord(measured: ComplexArray, model: ComplexArray) -> FloatArray:
 
 
 def median(values: FloatArray, axis: int) -> FloatArray:
-    """Median along an axis of what is not NaN; NaN where nothing else is."""
+    """Median along an axis, NaN left out; NaN where nothing else is there."""
     moved = np.moveaxis(values, axis, 0)
     flat = moved.reshape(len(moved), -1)
     found: FloatArray = np.full(flat.shape[1], np.nan)
@@ -137,7 +137,7 @@ def aligned(problem: FrfProblem, predicted: ComplexArray) -> Aligned:
 
 
 def _tells(model: ComplexArray, measured: ComplexArray) -> np.ndarray:
-    """Of which sensor and load enough lines are clear and not the little that is left where motions cancel, (n_outputs, n_inputs).
+    """A mask (n_outputs, n_inputs) of FRFs that judge their sensor: enough clear lines, and more than what cancels.
 
     What one end of a car sees of the other's wheel hangs on small differences: any start that is off moves it by its whole.
     """
@@ -152,7 +152,7 @@ def _tells(model: ComplexArray, measured: ComplexArray) -> np.ndarray:
 
 
 def _between(axis: FloatArray, frequency: FloatArray, values: ComplexArray) -> ComplexArray:
-    """Values at the frequencies `axis`, straight between lines."""
+    """FRFs at the frequencies `axis` (Hz), linearly interpolated between the lines `frequency`."""
     after = np.clip(np.searchsorted(frequency, axis), 1, len(frequency) - 1)
     part = np.clip((axis - frequency[after - 1]) / (frequency[after] - frequency[after - 1]), 0, 1)[:, None, None]
     found: ComplexArray = (1 - part) * values[after - 1] + part * values[after]
@@ -179,7 +179,7 @@ def resonance_pairs(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonan
 
 
 def _shapes(record: FrfRecord, values: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Frequencies of the peaks, and the quadrature parts there, (n_peaks,) and (n_peaks, n_channels)."""
+    """Peak frequencies (n_peaks,), Hz, and the FRFs' quadrature parts there, (n_peaks, n_channels)."""
     found = peaks(record.frequency, values, record.kind)
     near = np.abs(record.frequency[:, None] - found).argmin(axis=0)
     part = values.real if record.kind == "mobility" else values.imag
@@ -189,7 +189,7 @@ def _shapes(record: FrfRecord, values: ComplexArray) -> tuple[FloatArray, FloatA
 def in_order(
     cost: FloatArray, alone: float, begun: float = 0.0
 ) -> tuple[Sequence[tuple[int | None, int | None]], float]:
-    """The cheapest way to pair two rows of things in their order, where one without a like costs `alone`, and its cost.
+    """The cheapest way to pair two rows in their order, one without a like at the cost `alone`; the pairs and the cost.
 
     Parameters
     ----------

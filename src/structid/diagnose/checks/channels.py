@@ -53,12 +53,12 @@ class ChannelWarnings(NamedTuple):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """All of them, the gravest first."""
+        """All warnings, the gravest first."""
         return (*self.of_loads, *self.of_sensors, *self.of_pairs)
 
 
 def channel_warnings(found: Aligned) -> ChannelWarnings:
-    """What does not look right beside the initial model, and by reciprocity."""
+    """Warnings about channels of a record, from the initial model beside it and from reciprocity."""
     record, level, agreement = found.record, found.level, found.accord
     of_pairs = tuple(_reciprocity(record))
     if not np.isfinite(level).any():
@@ -71,7 +71,7 @@ def channel_warnings(found: Aligned) -> ChannelWarnings:
 
 
 def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """A factor or a sense that all channels share."""
+    """Warnings of a factor or a sense that all channels share; level and agreement are (n_outputs, n_inputs)."""
     record = found.record
     common, goes = float(np.nanmedian(level)), float(np.nanmedian(agreement))
     told = (
@@ -129,7 +129,7 @@ def _whole_record(found: Aligned, level: FloatArray, agreement: FloatArray) -> I
 
 
 def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Loads, or supports that drive, whose level or sense differs from the others'."""
+    """Warnings of loads, or supports that drive, whose level or sense differs from that of the others."""
     if len(record.inputs) < 2:
         return
     loads, goes = median(level, 0), median(agreement, 0)
@@ -153,7 +153,7 @@ def _single_loads(record: FrfRecord, level: FloatArray, agreement: FloatArray) -
 
 
 def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterator[str]:
-    """Sensors whose level or sense differs from the others'."""
+    """Warnings of sensors whose level or sense differs from that of the others, or that look exchanged."""
     record = found.record
     apart: list[int] = []
     for o, fault, size in _faults(level, agreement):
@@ -189,7 +189,7 @@ def _sensors(found: Aligned, level: FloatArray, agreement: FloatArray) -> Iterat
 def _faults(
     level: FloatArray, agreement: FloatArray
 ) -> Iterator[tuple[int, Literal["turned", "level", "apart"], float]]:
-    """Sensors that do not go with the model as the others do, how, and the logarithm of their level beside theirs."""
+    """Sensors, by position, that fit worse than the others, with the fault and the logarithm of their level."""
     own, goes = median(level - median(level, 0), 1), median(agreement, 1)
     if len(own) < 3:
         return
@@ -207,7 +207,7 @@ def _faults(
 
 
 def _exchanged(found: Aligned, apart: Sequence[int]) -> list[tuple[int, int]]:
-    """Of sensors that stand apart, pairs that being exchanged mends; each sensor once."""
+    """Pairs of sensors, by position among those `apart`, that go with the model once exchanged."""
     pairs: list[tuple[int, int]] = []
     for a, b in combinations(apart, 2):
         changed = accord(found.measured[:, [a, b]], found.model[:, [b, a]])
@@ -218,7 +218,7 @@ def _exchanged(found: Aligned, apart: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def _reciprocity(record: FrfRecord) -> Iterator[str]:
-    """Pairs of places that were each driven and measured, where the two FRFs differ."""
+    """Warnings of two places, each driven and measured, whose FRFs differ by the way they are taken."""
     sensors = {dof.unsigned: o for o, dof in enumerate(record.outputs)}
     loads = {dof.unsigned: i for i, dof in enumerate(record.inputs)}
     for one, other in combinations([dof for dof in loads if dof in sensors], 2):
@@ -241,13 +241,14 @@ def _reciprocity(record: FrfRecord) -> Iterator[str]:
 
 
 def _signed(record: FrfRecord, o: int, i: int) -> ComplexArray:
-    """One FRF with the senses of its channels taken out, where it stands out of its noise; NaN elsewhere."""
+    """The FRF of output o and input i, (n_lines,), without the channels' signs; NaN where noise hides it."""
     values = record.values[:, o, i] * record.outputs[o].sign * record.inputs[i].sign
     noise = 0.0 if record.variance is None else np.sqrt(record.variance[:, o, i])
     return np.where(np.abs(values) > _CLEAR * noise, values, np.nan)
 
 
 def _decade_remedy(decades: int) -> str:
+    """A sentence on the units that a factor of 10^`decades` points to, and how to state them."""
     if decades == 3:
         cause = "The record may be in mm (or per kN), or the model's nodes in mm, or its masses in t and stiffnesses in kN/m"
     elif decades == -3:

@@ -41,13 +41,14 @@ class PlacedFinding:
 
 
 def structure_findings(structure: Structure, values: FloatArray) -> tuple[PlacedFinding, ...]:
-    """Supports that hold nothing, and parts that neither the rest nor a support holds."""
+    """Findings about supports that hold nothing, and parts that neither the rest nor a support holds."""
     if not structure.has_matrices:
         return ()
     return (*_idle_supports(structure), *_loose_parts(structure, values))
 
 
 def _idle_supports(structure: Structure) -> list[PlacedFinding]:
+    """A finding about supported nodes that no element or tie reaches."""
     used = set((structure.numbering.codes // 6).tolist())
     idle = tuple(dict.fromkeys(dof.node for dof in structure.fixed if dof.node not in used))
     if not idle:
@@ -56,7 +57,7 @@ def _idle_supports(structure: Structure) -> list[PlacedFinding]:
 
 
 def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding]:
-    """Parts that nothing joins to another and that no stiffness holds against any shift."""
+    """Findings about parts that nothing joins to another and that no stiffness holds against any shift."""
     codes = np.array(structure.numbering.free, dtype=np.int64)
     label, node = np.unique(codes // 6, return_inverse=True)
     of_node = sparse.csr_array((np.ones(len(node)), (node, np.arange(len(node)))), (len(label), len(node)))
@@ -87,7 +88,7 @@ def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding
 
 
 def coarse_elements(structure: Structure, values: FloatArray, mesh: MeshErrors) -> PlacedFinding | None:
-    """The fewest elements that hold half of the elastic energy of the mode that its mesh puts off most; None without one."""
+    """The elements with half of the energy of the mode that the mesh puts off most; None without such a mode."""
     if not mesh.words or not mesh.number.size:
         return None
     mode = int(mesh.number[mesh.worst])

@@ -63,17 +63,17 @@ class MeshErrors:
 
     @cached_property
     def allowed(self) -> FloatArray:
-        """Relative, (n_judged,): a tenth of each half-bandwidth, or `deviation` where that is less."""
+        """Relative errors that modes may have, (n_judged,): a tenth of the damping ratio, or `deviation` if less."""
         return np.minimum(_PART * self.damping_ratio, self.deviation)
 
     @property
     def tolerance(self) -> float:
-        """The least of `allowed`."""
+        """The least relative error that a mode in the band may have."""
         return float(self.allowed.min(initial=min(_PART * _USUAL_DAMPING, self.deviation)))
 
     @cached_property
     def needed(self) -> int:
-        """Pieces that each element is to be cut into (along each of its edges) so that no mode in the band is off by more.
+        """Number of pieces to cut each element into (along each edge) so that no mode in the band is off by more.
 
         0 where these are enough.
         """
@@ -84,7 +84,7 @@ class MeshErrors:
 
     @property
     def n_elements(self) -> int:
-        """So many elements that then are."""
+        """Number of elements once each is cut into the `needed` pieces."""
         return n_split(self.structure) * max(self.needed, 1) ** split_power(self.structure)
 
     @property
@@ -94,12 +94,12 @@ class MeshErrors:
 
     @property
     def half_bandwidths(self) -> FloatArray:
-        """Errors in half-bandwidths, without sign."""
+        """Relative errors over damping ratios, without sign, (n_judged,): parts of half the resonance width."""
         return np.abs(self.error) / self.damping_ratio
 
     @property
     def words(self) -> str:
-        """The mode that is farthest off, and what would mend it; "" where none is."""
+        """A sentence on the mode that is farthest off and what would mend it; "" where the mesh is fine enough."""
         if not self.needed and not self.passed_over.size:
             return ""
         if self.passed_over.size:
@@ -135,7 +135,7 @@ class MeshErrors:
 def mesh_errors(
     structure: Structure, values: FloatArray, band: tuple[float, float], deviation: float = np.inf
 ) -> MeshErrors | str:
-    """How far off the modes in `band` are, or in words why that is not known; "" where there is nothing to refine.
+    """Frequency errors by the mesh of the modes in `band`; in words why they are not known, "" where no mesh is.
 
     The model is solved with elements a half and a quarter as long; what is left goes with a power of the length that the
     three show (Richardson).
@@ -206,7 +206,7 @@ def _limit(frequency: FloatArray, finer: list[FloatArray]) -> tuple[FloatArray, 
 def _paired(
     structure: Structure, values: FloatArray, own: Modes, looked: IntArray, made: Refined, found: Modes
 ) -> IntArray:
-    """Which mode of the refined model is each of the modes `looked`; -1 where none is."""
+    """Position of the refined model's mode that is like each of the modes `looked`; -1 where none is."""
     rows = made.places(structure)
     mass = structure.matrix("inertia", values)
     coarse, fine = own.mode_shapes[:, looked], found.mode_shapes[rows]

@@ -21,7 +21,7 @@ Child = tuple[tuple[int, ...], ...]
 
 
 def _boxes(corners: Sequence[tuple[int, ...]]) -> tuple[Child, ...]:
-    """One child at each corner of a line, quadrilateral or hexahedron, numbered as its parent."""
+    """Children of a split line, quadrilateral or hexahedron, one at each corner, their nodes by parent corners."""
 
     def middle_of(at: tuple[int, ...], to: tuple[int, ...]) -> tuple[int, ...]:
         stays = [a == b for a, b in zip(at, to, strict=True)]
@@ -79,25 +79,25 @@ class Refined:
     inside: Mapping[int, int]
 
     def places(self, structure: Structure) -> IntArray:
-        """Where the degrees of freedom of the structure that it was made from are among its own."""
+        """Positions of the original structure's degrees of freedom among those of the refined one, (n_dofs,)."""
         place = {code: i for i, code in enumerate(self.structure.numbering.free)}
         own = (divmod(code, 6) for code in structure.numbering.free)
         return np.array([place[6 * self.inside.get(node, node) + axis] for node, axis in own])
 
 
 def split_power(structure: Structure) -> int:
-    """Power of the pieces of an edge that the number of elements goes with: 1 of lines, 2 of plane cells, 3 of solid ones."""
+    """Power of the pieces of an edge in the number of elements: 1 for lines, 2 for plane cells, 3 for solid ones."""
     return max((_DIMENSION[kind] for made in structure.elements for kind in _kinds(made)), default=1)
 
 
 def n_split(structure: Structure) -> int:
-    """Elements that are made smaller: cells, or pieces of lines where there are no cells."""
+    """Number of elements that refinement makes smaller: cells, or pieces of lines where there are no cells."""
     cells = [made for made in structure.elements if made.cells]
     return sum(len(made.nodes) for made in cells or structure.divisible) * structure.subdivide
 
 
 def obstacle(structure: Structure) -> str | None:
-    """Why a structure cannot be refined, in words; "" where nothing of it has a size, None where it can."""
+    """The reason why a structure cannot be refined, in words; "" where nothing has a size, None where it can be."""
     if not structure.has_matrices:
         return ""
     if structure.measured:
@@ -151,7 +151,7 @@ def refined(structure: Structure, values: FloatArray, times: int, most: int) -> 
 
 
 def _inside(structure: Structure, times: int) -> dict[int, int]:
-    """Labels of the nodes between pieces, and of ends let go, once each piece is cut into `times`."""
+    """New labels, by old ones, of nodes between pieces and of released ends once each piece is cut into `times`."""
     first = max(structure.nodes) + 1
     pieces, n_lines = structure.subdivide, sum(len(made.nodes) for made in structure.divisible)
     found = {
@@ -180,12 +180,14 @@ class _Middles:
     """Labels of the nodes amid others, each made when it is first asked for."""
 
     def __init__(self, structure: Structure) -> None:
+        """New nodes begin after all labels of the structure and its mesh points."""
         self.positions = dict(structure.nodes)
         self.labels: dict[frozenset[int], int] = {}
         ties = [tie.label for tie in structure.ties if isinstance(tie, MeshPoint)]
         self.next = max([*self.positions, *ties]) + 1
 
     def label(self, corners: frozenset[int]) -> int:
+        """Label of the node in the middle of some corner nodes, made at their mean position where it is new."""
         if len(corners) == 1:
             return next(iter(corners))
         if corners not in self.labels:
@@ -196,7 +198,7 @@ class _Middles:
 
 
 def _split(given: Refined) -> Refined:
-    """Every cell in two along each edge, and lines, but for those amid cells whose halves nothing would hold sideways."""
+    """The structure with cells halved along each edge; lines too, unless their halves would lack stiffness sideways."""
     structure = given.structure
     middles, edges = _Middles(structure), _edges(structure)
     divisible = {made.name for made in structure.divisible}
@@ -245,7 +247,7 @@ def _edges(structure: Structure) -> set[frozenset[int]]:
 
 
 def _held(structure: Structure, middles: _Middles) -> list[Dof]:
-    """Supports of the new nodes amid supported ones of a side at the rim."""
+    """Supports of new nodes at the rim, amid nodes of one side that are all supported in that direction."""
     sides: dict[frozenset[int], int] = {}
     for made in structure.elements:
         if made.cells:

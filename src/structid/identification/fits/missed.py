@@ -62,7 +62,7 @@ class Missed:
 def missed_parts(
     names: Sequence[str], problems: Sequence[RecordProblem], found: Estimate, freed: Sequence[RecordProblem] = ()
 ) -> tuple[Missed, ...]:
-    """What of several records, or of the kinds of values of modes, is missed beyond its errors, the worst first.
+    """Records, or kinds of values of modes, that the fit misses beyond their errors, the worst first.
 
     Every sum of squares is held against chi-square of as many degrees of freedom as it has values: that a fit takes some of
     them makes the test say less, never more. Where the whole misfit shows that something is wrong, nothing hides it.
@@ -100,7 +100,7 @@ def missed_parts(
 
 
 def _parts(name: str, problem: RecordProblem, residual: FloatArray) -> Iterator[tuple[str, FloatArray, float]]:
-    """What is tested apart: its name, its rows of the residual, and chi-square per value from where on it is missed."""
+    """Parts of a record to test: name, rows of the residual, and chi-square per value from where they are missed."""
     if isinstance(problem, ModalProblem):
         kinds = row_kinds(problem)
         for kind in dict.fromkeys(kinds.tolist()):

@@ -49,7 +49,7 @@ class PairedModes:
 
 
 def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
-    """The pairs of `problem` at the free variables `theta`."""
+    """The model's modes paired with the measured ones of `problem`, at the free variables `theta` (n_own,)."""
     state = problem.model.state(problem.physical(theta))
     number = pairing(problem.data, state, problem.in_order)
     shapes = problem.data.shapes[:, problem.data.measured]
@@ -70,7 +70,7 @@ def paired_modes(problem: ModalProblem, theta: FloatArray) -> PairedModes:
 
 
 def damping_ratios(state: ModelState) -> FloatArray:
-    """Of the model's modes without coupling by damping, (n_modes,); not a number at 0 Hz."""
+    """Damping ratios of the model's modes without coupling by damping, (n_modes,); NaN at 0 Hz."""
     phi, omega = state.modes.mode_shapes, 2 * np.pi * state.modes.frequency
     with np.errstate(divide="ignore", invalid="ignore"):
         lost = np.einsum("dm,dm->m", phi, state.damping @ phi) / omega
@@ -110,7 +110,7 @@ class ModalFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Measured modes that have no like in the model, and modes of the model that were not measured."""
+        """Warnings about measured modes without a like in the model, and modes of the model that were not measured."""
         warnings: list[str] = []
         f = self.problem.data.frequency
         for i, (value, like) in enumerate(zip(f.tolist(), self.fitted.mac.tolist(), strict=True)):
@@ -131,7 +131,7 @@ class ModalFit:
 
     @property
     def outvoted(self) -> str:
-        """Whether many shape values carry few frequencies off, in words; "" where they do not."""
+        """A sentence where many shape values carry few frequencies off, with a remedy; "" where they do not."""
         data = self.problem.data
         off = (self.fitted.frequency - data.frequency) / data.frequency_std
         worst = int(np.argmax(np.abs(off)))
@@ -156,7 +156,7 @@ class ModalFit:
 
 
 def modal_fit(name: str, problem: ModalProblem, own: Own, n_modes: int) -> ModalFit:
-    """The answer seen from one record of modes."""
+    """The initial and the fitted model beside one record of measured modes, with `n_modes` modes of each."""
     values = own.initial, own.values
     before, after = (structure_modes(problem.structure, problem.property_values(v), n_modes) for v in values)
     free = problem.unknowns.transforms.free(own.initial)

@@ -17,7 +17,7 @@ _ROUNDING = 1e-3
 
 
 def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
-    """The lowest modes of `structure` with the property values `values`; friction is left out. None where it has none.
+    """The lowest modes of `structure` with the property values `values`, without friction; no modes where it has none.
 
     Of the modes of a solver, those alone: what else its model moves by holds their changes, and is no mode.
     """
@@ -32,7 +32,7 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
 
 
 def rounding_warnings(rounding: FloatArray) -> list[str]:
-    """True where the relative errors `Modes.rounding` of the lowest modes are worth a warning."""
+    """A warning where rounding moves frequencies, by relative errors (n_modes,) of `Modes.rounding`; else none."""
     worst = float(rounding.max(initial=0.0))
     if worst <= _ROUNDING:
         return []

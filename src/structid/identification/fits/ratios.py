@@ -52,7 +52,7 @@ class Ratios:
 
 
 def ratios(problem: Problem, found: Estimate) -> Ratios | None:
-    """The ratios, or None where the data and priors determine the scale.
+    """Ratios of the parameters where data and priors leave their common scale free; None where they determine it.
 
     The scale is free where the data do not see one common relative change of several masses and stiffnesses (with
     dampings), and no prior holds it: their standard deviations are then larger than their values.
@@ -88,7 +88,7 @@ def ratios(problem: Problem, found: Estimate) -> Ratios | None:
 
 
 def rests_on_force(problems: Sequence[Problem], found: Estimate) -> bool:
-    """Whether the common scale of all masses, stiffnesses and dampings is that of the measured forces alone.
+    """True where only measured forces give the scale of masses, stiffnesses and dampings.
 
     Making all of them larger by a part then makes every FRF smaller by it: no known mass or stiffness and no prior says more,
     and an error of the load cell is one of all values.
@@ -109,7 +109,7 @@ def rests_on_force(problems: Sequence[Problem], found: Estimate) -> bool:
 
 
 def common_scale(jacobian: FloatArray, kinds: Sequence[str], noise_scale: float = 1.0) -> np.ndarray | None:
-    """All masses, stiffnesses and dampings where the data do not see their common scale; None where they do."""
+    """Indices of masses, stiffnesses and dampings whose common scale the data do not see; None where they do."""
     members = _scaled(kinds)
     scaled = {kinds[i] for i in members}
     if not scaled & {"stiffness", "axial_force"} or not scaled & set(_INERTIAS):
@@ -134,7 +134,7 @@ def scale_words(names: list[str], reference: str = "") -> str:
 
 
 def _std(i: int, reference: int, singular: FloatArray, rows: FloatArray) -> float:
-    """Standard deviation of log p_i - log p_reference; NaN where a direction other than the common scale is unseen."""
+    """Standard deviation of log(p_i / p_reference); NaN where it moves in a direction the data do not see."""
     contrast = np.zeros(len(rows))
     contrast[i], contrast[reference] = 1.0, -1.0
     parts = rows @ contrast

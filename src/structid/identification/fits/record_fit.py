@@ -108,7 +108,7 @@ class RecordFit:
 
     @property
     def polarities(self) -> dict[str, int]:
-        """+1 or -1 of every polarity that the data decided."""
+        """The sign, +1 or -1, of every channel polarity that the data decided, by name."""
         channels = self.problem.channels
         if channels is None:
             return {}
@@ -116,7 +116,7 @@ class RecordFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Channels that read with the opposite sense, and a model too fine for double precision."""
+        """Warnings about channels that read with the opposite sense, and a model too fine for double precision."""
         turned = [name for name, sign in self.polarities.items() if sign < 0]
         words = [
             f"{name} is -1: the channel reads with the opposite sense; correct its sign in the record or the study"
@@ -126,7 +126,7 @@ class RecordFit:
 
 
 def record_fit(title: str, measured: FrfRecord, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:
-    """The answer seen from one record.
+    """The initial and the identified model beside one record of responses: FRFs, modes and resonances.
 
     Parameters
     ----------

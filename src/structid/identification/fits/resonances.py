@@ -33,10 +33,10 @@ class Resonance:
 
 
 def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, ...]:
-    """Peaks of the sum over channels of abs(Im H) (of abs(Re H) for mobility) that stand out by a factor of three.
+    """Peaks of the summed quadrature parts of measured FRFs, each with the nearest peak of the model.
 
-    Only peaks where that sum is more than half of the sum of abs(H) count: away from resonance the quadrature part is
-    small and its ripple is noise.
+    Peaks of the sum over channels of abs(Im H) (of abs(Re H) for mobility) count that stand out by a factor of three and
+    are more than half of the sum of abs(H): away from resonance the quadrature part is small and its ripple is noise.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def resonances(record: FrfRecord, predicted: ComplexArray) -> tuple[Resonance, .
 
 
 def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatArray:
-    """Peaks that `resonances` counts, Hz, each refined by a parabola through the logarithms at three lines.
+    """Frequencies (Hz) of the resonance peaks of FRFs, refined by a parabola through the logarithms at three lines.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def peaks(frequency: FloatArray, values: ComplexArray, kind: FrfKind) -> FloatAr
 
 
 def prominent(level: FloatArray, least: float) -> IntArray:
-    """Where `level` has maxima from which it falls by at least `least` on both sides before it rises above them."""
+    """Positions of the maxima of `level` (n,) from which it falls by `least` on both sides before it rises above."""
     found: list[int] = []
     top = low = float(level[0])
     at, rises = 0, False

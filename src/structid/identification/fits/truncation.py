@@ -45,7 +45,7 @@ class Truncation:
 
 
 def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
-    """Of FRFs, at a few lines of the record; None where neither components nor a sweep leave anything out.
+    """The error of FRFs by reduced components or a sweep, at a few lines of the record; None where nothing is reduced.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def frf_truncation(problem: FrfProblem, theta: FloatArray) -> Truncation | None:
 
 
 def modes_truncation(structure: Structure, values: FloatArray, top: float) -> Truncation | None:
-    """Of natural frequencies up to `top`, Hz, as far as components have modes; None of a structure without components."""
+    """The error of natural frequencies up to `top`, Hz, by reduced components; None of a structure without them."""
     if not structure.components:
         return None
     top = min(top, *(one.up_to for one in structure.components))

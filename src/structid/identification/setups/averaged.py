@@ -42,14 +42,14 @@ class AveragedHistories:
 
     @property
     def drawn_on(self) -> Structure:
-        """The structure with the nodes of joint forces."""
+        """The structure, with nodes of their own for joint forces."""
         if self._parts is None:
             return self.structure
         return with_joint_forces(self.structure, self.frfs.inputs, self._loads, self._parts)
 
     @property
     def words(self) -> str:
-        """Names of the joint forces; "" where there are none."""
+        """A clause that names the joint forces; "" where there are none."""
         if self._parts is None:
             return ""
         forces, shown = (", ".join(map(str, dofs)) for dofs in (self._loads, self.frfs.inputs))
@@ -69,7 +69,7 @@ class AveragedHistories:
         return [dof for dof, is_force in zip(self.record.channels, self._is_force, strict=True) if is_force]
 
     def _with_joint_forces(self, parts: FloatArray) -> TimeRecord:
-        """The record with those forces instead that `parts` make of its own, one a column."""
+        """The record with joint forces, which the columns of `parts` make of its own forces."""
         record, still = self.record, ~self._is_force
         first = max(self.structure.nodes) + _FAR
         made = [Dof(first + k, (self.structure.active or ("X",))[0]) for k in range(parts.shape[1])]

@@ -72,6 +72,7 @@ class Setup(RecordSetup[FrfProblem]):
             )
 
     def prepared(self, options: IdentifyOptions) -> Prepared[FrfProblem]:
+        """The problem of the FRF lines that `options` choose, with warnings about record and structure."""
         used = used_lines(self.record, options)
         lines = np.union1d(*self.axes(options))
         warnings = [*record_warnings(used)]
@@ -114,6 +115,7 @@ class Setup(RecordSetup[FrfProblem]):
         return ("output", self.record.outputs), ("input", self.record.inputs)
 
     def words(self, options: IdentifyOptions) -> str:
+        """A line on the record: kind, unit, lines that are used, and where its noise comes from."""
         used = used_lines(self.record, options)
         unit = "" if used.unit == "1" else f" in {used.unit}"
         noise = used.noise_source if used.noise_source == "declared" else f"from {used.noise_source}"
@@ -131,7 +133,7 @@ class Setup(RecordSetup[FrfProblem]):
         return frf_truncation(problem, theta)
 
     def begun(self, problem: FrfProblem) -> FrfProblem:
-        """From the one-step linear solve where everything is measured, as far as it gives values inside their ranges."""
+        """The problem started at the one-step linear solution where everything is measured, within its ranges."""
         if self.channel_unknowns or not measures_everything(self.structure, problem.record):
             return problem
         unknown = problem.parameters
@@ -144,7 +146,7 @@ class Setup(RecordSetup[FrfProblem]):
 
 
 def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[str]:
-    """Warnings on measured components, whatever the lines."""
+    """Warnings on measured components of the structure that concern no particular line."""
     words = [text for one in structure.measured for text in one.warnings]
     if structure.measured and options.start == "continuation":
         words.append(
@@ -155,7 +157,7 @@ def _measured_warnings(structure: Structure, options: IdentifyOptions) -> list[s
 
 
 def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptions) -> float | None:
-    """Error with which a sweep may find the lines from few factorizations; None where each is solved for."""
+    """Error with which a sweep may find the lines from few factorizations; None where each line is solved for."""
     if structure.measured:
         return None
     if options.reduced is not None:
@@ -165,13 +167,13 @@ def _sweep_error(structure: Structure, record: FrfRecord, options: IdentifyOptio
 
 
 def used_lines(record: FrfRecord, options: IdentifyOptions) -> FrfRecord:
-    """The lines of `record` inside the band and outside the excluded stretches, every so many of them."""
+    """The record on the lines inside the band and outside the excluded stretches, thinned by the option `every`."""
     keep = inside(record.frequency, options)
     return record if keep.all() and options.every == 1 else record.lines(np.flatnonzero(keep)[:: options.every])
 
 
 def inside(frequency: FloatArray, options: IdentifyOptions) -> np.ndarray:
-    """Which frequencies lie inside the band and outside the excluded stretches, (n_frequencies,) bool."""
+    """A mask (n_frequencies,) of frequencies, Hz, inside the band and outside the excluded stretches."""
     low, high = options.band or (-np.inf, np.inf)
     in_band = (frequency >= low) & (frequency <= high)
     keep = in_band.copy()

@@ -35,7 +35,7 @@ class _Hit(NamedTuple):
 
 
 def frfs_of(record: TimeRecord) -> FrfRecord:
-    """FRFs of all forces and motions, as the kind that most channels hold.
+    """FRFs of all motions over all forces (or support motions) of time histories, in the kind of most channels.
 
     Of one hit those of the whole record, with an exponential window where the motion has not died out: averaging by
     segments would take the hit off. Else those of estimator Hv from four segments. They begin and end where a force rises
@@ -62,7 +62,7 @@ def frfs_of(record: TimeRecord) -> FrfRecord:
 
 
 def _hit(record: TimeRecord) -> _Hit | None:
-    """The only blow of the record, None where there are others, other loads, or motion before it."""
+    """The only blow of the record; None where there are others, other loads, or motion before it."""
     columns = [k for k, quantity in enumerate(record.quantities) if quantity in LOADS]
     if len(columns) != 1 or record.quantities[columns[0]] != "force":
         return None
@@ -79,7 +79,7 @@ def _hit(record: TimeRecord) -> _Hit | None:
 
 
 def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | None:
-    """Transforms of motions over that of the force, at decay + i omega, with the variance that the channels' noise leads to.
+    """FRFs of one blow: transforms of motions over that of the force, at decay + i omega, with variances from noise.
 
     None where the hit is hardly above its noise and drives no line.
     """
@@ -115,14 +115,14 @@ def _of_hit(record: TimeRecord, hit: _Hit, sensors: list[Dof]) -> FrfRecord | No
 
 
 def _first_run(lines: IntArray) -> IntArray:
-    """All lines from the first to where a gap ends them: beyond, a hit has but the side lobes of its power."""
+    """Positions of all lines from the first of the sorted `lines` to the first wide gap among them."""
     gaps = np.flatnonzero(np.diff(lines) > _FEWEST)
     last = lines[gaps[0]] if len(gaps) else lines[-1]
     return np.arange(lines[0], last + 1)
 
 
 def _driven(record: TimeRecord, length: int) -> FloatArray:
-    """Lines of segments of `length` samples at which some force has much more power than its noise, Hz."""
+    """Frequencies (Hz) of segments of `length` samples at which some force has much more power than its noise."""
     frequency = np.fft.rfftfreq(length, 1 / record.sampling_rate)
     is_force = [quantity in LOADS for quantity in record.quantities]
     if record.variance is None or length < _FEWEST:

@@ -63,6 +63,7 @@ class ModalSetup(RecordSetup[ModalProblem]):
     channel_unknowns: Sequence[ChannelUnknown] = ()
 
     def prepared(self, options: IdentifyOptions) -> Prepared[ModalProblem]:
+        """The problem of the measured modes, with warnings about them."""
         errors = self.channel_errors(self.channel_unknowns)
         problem = ModalProblem(self.structure, self.parameters, self.record, self.settings, errors)
         weighed = (_BY_MAC,) if self.settings.shape_form == "mac" else ()
@@ -92,7 +93,7 @@ class ModalSetup(RecordSetup[ModalProblem]):
 
 
 def chosen_modes(record: ModalRecord, numbers: Sequence[int]) -> ModalRecord:
-    """The modes of these numbers, counted from 1 as reports count them; all for an empty list.
+    """The record with only the modes of these numbers, counted from 1; with all for an empty list.
 
     Raises
     ------

@@ -80,6 +80,7 @@ class TimeFit:
     tones: tuple[Positive, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise `InputError` for an unknown way of fitting, or a `hold` that does not go with it."""
         if self.fit not in get_args(TimeWay):
             raise InputError(
                 f"`fit` must be one of {', '.join(get_args(TimeWay))}, got {self.fit!r}; the time record itself is given to"
@@ -91,7 +92,7 @@ class TimeFit:
             raise InputError(f"`hold` {refused!r} is not for fit {self.fit!r}, which takes {takes}")
 
     def require_heard(self, record: TimeRecord) -> None:
-        """Raise an `InputError` at tones that a record does not show."""
+        """Raise `InputError` for tones at or above half the sampling rate of a record."""
         top = 0.5 * record.sampling_rate
         beyond = [tone for tone in self.tones if tone >= top]
         if beyond:
@@ -143,7 +144,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
     calibration: float | None = None
 
     def prepared(self, options: IdentifyOptions) -> Prepared[RecordProblem]:
-        """Finite spectra of the lines that `options` choose, or all samples for output error.
+        """The problem of the histories: finite spectra on the lines that `options` choose, or samples for output error.
 
         Those of the linear methods, which search for no minimum, only tell what the record can be expected to give.
         """
@@ -165,6 +166,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return Prepared(problem, record_warnings(averaged))
 
     def channel_errors(self, unknowns: Sequence[ChannelUnknown], lines: Measured | None = None) -> ChannelErrors | None:
+        """Unknown errors of sensors and loads; None for no unknowns. Only spectra have them, and no window's decay."""
         if not unknowns:
             return None
         if self.own_estimator:
@@ -198,6 +200,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         )
 
     def axes(self, options: IdentifyOptions) -> tuple[FloatArray, FloatArray]:
+        """Frequencies (Hz) that are used in the fit and those on which it is judged."""
         shown = self._averaged.frfs
         judged = shown.band(*options.evaluation_band) if options.evaluation_band else used_lines(shown, options)
         used = super().axes(options)[0] if self.own_estimator else _spectra(self, options).frequency
@@ -221,7 +224,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return AveragedHistories(self.structure, self.record, self.shown)
 
     def shown_problem(self, options: IdentifyOptions, channels: ChannelErrors | None) -> FrfProblem:
-        """The problem of averaged FRFs, which only shows the fit, with errors of the record's channels."""
+        """The problem of averaged FRFs, which only shows the fit, with the channel errors `channels`."""
         used = used_lines(self._averaged.frfs, options)
         error = _SHOWN_ERROR if used.variance is None else 0.0
         seen = None if channels is None else channels.seen_by(used)
@@ -230,7 +233,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
 
 
 def _spectra(setup: TimeSetup, options: IdentifyOptions) -> SpectraProblem:
-    """The problem of the finite spectra of the lines that `options` choose."""
+    """The problem of the finite spectra on the lines that `options` choose."""
     record, settings = setup.record, setup.settings
     if (
         setup.own_estimator and record.variance is not None
