@@ -250,9 +250,9 @@ class Oscillator(Problem):
         change = -(h**2)[:, None] * np.stack([-(self.omega**2), 1j * self.omega, np.ones_like(self.omega)], axis=1)
         data, slope = (h - self.measured) / self.sigma, change * self.slope(theta) / self.sigma
         rows, derivative = [data.real, data.imag], [slope.real, slope.imag]
-        if self.priors.mean is not None:
-            rows.append((p - self.priors.mean) / self.priors.std)
-            derivative.append(np.diag(self.slope(theta) / self.priors.std))
+        if self.prior_mean is not None:
+            rows.append((p - self.prior_mean) / self.prior_std)
+            derivative.append(np.diag(self.slope(theta) / self.prior_std))
         return Linearization(np.concatenate(rows), np.concatenate(derivative))
 
 

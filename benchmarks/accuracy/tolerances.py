@@ -349,7 +349,7 @@ def repeat(rig: Rig, kind: str, tolerance: float, seed: int, options: sid.Identi
     estimate = found.estimate
     true = np.array([wanted[name] for name in estimate.names])
     low, high = estimate.interval().T
-    told.priors.regularizations.append((low <= true) & (true <= high))
+    told.held.append((low <= true) & (true <= high))
     told.held_noise.append(np.abs(estimate.values - true) <= 1.96 * estimate.std_noise)
     told.verdicts.append(judged(found).verdict)
     told.misfits.append(estimate.goodness.misfit)
@@ -424,7 +424,7 @@ def states_row(
 
 
 def row(name: str, kind: str, tolerance: float, told: Told, seconds: float) -> None:
-    held, noise = (100 * np.concatenate(own).mean() for own in (told.priors.regularizations, told.held_noise))
+    held, noise = (100 * np.concatenate(own).mean() for own in (told.held, told.held_noise))
     counts = [told.verdicts.count(v) for v in ("sound", "approximate", "wrong_model")]
     other = len(told.verdicts) - sum(counts)
     print(

@@ -62,7 +62,9 @@ def test_a_mode_that_is_narrower_than_the_lines_is_no_resonance_that_the_model_l
     """Lines every 0.25 Hz see no peak of a mode at 8.1 Hz with 0.5 % of damping."""
     frequency = np.arange(5.0, 20.0, 0.25)
     problem = SimpleNamespace(
-        frequency=frequency, lines=np.arange(len(frequency)), data_rows=lambda _: np.full(len(frequency), 3.0)
+        frequency=frequency,
+        rows=SimpleNamespace(lines=np.arange(len(frequency))),
+        data_rows=lambda _: np.full(len(frequency), 3.0),
     )
     modes = SimpleNamespace(frequency=np.array([mode, 50.0]), damping_ratio=np.array([0.005, 0.005]))
     fit = SimpleNamespace(problem=problem, predicted=None, resonances=[Resonance(8.25, np.nan)], modes=modes)

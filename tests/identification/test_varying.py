@@ -144,7 +144,7 @@ def test_a_given_scatter_is_generalized_least_squares(seed):
     assert estimate.goodness.degrees_of_freedom == N_RECORDS * N_ROWS - 3
     assert estimate.status is sid.Status.CONVERGED
     assert estimate.identifiability.rank == len(estimate.names)
-    assert found.priors.varied[0].rule == "given"
+    assert found.varied[0].rule == "given"
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -157,7 +157,7 @@ def test_the_chosen_scatter_is_that_of_restricted_likelihood(seed):
         method="bounded",
         options={"xatol": 1e-8},
     )
-    (varied,) = found.priors.varied
+    (varied,) = found.varied
     assert varied.scatter == pytest.approx(np.exp(best.x), rel=2e-3)
     # posterior of the scatter under a uniform prior, and what not knowing it adds to the common values
     grid = np.linspace(1e-4, 1.0, 4001)
@@ -182,7 +182,7 @@ def test_deviations_are_the_best_linear_predictions():
     beta = textbook(*dense, 0.08)[0]
     v = np.diag(errors**2) + 0.08**2 * z @ z.T
     predicted = 0.08**2 * z.T @ np.linalg.solve(v, y - x @ beta)
-    (varied,) = found.priors.varied
+    (varied,) = found.varied
     assert 0.08 * varied.deviations == pytest.approx(predicted, abs=1e-7)
     assert varied.records == tuple(f"record {k}" for k in range(1, N_RECORDS + 1))
     inverse = np.linalg.inv(v)

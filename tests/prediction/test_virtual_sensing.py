@@ -88,7 +88,7 @@ def test_deviations_are_those_of_the_errors_and_the_sensor_left_out_agrees():
     record = sid.TimeRecord(RATE, y, ["1X", "2X"], ["acceleration", "displacement"], variance=np.array([0.09, 1e-8]))
     unknown = sid.UnknownForces(["2X"], CORRELATION)
     found = sid.sense(make_model(), record, ["1X"], "velocity", unknown, ["2X"], n_draws=0)
-    assert found.priors.std == pytest.approx(FORCE, rel=0.15)
+    assert found.prior_std == pytest.approx(FORCE, rel=0.15)
     z = (found.values[:, 0] - states[:, 2]) / found.std[:, 0]
     assert np.sqrt((z[200:] ** 2).mean()) == pytest.approx(1.0, abs=0.12)
     assert found.checks[0][1] == pytest.approx(1.0, abs=0.12)

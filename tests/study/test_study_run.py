@@ -78,8 +78,8 @@ def test_the_predicted_deviations_are_the_cramer_rao_bound(tmp_path):
     bound = np.sqrt(np.diag(np.linalg.inv(information)))
     np.testing.assert_allclose(result.std, bound, rtol=1e-6)  # differences are good to 1e-9, inversion costs 1e4
     gradient = np.array([1.0, 1, 1, 0, 0, 0, 0, 0])
-    assert result.mass.std == pytest.approx(np.sqrt(gradient @ np.linalg.inv(information) @ gradient), rel=1e-6)
-    assert result.mass.total == pytest.approx(6.0)
+    assert result.total_mass_std == pytest.approx(np.sqrt(gradient @ np.linalg.inv(information) @ gradient), rel=1e-6)
+    assert result.total_mass == pytest.approx(6.0)
     assert result.determined
 
 

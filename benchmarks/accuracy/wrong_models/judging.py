@@ -135,7 +135,7 @@ def line(one: Judged) -> str:
     ranks = ",".join("-" if rank is None else str(rank) for rank in one.ranks) if one.verdict else ""
     marks = " CONFIDENTLY WRONG" if one.confidently_wrong else ""
     marks += f" false: {'; '.join(one.false_causes)}" if one.false_causes else ""
-    chi = "" if one.goodness.chi_square is None else f"{one.goodness.chi_square:.3g}"
+    chi = "" if one.chi_square is None else f"{one.chi_square:.3g}"
     return (
         f"{one.name:58s} {one.said:12s} {chi:>9s} {one.covered:3d}/{one.counted:<3d} {ranks:>5s} {one.seconds:6.1f} s  "
         f"{one.worst}{marks}"
