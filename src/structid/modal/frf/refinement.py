@@ -164,7 +164,7 @@ def residuals(data: FrfData, at: PolesAndParticipation) -> ComplexArray:
 
 
 def misfit(data: FrfData, at: PolesAndParticipation) -> float:
-    """Sum of squares of the weighted residual; infinite where poles coincide."""
+    """Sum of squares of the weighted residual; infinite where own terms of outputs depend on one another exactly."""
     columns, total = terms(data.laplace, at.poles, at.participation, data.power, data.outside), 0.0
     for o in range(data.values.shape[1]):
         with_values = np.concatenate([columns, data.values[:, o, :, None]], axis=2)
