@@ -24,8 +24,8 @@ from scipy.signal import lfilter
 
 from structid import FrfRecord, InputError, TimeRecord
 from structid.modal import HardCriteria, ModalOptions, identify_modes, modal_identification
-from structid.modal.frf.lscf import denominators, frf_band, pole_sweep, right_poles
-from structid.modal.frf.refinement import FrfData, PolesAndParticipation, output_blocks, refined
+from structid.modal.frf.lscf import denominators, frf_band, pole_sweep, polynomial_orders, right_poles
+from structid.modal.frf.refinement import FrfData, PolesAndParticipation, misfit, output_blocks, refined, residuals
 from structid.modal.frf.residues import residue_shapes, slopes, terms
 from structid.modal.frf.spread import (
     DrivingPoint,
@@ -191,6 +191,14 @@ def test_spread_is_that_of_the_whole_least_squares_problem(from_residual):
         expected = covariance[np.ix_(keep, keep)]
         std = np.sqrt(np.diag(expected))
         assert np.abs((modes.joint(mode, (a, b)) - expected) / np.outer(std, std)).max() <= 1e-7
+
+
+def test_the_misfit_is_the_sum_of_squares_of_the_residual_and_infinite_where_a_mode_has_no_part():
+    """The triangle of a QR decomposition against residuals of least squares: 1e-10 with noise."""
+    data, at = noisy_data()
+    assert misfit(data, at) == pytest.approx(np.sum(np.abs(residuals(data, at)) ** 2), rel=1e-10)
+    idle = replace(at, participation=at.participation * np.array([0.0, 1.0, 1.0, 1.0]))
+    assert misfit(data, idle) == np.inf
 
 
 def test_refinement_ends_where_the_slope_vanishes():
@@ -435,6 +443,16 @@ def test_bands_and_orders_without_room_are_named():
     values[:, 2] = 0
     with pytest.raises(InputError, match=r"output 3X\+ is 0 on all lines"):
         identify_modes(replace(record, values=values))
+
+
+@pytest.mark.parametrize(
+    ("shape", "highest"), [((80, 1, 1), 20), ((80, 4, 1), 32), ((801, 4, 1), 200), ((200, 9, 1), 60)]
+)
+def test_many_outputs_raise_the_highest_order_where_lines_are_few(shape, highest):
+    assert polynomial_orders(shape, [highest]) == [highest]
+    assert polynomial_orders(shape, None)[-1] == min(highest, 60)
+    with pytest.raises(InputError, match=f"`orders` must lie from 1 to {highest} "):
+        polynomial_orders(shape, [highest + 1])
 
 
 def test_shapes_share_one_factorization_of_any_rank():

@@ -34,6 +34,7 @@ from structid.records.record import DERIVATIVES, FrfRecord
 
 _MAX_POLYNOMIAL = 60
 _MAX_ORDER = 120
+_LINES_A_COEFFICIENT = 4
 _VALUES_AN_UNKNOWN = 4  # real ones of the FRFs, for each coefficient of the polynomials
 
 
@@ -154,6 +155,8 @@ def polynomial_orders(shape: tuple[int, ...], given: Sequence[int] | None) -> li
 
     FRFs of L lines, p outputs and m inputs hold 2 L p m real values, for n m^2 coefficients of A, which all outputs share,
     and n m for each output: four values a coefficient leave room for L / 4 of one FRF, for nearly L / 2 of many outputs.
+    That further room counts where lines are few, up to the highest order by default; above it the limit is L / 4, since every
+    order above adds poles that fit noise, each of them to be refined.
 
     Parameters
     ----------
@@ -169,7 +172,7 @@ def polynomial_orders(shape: tuple[int, ...], given: Sequence[int] | None) -> li
     """
     n_lines, n_outputs, n_inputs = shape
     share = max(n_outputs / (n_outputs + n_inputs), 0.5)
-    room = int(2 * n_lines * share / _VALUES_AN_UNKNOWN)
+    room = max(n_lines // _LINES_A_COEFFICIENT, min(int(2 * n_lines * share / _VALUES_AN_UNKNOWN), _MAX_POLYNOMIAL))
     if given is None:
         top = min(_MAX_POLYNOMIAL, max(_MAX_ORDER // n_inputs, 4), room)
         return list(range(2, top + 1, 2 if top > 20 else 1))

@@ -100,20 +100,35 @@ class OutputBlock:
         Weighted data less model.
     slope : (n_rows, n_unknowns) float array
         Derivatives of the model, orthogonal to the output's own terms.
-    through : (n_own, n_unknowns) float array
-        By how much `own` falls as the unknowns rise.
-    pseudo_inverse : (n_own, n_rows) float array
-        From errors of the data to `own`.
-    leverage : (n_rows,) float array
-        Part of each value that the output's own terms take up, whatever it is.
+    basis : (n_rows, n_own) float array
+        Orthonormal columns that span the output's own terms.
+    triangle : (n_own, n_own) float array
+        The own terms are `basis` times it.
+    shared : (n_own, n_unknowns) float array
+        What the output's own terms take of the derivatives, in `basis`.
     """
 
     own: FloatArray
     residual: FloatArray
     slope: FloatArray
-    through: FloatArray
-    pseudo_inverse: FloatArray
-    leverage: FloatArray
+    basis: FloatArray
+    triangle: FloatArray
+    shared: FloatArray
+
+    @property
+    def through(self) -> FloatArray:
+        """By how much `own` falls as the unknowns rise, (n_own, n_unknowns)."""
+        return np.asarray(linalg.solve_triangular(self.triangle, self.shared))
+
+    @property
+    def pseudo_inverse(self) -> FloatArray:
+        """From errors of the data to `own`, (n_own, n_rows)."""
+        return np.asarray(linalg.solve_triangular(self.triangle, self.basis.T))
+
+    @property
+    def leverage(self) -> FloatArray:
+        """Part of each value that the output's own terms take up, whatever it is, (n_rows,)."""
+        return np.asarray(np.sum(self.basis**2, axis=1))
 
 
 def output_blocks(data: FrfData, at: PolesAndParticipation, with_slopes: bool = True) -> Iterator[OutputBlock]:
@@ -134,14 +149,12 @@ def output_blocks(data: FrfData, at: PolesAndParticipation, with_slopes: bool = 
         own = linalg.solve_triangular(r, q.T @ right)
         residual = right - matrix @ own
         if not with_slopes:
-            yield OutputBlock(own, residual, *(np.zeros((0, 0)),) * 4)
+            yield OutputBlock(own, residual, np.zeros((len(residual), 0)), q, r, np.zeros((len(own), 0)))
             continue
         shape = own[:n] + 1j * own[n : 2 * n]
         change = weighted(slopes(data.laplace, at.poles, at.participation, shape, data.power)[:, :, at.free], weight)
         shared = q.T @ change
-        inverse = linalg.solve_triangular(r, q.T)
-        through = linalg.solve_triangular(r, shared)
-        yield OutputBlock(own, residual, change - q @ shared, through, inverse, np.sum(q**2, axis=1))
+        yield OutputBlock(own, residual, change - q @ shared, q, r, shared)
 
 
 def residuals(data: FrfData, at: PolesAndParticipation) -> ComplexArray:
@@ -151,11 +164,15 @@ def residuals(data: FrfData, at: PolesAndParticipation) -> ComplexArray:
 
 
 def misfit(data: FrfData, at: PolesAndParticipation) -> float:
-    """Sum of squares of the weighted residual; infinite where poles coincide."""
-    try:
-        return sum(float(block.residual @ block.residual) for block in output_blocks(data, at, with_slopes=False))
-    except np.linalg.LinAlgError:
-        return np.inf
+    """Sum of squares of the weighted residual; infinite where own terms of outputs depend on one another exactly."""
+    columns, total = terms(data.laplace, at.poles, at.participation, data.power, data.outside), 0.0
+    for o in range(data.values.shape[1]):
+        with_values = np.concatenate([columns, data.values[:, o, :, None]], axis=2)
+        *diagonal, remainder = np.diag(np.linalg.qr(weighted(with_values, data.weights[:, o]), mode="r"))
+        if not np.all(diagonal):
+            return np.inf
+        total += float(remainder) ** 2
+    return total
 
 
 def refined(

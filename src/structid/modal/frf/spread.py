@@ -91,10 +91,11 @@ def frf_modes(
             taken = block.leverage + np.einsum("ri,ij,rj->r", block.slope, inverse, block.slope, optimize=True)
             power = np.square(block.residual / np.maximum(1 - taken, 0.01))
         power = times * power
-        inner = block.pseudo_inverse[: 2 * n] * power
+        inverse_of_shapes = block.pseudo_inverse[: 2 * n]
+        inner = inverse_of_shapes * power
         middle += (block.slope.T * power) @ block.slope
         cross.append(inner @ block.slope @ inverse)
-        own.append(inner @ block.pseudo_inverse[: 2 * n].T)
+        own.append(inner @ inverse_of_shapes.T)
     shapes = np.array([block.own[:n] + 1j * block.own[n : 2 * n] for block in blocks])
     return FrfModes(
         at, shapes, residuals(data, at), inverse @ middle @ inverse,
