@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from structid.diagnosis.fields import fields_at
 
 from measured_cases import BENDING, FREQUENCY, MOUNT, asked, beam_on_machine, dense_frf, machine_receptance
 from structid import (
@@ -27,6 +26,7 @@ from structid import (
     parameters,
     simulated_record,
 )
+from structid.diagnose.receptances import receptances_at
 from structid.forward.frf.response import response
 from structid.unknowns.tolerances import EXACT
 
@@ -209,7 +209,7 @@ def test_candidate_changes_see_the_component():
     unknown = parameters(structure, UNKNOWNS)
     record = simulated_record(structure, unknown, asked(), 0.01, np.random.default_rng(0))
     problem = FrfProblem(structure, unknown, record)
-    fields = fields_at(problem, problem.theta_start)
+    fields = receptances_at(problem, problem.theta_start)
     seen = structure.selection(record.outputs).toarray().T @ fields.under_loads
     near(seen, fields.frf)
 

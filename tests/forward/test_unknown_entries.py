@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from modal_problem_cases import gains, gradient_errors, require_exact_slope
-from structid.diagnosis.views import modal_view
 
 from structid import (
     ChannelUnknown,
@@ -19,6 +18,7 @@ from structid import (
     estimate,
     parameters,
 )
+from structid.diagnose.frf_views import modal_view
 from structid.forward import ModalProblem, ModalSettings
 from structid.forward.modal.problem import of_form, pull
 from structid.identification.fits.modal_fit import paired_modes

@@ -103,7 +103,9 @@ def test_the_shift_that_is_said_is_what_a_finer_mesh_does_to_the_answer(record):
 
 def test_the_console_and_the_results_say_what_was_chosen(tmp_path, record):
     study = written(tmp_path, record)
-    done = CliRunner().invoke(cli.app, ["identify", str(study), "--out", str(tmp_path / "out"), "--no-report"])
+    done = CliRunner().invoke(
+        cli.app, ["identify", str(study), "--out", str(tmp_path / "out"), "--no-report", "--verbose"]
+    )
     assert done.exit_code == 0
     assert "the mesh moves no value by more than 0." in done.output
     result = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))

@@ -113,7 +113,7 @@ def test_study_file_states_terms_and_results_tell_them(tmp_path, monkeypatch):
     assert study.parameters.priors.lognormal.tolist() == [i == place for i in range(study.parameters.n_params)]
     predicted = CliRunner().invoke(cli.app, ["check", str(path)])
     assert "predicted without the sparsity of stiffness[upper] that `identify` will use" in predicted.stdout
-    done = CliRunner().invoke(cli.app, ["identify", str(path), "--no-report"])
+    done = CliRunner().invoke(cli.app, ["identify", str(path), "--no-report", "--verbose"])
     assert done.exit_code == 0
     assert "sparsity of stiffness[upper], chosen by marginal likelihood: 2 of 2 parameters leave" in done.stdout
     stored = json.loads((tmp_path / "chain_results" / "estimate.json").read_text())

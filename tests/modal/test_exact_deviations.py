@@ -99,7 +99,8 @@ def test_batches_of_independent_pieces_sum_to_their_variance_exactly(memory):
 def test_agreement_of_set_ups_is_chi_square_of_one_less_than_their_number():
     frequency = np.array([[2.0, 3.0], [2.02, 3.0], [1.99, np.nan]])
     variance = np.array([[1e-4, 1e-4], [4e-4, 1e-4], [1e-4, np.nan]])
-    mean = np.array([2.0, 3.005])
-    chi_square, probability = _agreement(frequency, mean, variance)
-    np.testing.assert_allclose(chi_square, [0.0 + 1.0 + 1.0, 0.25 + 0.25], rtol=1e-9)
-    np.testing.assert_allclose(probability, [stats.chi2.sf(2.0, 2), stats.chi2.sf(0.5, 1)], rtol=1e-9)
+    chi_square, probability = _agreement(frequency, variance)
+    mean = (2.0 / 1e-4 + 2.02 / 4e-4 + 1.99 / 1e-4) / (1 / 1e-4 + 1 / 4e-4 + 1 / 1e-4)
+    first = ((2.0 - mean) ** 2 + (2.02 - mean) ** 2 / 4 + (1.99 - mean) ** 2) / 1e-4
+    np.testing.assert_allclose(chi_square, [first, 0.0], atol=1e-9)
+    np.testing.assert_allclose(probability, [stats.chi2.sf(first, 2), 1.0], rtol=1e-9)

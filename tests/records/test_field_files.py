@@ -120,6 +120,8 @@ def test_a_study_weighs_the_mass_whose_frfs_are_in_g_and_pounds(tmp_path):
     """1.047 kg, and not the 2.309 kg of numbers that are taken as SI."""
     for name in ("sdof.toml", "lab_G_LB.unv"):
         shutil.copy(FILES / name, tmp_path)
-    code, output = run("identify", tmp_path / "sdof.toml", "--no-report", "--no-explain", "--out", tmp_path / "out")
+    code, output = run(
+        "identify", tmp_path / "sdof.toml", "--no-report", "--no-explain", "--verbose", "--out", tmp_path / "out"
+    )
     assert code in (0, 3)
     assert "total mass: 1.0472 kg" in output

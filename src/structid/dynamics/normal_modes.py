@@ -56,12 +56,15 @@ class Modes:
         Relative error of each frequency that rounding can make: of the stiffness matrix, eps phi'|K|phi / (2 omega^2),
         and of a dense eigenvalue problem. A mode that does not rise above it, as a rigid body's, counts beside the
         lowest that does.
+    matrix_rounding : (n_modes,) float array or None
+        The first of these alone, which responses have that are solved from the assembled matrix; `rounding` where None.
     """
 
     frequency: FloatArray
     damping_ratio: FloatArray
     mode_shapes: FloatArray
     rounding: FloatArray
+    matrix_rounding: FloatArray | None = None
 
 
 def modes(
@@ -113,7 +116,7 @@ def modes(
     if structural is not None:
         loss += np.einsum("ij,ij->j", shapes, structural @ shapes)
     ratio = np.divide(loss, 2 * omega**2, out=np.zeros_like(loss), where=omega > 1e-6 * omega.max(initial=0.0))
-    return Modes(omega / (2 * np.pi), ratio, shapes, rounding)
+    return Modes(omega / (2 * np.pi), ratio, shapes, rounding, _rounding_errors(stiffness, omega, shapes, 0.0))
 
 
 def _small_modes(

@@ -371,12 +371,12 @@ class Structure(Shown, StructurePlots):
             total = total + part.blocks.assemble(part.weights(given))
         return total
 
-    def strain_operator(self, values: FloatArray | None = None) -> sparse.csr_array | None:
-        """The matrix B with stiffness K = B'B, (n_strains, n_dofs): what elements are strained by.
+    def strain_operator(self, values: FloatArray) -> sparse.csr_array | None:
+        """The matrix B with stiffness K = B'B at the property values (n_values,), (n_strains, n_dofs): strains of elements.
 
         None where an element matrix is not a sum of squares, or where groups of matrices make up the stiffness.
         """
-        return strain_operator(self.contributions, self.values if values is None else values, self.n_dofs)
+        return strain_operator(self.contributions, values, self.n_dofs)
 
     def dense_matrices(self, laws: Sequence[str], values: FloatArray) -> FloatArray:
         """`matrix` for each of several laws as dense arrays, (n_laws, n_dofs, n_dofs), at the property `values`."""

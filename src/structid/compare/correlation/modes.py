@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -267,7 +267,7 @@ def correlated_modes(
         structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
     )
     count = None if structure.n_dofs <= _DENSE_UP_TO else 2 * record.n_modes + 10
-    model = modes(mass, stiffness, damping, structural, count, structure.strain_operator)
+    model = modes(mass, stiffness, damping, structural, count, partial(structure.strain_operator, values))
     seen, shapes = np.asarray(sensors.T @ model.mode_shapes), most_real(record.mode_shapes)
     pairing = pair_modes(
         record.frequency,

@@ -31,6 +31,13 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
     return modes(mass, stiffness, damping, structural, min(n_modes, own) if own else n_modes, strains)
 
 
+def response_rounding(found: Modes) -> FloatArray:
+    """Relative error of each resonance, (n_modes,), in responses that are solved from the assembled stiffness matrix."""
+    if found.matrix_rounding is None:
+        return found.rounding
+    return np.maximum(found.rounding, found.matrix_rounding)
+
+
 def rounding_warnings(rounding: FloatArray) -> list[str]:
     """A warning where rounding moves frequencies, by relative errors (n_modes,) of `Modes.rounding`; else none."""
     worst = float(rounding.max(initial=0.0))

@@ -10,7 +10,7 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.dynamics import Modes
 from structid.forward import FrfProblem
-from structid.identification.fits.model_modes import rounding_warnings, structure_modes
+from structid.identification.fits.model_modes import response_rounding, rounding_warnings, structure_modes
 from structid.identification.fits.resonances import Resonance, resonances
 from structid.identification.options import IdentifyOptions
 from structid.records import FrfRecord
@@ -122,7 +122,7 @@ class RecordFit:
             f"{name} is -1: the channel reads with the opposite sense; correct its sign in the record or the study"
             for name in turned
         ]
-        return (*words, *rounding_warnings(self.modes.rounding))
+        return (*words, *rounding_warnings(response_rounding(self.modes)))
 
 
 def record_fit(title: str, measured: FrfRecord, problem: FrfProblem, own: Own, options: IdentifyOptions) -> RecordFit:

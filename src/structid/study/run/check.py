@@ -12,8 +12,8 @@ from structid.diagnose.checks.loose_parts import PlacedFinding, coarse_elements,
 from structid.diagnose.checks.mesh import MeshErrors
 from structid.dynamics import Modes
 from structid.fem.places import AimedSensor, MeshPoint
-from structid.forward import RecordProblem
-from structid.identification.fits.model_modes import rounding_warnings, structure_modes
+from structid.forward import ModalProblem, RecordProblem
+from structid.identification.fits.model_modes import response_rounding, rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words
 from structid.identification.fixed_values import fixed_values, freed_problems
 from structid.identification.identify import mass_deviation
@@ -345,7 +345,8 @@ def _mode_checks(modes: Modes, problem: RecordProblem) -> tuple[ModeCheck, ...]:
     lines = (2 * modes.damping_ratio * modes.frequency + facts.window_bandwidth[nearest_line]) / facts.line_spacing[
         nearest_line
     ]
-    rows = zip(modes.frequency, modes.damping_ratio, in_band, lines, modes.rounding, strict=True)
+    rounding = modes.rounding if isinstance(problem, ModalProblem) else response_rounding(modes)
+    rows = zip(modes.frequency, modes.damping_ratio, in_band, lines, rounding, strict=True)
     return tuple(ModeCheck(float(f), float(d), bool(i), float(n), float(r)) for f, d, i, n, r in rows)
 
 
