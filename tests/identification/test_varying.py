@@ -292,7 +292,7 @@ def study(folder, benchmark, clamps, varies):
 def test_a_study_reports_the_common_value_the_scatter_and_who_stands_out(benchmark, tmp_path):
     clamps = benchmark.CLAMP * np.exp([0.02, -0.03, 0.6, 0.01, -0.02, 0.04, 0.0, -0.01])
     path = study(tmp_path, benchmark, clamps, "true")
-    ran = CliRunner().invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "out")])
+    ran = CliRunner().invoke(cli.app, ["identify", str(path), "--out", str(tmp_path / "out"), "--verbose"])
     assert ran.exit_code == 0, ran.output
     assert "stiffness[clamp] differs among 8 records by" in ran.output
     assert "mount 3 stands out: its stiffness[clamp] is" in ran.output
@@ -307,7 +307,7 @@ def test_a_study_reports_the_common_value_the_scatter_and_who_stands_out(benchma
     common = next(one for one in told["parameters"] if one["name"] == "stiffness[clamp]")
     assert np.log(common["value"]) == pytest.approx(np.log(clamps).mean(), abs=2e-3)
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "<h3>stiffness[clamp] differs among 8 records by" in page
+    assert "<summary>stiffness[clamp] differs among 8 records by" in page
     assert "mount 3 stands out" in page
 
 
