@@ -124,4 +124,4 @@ def test_a_study_weighs_the_mass_whose_frfs_are_in_g_and_pounds(tmp_path):
         "identify", tmp_path / "sdof.toml", "--no-report", "--no-explain", "--verbose", "--out", tmp_path / "out"
     )
     assert code in (0, 3)
-    assert "total mass: 1.0472 kg" in output
+    assert "Total mass: 1.047" in output

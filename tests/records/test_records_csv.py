@@ -89,7 +89,7 @@ def test_time_table_complaint(tmp_path, old, new, word):
 @pytest.mark.parametrize(
     "old, new, word",
     [
-        (" re,", " first,", r"line 1, column 2 .*re \(or im, .*`parts = \[.re., .im.\]` in \[record.csv\]"),
+        (" re,", " first,", r"line 1, column 2 .*re \(or im, .*`parts = .re,im.` in \[record.csv\]"),
         ("1X/3Z- [g/lbf] im", "1X/4Z- [g/lbf] im", r"no column 1X\+/4Z- re"),
         ("1X/3Z- [g/lbf] im", "1X/3Z- [g/lbf] re", "twice"),
         ("1X/3Z- [g/lbf] im", "1X/3Z- [mm/lbf] im", "one kind"),

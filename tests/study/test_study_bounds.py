@@ -34,7 +34,7 @@ def test_a_bound_that_excludes_the_truth_is_in_all_that_is_written(tmp_path):
     assert summary["verdict"] == "wrong_model"
     assert "stiffness[ground] is at its lower bound 1050 N/m; the data push below it" in summary["verdict_text"]
     assert "at its lower bound" in shown.output
-    assert "rank 7 of 7 free" in shown.output
+    assert "Rank: 7 of 7 free" in shown.output
     page = (out / "report.html").read_text()
     assert "at its lower bound" in page
     assert "7 of 7 free ones" in page
