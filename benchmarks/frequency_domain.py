@@ -299,7 +299,7 @@ def linearized(reduced: Response, full: Response, start: np.ndarray, factorizer_
     error = (np.abs(values - exact).max((1, 2)) / np.abs(exact).max((1, 2))).max()
     size = np.linalg.norm(true, axis=(1, 2))
     off = np.sqrt(((np.linalg.norm(slopes - true, axis=(1, 2)) / size) ** 2).mean(axis=1)).max()
-    sweep = reduced.lines.last_sweep
+    sweep = reduced.solver.last_sweep
     note = f"{sweep.n_basis} vectors; true largest error {error:.0e}, of derivatives (rms over parameters) {off:.0e}"
     what = f"full values + Jacobian / reduced, 3-D 10k, 50 lines, {factorizer_name}"
     return Row(what, long / short, 5, True, note)
