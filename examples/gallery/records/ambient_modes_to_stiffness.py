@@ -27,7 +27,7 @@ unknown = [sid.Unknown("mass", "floor", each=True), sid.Unknown("stiffness", "st
 both = sid.parameters(study.structure, unknown)
 free = sid.identify_together([sid.ModalSetup(study.structure, both, found.problems[0].record)])
 print("status:", free.estimate.status.value)
-ratios = free.ratios
+ratios = free.mass.ratios
 print(ratios.words)
 for name, value, std in zip(ratios.names, ratios.values, ratios.std, strict=True):
     print(f"{name} / {ratios.reference}: {value:.5g} ± {std:.2g}")
