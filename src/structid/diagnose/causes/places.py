@@ -32,8 +32,9 @@ def spread(items: Sequence[T], most: int) -> list[T]:
 
 
 def chosen_nodes(receptances: Receptances) -> set[int]:
-    """Labels of the nodes where something may be added; of many nodes some, evenly chosen."""
-    return set(spread(list(dict.fromkeys(dof.node for dof in receptances.columns)), MOST_NODES))
+    """Labels of the nodes where something may be added, those inside elements apart; of many nodes some, evenly chosen."""
+    known = receptances.structure.nodes
+    return set(spread(list(dict.fromkeys(dof.node for dof in receptances.columns if dof.node in known)), MOST_NODES))
 
 
 def chosen_dofs(receptances: Receptances) -> Iterator[tuple[Dof, Directions]]:
