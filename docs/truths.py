@@ -96,7 +96,9 @@ HOLDS: dict[str, Callable[[dict[str, Any]], Any]] = {
         not end["alone"].identified.any() and np.max(end["smooth"].std / end["smooth"].values) < 0.1
     ),
     "trust/bounds": lambda end: [one.side for one in end["found"].estimate.spread.at_bound] == ["lower"],
-    "trust/what_varies": lambda end: near(end["found"], bending_stiffness_strip=40.0) and len(end["found"].priors.varied) == 1,
+    "trust/what_varies": lambda end: (
+        near(end["found"], bending_stiffness_strip=40.0) and len(end["found"].priors.varied) == 1
+    ),
     "trust/several_states": lambda end: list(end["found"].changed) == [True, False, True, False],
     "trust/intervals": lambda end: np.isinf(end["curve"].upper) and end["curve"].lower < 3e4,
     "benchmarks/iasc_asce": lambda end: list(end["found"].changed[:4]) == [True, False, True, False],
