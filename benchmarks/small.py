@@ -105,7 +105,9 @@ def run_script(name: str) -> bool:
     """Run one script at its small size and return False where it ends in an error."""
     with tempfile.TemporaryDirectory() as folder:
         words = SMALL[name].format(folder=folder, data=DATA, src=FOLDER.parent / "src").split()
-        if any(str(DATA) in word for word in words) and not DATA.is_dir():
+        text = (FOLDER / name).read_text(encoding="utf-8")
+        reads_records = "{data}" in SMALL[name] or '"shared"' in text or "six_masses_model" in text
+        if reads_records and not DATA.is_dir():
             print(f"skipped  {name}: the measured records of {DATA} are not here")
             return True
         before = processor_seconds()
