@@ -16,10 +16,8 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.records import TimeRecord
-from structid.records.record import Quantity
+from structid.records.record import MOTION_DERIVATIVES, Quantity
 
-#: How many times displacement is differentiated.
-ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
 _AT_ONCE = 1 << 20  # samples of all channels that are transformed together
 _DEAD = 1e-9  # part of the median rms of channels of its quantity below which a channel has no motion
 
@@ -53,7 +51,7 @@ class Outputs:
     @property
     def derivative(self) -> FloatArray:
         """0, 1 or 2 for displacement, velocity or acceleration, (n_channels,)."""
-        return np.array([ORDER[quantity] for quantity in self.quantities])
+        return np.array([MOTION_DERIVATIVES[quantity] for quantity in self.quantities])
 
     @property
     def duration(self) -> float:
@@ -95,7 +93,7 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
                 f"record {number} must be sampled at {first.sampling_rate:g} Hz as record 1 is, "
                 f"got {record.sampling_rate:g} Hz; resample it"
             )
-    moving = [i for i, quantity in enumerate(first.quantities) if quantity in ORDER]
+    moving = [i for i, quantity in enumerate(first.quantities) if quantity in MOTION_DERIVATIVES]
     if not moving:
         raise InputError("`records` must hold displacement, velocity or acceleration, got forces only")
     channels = tuple(first.channels[i] for i in moving)

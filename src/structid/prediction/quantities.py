@@ -25,12 +25,11 @@ from structid.prediction.poles import (
     sum_over_poles,
 )
 from structid.records import FrfRecord
-from structid.records.record import DERIVATIVES, FRF_UNITS, QUANTITY_UNITS
+from structid.records.record import DERIVATIVES, FRF_UNITS, MOTION_DERIVATIVES, QUANTITY_UNITS
 from structid.unknowns import Parameters
 
 #: A quantity as a function of physical parameters.
 Evaluator: TypeAlias = Callable[[FloatArray], NumberArray]
-_MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 
 class Quantity(Protocol):
@@ -161,8 +160,8 @@ class History:
         require_finite("loads", given)
         if not np.isfinite(sampling_rate) or sampling_rate <= 0:
             raise InputError(f"`sampling_rate` must be greater than 0 Hz, got {sampling_rate}")
-        if motion not in _MOTIONS:
-            raise InputError(f"`motion` must be one of {', '.join(_MOTIONS)}, got {motion!r}")
+        if motion not in MOTION_DERIVATIVES:
+            raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
         pairs = ("outputs", sensors), ("inputs", places), ("loads", given)
         for name, value in (*pairs, ("sampling_rate", float(sampling_rate)), ("motion", motion)):
             object.__setattr__(self, name, value)
@@ -179,7 +178,7 @@ class History:
         system = _pole_function(structure, parameters, points, self, (lowest, self.sampling_rate / 2), True)
 
         def evaluate(physical: FloatArray) -> FloatArray:
-            return simulate_history(system(physical), self.loads, self.sampling_rate, _MOTIONS[self.motion])
+            return simulate_history(system(physical), self.loads, self.sampling_rate, MOTION_DERIVATIVES[self.motion])
 
         return evaluate
 

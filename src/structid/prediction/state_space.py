@@ -17,8 +17,8 @@ from structid.core.errors import FileError, InputError, NoAnswerError
 from structid.files import atomic_write
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis, sum_over_poles
+from structid.records.record import MOTION_DERIVATIVES
 
-_MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 #: Lines of the band on which the error is looked at; and the least ratio of its ends.
 _LINES, _LEAST = 500, 1e-3
 #: Lines across the half-power band of a resonance, three times as wide.
@@ -171,14 +171,14 @@ def state_space(
     low, high = float(band[0]), float(band[1])
     if not 0 <= low < high < np.inf:
         raise InputError(f"`band` must run from 0 Hz or more to a higher frequency, got {band}")
-    if motion not in _MOTIONS:
-        raise InputError(f"`motion` must be one of {', '.join(_MOTIONS)}, got {motion!r}")
+    if motion not in MOTION_DERIVATIVES:
+        raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
     sensors, loads, structure = parse_dofs(outputs), parse_dofs(inputs), model.structure
     structure.require_modes("state equations")
     sides = Sides(structure.selection(sensors), structure.selection(loads))
     basis = reduction_basis(structure, [model.values], sides, max(low, _LEAST * high), high)
     nominal = reduce_structure(structure, model.values, basis, sides)
-    whole = _Equations.of(nominal, _MOTIONS[motion])
+    whole = _Equations.of(nominal, MOTION_DERIVATIVES[motion])
     frequency = _judged_lines(nominal, max(low, _LEAST * high), high)
     exact = whole.frf(frequency)
     if order is None:
@@ -192,12 +192,12 @@ def state_space(
         raise InputError(f"`order` must be from 2 to {whole.n_states} in this band, got {order}")
     made = whole.cut(order, high)
     hysteretic = sum_over_poles(nominal).receptance(frequency)
-    hysteretic = hysteretic * ((2j * np.pi * frequency) ** _MOTIONS[motion])[:, None, None]
+    hysteretic = hysteretic * ((2j * np.pi * frequency) ** MOTION_DERIVATIVES[motion])[:, None, None]
     largest = made.miss(frequency, hysteretic)
     draws = []
     for physical in model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ():
         other = _Equations.of(
-            reduce_structure(structure, model.parameters.values(physical), basis, sides), _MOTIONS[motion]
+            reduce_structure(structure, model.parameters.values(physical), basis, sides), MOTION_DERIVATIVES[motion]
         )
         draws.append(other.cut(order, high).sampled(sampling_rate))
     parts = made.sampled(sampling_rate)

@@ -16,6 +16,7 @@ from structid.dynamics.exact_discretization import stepped
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis
 from structid.records import TimeRecord
+from structid.records.record import MOTION_DERIVATIVES
 
 #: Orders of magnitude about a first guess of the unknown forces that are tried, and how many sizes.
 _DECADES, _SIZES = 2.0, 17
@@ -23,7 +24,6 @@ _DECADES, _SIZES = 2.0, 17
 _UNSEEN = 0.9
 #: Part of the noise of a sensor that is put on top of what the record states, where it states none.
 _NOISE = 0.01
-_MOTIONS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 #: Part of its size by which a state moves at random in a time of the slowest, and modal speed where nothing unknown acts.
 _STRAY, _SPEED = 1e-10, 1e-6
 
@@ -160,8 +160,8 @@ def sense(
     Rauch, Tung and Striebel (1965), AIAA J. 3, 1445-1450; Lourens et al. (2012), Mech. Syst. Signal Process. 27, 446-460 (forces as
     states); Van Loan (1978), IEEE Trans. Automatic Control 23, 395-404 (noise between samples).
     """
-    if motion not in _MOTIONS:
-        raise InputError(f"`motion` must be one of {', '.join(_MOTIONS)}, got {motion!r}")
+    if motion not in MOTION_DERIVATIVES:
+        raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
     wanted, left = parse_dofs(outputs), parse_dofs(leave_out)
     channels = _Channels.of_record(record, left)
     forces = () if unknown is None else parse_dofs(unknown.dofs)
@@ -178,7 +178,7 @@ def sense(
     rate = record.sampling_rate
     basis = reduction_basis(structure, [model.values], sides, rate / len(record.values), rate / 2)
     correlation_time = 1.0 if unknown is None else unknown.correlation_time
-    smoother = _Smoother(channels, len(forces), correlation_time, rate, _MOTIONS[motion], len(wanted))
+    smoother = _Smoother(channels, len(forces), correlation_time, rate, MOTION_DERIVATIVES[motion], len(wanted))
     reduced = reduce_structure(structure, model.values, basis, sides)
     if reduced.is_rigid.any() and 0 not in channels.derivatives:
         raise NoAnswerError(
@@ -246,7 +246,7 @@ class _Channels:
     def of_record(cls, record: TimeRecord, left: tuple[Dof, ...]) -> _Channels:
         """Forces and sensors of a record, without the sensors in `left`, which are only compared."""
         quantities = record.quantities
-        other = [str(quantity) for quantity in quantities if quantity not in (*_MOTIONS, "force")]
+        other = [str(quantity) for quantity in quantities if quantity not in (*MOTION_DERIVATIVES, "force")]
         if other:
             raise InputError(f"the record holds {other[0]}; motion at other places takes forces and motions alone")
         missing = [str(dof) for dof in left if dof not in record.channels]
@@ -268,7 +268,7 @@ class _Channels:
             return tuple(record.channels[i] for i in index)
 
         def order(index: list[int]) -> tuple[int, ...]:
-            return tuple(_MOTIONS[quantities[i]] for i in index)
+            return tuple(MOTION_DERIVATIVES[quantities[i]] for i in index)
 
         return cls(
             dofs(loads), dofs(used), dofs(out),

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Number of time derivatives between displacement and the response of an FRF kind.
 DERIVATIVES: dict[str, int] = {"receptance": 0, "mobility": 1, "accelerance": 2, "transmissibility": 0}
+#: Number of time derivatives between displacement and a motion.
+MOTION_DERIVATIVES: dict[str, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
 #: What has an entry for every value of an FRF.
 _BESIDE_VALUES = ("variance", "coherence", "relative", "sizes")
 #: Largest coherence that is let pass: what rounding adds to 1.

@@ -29,12 +29,13 @@ from structid.forward.motion.fit import identify_motion
 from structid.forward.motion.motion import MOTION_QUANTITIES, Motion, field_map, recorded_motion
 from structid.forward.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
 from structid.forward.time.instrumental_steps import UNDETERMINED, UNSTABLE, InstrumentalSteps
-from structid.forward.time.model import ORDERS, TimeModel
+from structid.forward.time.model import TimeModel
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.problem import declared_variance, time_model
 from structid.inversion import Estimate
 from structid.inversion.search.work import ALONE, Work
 from structid.records import TimeRecord
+from structid.records.record import MOTION_DERIVATIVES
 from structid.unknowns import Parameters
 
 _LAWS = {"acceleration": "inertia", "velocity": "viscous", "displacement": "elastic"}
@@ -137,7 +138,7 @@ def instrumental_fit(
     simulated = tuple(q for q in MOTION_QUANTITIES if getattr(motion, q) is not None)
     base = time_model(structure, unknown, record, options)
     dofs = tuple(Dof(d.node, d.direction, d.sign) for d in structure.dofs)
-    orders = np.repeat([ORDERS[q] for q in simulated], structure.n_dofs)
+    orders = np.repeat([MOTION_DERIVATIVES[q] for q in simulated], structure.n_dofs)
     model = replace(base, sensors=dofs * len(simulated), orders=orders)
     loads = [i for i, q in enumerate(record.quantities) if q == "force"]
     force, initial = model.drive.known(record.values[:, loads]), None

@@ -21,7 +21,6 @@ from structid.unknowns import Parameters
 _MOST_DOFS = 200
 _LAWS = ("inertia", "viscous", "elastic")
 _CHUNK = 4_000_000
-ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 
 @dataclass(frozen=True, eq=False)

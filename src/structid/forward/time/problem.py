@@ -8,11 +8,11 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError
 from structid.fem import Base, Structure
 from structid.forward.time.input_hold import InputHold
-from structid.forward.time.model import ORDERS, TimeModel
+from structid.forward.time.model import TimeModel
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.output_error import OutputErrorProblem
 from structid.records import TimeRecord
-from structid.records.record import LOADS
+from structid.records.record import LOADS, MOTION_DERIVATIVES
 from structid.unknowns import Parameters
 
 _NO_NOISE = (
@@ -45,7 +45,7 @@ def time_model(structure: Structure, unknown: Parameters, record: TimeRecord, op
     bases = _bases(structure, record, loads)
     drive = InputHold(options.force, len(loads), bool(bases), 1 / record.sampling_rate, record.start - begin, begin)
     driven, sensors = (tuple(record.channels[i] for i in chosen) for chosen in (loads, fitted))
-    orders = np.array([ORDERS[record.quantities[i]] for i in fitted])
+    orders = np.array([MOTION_DERIVATIVES[record.quantities[i]] for i in fitted])
     return TimeModel(structure, unknown, drive, driven, sensors, orders, bases)
 
 

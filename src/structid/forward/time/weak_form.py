@@ -30,11 +30,12 @@ from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward.motion.equations import TimeEquations, time_equations
 from structid.forward.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
-from structid.forward.time.model import ORDERS, require_viscous
+from structid.forward.time.model import require_viscous
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.problem import declared_variance
 from structid.inversion import Estimate
 from structid.records import TimeRecord
+from structid.records.record import MOTION_DERIVATIVES
 from structid.unknowns import Parameters
 
 _POWER = 8
@@ -192,7 +193,7 @@ def _readers(structure: Structure, record: TimeRecord, options: TimeOptions) -> 
         if len(taken):
             reader = np.zeros((n, len(record.channels)))
             reader[np.ix_(taken, chosen)] = inverse[taken]
-            found[ORDERS[quantity]] = reader
+            found[MOTION_DERIVATIVES[quantity]] = reader
             missing = missing[~resolved[missing]]
     if len(missing):
         raise InputError(

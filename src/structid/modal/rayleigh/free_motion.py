@@ -10,8 +10,8 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import InputError
-from structid.modal.correlations import ORDER
 from structid.records import TimeRecord
+from structid.records.record import MOTION_DERIVATIVES
 
 RULES = ("trapezoid", "left", "interior", "gregory")
 _GREGORY_ORDER = 7  # differences at each end; from order 8 on some weights are negative
@@ -152,7 +152,7 @@ def _one_record(record: TimeRecord, channels: tuple[Dof, ...], quantities: Seque
         return FreeMotion(channels, inner, second, equal, equal, no_ends, inner, second, *spans)
     derivative = measured[0]
     weights, smooth = sample_weights(len(base), rule), sample_weights(len(base), "gregory")
-    if ORDER[quantities[1]] - ORDER[quantities[0]] == 2:
+    if MOTION_DERIVATIVES[quantities[1]] - MOTION_DERIVATIVES[quantities[0]] == 2:
         return FreeMotion(channels, base, -derivative, weights, smooth, no_ends, base, -derivative, *spans)
     ends = np.outer(derivative[-1], base[-1]) - np.outer(derivative[0], base[0])
     curvature = (derivative[:-2] - derivative[2:]) / (2 * step)

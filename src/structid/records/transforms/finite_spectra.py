@@ -11,10 +11,8 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray, locked, require_finite, require_shape
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoLinesError
-from structid.records.record import LOADS, TimeRecord
+from structid.records.record import LOADS, MOTION_DERIVATIVES, TimeRecord
 
-#: Time derivatives between displacement and each measured quantity.
-_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
 #: Replicas of the spectrum, to either side, that are summed.
 _ALIASES = 50
 
@@ -186,7 +184,7 @@ def finite_spectra(
     step = 1 / record.sampling_rate
     n_times = len(record.values)
     forces = _choose_columns(record, inputs, LOADS, "input")
-    motions = _choose_columns(record, outputs, tuple(_ORDER), "output")
+    motions = _choose_columns(record, outputs, tuple(MOTION_DERIVATIVES), "output")
     frequency = np.fft.rfftfreq(n_times, step)
     low, high = band or (0.5 * frequency[1], 0.5 * record.sampling_rate * (1 - 1e-9))
     keep = np.flatnonzero((frequency >= low) & (frequency <= high) & (frequency > 0))
@@ -203,7 +201,7 @@ def finite_spectra(
         motion=spectra[:, motions],
         inputs=tuple(record.channels[i] for i in forces),
         outputs=tuple(record.channels[i] for i in motions),
-        orders=np.array([_ORDER[record.quantities[i]] for i in motions]),
+        orders=np.array([MOTION_DERIVATIVES[record.quantities[i]] for i in motions]),
         force_variance=np.broadcast_to(noise[forces], (len(keep), len(forces))),
         motion_variance=np.broadcast_to(noise[motions], (len(keep), len(motions))),
         decay=decay,
