@@ -88,6 +88,11 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
     return ", ".join(map(str, items[:most])) + (f" and {more} more" if more > 0 else "")
 
 
+def split_commas(text: str) -> tuple[str, ...]:
+    """The parts of a text between its commas, without blanks around them; empty ones are left out."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
 def file_names(paths: Sequence[str | Path]) -> list[str]:
     """A name for each file: its last path component, or its path where two files share one."""
     names = [Path(path).name for path in paths]

@@ -2,13 +2,14 @@
 
 from structid.files.lock import claim, claimed, release
 from structid.files.reading import DAMAGE, damage_told, digest, read_part, read_start, require_readable
-from structid.files.writing import atomic_write, make_folder, replace_unchanged, require_no_file
+from structid.files.writing import atomic_write, csv_text, make_folder, replace_unchanged, require_no_file
 
 __all__ = [
     "DAMAGE",
     "atomic_write",
     "claim",
     "claimed",
+    "csv_text",
     "damage_told",
     "digest",
     "make_folder",

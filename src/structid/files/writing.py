@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import secrets
 import stat
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from structid.core.errors import FileError
 
 
+def csv_text(header: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
+    """A table as CSV text with lines that end in a line feed."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()
+
+
 @contextmanager
 def atomic_write(path: str | Path, is_new: bool = False) -> Iterator[Path]:
     """Context manager: a temporary path in the folder of `path`, renamed to `path` if the block ends without an error.
-
-    On any error the temporary file is removed and a file already at `path` stays as it was. A file that is replaced
-    hands on its permissions.
 
     On any error the temporary file is removed and a file already at `path` stays as it was. A file that is replaced hands on
     its permissions.

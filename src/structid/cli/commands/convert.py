@@ -24,9 +24,10 @@ from structid.fem.importers import (
     read_numbering,
     write_abaqus,
     write_matrices,
+    write_numbering,
 )
 from structid.fem.importers.abaqus import Form
-from structid.files import atomic_write, claimed, require_readable
+from structid.files import claimed, require_readable
 from structid.modal import ModalRecord
 from structid.modal.formats.files import JSON_SUFFIXES, UFF_SUFFIXES, read_modes, write_modes
 from structid.modal.formats.nastran import PUNCH_SUFFIXES
@@ -251,6 +252,5 @@ def _write_numbering(path: Path, items: Sequence[ImportedMatrix]) -> str:
                 f"{first.name!r} and {item.name!r} have other rows; choose one with `matrix`", "write_dofs"
             )
     dofs_of(table)
-    with atomic_write(path) as temporary:
-        temporary.write_text("".join(f"{node} {component}\n" for node, component in table.tolist()), encoding="ascii")
+    write_numbering(path, table)
     return f"{path}: node and component of {plural(len(table), 'row')}"

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from structid.core.display import split_commas
 from structid.core.errors import InputError
 
 
@@ -37,8 +38,7 @@ class CompareOptions:
         """Convert `least` to a fraction, and `unchanged` from text between commas to a tuple of names."""
         object.__setattr__(self, "least", least_part(self.least))
         if isinstance(self.unchanged, str):
-            names = tuple(name.strip() for name in self.unchanged.split(",") if name.strip())
-            object.__setattr__(self, "unchanged", names)
+            object.__setattr__(self, "unchanged", split_commas(self.unchanged))
 
 
 def least_part(given: float | str) -> float:

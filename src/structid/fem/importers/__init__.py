@@ -26,7 +26,7 @@ from structid.fem.importers.imported import (
     of_elements,
     on_dofs,
 )
-from structid.fem.importers.numbering import read_numbering
+from structid.fem.importers.numbering import read_numbering, write_numbering
 from structid.fem.importers.op4.strings import Op4Options
 from structid.files import atomic_write, damage_told, require_readable
 
@@ -53,6 +53,7 @@ __all__ = [
     "write_dmig",
     "write_matrices",
     "write_matrix",
+    "write_numbering",
     "write_op4",
 ]
 

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from structid.core.arrays import IntArray
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import FileError, InputError
 from structid.fem.importers.bulk_lines import BulkLines, bulk_lines
 from structid.fem.importers.imported import dofs_of
-from structid.files import damage_told
+from structid.files import atomic_write, damage_told
 
 _SETS = ("ASET", "ASET1", "BSET", "BSET1", "CSET", "CSET1", "QSET", "QSET1", "OMIT")
 _CARD = re.compile(r"^(EXTRN|[ABCQ]SET1?)[*,\s]", re.IGNORECASE | re.MULTILINE)
@@ -48,6 +49,12 @@ def read_numbering(path: Path) -> tuple[Dof, ...]:
         if filled and all(_PAIR.match(line) for _, line in filled):
             return dofs_of(np.array([[int(word) for word in re.findall(r"\d+", line)] for _, line in filled]))
         return _read_names(path, filled)
+
+
+def write_numbering(path: Path, table: IntArray) -> None:
+    """Write node and component of each row (n_rows, 2) as `read_numbering` reads them, one line a row."""
+    with atomic_write(path) as temporary:
+        temporary.write_text("".join(f"{node} {component}\n" for node, component in table.tolist()), encoding="ascii")
 
 
 def _read_names(path: Path, lines: list[tuple[int, str]]) -> tuple[Dof, ...]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
 from structid.core.constraints import Count, Positive
+from structid.core.display import split_commas
 from structid.core.errors import InputError
 from structid.records.formats.csv.layout import CsvLayout
 
@@ -191,7 +192,7 @@ def _is_positive(value: object) -> bool:
 def _as_texts(name: str, value: str | Iterable[object]) -> tuple[str, ...]:
     """The option `name` as a tuple of texts: a list, or one text with commas."""
     if isinstance(value, str):
-        return tuple(part.strip() for part in value.split(",") if part.strip())
+        return split_commas(value)
     try:
         return tuple(str(part) for part in value)
     except TypeError as error:

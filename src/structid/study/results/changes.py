@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
-
 import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.core.json_types import Entry
+from structid.files import csv_text
 from structid.inversion import Estimate
 from structid.inversion.search.matrix_free import dense_search_fits
 
@@ -50,13 +48,9 @@ def largest_changes(found: Estimate, count: int) -> list[int]:
 
 def changes_table(estimate: Estimate) -> str:
     """All parameters of an estimate as CSV text, one a line; a cell is empty where a number is not known."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    rows = _columns(estimate)
-    writer.writerow(rows)
-    for row in zip(*rows.values(), strict=True):
-        writer.writerow(["" if isinstance(v, float) and not np.isfinite(v) else v for v in row])
-    return text.getvalue()
+    columns = _columns(estimate)
+    rows = zip(*columns.values(), strict=True)
+    return csv_text(columns, (["" if isinstance(v, float) and not np.isfinite(v) else v for v in row] for row in rows))
 
 
 def _columns(found: Estimate) -> dict[str, list[Entry]]:

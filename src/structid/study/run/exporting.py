@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.core.dof import Dof
+from structid.core.display import split_commas
 from structid.core.errors import InputError
-from structid.fem.importers import ImportedMatrix, write_matrices
-from structid.files import atomic_write
+from structid.fem.importers import ImportedMatrix, write_matrices, write_numbering
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.options import ExportOptions
 from structid.prediction.state_space import state_space
@@ -26,9 +25,7 @@ def export_state_space(model: IdentifiedModel, options: ExportOptions, path: Pat
     InputError
         If sensors, loads or the band are missing or cannot be used.
     """
-    sensors, loads = (
-        [part.strip() for part in text.split(",") if part.strip()] for text in (options.sensors, options.loads)
-    )
+    sensors, loads = split_commas(options.sensors), split_commas(options.loads)
     for name, value in (("sensors", sensors), ("loads", loads), ("band", options.band)):
         if not value:
             raise InputError(f"`{name}` must be given for state equations, got none", name)
@@ -57,26 +54,15 @@ def export_matrices(model: IdentifiedModel, path: Path) -> list[str]:
     """
     structure = model.structure
     structure.require_modes("matrices")
-    rows = structure.dofs
-    table = np.array([_component(dof) for dof in rows])
-    items = []
-    for name, law in _MATRICES.items():
-        matrix = structure.matrix(law, model.values)
-        if matrix.nnz:
-            items.append(ImportedMatrix(name, matrix, table))
+    table = np.array([(dof.node, dof.axis + 1) for dof in structure.dofs])
+    matrices = {name: structure.matrix(law, model.values) for name, law in _MATRICES.items()}
+    items = [ImportedMatrix(name, matrix, table) for name, matrix in matrices.items() if matrix.nnz]
     write_matrices(path, items)
     numbering = path.with_suffix(".dofs.txt")
-    with atomic_write(numbering) as temporary:
-        temporary.write_text("".join(f"{node} {component}\n" for node, component in table.tolist()), encoding="ascii")
-    names = ", ".join(item.name for item in items)
+    write_numbering(numbering, table)
+    names = [item.name for item in items]
+    imaginary = "; K4AA is the imaginary part of the stiffness" if "K4AA" in names else ""
     return [
-        f"{path}: {names} of {len(rows)} degrees of freedom, SI units; K4AA is the imaginary part of the stiffness"
-        if any(item.name == "K4AA" for item in items)
-        else f"{path}: {names} of {len(rows)} degrees of freedom, SI units",
+        f"{path}: {', '.join(names)} of {len(table)} degrees of freedom, SI units{imaginary}",
         f"{numbering}: node and component of each row",
     ]
-
-
-def _component(dof: Dof) -> tuple[int, int]:
-    """Node and component, 1 to 6, of a row."""
-    return dof.node, dof.axis + 1

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from structid.core.display import split_commas
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Entry
+from structid.files import csv_text
 from structid.prediction.changes import Change, changed_model
 from structid.prediction.options import PredictOptions
 from structid.prediction.predict import PredictedChange, Prediction, predict, predict_change
@@ -69,7 +69,7 @@ def predict_study(
     source = stored_study(folder, study)
     model, error = stored_model(folder, source)
     changed_model(model.structure, model.parameters, changes)
-    sensors = parse_dofs(_texts(options.sensors))
+    sensors = parse_dofs(split_commas(options.sensors))
 
     def of(quantity: Quantity) -> Prediction | PredictedChange:
         if changes:
@@ -78,7 +78,7 @@ def predict_study(
 
     frf = history = maxima = None
     if sensors:
-        loads = parse_dofs(_texts(options.loads) or stored_loads(folder))
+        loads = parse_dofs(split_commas(options.loads) or stored_loads(folder))
         band = options.band or source.options.band or _no_band(source)
         frf = of(Frf(sensors, loads, np.linspace(*band, options.lines), options.kind))
     if options.history is not None:
@@ -88,10 +88,6 @@ def predict_study(
         history, maxima = of(pushed), of(Maxima(pushed))
     words = tuple(change.words for change in changes)
     return StudyPrediction(folder, source.title, of(NaturalModes(options.modes)), frf, history, maxima, words)
-
-
-def _texts(text: str) -> list[str]:
-    return [part.strip() for part in text.split(",") if part.strip()]
 
 
 def _no_band(study: Study) -> tuple[float, float]:
@@ -176,8 +172,4 @@ def prediction_csv(found: Prediction | PredictedChange) -> str:
             flat = table.reshape(len(columns[0]), -1)
             header += [f"{before}{name} {what} ({first.quantity.unit})" for name in names]
             columns += list(flat.T)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([[f"{value:.9g}" for value in row] for row in np.column_stack(columns).tolist()])
-    return text.getvalue()
+    return csv_text(header, ([f"{value:.9g}" for value in row] for row in np.column_stack(columns).tolist()))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
 
+from structid.core.display import split_commas
 from structid.core.errors import InputError
 from structid.core.json_types import Entry
+from structid.files import csv_text
 from structid.prediction.options import SenseOptions
 from structid.prediction.virtual_sensing import SensedMotion, UnknownForces, sense
 from structid.records import ReadOptions, TimeRecord, read_record
@@ -29,7 +29,7 @@ def sense_record(
     NoAnswerError
         If the data do not determine the model, or the sensors do not tell the motion.
     """
-    if not _texts(options.wanted):
+    if not split_commas(options.wanted):
         raise InputError("`wanted` must name where motion is wanted, such as 12Y, got none", "wanted")
     model, _ = stored_model(folder, stored_study(folder, study))
     record = read_record(path, read)
@@ -37,13 +37,9 @@ def sense_record(
         raise InputError(f"{path}: holds FRFs; motion at other places is told from time histories")
     unknown = None
     if options.unknown and options.correlation_time is not None:
-        unknown = UnknownForces(_texts(options.unknown), options.correlation_time, options.force_std)
-    left = _texts(options.leave_out)
-    return sense(model, record, _texts(options.wanted), options.motion, unknown, left, options.draws)
-
-
-def _texts(text: str) -> list[str]:
-    return [part.strip() for part in text.split(",") if part.strip()]
+        unknown = UnknownForces(split_commas(options.unknown), options.correlation_time, options.force_std)
+    left = split_commas(options.leave_out)
+    return sense(model, record, split_commas(options.wanted), options.motion, unknown, left, options.draws)
 
 
 def sensed_csv(found: SensedMotion) -> str:
@@ -56,11 +52,7 @@ def sensed_csv(found: SensedMotion) -> str:
     for dof, value, std in zip(found.force_dofs, found.forces.T, found.force_std.T, strict=True):
         header += [f"{dof} force (N)", f"{dof} force std (N)"]
         columns += [value, std]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([[f"{value:.9g}" for value in row] for row in np.column_stack(columns).tolist()])
-    return text.getvalue()
+    return csv_text(header, ([f"{value:.9g}" for value in row] for row in np.column_stack(columns).tolist()))
 
 
 def sensed_summary(found: SensedMotion, folder: Path, path: Path) -> dict[str, Entry]:
