@@ -25,8 +25,6 @@ FAR_BEYOND = 9.0
 LARGE_ERROR = 0.02
 #: Degrees of freedom below which a residual hardly tests a model: chi-square then scatters by a third of itself.
 FEW_FREEDOMS = 15
-#: Part of a variance from which on it is owed to priors: they know more than the data.
-MOSTLY_PRIOR = 0.5
 #: Part of a misfit that one change removes from where on it is the cause, if it leaves noise alone.
 MOST_OF_MISFIT = 0.5
 #: Of small misfits: part of what goes beyond the noise that a cause removes at least.

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from scipy import sparse
 
-from structid.core.arrays import FloatArray, locked
+from structid.core.arrays import locked
 from structid.core.dof import Dof, parse_dof
 from structid.core.errors import InputError
 from structid.fem import Dashpot, PointMass, Spring, Structure
@@ -23,12 +23,8 @@ _LABEL = re.compile(r"^(?P<property>\w+)\[(?P<set>[^:\]]+)(?::(?P<number>\d+))?\
 class Change(Protocol):
     """A change of a structure."""
 
-    def structure_of(self, structure: Structure) -> Structure:
-        """The structure after the change; property values are carried over by their labels."""
-        ...
-
-    def factors_of(self, structure: Structure) -> FloatArray:
-        """What multiplies each property value of the structure, (n_values,)."""
+    def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
+        """The structure after the change, and the parameters that it has: those given, by the labels of properties."""
         ...
 
     @property
@@ -44,16 +40,13 @@ class AddMass:
     node: int
     mass: float
 
-    def structure_of(self, structure: Structure) -> Structure:
-        """The structure with the point mass added."""
+    def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
+        """The structure with the point mass added, and its parameters."""
         _require_node(structure, self.node)
         _require_positive("mass", self.mass)
         name = _free_name(structure, f"added mass {self.node}")
-        return replace(structure, elements=(*structure.elements, PointMass(name, [self.node], mass=self.mass)))
-
-    def factors_of(self, structure: Structure) -> FloatArray:
-        """See `Change.factors_of`."""
-        return np.ones(len(structure.values))
+        added = PointMass(name, [self.node], mass=self.mass)
+        return _carried_over(parameters, structure, replace(structure, elements=(*structure.elements, added)))
 
     @property
     def words(self) -> str:
@@ -68,12 +61,8 @@ class Scale:
     label: str
     factor: float
 
-    def structure_of(self, structure: Structure) -> Structure:
-        """See `Change.structure_of`."""
-        return structure
-
-    def factors_of(self, structure: Structure) -> FloatArray:
-        """Factors on the property values of the structure, (n_values,): `factor` for the scaled ones, 1 for others."""
+    def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
+        """The same structure, and the parameters with the property values scaled."""
         if not (np.isfinite(self.factor) and self.factor >= 0):
             raise InputError(f"`factor` of {self.label} must be at least 0, got {self.factor:g}")
         found = _LABEL.match(self.label)
@@ -91,7 +80,8 @@ class Scale:
             if not 1 <= number <= count:
                 raise InputError(f"{whole} has elements 1 to {count}, got {number}")
             factors[item.values.start + number - 1] = self.factor
-        return factors
+        design = sparse.csc_array(sparse.diags_array(factors) @ parameters.design)
+        return structure, replace(parameters, offset=locked(factors * parameters.offset), design=design)
 
     @property
     def words(self) -> str:
@@ -105,17 +95,13 @@ class Remove:
 
     name: str
 
-    def structure_of(self, structure: Structure) -> Structure:
-        """The structure without the element set."""
+    def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
+        """The structure without the element set, and its parameters."""
         kept = tuple(element for element in structure.elements if element.name != self.name)
         if len(kept) == len(structure.elements):
             near = difflib.get_close_matches(self.name, [element.name for element in structure.elements], 1, 0.0)
             raise InputError(f"the structure has no element set {self.name!r}; the nearest is {near[0]!r}")
-        return replace(structure, elements=kept)
-
-    def factors_of(self, structure: Structure) -> FloatArray:
-        """See `Change.factors_of`."""
-        return np.ones(len(structure.values))
+        return _carried_over(parameters, structure, replace(structure, elements=kept))
 
     @property
     def words(self) -> str:
@@ -129,15 +115,11 @@ class AddSupport:
 
     dof: str | Dof
 
-    def structure_of(self, structure: Structure) -> Structure:
-        """The structure with the degree of freedom held."""
+    def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
+        """The structure with the degree of freedom held, and its parameters."""
         held = parse_dof(self.dof).unsigned
         structure.selection([held])
-        return replace(structure, fixed=(*structure.fixed, held))
-
-    def factors_of(self, structure: Structure) -> FloatArray:
-        """See `Change.factors_of`."""
-        return np.ones(len(structure.values))
+        return _carried_over(parameters, structure, replace(structure, fixed=(*structure.fixed, held)))
 
     @property
     def words(self) -> str:
@@ -154,8 +136,8 @@ class AddTunedMassDamper:
     frequency: float
     damping_ratio: float
 
-    def structure_of(self, structure: Structure) -> Structure:
-        """The structure with a new node that holds the mass, and a spring and a dashpot to it."""
+    def apply(self, structure: Structure, parameters: Parameters) -> tuple[Structure, Parameters]:
+        """The structure with a mass on a new node, a spring and a dashpot to it, and its parameters."""
         at = parse_dof(self.dof).unsigned
         if at.is_rotation:
             raise InputError(f"a tuned mass damper moves along X, Y or Z, got {at}")
@@ -172,11 +154,8 @@ class AddTunedMassDamper:
             Dashpot(f"{title} dashpot", at, moving, viscous_damping=2 * self.damping_ratio * self.mass * rate),
         )
         nodes = {**structure.nodes, node: structure.nodes[at.node]}
-        return replace(structure, nodes=nodes, elements=(*structure.elements, *parts))
-
-    def factors_of(self, structure: Structure) -> FloatArray:
-        """See `Change.factors_of`."""
-        return np.ones(len(structure.values))
+        changed = replace(structure, nodes=nodes, elements=(*structure.elements, *parts))
+        return _carried_over(parameters, structure, changed)
 
     @property
     def words(self) -> str:
@@ -206,18 +185,12 @@ def changed_model(
         If a change names what the structure does not have, or leaves nothing of it.
     """
     for change in changes:
-        factors = change.factors_of(structure)
-        scaled = sparse.diags_array(factors) @ parameters.design
-        parameters = replace(parameters, offset=locked(factors * parameters.offset), design=sparse.csc_array(scaled))
-        changed = change.structure_of(structure)
-        if changed is not structure:
-            parameters = _carried_over(parameters, structure, changed)
-        structure = changed
+        structure, parameters = change.apply(structure, parameters)
     return structure, parameters
 
 
-def _carried_over(parameters: Parameters, before: Structure, after: Structure) -> Parameters:
-    """Parameters of the structure `before` as parameters of `after`, matched by the labels of properties."""
+def _carried_over(parameters: Parameters, before: Structure, after: Structure) -> tuple[Structure, Parameters]:
+    """The structure `after`, and the parameters of `before` as parameters of it, matched by the labels of properties."""
     places = {item.label: item.values for item in before.properties}
     offset = np.array(after.values)
     rows: list[int] = []
@@ -229,7 +202,8 @@ def _carried_over(parameters: Parameters, before: Structure, after: Structure) -
             rows += range(item.values.start, item.values.stop)
             columns += range(old.start, old.stop)
     taken = sparse.coo_array((np.ones(len(rows)), (rows, columns)), (len(offset), len(parameters.offset)))
-    return replace(parameters, offset=locked(offset), design=sparse.csc_array(taken @ parameters.design))
+    design = sparse.csc_array(taken @ parameters.design)
+    return after, replace(parameters, offset=locked(offset), design=design)
 
 
 def _require_node(structure: Structure, node: int) -> None:

@@ -40,7 +40,6 @@ _SPACED = re.compile(r"(?:\b[A-Z] ){4}")
 _FATAL = re.compile(r"^[\s01]*(?:(?:\*\*\*|\^\^\^) (?:USER|SYSTEM) FATAL\b|\*ERROR\s+\d+:)")
 _RUN = {name: re.compile(rf"\b{name}\s+(\d+)\s*$") for name in ("SUBCASE", "SUPERELEMENT")}
 _REAL_TABLE = re.compile(r"\bR E A L\s+E I G E N V A L U E S\s*$")
-_COMPLEX_TABLE = re.compile(r"\bC O M P L E X\s+E I G E N V A L U E\s+S U M M A R Y\s*$")
 _TABLE_ROW = re.compile(rf"^\s*(\d+)\s+(\d+)((?:\s+{_REAL}){{5}})\s*$")
 _BUCKLING = re.compile(r"buckling load factors", re.IGNORECASE)
 _EIGENVALUE = re.compile(rf"^\s+EIGENVALUE =\s*({_REAL})(?:\s*\(CYCLIC FREQUENCY =\s*({_REAL})\s*HZ\))?")

@@ -194,11 +194,6 @@ class ResultsView(Shown):
         return tuple(parameter for parameter in self.parameters if not parameter.is_own)
 
     @property
-    def misfit_ratio(self) -> float:
-        """Root mean square of the residual over what noise and tolerances make of it."""
-        return float(np.sqrt(self.identification.estimate.goodness.misfit))
-
-    @property
     def ranked_channels(self) -> tuple[ChannelFit, ...]:
         """The channels, the worst fitted first."""
         return tuple(sorted(self.channels, key=lambda channel: -channel.error))

@@ -20,7 +20,6 @@ from structid.files.uff.fields import integers, read_reals, real_number
 _TITLES = 5
 _DOF_COLUMNS = (5, 10, 5, 10, 11, 10, 4, 11, 10, 4)
 _FORM_COLUMNS = (10, 10, 10, 13, 13, 13)
-_CHARACTER_COLUMNS = (10, 5, 5, 5, 21, 21)
 _LONGEST_LINE = 6
 _NO_TEXT = ("", "NONE", "NULL", "UNKNOWN")
 _LITTLE, _BIG = 1, 2
