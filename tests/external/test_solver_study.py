@@ -58,6 +58,8 @@ def test_matrices_are_asked_for_once_and_give_the_exact_answer(tmp_path):
     assert found["parameters"][0]["initial"] == 1000.0
     identified(tmp_path / "study.toml")
     assert (tmp_path / "log").read_text().count("\n") == 7
+    done = RUN.invoke(cli.app, ["predict", str(tmp_path / "out")])
+    assert (done.exit_code, "its model comes from a solver" in done.stderr) == (2, True)
 
 
 def test_entries_that_cancel_in_some_runs_only_are_rounding(tmp_path):

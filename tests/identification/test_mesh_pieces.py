@@ -11,6 +11,7 @@ from structid.cli import app as cli
 from structid.identification.mesh_pieces import judge_pieces
 from structid.identification.options import IdentifyOptions
 from structid.records.formats import write_record
+from structid.study.results.stored_model import stored_model, stored_study
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from structid.unknowns.tolerances import EXACT
@@ -110,6 +111,11 @@ def test_the_console_and_the_results_say_what_was_chosen(tmp_path, record):
     assert "the mesh moves no value by more than 0." in done.output
     result = json.loads((tmp_path / "out" / "estimate.json").read_text(encoding="utf-8"))
     assert "the mesh moves no value by more than 0." in result["assumption"]
+    source = stored_study(tmp_path / "out")
+    predicted = sid.predict(stored_model(tmp_path / "out", source), sid.NaturalModes(3), n_draws=50)
+    np.testing.assert_allclose(
+        predicted.values[:, 0], [mode["frequency_hz"] for mode in result["modes"][:3]], rtol=1e-9
+    )
 
 
 def test_where_nothing_can_be_cut_it_is_said(tmp_path):

@@ -9,9 +9,11 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.display import format_number
 from structid.core.units import FrfKind
-from structid.forward import FrfProblem
+from structid.fem import Structure
 from structid.forward.frf.response import response
+from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES
+from structid.unknowns import Parameters
 
 #: Lines to each side over which squares are summed.
 _REACH = 10
@@ -44,7 +46,14 @@ class ModelError:
     kind: FrfKind
 
     @classmethod
-    def of_fit(cls, problem: FrfProblem, physical: FloatArray, predicted: ComplexArray) -> ModelError:
+    def of_fit(
+        cls,
+        structure: Structure,
+        parameters: Parameters,
+        physical: FloatArray,
+        record: FrfRecord,
+        predicted: ComplexArray,
+    ) -> ModelError:
         """The error of modelled FRFs that sensors show when each is left out of the fit in turn, without noise.
 
         To first order: without sensor s the parameters move by -(N - N_s)^-1 g_s, where N sums the information of all sensors and
@@ -52,18 +61,22 @@ class ModelError:
 
         Parameters
         ----------
-        problem : FrfProblem
+        structure : Structure
+        parameters : Parameters
+            Of that structure.
         physical : (n_params,) float array
-            Identified parameters of its structure.
+            Identified values.
+        record : FrfRecord
+            What was fitted.
         predicted : (n_frequencies, n_outputs, n_inputs) complex array
-            Its responses there.
+            The responses of the fitted model.
 
         References
         ----------
         Cook and Weisberg (1982), Residuals and Influence in Regression, section 3.
         """
-        record = problem.record
-        left_out = _moved_without(problem, physical, predicted)
+        slopes = response(structure, parameters, record).derivatives_at(physical)[1]
+        left_out = _moved_without(record, slopes, predicted)
         noise = 0.0 if record.variance is None else record.variance
         excess = _sum_nearby((np.abs(record.values - left_out) ** 2 - noise).mean(axis=(1, 2)))
         square = _sum_nearby((np.abs(predicted) ** 2).mean(axis=(1, 2)))
@@ -90,11 +103,12 @@ class ModelError:
         return np.asarray(draws + noise * (std / np.sqrt(2)))
 
 
-def _moved_without(problem: FrfProblem, physical: FloatArray, predicted: ComplexArray) -> ComplexArray:
-    """Responses at each sensor by a model fitted to the other sensors, to first order, shaped as `predicted`."""
-    record = problem.record
+def _moved_without(record: FrfRecord, slopes: ComplexArray, predicted: ComplexArray) -> ComplexArray:
+    """Responses at each sensor by a model fitted to the other sensors, to first order, shaped as `predicted`.
+
+    `slopes` (n_frequencies, n_outputs, n_inputs, n_params) are the derivatives of `predicted`.
+    """
     residual = record.values - predicted
-    slopes = response(problem.structure, problem.parameters, record).derivatives_at(physical)[1]
     size = np.abs(predicted) if record.variance is None else np.sqrt(record.variance)
     weighted = slopes / size[..., None]
     information = np.einsum("foip,foiq->opq", np.conj(weighted), weighted).real

@@ -160,8 +160,9 @@ def _model_and_error(
     if isinstance(source, IdentifiedModel):
         return source, model_error
     if model_error is None and source.fits and source.estimate.covariance_basis == "model_error":
-        fit = source.fits[0]
-        model_error = ModelError.of_fit(fit.problem, source.estimate.values[source.own_index], fit.predicted)
+        fit, physical = source.fits[0], source.estimate.values[source.own_index]
+        problem = fit.problem
+        model_error = ModelError.of_fit(problem.structure, problem.parameters, physical, problem.record, fit.predicted)
     return model_of(source), model_error
 
 

@@ -48,7 +48,7 @@ def export(
     for path in (state_space, matrices):
         if path is not None and path.exists() and not force:
             raise FileError(f"{path}: exists already; add --force to write it anew, or write to another file")
-    model, _ = stored_model(results, stored_study(results, study))
+    model = stored_model(results, stored_study(results, study))
     if state_space is not None:
         say(export_state_space(model, options, state_space))
     if matrices is not None:

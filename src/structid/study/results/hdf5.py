@@ -13,9 +13,7 @@ from structid.dynamics import Modes
 from structid.fem import Structure
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
-from structid.identification.identified import Identification
 from structid.inversion import Estimate
-from structid.prediction.model_error import ModelError
 from structid.study.results.result import StudyResult
 
 if TYPE_CHECKING:
@@ -37,15 +35,11 @@ def hdf5_bytes(result: StudyResult) -> bytes:
         file.attrs["format"] = "structid estimate 1"
         file.attrs["structid"] = result.provenance.structid
         file.attrs["title"] = result.study.title
+        _put(file, "subdivide", [result.study.structure.subdivide], "1")
         identification = result.identification
         _write_parameters(file.create_group("parameters"), identification.estimate)
         if identification.fits:
             _write_record(file, identification.fits[0])
-            if (
-                identification.estimate.covariance_basis == "model_error"
-                and identification.estimate.uncertainty.has_matrix
-            ):
-                _write_model_error(file["frf"], identification)
         else:
             _write_modes(file.create_group("modes"), identification.modes, identification.structure)
             _write_modes(file.create_group("modes_initial"), identification.modes_initial, identification.structure)
@@ -113,9 +107,12 @@ def _write_frf(group: h5py.Group, fit: RecordFit) -> None:
     record = fit.problem.record
     group.attrs["kind"] = record.kind
     group.attrs["noise_source"] = record.noise_source
+    _texts(group, "kind", [record.kind])
     _texts(group, "outputs", record.outputs)
     _texts(group, "inputs", record.inputs)
     _put(group, "frequency", record.frequency, "Hz")
+    if record.decay is not None:
+        _put(group, "decay", record.decay, "1/s")
     _put(group, "measured", record.values, record.unit)
     _put(group, "predicted", fit.predicted, record.unit)
     _put(group, "predicted_initial", fit.predicted_initial, record.unit)
@@ -124,15 +121,6 @@ def _write_frf(group: h5py.Group, fit: RecordFit) -> None:
         _put(group, "variance", record.variance, f"({record.unit})^2")
     if record.coherence is not None:
         _put(group, "coherence", record.coherence, "1")
-
-
-def _write_model_error(group: h5py.Group, identification: Identification) -> None:
-    """Write the error of responses that were not measured, for predictions from these results."""
-    fit = identification.fits[0]
-    error = ModelError.of_fit(fit.problem, identification.estimate.values[identification.own_index], fit.predicted)
-    _put(group, "model_error_part", error.part, "1")
-    _put(group, "model_error_size", error.size, fit.problem.record.unit)
-    _texts(group, "model_error_kind", [error.kind])
 
 
 def _write_evaluation(group: h5py.Group, fit: RecordFit) -> None:

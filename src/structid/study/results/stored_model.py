@@ -8,29 +8,35 @@ from typing import cast
 
 import numpy as np
 
+from structid.core.arrays import FloatArray
+from structid.core.dof import parse_dofs
 from structid.core.errors import FileError, InputError, NoAnswerError
 from structid.core.units import FrfKind
 from structid.files import require_readable
-from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
+from structid.files.hdf5 import Field, hdf5_datasets, hdf5_fields, texts_of
 from structid.inversion.fixed_values import SECOND_ORDER
 from structid.prediction.identified_model import IdentifiedModel, identified_model
 from structid.prediction.model_error import ModelError
+from structid.records import FrfRecord
 from structid.study.results.folder import STUDY_PATH
-from structid.study.schema.study import Study, load_study
+from structid.study.schema.model.structure import AUTO
+from structid.study.schema.study import Study, cut_study, load_study
 
 _ARRAYS = ("names", "values", "covariance_basis", "covariance_noise", "covariance_model_error")
 _FIXED = ("fixed_names", "fixed_tolerances", "fixed_changes")
-_ERROR = ("frequency", "model_error_part", "model_error_size", "model_error_kind")
+_FITTED = ("kind", "outputs", "inputs", "frequency", "measured", "predicted")
 _AGAIN = "identify again with this version of structid"
 
 
 def stored_study(folder: Path, study: Path | None = None) -> Study:
-    """The study of a results folder, read from where it was identified, or from the file `study`.
+    """The study of a results folder, read from where it was identified, or from the file `study`, its beams cut as they were.
 
     Raises
     ------
     FileError
         If there is no such folder, or its study is no longer where it was or is no longer the same.
+    InputError
+        If a solver gives the model of the study.
     """
     place = folder / "estimate.json"
     if not place.is_file():
@@ -50,15 +56,25 @@ def stored_study(folder: Path, study: Path | None = None) -> Study:
         raise FileError(
             f"{path}: {what} has changed since {folder} was identified; identify again, or give the study as it was with --study"
         )
-    return found
+    if found.solved is not None:
+        raise InputError(
+            f"{path}: its model comes from a solver, and a results folder does not hold the one at the answer; predict in Python"
+            " from the identification itself"
+        )
+    if found.root.inner("structure").table.get("subdivide") != AUTO:
+        return found
+    count = _read_group(folder / "estimate.h5", "", ("subdivide",)).get("subdivide")
+    if count is None:
+        raise FileError(f"{folder}: does not say into how many pieces its beams were cut; {_AGAIN}")
+    return cut_study(found, int(np.asarray(count)[0]))
 
 
 def _text(path: Path) -> str:
     return require_readable(path).read_bytes().decode("utf-8", errors="replace")
 
 
-def stored_model(folder: Path, study: Study) -> tuple[IdentifiedModel, ModelError | None]:
-    """The identified model of the results folder of a study, and what its fit missed beyond noise where it did.
+def stored_model(folder: Path, study: Study) -> IdentifiedModel:
+    """The identified model of the results folder of a study.
 
     Raises
     ------
@@ -68,11 +84,8 @@ def stored_model(folder: Path, study: Study) -> tuple[IdentifiedModel, ModelErro
         If the data do not determine the model, or the search gave no covariance.
     """
     path = folder / "estimate.h5"
-    present = set(hdf5_datasets(require_readable(path)))
-    names = [f"parameters/{name}" for name in (*_ARRAYS, *_FIXED) if f"parameters/{name}" in present]
-    names += [f"frf/{name}" for name in _ERROR if f"frf/{name}" in present]
-    stored = {name.removeprefix("parameters/"): value for name, value in hdf5_fields(path, names).items()}
-    if "covariance_noise" not in stored and "parameters/draws" in present:
+    stored = _read_group(path, "parameters", (*_ARRAYS, *_FIXED, "draws"))
+    if "covariance_noise" not in stored and "draws" in stored:
         raise NoAnswerError(
             f"{path}: holds no covariance, which a search without matrices does not give; group the unknowns and identify again"
         )
@@ -84,15 +97,14 @@ def stored_model(folder: Path, study: Study) -> tuple[IdentifiedModel, ModelErro
     if absent:
         raise FileError(f"{path}: has no parameter {absent[0]} of the study {study.path}; {_AGAIN}")
     index = [known.index(name) for name in parameters.names]
-    is_doubted = texts_of(stored["covariance_basis"])[0] == "model_error"
-    covariance = np.asarray(stored["covariance_model_error" if is_doubted else "covariance_noise"], dtype=float)
+    covariance = np.asarray(stored[f"covariance_{texts_of(stored['covariance_basis'])[0]}"], dtype=float)
     fixed, changes, words = None, None, "± takes what the model holds as exact"
     if all(name in stored for name in _FIXED):
         names = [name for name in texts_of(stored["fixed_names"]) if name != SECOND_ORDER]
         fixed = dict(zip(names, np.asarray(stored["fixed_tolerances"], dtype=float).tolist(), strict=True))
         changes = np.asarray(stored["fixed_changes"], dtype=float)[index, : len(names)]
         words = "± includes the tolerances of fixed values"
-    model = identified_model(
+    return identified_model(
         study.structure,
         parameters,
         np.asarray(stored["values"], dtype=float)[index],
@@ -101,13 +113,49 @@ def stored_model(folder: Path, study: Study) -> tuple[IdentifiedModel, ModelErro
         changes,
         words,
     )
-    if "frf/model_error_part" not in stored:
-        if is_doubted and "frf/frequency" in stored:
-            raise FileError(f"{path}: does not say what the fit missed at a sensor left out; {_AGAIN}")
-        return model, None
-    frequency, part, size = (np.asarray(stored[f"frf/{name}"], dtype=float) for name in _ERROR[:3])
-    kind = cast(FrfKind, texts_of(stored["frf/model_error_kind"])[0])
-    return model, ModelError(frequency, part, size, kind)
+
+
+def stored_model_error(folder: Path, study: Study, model: IdentifiedModel) -> ModelError | None:
+    """What the fitted FRFs of a results folder miss at a sensor left out; None where the fit does not miss the noise.
+
+    Raises
+    ------
+    FileError
+        If the folder's estimate.h5 is of another version.
+    """
+    path = folder / "estimate.h5"
+    basis = texts_of(_read_group(path, "parameters", ("covariance_basis",))["covariance_basis"])[0]
+    stored = _read_group(path, "frf", (*_FITTED, "variance", "decay"))
+    if basis != "model_error" or "frequency" not in stored:
+        return None
+    missing = [name for name in _FITTED if name not in stored]
+    if missing:
+        raise FileError(f"{path}: does not say the {missing[0]} of its FRFs; {_AGAIN}")
+    record = FrfRecord(
+        np.asarray(stored["frequency"], dtype=float),
+        np.asarray(stored["measured"], dtype=complex),
+        parse_dofs(texts_of(stored["outputs"])),
+        parse_dofs(texts_of(stored["inputs"])),
+        cast(FrfKind, texts_of(stored["kind"])[0]),
+        variance=_floats(stored.get("variance")),
+        decay=_floats(stored.get("decay")),
+    )
+    source = next(source for source in study.setups if source.record.modes is None)
+    physical = model.physical[: source.parameters.n_params]
+    predicted = np.asarray(stored["predicted"], dtype=complex)
+    return ModelError.of_fit(source.structure, source.parameters, physical, record, predicted)
+
+
+def _floats(field: Field | None) -> FloatArray | None:
+    return None if field is None else np.asarray(field, dtype=float)
+
+
+def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Field]:
+    """Those of the datasets `names` that a group of an HDF5 file has; the group "" is the whole file."""
+    places = {f"{group}/{name}".removeprefix("/"): name for name in names}
+    present = set(hdf5_datasets(require_readable(path)))
+    found = hdf5_fields(path, [place for place in places if place in present])
+    return {places[place]: field for place, field in found.items()}
 
 
 def stored_loads(folder: Path) -> tuple[str, ...]:
@@ -118,7 +166,7 @@ def stored_loads(folder: Path) -> tuple[str, ...]:
     InputError
         If the record was of modes, which have no loads.
     """
-    path = folder / "estimate.h5"
-    if "frf/inputs" not in hdf5_datasets(require_readable(path)):
+    stored = _read_group(folder / "estimate.h5", "frf", ("inputs",))
+    if not stored:
         raise InputError(f"`loads` must say where forces act: the record behind {folder} has none", "loads")
-    return texts_of(hdf5_fields(path, ["frf/inputs"])["frf/inputs"])
+    return texts_of(stored["inputs"])

@@ -14,12 +14,12 @@ from structid.core.errors import InputError
 from structid.core.json_types import Entry
 from structid.files import csv_text
 from structid.prediction.changes import Change, changed_model
+from structid.prediction.model_error import ModelError
 from structid.prediction.options import PredictOptions
 from structid.prediction.predict import PredictedChange, Prediction, predict, predict_change
 from structid.prediction.quantities import Frf, History, Maxima, NaturalModes, Quantity
 from structid.records import ReadOptions, TimeRecord, read_record
-from structid.study.results.stored_model import stored_loads, stored_model, stored_study
-from structid.study.schema.study import Study
+from structid.study.results.stored_model import stored_loads, stored_model, stored_model_error, stored_study
 
 PREDICTION_PAGE = "prediction.html"
 
@@ -67,11 +67,11 @@ def predict_study(
         If the data do not determine the model.
     """
     source = stored_study(folder, study)
-    model, error = stored_model(folder, source)
+    model = stored_model(folder, source)
     changed_model(model.structure, model.parameters, changes)
     sensors = parse_dofs(split_commas(options.sensors))
 
-    def of(quantity: Quantity) -> Prediction | PredictedChange:
+    def of(quantity: Quantity, error: ModelError | None = None) -> Prediction | PredictedChange:
         if changes:
             return predict_change(model, quantity, changes, options.draws, options.seed, error)
         return predict(model, quantity, options.draws, options.seed, error)
@@ -79,8 +79,11 @@ def predict_study(
     frf = history = maxima = None
     if sensors:
         loads = parse_dofs(split_commas(options.loads) or stored_loads(folder))
-        band = options.band or source.options.band or _no_band(source)
-        frf = of(Frf(sensors, loads, np.linspace(*band, options.lines), options.kind))
+        band = options.band or source.options.band
+        if band is None:
+            raise InputError("`band` must be given: the study does not state one under [method]", "band")
+        quantity = Frf(sensors, loads, np.linspace(*band, options.lines), options.kind)
+        frf = of(quantity, stored_model_error(folder, source, model))
     if options.history is not None:
         if not sensors:
             raise InputError("`sensors` must name where the motion under `history` is wanted, got none", "sensors")
@@ -88,10 +91,6 @@ def predict_study(
         history, maxima = of(pushed), of(Maxima(pushed))
     words = tuple(change.words for change in changes)
     return StudyPrediction(folder, source.title, of(NaturalModes(options.modes)), frf, history, maxima, words)
-
-
-def _no_band(study: Study) -> tuple[float, float]:
-    raise InputError("`band` must be given: the study does not state one under [method]", "band")
 
 
 def _history(path: Path, sensors: tuple[Dof, ...], motion: str) -> History:
@@ -120,21 +119,19 @@ def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
                 "frequency_hz": {name: _value(part, (k, 0)) for name, part in modes.items()},
                 "damping_ratio": {name: _value(part, (k, 1)) for name, part in modes.items()},
             }
-            for k in range(
-                len(found.modes.before.values if isinstance(found.modes, PredictedChange) else found.modes.values)
-            )
+            for k in range(len(next(iter(modes.values())).values))
         ],
-        **(
-            {
-                "maxima": [
-                    {"output": output, **{name: _value(part, (i,)) for name, part in parts_of(found.maxima).items()}}
-                    for i, output in enumerate(next(iter(parts_of(found.maxima).values())).quantity.axes["output"])
-                ]
-            }
-            if found.maxima is not None
-            else {}
-        ),
+        **({} if found.maxima is None else {"maxima": _maxima(parts_of(found.maxima))}),
     }
+
+
+def _maxima(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
+    """The largest motion of each output by each of the predictions."""
+    outputs = next(iter(parts.values())).quantity.axes["output"]
+    return [
+        {"output": output, **{name: _value(part, (i,)) for name, part in parts.items()}}
+        for i, output in enumerate(outputs)
+    ]
 
 
 def parts_of(found: Prediction | PredictedChange) -> dict[str, Prediction]:

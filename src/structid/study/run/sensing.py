@@ -31,7 +31,7 @@ def sense_record(
     """
     if not split_commas(options.wanted):
         raise InputError("`wanted` must name where motion is wanted, such as 12Y, got none", "wanted")
-    model, _ = stored_model(folder, stored_study(folder, study))
+    model = stored_model(folder, stored_study(folder, study))
     record = read_record(path, read)
     if not isinstance(record, TimeRecord):
         raise InputError(f"{path}: holds FRFs; motion at other places is told from time histories")

@@ -28,7 +28,7 @@ from structid.study.schema.model.structure import AUTO
 from structid.study.schema.records.record import faults, load_histories, load_record, read_files
 from structid.study.schema.records.setups import SetupSource
 from structid.study.schema.section import Section
-from structid.study.schema.study import Study, edited_study
+from structid.study.schema.study import Study, cut_study
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +119,7 @@ def load_setups(study: Study) -> tuple[Study, tuple[AnySetup, ...], MeshPieces |
 
 def with_pieces(study: Study, setups: tuple[AnySetup, ...], count: int) -> tuple[Study, tuple[AnySetup, ...]]:
     """A study with its beams cut into so many pieces, and its set-ups, whose records are not read again."""
-    tables = dict(study.root.table)
-    tables["structure"] = {**dict(study.section("structure").table), "subdivide": count}
-    cut, cache = edited_study(study, tables), ResponseCache()
+    cut, cache = cut_study(study, count), ResponseCache()
     return cut, tuple(loaded(source, cache, setup) for source, setup in zip(cut.setups, setups, strict=True))
 
 

@@ -125,6 +125,13 @@ def edited_study(study: Study, tables: Mapping[str, Plain], work: Work = ALONE) 
     return found if found.solved is not None else replace(found, solved=study.solved)
 
 
+def cut_study(study: Study, count: int) -> Study:
+    """A study with its beams cut into so many pieces."""
+    tables = dict(study.root.table)
+    tables["structure"] = {**dict(study.section("structure").table), "subdivide": count}
+    return edited_study(study, tables)
+
+
 def _make_study(root: Section, files: InputFiles, before: Sequence[SetupSource] = ()) -> Study:
     """The study of a root section; set-ups of `before` are reused where their tables are unchanged."""
     if "record" not in root.table:
