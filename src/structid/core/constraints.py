@@ -126,3 +126,8 @@ def require_declared(thing: object) -> None:
         problem = constraint_violation(annotation, getattr(thing, name))
         if problem:
             raise InputError(f"`{name}` {problem}")
+
+
+def split_commas(text: str) -> tuple[str, ...]:
+    """The parts of a text between its commas, without blanks around them; empty ones are left out."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())

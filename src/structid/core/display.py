@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from numpy.typing import ArrayLike
-
 from structid.core.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from numpy.typing import ArrayLike
 
 #: Rows that are shown; the table says how many more there are.
 _MOST_ROWS = 30
@@ -86,11 +85,6 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
     """The first `most` items joined by commas, and how many more there are."""
     more = len(items) - most
     return ", ".join(map(str, items[:most])) + (f" and {more} more" if more > 0 else "")
-
-
-def split_commas(text: str) -> tuple[str, ...]:
-    """The parts of a text between its commas, without blanks around them; empty ones are left out."""
-    return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 def file_names(paths: Sequence[str | Path]) -> list[str]:

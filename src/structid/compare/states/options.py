@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from structid.core.display import split_commas
+from structid.core.constraints import split_commas
 from structid.core.errors import InputError
 
 

@@ -9,8 +9,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
-from structid.core.constraints import Count, Positive
-from structid.core.display import split_commas
+from structid.core.constraints import Count, Positive, split_commas
 from structid.core.errors import InputError
 from structid.records.formats.csv.layout import CsvLayout
 

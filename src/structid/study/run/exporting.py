@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.core.display import split_commas
+from structid.core.constraints import split_commas
 from structid.core.errors import InputError
 from structid.fem.importers import ImportedMatrix, write_matrices, write_numbering
 from structid.prediction.identified_model import IdentifiedModel

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.core.display import split_commas
+from structid.core.constraints import split_commas
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Entry

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.core.display import split_commas
+from structid.core.constraints import split_commas
 from structid.core.errors import InputError
 from structid.core.json_types import Entry
 from structid.files import csv_text
