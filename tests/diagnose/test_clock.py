@@ -33,7 +33,6 @@ def test_a_fit_gives_the_factor_of_the_axis(tmp_path, factor, words):
 
 
 @pytest.mark.long
-@pytest.mark.xfail(reason="flexible joints and supports explain a clock that is 5 % slow as well and come before it")
 def test_a_slow_clock_is_named_among_the_causes(tmp_path):
     path = written(tmp_path, STUDY)
     record = read_record(tmp_path / "frf.npz")

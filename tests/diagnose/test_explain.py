@@ -500,18 +500,7 @@ def test_of_a_large_model_the_records_alone_are_searched_for_causes(tmp_path, mo
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(
-    "channel",
-    [
-        pytest.param(
-            0,
-            marks=pytest.mark.xfail(
-                reason="beside the mass the sensor is called noisy, which explains the record as well"
-            ),
-        ),
-        1,
-    ],
-)
+@pytest.mark.parametrize("channel", [0, 1])
 def test_a_wrong_sense_beside_another_fault_is_not_called_a_noisy_sensor(tmp_path, channel):
     """Nor outlying lines: alone they explain more than the wrong sense does, beside the other fault it explains all."""
     path = written(tmp_path, off(), HEAVY)

@@ -136,7 +136,7 @@ def test_report_of_modes_shows_pairs_and_no_responses(tmp_path):
     import h5py
 
     with h5py.File(tmp_path / "out" / "estimate.h5") as file:
-        assert set(file) == {"parameters", "modes", "modes_initial", "modal_record_1"}
+        assert set(file) == {"parameters", "modes", "modes_initial", "modal_record_1", "subdivide"}
         np.testing.assert_allclose(file["modal_record_1/mac_fitted"], 1.0, atol=1e-3)
 
 

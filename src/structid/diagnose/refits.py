@@ -100,11 +100,15 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, cost: float, aside: fl
     return replace(fitted, least=within.chi_square + aside, is_beyond=within.misfits(MISFIT))
 
 
-def is_beyond_noise(fitted: Fitted) -> bool:
-    """True where a fit leaves more misfit than chance makes of noise, with fixed values as they are."""
+def is_beyond_noise(fitted: Fitted, counts_left_out: bool = False) -> bool:
+    """True where a fit leaves more misfit than chance makes of noise, with fixed values as they are.
+
+    Data that the fit leaves out count only where `counts_left_out`.
+    """
     target = fitted.modified.target
     dof = target.n_data - n_parameters(fitted.modified)
-    return dof > 0 and misfit_probability(target, fitted.cost - fitted.aside, dof) < MISFIT
+    cost = fitted.cost if counts_left_out else fitted.cost - fitted.aside
+    return dof > 0 and misfit_probability(target, cost, dof) < MISFIT
 
 
 def n_parameters(modified: ModifiedModel) -> int:

@@ -29,6 +29,7 @@ from structid.diagnose.causes import (
     set_candidates,
 )
 from structid.diagnose.causes.candidate import Candidate
+from structid.diagnose.causes.clock import Clock
 from structid.diagnose.causes.friction import FORCES
 from structid.diagnose.causes.gain import LoadGain
 from structid.diagnose.data_rows import rows_of, scaled_misfit
@@ -66,7 +67,7 @@ def screen_sets(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMI
     screened = []
     for candidate in several:
         least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
-        is_always = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow)
+        is_always = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow | Clock)
         if np.isfinite(least) and (is_always or least < (1 - LEAST_DROP) * base.cost):
             screened.append(Screened(candidate, strength, least))
     return screened

@@ -201,7 +201,9 @@ def _paired(explanation: Explanation, work: Work, budget: TimeBudget) -> Explana
     others, is_from_second = list(explanation.causes[1:]), True
     for _ in range(MORE_PAIRS):
         second = pair.further or second
-        if not second.causes or not is_misfit(second.causes[0]) or not (is_from_second or others):
+        if not second.causes or not is_beyond_noise(second.causes[0], counts_left_out=True):
+            break  # a pair that leaves a channel out may look like one that explains it
+        if not (is_from_second or others):
             break
         if budget.left < second.spent:
             pair = replace(pair, is_single=True)

@@ -39,7 +39,9 @@ class Clock(Candidate):
 
     @classmethod
     def from_model(cls, model: TestedModel, problems: Sequence[RecordProblem]) -> Iterator[Candidate]:
-        yield cls()
+        """One candidate a factor: a fit begun at another does not come to it, and a linear step says nothing of either."""
+        for factor in _FACTORS:
+            yield cls(strengths=np.array([factor]))
 
     @property
     def handicap(self) -> float:

@@ -25,8 +25,9 @@ def hdf5_bytes(result: StudyResult) -> bytes:
 
     Groups ``parameters``, ``frf``, ``evaluation``, ``modes`` and ``modes_initial``, the last four once more in
     ``record_2`` and so on for further records of responses; ``modal_record_1`` and so on for those of modes; units are
-    attributes. Of very many parameters ``parameters`` has posterior draws in place of covariance matrices. It is made
-    in memory, so that a full disk shows as an ordinary error when the bytes are written.
+    attributes. ``subdivide`` is the number of pieces into which each beam was cut. Of very many parameters
+    ``parameters`` has posterior draws in place of covariance matrices. The file is made in memory, so that a full disk
+    shows as an ordinary error when the bytes are written.
     """
     import h5py  # so that `import structid` stays light
 
