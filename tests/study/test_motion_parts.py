@@ -11,9 +11,8 @@ import pytest
 from test_study_motion import STUDY, act, written
 
 from structid.core.errors import InputError
-from structid.forward.motion.checkpoint import load_motion_fit
 from structid.forward.motion.fit import motion_fit
-from structid.forward.motion.stream import motion_solution
+from structid.forward.motion.stream import load_motion_fit, motion_solution
 from structid.inversion.regression.local_reduction import Kernels
 from structid.records import TimeRecord
 from structid.records.formats import read_record, write_record

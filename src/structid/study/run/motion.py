@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from structid.core.json_types import Entry, json_text
-from structid.forward.motion.checkpoint import load_motion_fit
 from structid.forward.motion.fit import RecursiveMotionFit, motion_fit
-from structid.forward.motion.stream import MotionSolution, Progress, motion_solution
+from structid.forward.motion.stream import MotionSolution, Progress, load_motion_fit, motion_solution
 from structid.inversion import Status
 from structid.inversion.regression.local_reduction import Kernels
 from structid.records.on_disk import OnDiskRecord, open_record
