@@ -27,6 +27,7 @@ from structid.forward import FrfProblem, SpectraProblem
 from structid.identification.joint_problem import indices_of, joint_problem
 from structid.inversion import Problem
 from structid.inversion.diagnostics.residual_tests import misfit_probability
+from structid.inversion.estimate import ParameterValues, parameters_at
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.minimum import Minimum
 from structid.inversion.search.work import Task, Tools
@@ -73,6 +74,11 @@ class Fitted:
         """Physical values by name."""
         return self.modified.values(self.theta)
 
+    @property
+    def parameters(self) -> ParameterValues:
+        """All parameters, those of the changes among them, with their values."""
+        return parameters_at(self.modified.target, self.theta)
+
     @cached_property
     def _uncertainty(self) -> Uncertainty:
         target, values = self.modified.target, self.modified.fixed_values
@@ -83,6 +89,11 @@ class Fitted:
     def covariance(self) -> FloatArray:
         """Covariance of the physical values, (n_params, n_params), from noise, or where that is missed from model error."""
         return self._uncertainty.spread.covariance
+
+    @property
+    def identified(self) -> np.ndarray:
+        """Which parameters the data determine, (n_params,) bool."""
+        return self._uncertainty.spread.identified
 
     @property
     def covariance_with_tolerances(self) -> FloatArray:
