@@ -23,7 +23,7 @@ from structid.diagnose.search_budget import (
     map_within_budget,
 )
 from structid.diagnose.tested_model import TestedModel
-from structid.forward.polarities import decide_polarities
+from structid.forward.record_problem import decide_polarities
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.study.run.checkpoint import Checkpoint, fingerprint

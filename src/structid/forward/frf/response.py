@@ -21,11 +21,9 @@ from structid.fem import Base, Structure
 from structid.fem.measured import joined_receptance
 from structid.forward.frf.channels import Channels, channels
 from structid.forward.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
-from structid.forward.frf.laws import law_coefficients
-from structid.forward.frf.slopes import StiffnessSlopes
+from structid.forward.frf.slopes import StiffnessSlopes, law_coefficients
 from structid.forward.frf.solvers.coupling import SubstructureCoupling
-from structid.forward.frf.solvers.dense import DenseSolver
-from structid.forward.frf.solvers.dense_or_sparse import MEDIUM_UP_TO, DenseOrSparseSolver
+from structid.forward.frf.solvers.dense import MEDIUM_UP_TO, DenseOrSparseSolver, DenseSolver
 from structid.forward.frf.solvers.solver import FrfSolver
 from structid.forward.frf.solvers.sparse import Pattern, SparseSolver
 from structid.forward.frf.solvers.tabulated import TabulatedFrf
