@@ -16,7 +16,7 @@ from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.model_error import ModelError
 from structid.prediction.options import N_DRAWS
-from structid.prediction.quantities import Evaluator, Frf, Quantity
+from structid.prediction.quantities import Evaluator, Frf, NaturalModes, Quantity
 from structid.unknowns import Parameters
 
 LEVEL = 0.95
@@ -129,6 +129,9 @@ def predict_change(
 ) -> PredictedChange:
     """A quantity before and after changes of the structure, and the difference with its 95 % band.
 
+    Modes after the changes are those that are most like the ones before, in their order, also where a damper adds a mode or a
+    support takes one away.
+
     Parameters
     ----------
     source : Identification or IdentifiedModel
@@ -142,8 +145,12 @@ def predict_change(
     """
     model, error = _model_and_error(source, model_error)
     changed, parameters = changed_model(model.structure, model.parameters, changes)
+    quantity_after = quantity
+    if isinstance(quantity, NaturalModes):
+        quantity = replace(quantity, n_modes=min(quantity.n_modes, model.structure.n_dofs, changed.n_dofs))
+        quantity_after = quantity.followed_from(model.structure, model.values)
     before, drawn_before = _drawn(model, model.structure, model.parameters, quantity, n_draws, seed)
-    after, drawn_after = _drawn(model, changed, parameters, quantity, n_draws, seed)
+    after, drawn_after = _drawn(model, changed, parameters, quantity_after, n_draws, seed)
     sizes = [np.abs(each) if np.iscomplexobj(each) else each for each in (before, after, drawn_before, drawn_after)]
     difference = _band(model, quantity, sizes[1] - sizes[0], sizes[3] - sizes[2], None, seed)
     return PredictedChange(

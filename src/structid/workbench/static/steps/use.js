@@ -1,7 +1,7 @@
 // Use: what the identified model says of other places and of changes, beside what was measured; and files for other programs.
 import {get, link, post} from "../api.js";
 import {chart, colours, ink} from "../charts.js";
-import {bandIn, field, fill, h, number, numberIn, options, table, unpacked} from "../dom.js";
+import {bandIn, field, fill, h, number, numberIn, options, table, unitText, unpacked} from "../dom.js";
 import {resultsName} from "../recorded.js";
 
 const KINDS = ["accelerance", "mobility", "receptance"];
@@ -57,7 +57,7 @@ function asked(app, results, facts, fits) {
     fill(answer, h("p", {class: "muted"}, "Computing 200 models within the uncertainty…"));
     try {
       const told = await post("predict", {results, options: {sensor: state.sensor, load: state.load, kind: state.kind, band: state.band}, changes: state.changes});
-      fill(answer, shownModes(told), ...response(told, state, facts, fits), told.bands ? h("p", {class: "note"}, `Bands hold the true value with a probability of 95 %; ${told.bands}.`) : null);
+      fill(answer, shownModes(told), ...response(told, state, facts, fits), told.bands ? h("p", {class: "note"}, `Bands hold the true value with a probability of 95 %: ${told.bands}.`) : null);
     } catch (error) { fill(answer, h("div", {class: "card bad"}, h("p", {}, error.message))); }
   };
   const listed = () => fill(list, state.changes.map((one, k) => h("li", {class: "row"}, h("span", {}, changeWords(one)), h("button", {class: "small", type: "button", "aria-label": `Take back: ${changeWords(one)}`, onclick: () => { state.changes.splice(k, 1); listed(); }}, "Take back"))));
@@ -108,7 +108,7 @@ function shownModes(told) {
     : [`${k + 1}`, number(hertz.value.value, 5), ends(hertz.value), number(ratio.value.value, 3), ends(ratio.value, 3)]));
   const header = isChange ? ["mode", "before, Hz", "after, Hz", "change, Hz", "95 % of the change", "damping before", "damping after"] : ["mode", "Hz", "95 % interval", "damping ratio", "95 % interval"];
   return h("section", {id: "predicted-modes"}, h("h3", {}, isChange ? `Modes before and after: ${told.changes.join(", ")}` : "Modes"), table(header, rows, header.map((_, k) => k).slice(1)),
-    isChange ? h("p", {class: "note"}, "Errors that both models share cancel in the change.") : null);
+    isChange ? h("p", {class: "note"}, "A row is one shape, before and after. Errors that both models share cancel in the change; a damper splits the mode that it is tuned to in two, of which one is listed.") : null);
 }
 
 function response(told, state, facts, fits) {
@@ -126,7 +126,7 @@ function response(told, state, facts, fits) {
       ];
     });
     if (isSeen) { lines.unshift({x: unpacked(fits.frequency, "f64"), y: unpacked(seen.measured, "f32"), mode: "markers", marker: {size: 3, color: ink()}, name: "measured"}); }
-    return chart(place, lines, {again: draw, xaxis: {title: {text: "frequency, Hz"}, range: state.band}, yaxis: {type: "log", exponentformat: "power", title: {text: `magnitude, ${told.frf.unit}`}}});
+    return chart(place, lines, {again: draw, xaxis: {title: {text: "frequency, Hz"}, range: state.band}, yaxis: {type: "log", exponentformat: "power", title: {text: `magnitude, ${unitText(told.frf.unit)}`}}});
   };
   setTimeout(draw); // it has no width before it is on the page
   const words = isSeen ? "measured in the record" : seen ? `measured as ${facts.kind}; predict that kind to see both` : "no sensor of the record is there";
@@ -141,7 +141,7 @@ function exported(app, results, facts) {
     if (one.obstacle) { return h("li", {}, h("strong", {}, one.content), h("p", {class: "note"}, one.obstacle)); }
     const form = h("select", {}, options(one.suffixes)), button = h("button", {type: "button", disabled: !app.folder.writable, onclick: () => app.doing(button, async () => {
       const state = kept.get(results), told = await post("exports", {results, kind: one.kind, suffix: form.value, options: {modes: numberIn(modes, {least: 1}), sensor: state.sensor, load: state.load, band: state.band[0] === "" ? null : state.band}});
-      fill(written, h("ul", {class: "plain"}, told.paths.map((path) => h("li", {}, h("a", {href: link("download", {path}), download: ""}, path)))), h("p", {class: "note"}, told.lines.slice(0, 12).join("\n")));
+      fill(written, h("ul", {class: "plain"}, told.paths.map((path) => h("li", {}, h("a", {href: link("download", {path}), download: ""}, path)))), h("p", {class: "note lines"}, told.lines.slice(0, 12).join("\n").replaceAll("`", "")));
     })}, `Write ${one.kind.replaceAll("_", " ")}`);
     return h("li", {"data-offer": one.kind}, h("strong", {}, one.content.replace("; needs --sensors, --loads, --band", ", of the sensor, force and band above")), h("div", {class: "row end"}, field("Format", form), button), written);
   });
