@@ -14,7 +14,7 @@ from structid.diagnose.refits import Fitted, fit_near, reuse_equivalent_fit
 from structid.diagnose.search import Explanation, search_causes
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.time_budget import UNLIMITED, TimeBudget, TimeUpError, map_within_budget
-from structid.forward.polarities import decide_polarities
+from structid.forward.record_problem import decide_polarities
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.study.run.checkpoint import Checkpoint, fingerprint

@@ -23,10 +23,14 @@ from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
 from structid.forward.frf.continuation import LEVELS
 from structid.forward.frf.problem import smooth_stage
-from structid.forward.polarities import decide_polarities
+from structid.forward.record_problem import decide_polarities
 from structid.forward.scatter import ScatterProblem, scatter_problems
-from structid.identification.fixed_values import fixed_values, freed_problems
-from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
+from structid.identification.joint_problem import (
+    fixed_values,
+    freed_problems,
+    harmonize_shared_parameters,
+    joint_problem,
+)
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
 from structid.identification.varying import with_scatters
