@@ -569,13 +569,17 @@ def estimate(
         to_physical=problem.physical,
         scale=locked(problem.unknowns.sizes(np.zeros(len(theta)))),
     )
-    tested = (problem, residual) if within is None else (within.problem, within.at.residual)
+    tests = (
+        residual_tests(problem, residual, uncertainty.freedom)
+        if within is None
+        else residual_tests(within.problem, within.at.residual, uncertainty.freedom, float(within.asked @ within.asked))
+    )
     goodness = Goodness(
         chi_square=float(data @ data),
         n_data=problem.n_data,
         degrees_of_freedom=uncertainty.freedom,
         residual_correlation=correlation_length(data, problem.rows.lines, problem.rows.series),
-        residual_tests=residual_tests(*tested, uncertainty.freedom),
+        residual_tests=tests,
         expected_per_dof=expected_per_row(problem),
         least_chi_square=np.nan if within is None else within.chi_square,
     )

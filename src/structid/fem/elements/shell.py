@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
 
@@ -12,16 +11,15 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.constraints import Limits
 from structid.core.dof import DIRECTIONS
 from structid.fem.elements.cells.cells import cell_positions
-from structid.fem.elements.cells.drilling_membrane import drilling_stiffness
+from structid.fem.elements.cells.drilling_membrane import drilling_stiffness, mean_strains
 from structid.fem.elements.cells.elastic import plane_law, unit_mass
-from structid.fem.elements.cells.isoparametric import require_none
-from structid.fem.elements.cells.kirchhoff import bending_stiffness, plate_mass
+from structid.fem.elements.cells.facets import facets
+from structid.fem.elements.cells.kirchhoff import bending_stiffness, centre_curvatures, plate_mass
 from structid.fem.elements.element import Matrices, Positions, declared, element
 from structid.fem.elements.plate import ThinSet
 
-_FLAT = 1e-12
-#: Distance of corners from the plane of a quadrilateral over the square root of its area.
-_MOST_WARPED = 0.1
+#: Part of global X in the plane of a facet below which X is its normal.
+_ALONG_NORMAL = 0.01
 
 
 @element
@@ -66,6 +64,32 @@ class Shell(ThinSet):
             ),
         }
 
+    def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
+        """See `ThinSet.centre_strains`."""
+        nodes = self.nodes[row][self.nodes[row] >= 0][None]
+        flat = facets(self.name, nodes, cell_positions(self.name, nodes, positions, 3))
+        n = nodes.shape[1]
+        maps = np.zeros((2, 3, n, 6))
+        maps[0][..., [0, 1, 5]] = mean_strains(flat.corners).reshape(3, n, 3)
+        bending = centre_curvatures(self.name, nodes, flat.corners, self.cells[n])
+        maps[1][..., [2, 3, 4]] = bending.reshape(3, n, 3)
+        membrane, curvature = (
+            _turned_strains(flat.axes[0]) @ each for each in flat.to_facet(maps.reshape(2, 3, 6 * n))
+        )
+        return membrane, curvature
+
+
+def _turned_strains(axes: FloatArray) -> FloatArray:
+    """Map (3, 3) of strains (xx, yy, engineering xy) in a facet's axes to those whose x is the part of global X in its plane.
+
+    Where the normal runs along X, to less than half a degree, it is the part of global Y. `axes` (3, 3) has the facet's as rows.
+    """
+    c, s = axes[:2, 0]
+    if np.hypot(c, s) < _ALONG_NORMAL:
+        c, s = axes[:2, 1]
+    c, s = c / np.hypot(c, s), s / np.hypot(c, s)
+    return np.array([[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]])
+
 
 def _stretching(
     name: str, nodes: IntArray, at: FloatArray, cell: str, law: FloatArray, poisson: float, linear_strains: float
@@ -97,78 +121,3 @@ def _on_all_coordinates(small: FloatArray, axes: tuple[int, ...]) -> FloatArray:
     full = np.zeros((len(small), 6 * n, 6 * n))
     full[:, rows[:, None], rows[None]] = small
     return full
-
-
-@dataclass(frozen=True, eq=False)
-class Facets:
-    """Triangles or quadrilaterals with axes of their own.
-
-    Attributes
-    ----------
-    corners : (n_cells, n_corners, 2) float array
-        In the facet's axes, counter-clockwise about the third, m.
-    axes : (n_cells, 3, 3) float array
-        Rows are the facet's axes in global ones; the third is the normal.
-    height : (n_cells, n_corners) float array
-        Of the nodes above the plane, m; zero but for warped quadrilaterals.
-    """
-
-    corners: FloatArray
-    axes: FloatArray
-    height: FloatArray
-
-    def in_space(self, local: FloatArray) -> FloatArray:
-        """Matrices on (u, v, w, rotations) of each corner in the facet's axes, turned to global axes, (n_cells, 6 n, 6 n).
-
-        Nodes out of the plane are joined to it by rigid links along the normal.
-        """
-        n_cells, n = self.height.shape
-        if self.height.any():
-            links = np.tile(np.eye(6 * n), (n_cells, 1, 1))
-            for k in range(n):
-                links[:, 6 * k, 6 * k + 4] = -self.height[:, k]
-                links[:, 6 * k + 1, 6 * k + 3] = self.height[:, k]
-            local = np.swapaxes(links, 1, 2) @ local @ links
-        triples = local.reshape(n_cells, 2 * n, 3, 2 * n, 3)
-        turned = np.einsum("eac,eiajb->eicjb", self.axes, triples, optimize=True)
-        turned = np.einsum("eicjb,ebd->eicjd", turned, self.axes, optimize=True)
-        return turned.reshape(local.shape)
-
-
-def facets(name: str, nodes: IntArray, positions: FloatArray) -> Facets:
-    """Flat facets of cells in space: their axes, and their corners in the plane.
-
-    Parameters
-    ----------
-    name : str
-        Name of the element set, for messages.
-    nodes : (n_cells, 3 or 4) int array
-        Labels, for messages.
-    positions : (n_cells, 3 or 4, 3) float array
-        m.
-
-    Raises
-    ------
-    InputError
-        If a facet has no area, or is too far from flat.
-    """
-    n = positions.shape[1]
-    if n == 3:
-        first, second = positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0]
-        along = first
-    else:
-        first, second = positions[:, 2] - positions[:, 0], positions[:, 3] - positions[:, 1]
-        along = first - second
-    normal = np.cross(first, second)
-    twice = np.linalg.norm(normal, axis=1)
-    size = np.ptp(positions, axis=1).max(axis=1)
-    require_none(twice <= _FLAT * size**2, name, nodes, "has no area", "remove it, or repair the mesh")
-    normal = normal / twice[:, None]
-    x = along / np.linalg.norm(along, axis=1)[:, None]
-    axes = np.stack([x, np.cross(normal, x), normal], axis=1)
-    inside = np.einsum("eij,ekj->eki", axes, positions - positions.mean(axis=1, keepdims=True))
-    height = inside[:, :, 2].copy()
-    height[np.abs(height) <= 1e-10 * size[:, None]] = 0.0
-    warped = np.abs(height).max(axis=1) > _MOST_WARPED * np.sqrt(twice / 2)
-    require_none(warped, name, nodes, "is too far from flat", "divide it into two triangles, or refine the mesh")
-    return Facets(inside[:, :, :2], axes, height)
