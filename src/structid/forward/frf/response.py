@@ -16,7 +16,7 @@ from structid.core.errors import InputError
 from structid.dynamics.factorization import VARIABLE
 from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
-from structid.external.frfs.model import SolverFrfs
+from structid.external.frf_model import SolverFrfs
 from structid.fem import Base, Structure
 from structid.fem.measured import joined_receptance
 from structid.forward.frf.channels import Channels, channels
@@ -88,9 +88,11 @@ class Response:
             fields[part] = found
         return fields
 
-    def solved_at(self, physical: FloatArray) -> Iterator[tuple[slice, NumberArray]]:
-        """Motion (n, n_dofs, n_columns) under unit loads at all columns for stretches of lines, one after another."""
-        return self.solver.fields(physical, self._coefficients(physical))
+    def solved_at(
+        self, physical: FloatArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, NumberArray]]:
+        """Motion (n, n_dofs, n_loads) under unit loads, at all columns by default, for stretches of lines one after another."""
+        return self.solver.fields(physical, self._coefficients(physical), loads)
 
     def sensitivity_at(self, physical: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
         """-y' (dZ/dp) x for motions x under any drive and y under unit loads at the sensors.

@@ -135,7 +135,9 @@ class ResidualTests:
         return replace(self, series=tuple(series))
 
 
-def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> ResidualTests:
+def residual_tests(
+    problem: Problem, residual: FloatArray, degrees_of_freedom: float, fixed_squares: float = 0.0
+) -> ResidualTests:
     """Tests of the whitened `residual` at the minimum for white, normal noise, by channel.
 
     Parameters
@@ -146,6 +148,9 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: f
         Data rows first; rows of priors are not tested.
     degrees_of_freedom : float
         Of chi-square.
+    fixed_squares : float
+        Sum of squares of the held values that the residual is of, in tolerances: a part of chi-square, since each of them takes a
+        degree of freedom and brings one.
 
     Returns
     -------
@@ -162,7 +167,7 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: f
     Wolfowitz (1940), Ann. Math. Stat. 11; Jarque and Bera (1987), Int. Stat. Rev. 55; Holm (1979), Scand. J. Stat. 6.
     """
     data = residual[: problem.n_data]
-    chi_square = float(data @ data)
+    chi_square = float(data @ data) + fixed_squares
     freedom = degrees_of_freedom
     tests = []
     for number in np.unique(problem.rows.series):
