@@ -10,7 +10,15 @@ from scipy import sparse
 from structid.core.constraints import split_commas
 from structid.core.errors import FileError, InputError
 from structid.fem import Structure
-from structid.fem.importers import ImportedMatrix, dof_table, write_abaqus, write_matrices, write_numbering
+from structid.fem.importers import (
+    ImportedMatrix,
+    Op4Options,
+    dof_table,
+    write_abaqus,
+    write_matrices,
+    write_numbering,
+    write_op4,
+)
 from structid.files import atomic_write
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.options import ExportOptions
@@ -20,6 +28,8 @@ from structid.prediction.state_space import state_space
 _MATRICES = {"MAA": "inertia", "BAA": "viscous", "KAA": "elastic", "K4AA": "structural"}
 #: Suffixes of files with one matrix each, and of an Abaqus deck.
 _ONE_EACH, _ABAQUS = (".npz", ".npy", ".mtx"), ".inp"
+#: Degrees of freedom up to which OP4 has whole columns, which MYSTRAN reads too.
+_MOST_DENSE = 3000
 MATRIX_SUFFIXES = (".op4", ".pch", ".mat", ".inp", ".mtx", ".npz", ".npy")
 
 
@@ -119,7 +129,10 @@ def _write_files(path: Path, items: Sequence[ImportedMatrix], structure: Structu
         with atomic_write(path) as temporary:
             temporary.write_text(_abaqus_deck(structure, parts), encoding="ascii")
         return [f"{path}: nodes, and {', '.join(part.name for part in parts.values())} of {size}{imaginary}"]
-    write_matrices(path, items)
+    if path.suffix.lower() == ".op4" and structure.n_dofs <= _MOST_DENSE:
+        write_op4(path, items, Op4Options(layout="dense"))
+    else:
+        write_matrices(path, items)
     return [f"{path}: {', '.join(names)} of {size}{imaginary}"]
 
 
