@@ -405,7 +405,7 @@ class NaturalModes:
         """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters."""
         structure.require_modes("modes")
         first = _structure_modes(structure, parameters.values(points[0]), self.n_modes)
-        mass = structure.matrix("inertia", parameters.values(points[0]))
+        mass = structure.matrix("mass", parameters.values(points[0]))
 
         def evaluate(physical: FloatArray) -> FloatArray:
             """Frequency and damping ratio of the modes that are most like the identified ones, (n_modes, 2)."""
@@ -433,7 +433,7 @@ class NaturalModes:
 def _structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
     """The `n_modes` lowest modes of a structure with the property values (n_values,)."""
     mass, stiffness, damping, loss = (
-        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
+        structure.matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")
     )
     return modes(mass, stiffness, damping, loss, n_modes)
 
