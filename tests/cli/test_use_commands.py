@@ -144,3 +144,48 @@ def test_sense_writes_motion_and_forces(results, tmp_path):
         "sense", results, tmp_path / "record.h5", "--wanted", "2X", "--unknown", "2X", "--out", tmp_path / "t"
     )
     assert (done.exit_code, "`correlation_time` must be given" in done.stderr) == (2, True)
+
+
+def test_predict_under_a_pulse_and_under_noise(results, tmp_path):
+    done = invoke(
+        "predict", results, "--sensors", "2X", "--half-sine", "5,0.05@3X", "--duration", 2, "--sampling-rate", 200, "--draws", 60,
+        "--modes", 2, "--lines", 10, "--motion", "displacement", "--out", tmp_path / "a",
+    )  # fmt: skip
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "half-sine of 0.05 s, 5 N, at 3X+" in done.stdout
+    told = json.loads((tmp_path / "a" / "prediction.json").read_text())
+    [largest] = told["maxima"]
+    assert largest["unit"] == "m"
+    quantiles = list(largest["value"]["quantiles"].values())
+    assert quantiles == sorted(quantiles)
+    assert quantiles[0] < largest["value"]["value"] < quantiles[-1]
+    (tmp_path / "wind.csv").write_text("Hz,N^2/Hz\n0.5,2.0\n12,1.0\n", encoding="utf-8")
+    done = invoke(
+        "predict", results, "--sensors", "2X", "--noise", f"{tmp_path}/wind.csv@3X", "--duration", 60, "--draws", 60, "--modes", 2,
+        "--lines", 400, "--out", tmp_path / "b",
+    )  # fmt: skip
+    assert (done.exit_code, done.stderr) == (0, "")
+    told = json.loads((tmp_path / "b" / "prediction.json").read_text())
+    [mean], [most] = told["root_mean_square"], told["largest"]
+    assert 2.5 < most["value"]["value"] / mean["value"]["value"] < 4.5
+    assert len(np.genfromtxt(tmp_path / "b" / "spectrum.csv", delimiter=",", names=True)) == 400
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--half-sine", "5,0.05@3X"], "`duration` must be given with `half_sine`"),
+        (["--half-sine", "5@3X", "--duration", 1, "--sampling-rate", 100], "`half_sine` must be size, width and a place"),
+        (["--sine", "5,40@3X", "--duration", 1, "--sampling-rate", 100], "`sampling_rate` must be at least 320 Hz"),
+        (["--noise", "3X", "--duration", 1], "`noise` must be a table and a place"),
+        (["--noise", "none.csv@3X", "--duration", 1], "none.csv"),
+        (["--sine", "5,1@3X", "--history", "a.csv", "--duration", 1], "give one of history, half_sine and sine"),
+        (["--sensors", "M[mass 1:1@1]"], "no set of bars or beams"),
+        (["--half-sine", "5,0.1@3X", "--duration", 1, "--sampling-rate", 100, "--relative"], "no input is a base"),
+    ],
+)  # fmt: skip
+def test_predict_names_loads_that_cannot_be(results, tmp_path, arguments, words):
+    sensors = [] if "--sensors" in arguments else ["--sensors", "2X"]
+    done = invoke("predict", results, *sensors, *arguments, "--draws", 50, "--out", tmp_path / "p")
+    assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
+    assert not (tmp_path / "p").exists()

@@ -194,8 +194,8 @@ def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Fie
     return {places[place]: field for place, field in found.items()}
 
 
-def stored_loads(folder: Path) -> tuple[str, ...]:
-    """Degrees of freedom at which forces acted in the record that a results folder is of.
+def stored_loads(folder: Path, is_needed: bool = True) -> tuple[str, ...]:
+    """Degrees of freedom at which forces acted in the record that a results folder is of; () of modes unless they are needed.
 
     Raises
     ------
@@ -203,6 +203,8 @@ def stored_loads(folder: Path) -> tuple[str, ...]:
         If the record was of modes, which have no loads.
     """
     stored = _read_group(folder / "estimate.h5", "frf", ("inputs",))
+    if not stored and not is_needed:
+        return ()
     if not stored:
         raise InputError(f"`loads` must say where forces act: the record behind {folder} has none", "loads")
     return texts_of(stored["inputs"])
