@@ -579,7 +579,7 @@ class NaturalModes:
         first = _structure_modes(structure, parameters.values(points[0]), n_modes).mode_shapes
         if self.reference is not None:
             first = first[:, self.reference.order_in(structure, first)]
-        mass = structure.matrix("inertia", parameters.values(points[0]))
+        mass = structure.matrix("mass", parameters.values(points[0]))
 
         def evaluate(physical: FloatArray) -> FloatArray:
             """Frequency and damping ratio of the modes that are most like the identified ones, (n_modes, 2)."""
@@ -630,7 +630,7 @@ def comparable_modes(
 def _structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
     """The `n_modes` lowest modes of a structure with the property values (n_values,)."""
     mass, stiffness, damping, loss = (
-        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
+        structure.matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")
     )
     return modes(mass, stiffness, damping, loss, n_modes)
 
