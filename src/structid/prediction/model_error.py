@@ -91,14 +91,24 @@ class ModelError:
         return f"what the fit misses at a sensor left out (median {part} % of the responses)"
 
     def added_to(
-        self, draws: ComplexArray, frequency: FloatArray, kind: FrfKind, nominal: ComplexArray, rng: np.random.Generator
+        self,
+        draws: ComplexArray,
+        frequency: FloatArray,
+        kind: FrfKind,
+        is_motion: np.ndarray,
+        nominal: ComplexArray,
+        rng: np.random.Generator,
     ) -> ComplexArray:
-        """FRFs (n_draws, n_frequencies, n_outputs, n_inputs) with random errors, whose size `nominal` FRFs give."""
+        """FRFs (n_draws, n_frequencies, n_outputs, n_inputs) with random errors, whose size `nominal` FRFs give.
+
+        Outputs that are no motion (n_outputs,), such as stresses, are missed by the same part of their own size.
+        """
         part, size = (np.interp(frequency, self.frequency, each) for each in (self.part, self.size))
         size = size * (2 * np.pi * frequency) ** (DERIVATIVES[kind] - DERIVATIVES[self.kind])
+        at_sensors = size[:, None, None] * is_motion[:, None]
         count = _sum_nearby(np.ones(len(frequency)))[:, None, None]
         own = np.sqrt(_sum_nearby(np.abs(nominal) ** 2) / count)
-        std = part[:, None, None] * np.maximum(own, size[:, None, None])
+        std = part[:, None, None] * np.maximum(own, at_sensors)
         noise = rng.standard_normal(draws.shape) + 1j * rng.standard_normal(draws.shape)
         return np.asarray(draws + noise * (std / np.sqrt(2)))
 

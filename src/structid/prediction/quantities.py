@@ -3,30 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol, TypeAlias
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import linear_sum_assignment
 
-from structid.core.arrays import ComplexArray, FloatArray, NumberArray, require_finite, require_shape
-from structid.core.dof import Dof, parse_dofs
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray, require_finite, require_shape
+from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.core.units import FrfKind
 from structid.dynamics import Modes, modes
 from structid.dynamics.receptance import DENSE_UP_TO
-from structid.fem import Friction, Structure
-from structid.forward.frf.response import response
-from structid.prediction.poles import (
-    PoleSum,
-    Sides,
-    reduce_structure,
-    reduction_basis,
-    simulate_history,
-    sum_over_poles,
-)
+from structid.fem import Base, Friction, Structure
+from structid.forward.frf.response import Response, response
+from structid.prediction.linear_response import Input, LinearResponse, input_words, linear_response, parse_inputs
+from structid.prediction.poles import simulate_history
+from structid.prediction.recovery import Output, OutputMap, is_von_mises, output_map, output_unit, parse_outputs
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES, FRF_UNITS, MOTION_DERIVATIVES, QUANTITY_UNITS
 from structid.unknowns import Parameters
+
+#: Modes beside the wanted ones among which these are looked for.
+_MORE_MODES = 4
+#: Levels, in root mean squares, at which the distribution of a maximum is computed, and how many.
+_MOST_LEVEL, _LEVELS = 12.0, 2401
 
 #: A quantity as a function of physical parameters.
 Evaluator: TypeAlias = Callable[[FloatArray], NumberArray]
@@ -57,11 +59,14 @@ class Frf:
 
     Parameters
     ----------
-    outputs, inputs : sequence of Dof or str
-        Where motion is read and unit loads act.
+    outputs : sequence of Dof, ElementOutput or str
+        Where motion is read, or internal forces and stresses of elements; see `parse_output`.
+    inputs : sequence of Dof, Base or str
+        Where unit forces act, or which supports move by unit acceleration.
     frequency : (n_frequencies,) float array
         Hz, increasing, greater than 0.
-    kind : {"receptance", "mobility", "accelerance"}
+    kind : {"receptance", "mobility", "accelerance", "transmissibility"}
+        Of motions; motion per motion where supports are the inputs.
 
     Raises
     ------
@@ -69,16 +74,15 @@ class Frf:
         If a channel is doubled, or the axis does not increase.
     """
 
-    outputs: tuple[Dof, ...]
-    inputs: tuple[Dof, ...]
+    outputs: tuple[Output, ...]
+    inputs: tuple[Input, ...]
     frequency: FloatArray
     kind: FrfKind = "accelerance"
-    record: FrfRecord = field(init=False, repr=False)
 
     def __init__(
         self,
-        outputs: Sequence[Dof | str],
-        inputs: Sequence[Dof | str],
+        outputs: Sequence[Output | str],
+        inputs: Sequence[Input | str],
         frequency: Sequence[float] | FloatArray,
         kind: FrfKind = "accelerance",
     ) -> None:
@@ -87,51 +91,137 @@ class Frf:
         require_shape("frequency", lines, (None,))
         if not (lines > 0).all():
             raise InputError(f"`frequency` must be greater than 0 Hz, got {lines.min():g}")
-        sensors, loads = parse_dofs(outputs), parse_dofs(inputs)
-        values = np.zeros((len(lines), len(sensors), len(loads)), dtype=complex)
-        for name, value in (("outputs", sensors), ("inputs", loads), ("frequency", lines), ("kind", kind)):
+        for name, value in (
+            ("outputs", _distinct("outputs", parse_outputs(outputs))),
+            ("inputs", _distinct("inputs", parse_inputs(inputs))),
+            ("frequency", lines),
+            ("kind", kind),
+        ):
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "record", FrfRecord(lines, values, sensors, loads, kind))
+        moved = [each.name for each in self.inputs if isinstance(each, Base)]
+        if moved and (len(moved) < len(self.inputs) or kind != "transmissibility"):
+            raise InputError(
+                f"{moved[0]!r} moves, so that FRFs are of kind transmissibility and all inputs bases, got {kind}; predict those of"
+                " forces as a quantity of their own"
+            )
+        self._record(self.inputs)  # so that a wrong axis or kind is told here
+
+    def _record(self, inputs: Sequence[Input]) -> FrfRecord:
+        """A record with the lines and channels of the motions, for the response that is solved line by line."""
+        loads = tuple(each.supports[0] if isinstance(each, Base) else each for each in inputs)
+        sensors = tuple(each for each in self.outputs if isinstance(each, Dof)) or tuple(dict.fromkeys(loads))
+        values = np.zeros((len(self.frequency), len(sensors), len(loads)), dtype=complex)
+        return FrfRecord(self.frequency, values, sensors, loads, self.kind)
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether the outputs are motions, not forces or stresses."""
+        return all(isinstance(each, Dof) for each in self.outputs)
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """FRFs as a function of physical parameters: solved line by line for small models, by poles for others."""
-        exact = response(structure, parameters, self.record)
+        """FRFs as a function of physical parameters: solved line by line for small models, by poles for others.
+
+        Raises
+        ------
+        InputError
+            If an output is a von Mises stress, which is no linear function of a load.
+        """
+        rows, frf = self.row_evaluator(structure, parameters, points)
+        if not rows.is_linear:
+            name = next(str(each) for each in self.outputs if is_von_mises(each))
+            raise InputError(
+                f"{name} has no FRF: it is not linear in the load; predict its spectrum or history, or stress_xx, stress_yy and"
+                " stress_xy"
+            )
+        return frf
+
+    def row_evaluator(
+        self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]
+    ) -> tuple[OutputMap, Evaluator]:
+        """What is read, and FRFs of its rows (a von Mises stress has three) as a function of physical parameters."""
+        bases = structure.driven([each for each in self.inputs if isinstance(each, Dof)])
+        if bases and self.kind != "transmissibility":
+            raise InputError(
+                f"{self.inputs[0]} is a support of base {bases[0].name!r}, so that FRFs are motion per motion, got"
+                f" {self.kind}; ask for kind = 'transmissibility'"
+            )
+        inputs, band = bases or self.inputs, (self.frequency[0], self.frequency[-1])
+        order = 2 if self.kind == "transmissibility" else DERIVATIVES[self.kind]
+        if any(isinstance(each, Base) for each in inputs):
+            _require_linear(structure, "FRFs of supports that move")
+            response_of = linear_response(structure, parameters, points, self.outputs, inputs, order, band)
+            return response_of.outputs, _by_poles(response_of, self.frequency)
+        exact = response(structure, parameters, self._record(inputs))
+        rows = output_map(structure, self.outputs, order)
+        solved = exact.values_at if self.is_motion else _by_fields(exact, structure, parameters, rows, self)
         if structure.n_dofs <= DENSE_UP_TO or not _is_linear(structure):
-            return exact.values_at
-        system = _pole_function(structure, parameters, points, self, (self.frequency[0], self.frequency[-1]))
-        factor = ((2j * np.pi * self.frequency) ** DERIVATIVES[self.kind])[:, None, None]
-        first = exact.values_at(points[0]) - factor * system(points[0]).receptance(self.frequency)
-
-        def evaluate(physical: FloatArray) -> ComplexArray:
-            return np.asarray(first + factor * system(physical).receptance(self.frequency))
-
-        return evaluate
+            return rows, solved
+        response_of = linear_response(structure, parameters, points, self.outputs, inputs, order, band)
+        reduced = _by_poles(response_of, self.frequency)
+        first = solved(points[0]) - reduced(points[0])
+        return rows, lambda physical: np.asarray(first + reduced(physical))
 
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
         """See `Quantity.axes`."""
-        return {"frequency": self.frequency, "output": _words(self.outputs), "input": _words(self.inputs)}
+        return {"frequency": self.frequency, "output": _words(self.outputs), "input": input_words(self.inputs)}
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each output: of a translation per force, or of what is read from an element per force or acceleration."""
+        per = "m/s^2" if self.kind == "transmissibility" else "N"
+        return tuple(f"({unit})/({per})" if unit else FRF_UNITS[self.kind] for unit in map(output_unit, self.outputs))
 
     @property
     def unit(self) -> str:
-        """SI unit of a translation per force."""
-        return FRF_UNITS[self.kind]
+        """The units of the outputs, each once."""
+        return _once(self.units)
+
+
+def _by_poles(response_of: LinearResponse, frequency: FloatArray) -> Evaluator:
+    """FRFs of the rows (n_frequencies, n_rows, n_inputs) as a function of physical parameters, by a sum over poles."""
+    return lambda physical: response_of.poles_at(physical).combined_frf(frequency, response_of.outputs.orders)
+
+
+def _by_fields(exact: Response, structure: Structure, parameters: Parameters, rows: OutputMap, frf: Frf) -> Evaluator:
+    """FRFs of rows that elements are read by, from the motion of all degrees of freedom, line by line."""
+    loads = structure.selection([each for each in frf.inputs if isinstance(each, Dof)])
+
+    def evaluate(physical: FloatArray) -> ComplexArray:
+        read = rows.rows(parameters.values(physical))
+        values = np.empty((len(frf.frequency), rows.n_rows, loads.shape[1]), dtype=complex)
+        for part, fields in exact.solved_at(physical, loads):
+            s = (2j * np.pi * frf.frequency[part])[:, None, None]
+            groups = [read[:, k * rows.n_rows : (k + 1) * rows.n_rows].T for k in range(len(rows.orders))]
+            values[part] = sum(
+                s**order * np.stack([group @ line for line in fields])
+                for order, group in zip(rows.orders, groups, strict=True)
+            )
+        return values
+
+    return evaluate
 
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """Motion from rest under loads, (n_times, n_outputs); exact for loads that run in straight lines between samples.
+    """Motion, forces or stresses from rest under loads, (n_times, n_outputs); exact for loads in straight lines between samples.
 
     Loss factors act as viscous dampings that take as much energy at each resonance, since a loss factor has no motion in time.
 
     Parameters
     ----------
-    outputs, inputs : sequence of Dof or str
+    outputs : sequence of Dof, ElementOutput or str
+        Where motion is read, or internal forces and stresses of elements; see `parse_output`.
+    inputs : sequence of Dof, Base or str
+        Where forces act, or which supports move.
     loads : (n_times, n_inputs) float array
-        N or N m, the first sample at t = 0.
+        N or N m, and m/s^2 of supports; the first sample at t = 0. See `support_acceleration` where their displacement is known.
     sampling_rate : float
         Samples per second.
     motion : {"displacement", "velocity", "acceleration"}
+    relative : bool
+        Whether motions are those beyond the quasi-static motion that moving supports force on the structure; where all supports
+        move alike this is the motion against the ground. Forces and stresses are of the whole motion in any case.
 
     Raises
     ------
@@ -139,30 +229,36 @@ class History:
         If shapes do not fit, or a value is not finite.
     """
 
-    outputs: tuple[Dof, ...]
-    inputs: tuple[Dof, ...]
+    outputs: tuple[Output, ...]
+    inputs: tuple[Input, ...]
     loads: FloatArray
     sampling_rate: float
     motion: str = "acceleration"
+    relative: bool = False
 
     def __init__(
         self,
-        outputs: Sequence[Dof | str],
-        inputs: Sequence[Dof | str],
+        outputs: Sequence[Output | str],
+        inputs: Sequence[Input | str],
         loads: FloatArray,
         sampling_rate: float,
         motion: str = "acceleration",
+        relative: bool = False,
     ) -> None:
         """Read the names of sensors and loads; require finite loads, a positive sampling rate and a known motion."""
-        sensors, places = parse_dofs(outputs), parse_dofs(inputs)
-        given = np.asarray(loads, dtype=np.float64)
-        require_shape("loads", given, (None, len(places)), "one column an input")
-        require_finite("loads", given)
+        sensors, driven = _distinct("outputs", parse_outputs(outputs)), _distinct("inputs", parse_inputs(inputs))
+        table = np.asarray(loads, dtype=np.float64)
+        require_shape("loads", table, (None, len(driven)), "one column an input")
+        require_finite("loads", table)
         if not np.isfinite(sampling_rate) or sampling_rate <= 0:
             raise InputError(f"`sampling_rate` must be greater than 0 Hz, got {sampling_rate}")
         if motion not in MOTION_DERIVATIVES:
             raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
-        pairs = ("outputs", sensors), ("inputs", places), ("loads", given)
+        if relative and not any(isinstance(each, Base) for each in driven):
+            raise InputError(
+                "`relative` motion is that beyond the motion of supports, and no input is a base; leave it out"
+            )
+        pairs = ("outputs", sensors), ("inputs", driven), ("loads", table), ("relative", relative)
         for name, value in (*pairs, ("sampling_rate", float(sampling_rate)), ("motion", motion)):
             object.__setattr__(self, name, value)
 
@@ -172,13 +268,16 @@ class History:
         return np.arange(len(self.loads)) / self.sampling_rate
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """The motion (n_times, n_outputs) as a function of physical parameters, by a sum over poles."""
+        """The outputs (n_times, n_outputs) as a function of physical parameters, by a sum over poles."""
         _require_linear(structure, "a history")
-        lowest = self.sampling_rate / len(self.loads)
-        system = _pole_function(structure, parameters, points, self, (lowest, self.sampling_rate / 2), True)
+        band, order = (self.sampling_rate / len(self.loads), self.sampling_rate / 2), MOTION_DERIVATIVES[self.motion]
+        system = linear_response(
+            structure, parameters, points, self.outputs, self.inputs, order, band, True, self.relative
+        )
 
         def evaluate(physical: FloatArray) -> FloatArray:
-            return simulate_history(system(physical), self.loads, self.sampling_rate, MOTION_DERIVATIVES[self.motion])
+            poles = system.poles_at(physical).combined(system.outputs.orders)
+            return system.outputs.joined(simulate_history(poles, self.loads, self.sampling_rate))
 
         return evaluate
 
@@ -188,9 +287,49 @@ class History:
         return {"time": self.time, "output": _words(self.outputs)}
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each output: of a translation, or of what is read from an element."""
+        return tuple(output_unit(output) or QUANTITY_UNITS[self.motion][0] for output in self.outputs)
+
+    @property
     def unit(self) -> str:
-        """SI unit of a translation."""
-        return QUANTITY_UNITS[self.motion][0]
+        """The units of the outputs, each once."""
+        return _once(self.units)
+
+
+def support_acceleration(displacement: FloatArray, sampling_rate: float) -> FloatArray:
+    """Acceleration (n_times, n), m/s^2, of supports that move from rest as `displacement` (n_times, n), m, says.
+
+    It is that of the cubic spline through the samples, which runs in straight lines between them as `History` takes it. The record
+    must begin at 0, where the structure is at rest.
+
+    Raises
+    ------
+    InputError
+        If a displacement does not begin at 0, or there are fewer than four samples.
+    """
+    table = np.asarray(displacement, dtype=np.float64)
+    require_shape("displacement", table, (None, None))
+    require_finite("displacement", table)
+    if len(table) < 4:
+        raise InputError(f"`displacement` must have at least 4 samples, got {len(table)}")
+    if np.abs(table[0]).max(initial=0.0) > 1e-9 * np.abs(table).max(initial=0.0):
+        raise InputError(f"`displacement` must begin at 0, got {table[0].tolist()}; subtract the first sample")
+    spline = CubicSpline(
+        np.arange(len(table)) / sampling_rate, table, bc_type=((1, np.zeros(table.shape[1])), "not-a-knot")
+    )
+    return np.asarray(spline(np.arange(len(table)) / sampling_rate, 2))
+
+
+class DerivedQuantity(Quantity, Protocol):
+    """A quantity that another one, `base`, says: both come from one computation for each random model."""
+
+    @property
+    def base(self) -> Quantity: ...
+
+    def derived(self, values: NumberArray) -> NumberArray:
+        """The quantity from the values of `base`."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,15 +338,28 @@ class Maxima:
 
     history: History
 
+    @property
+    def base(self) -> History:
+        """The history."""
+        return self.history
+
+    def derived(self, values: NumberArray) -> NumberArray:
+        """Largest magnitudes (n_outputs,) of a history (n_times, n_outputs)."""
+        return np.asarray(np.abs(values).max(axis=0))
+
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """See `Quantity.evaluator`."""
-        motion = self.history.evaluator(structure, parameters, points)
-        return lambda physical: np.abs(motion(physical)).max(axis=0)
+        return _derived_evaluator(self, structure, parameters, points)
 
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
         """See `Quantity.axes`."""
         return {"output": _words(self.history.outputs)}
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Those of the history."""
+        return self.history.units
 
     @property
     def unit(self) -> str:
@@ -217,27 +369,35 @@ class Maxima:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """One-sided spectral densities of motion under stationary random loads, (n_frequencies, n_outputs).
+    """One-sided spectral densities of motion, forces or stresses under stationary random loads, (n_frequencies, n_outputs).
+
+    Of a von Mises stress it is that of its mean square: a weighted sum of spectra of the components.
 
     Parameters
     ----------
     frf : Frf
-        From the loads to the motion, in the kind of motion that is wanted.
+        From the loads to the outputs, in the kind of motion that is wanted.
     density : (n_frequencies, n_inputs) float array
-        One-sided spectral density of each load, N^2/Hz; loads are independent of one another.
+        One-sided spectral density of each load, N^2/Hz, or of each acceleration of supports, (m/s^2)^2/Hz; loads are independent of
+        one another.
     """
 
     frf: Frf
     density: FloatArray
 
     def __post_init__(self) -> None:
+        """Raise `InputError` unless there is a density of at least 0 for each line and load."""
+        density = np.asarray(self.density, dtype=np.float64)
         n_lines, n_inputs = len(self.frf.frequency), len(self.frf.inputs)
-        require_shape("density", np.asarray(self.density), (n_lines, n_inputs), "one value a line and load")
+        require_shape("density", density, (n_lines, n_inputs), "one value a line and load")
+        if not (np.isfinite(density) & (density >= 0)).all():
+            raise InputError("`density` must be finite and at least 0 everywhere: it is a mean square a hertz")
+        object.__setattr__(self, "density", density)
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """See `Quantity.evaluator`."""
-        frf = self.frf.evaluator(structure, parameters, points)
-        return lambda physical: np.einsum("fio,fo->fi", np.abs(frf(physical)) ** 2, self.density)
+        rows, frf = self.frf.row_evaluator(structure, parameters, points)
+        return lambda physical: np.einsum("fio,fo->fi", rows.powers(frf(physical)), self.density)
 
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
@@ -245,10 +405,20 @@ class Spectrum:
         return {"frequency": self.frf.frequency, "output": _words(self.frf.outputs)}
 
     @property
+    def output_units(self) -> tuple[str, ...]:
+        """SI unit of each output: of a translation, or of what is read from an element."""
+        motion = {"receptance": "displacement", "mobility": "velocity"}.get(self.frf.kind, "acceleration")
+        return tuple(output_unit(output) or QUANTITY_UNITS[motion][0] for output in self.frf.outputs)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Square of the unit of each output per Hz."""
+        return tuple(f"({unit})^2/Hz" for unit in self.output_units)
+
+    @property
     def unit(self) -> str:
-        """Square of the motion per Hz."""
-        motion = {"receptance": "displacement", "mobility": "velocity", "accelerance": "acceleration"}[self.frf.kind]
-        return f"({QUANTITY_UNITS[motion][0]})^2/Hz"
+        """The units of the outputs, each once."""
+        return _once(self.units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,10 +427,18 @@ class RootMeanSquare:
 
     spectrum: Spectrum
 
+    @property
+    def base(self) -> Spectrum:
+        """The spectrum."""
+        return self.spectrum
+
+    def derived(self, values: NumberArray) -> NumberArray:
+        """Root mean squares (n_outputs,) of spectral densities (n_frequencies, n_outputs)."""
+        return np.asarray(np.sqrt(np.trapezoid(values.real, self.spectrum.frf.frequency, axis=0)))
+
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """See `Quantity.evaluator`."""
-        density, lines = self.spectrum.evaluator(structure, parameters, points), self.spectrum.frf.frequency
-        return lambda physical: np.sqrt(np.trapezoid(density(physical).real, lines, axis=0))
+        return _derived_evaluator(self, structure, parameters, points)
 
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
@@ -268,9 +446,119 @@ class RootMeanSquare:
         return {"output": _words(self.spectrum.frf.outputs)}
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """Those of the motions."""
+        return self.spectrum.output_units
+
+    @property
     def unit(self) -> str:
-        """That of the motion."""
-        return self.spectrum.unit.removesuffix("^2/Hz").strip("()")
+        """The units of the outputs, each once."""
+        return _once(self.units)
+
+
+@dataclass(frozen=True, eq=False)
+class Extremes:
+    """The largest magnitude of each output of a stationary Gaussian response within a duration, (n_outputs,).
+
+    It is the mean of that maximum, or the value below which it stays with a stated probability.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Its lines must be close enough for resonances and reach as far as the response does.
+    duration : float
+        s.
+    probability : float, optional
+        That the maximum stays below; the mean of the maximum by default.
+
+    Raises
+    ------
+    InputError
+        If the duration is not positive, the probability not between 0 and 1, or an output is a von Mises stress, which is not
+        Gaussian.
+
+    References
+    ----------
+    Vanmarcke (1975), J. Appl. Mech. 42, 215-220, for |x| as in Der Kiureghian (1980), Earthq. Eng. Struct. Dyn. 8, 419-435,
+    Eqs. 8 and 9. Mean over root mean square tends to Davenport (1964), Proc. Inst. Civ. Eng. 28, 187-196, in a wide band.
+    """
+
+    spectrum: Spectrum
+    duration: float
+    probability: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check duration, probability and outputs; see the class."""
+        if not (np.isfinite(self.duration) and self.duration > 0):
+            raise InputError(f"`duration` must be greater than 0 s, got {self.duration:g}")
+        if self.probability is not None and not 0 < self.probability < 1:
+            raise InputError(f"`probability` must lie between 0 and 1, got {self.probability:g}")
+        for output in self.spectrum.frf.outputs:
+            if is_von_mises(output):
+                raise InputError(
+                    f"{output} is not Gaussian, so that its spectrum does not say its maximum; take its components"
+                )
+
+    @property
+    def base(self) -> Spectrum:
+        """The spectrum."""
+        return self.spectrum
+
+    def derived(self, values: NumberArray) -> NumberArray:
+        """Largest magnitudes (n_outputs,) from spectral densities (n_frequencies, n_outputs)."""
+        w = 2 * np.pi * self.spectrum.frf.frequency
+        moments = [np.trapezoid(w[:, None] ** k * values.real, w / (2 * np.pi), axis=0) for k in range(3)]
+        return np.array([self._maximum(*each) for each in zip(*(m.tolist() for m in moments), strict=True)])
+
+    def _maximum(self, m0: float, m1: float, m2: float) -> float:
+        """Mean or quantile of the largest magnitude from the first spectral moments; 0 where nothing moves."""
+        if m0 <= 0 or m2 <= 0:
+            return 0.0
+        crossings = self.duration * np.sqrt(m2 / m0) / np.pi
+        narrow = max(1 - m1**2 / (m0 * m2), 0.0) ** 0.6  # delta^1.2
+        level = np.linspace(1e-6, _MOST_LEVEL, _LEVELS)
+        clumped = -np.expm1(-np.sqrt(np.pi / 2) * narrow * level)
+        below = -np.expm1(-(level**2) / 2) * np.exp(-crossings * clumped / np.expm1(level**2 / 2))
+        if self.probability is None:
+            return float(np.sqrt(m0) * np.trapezoid(1 - below, level))
+        return float(np.sqrt(m0) * np.interp(self.probability, below, level))
+
+    def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
+        """See `Quantity.evaluator`."""
+        return _derived_evaluator(self, structure, parameters, points)
+
+    @property
+    def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
+        """See `Quantity.axes`."""
+        return {"output": _words(self.spectrum.frf.outputs)}
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Those of the motions."""
+        return self.spectrum.output_units
+
+    @property
+    def unit(self) -> str:
+        """The units of the outputs, each once."""
+        return _once(self.units)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceModes:
+    """Mode shapes (n_dofs, n_modes) at degrees of freedom, by which modes of another structure are told."""
+
+    dofs: tuple[Dof, ...]
+    mode_shapes: FloatArray
+
+    def order_in(self, structure: Structure, others: FloatArray) -> IntArray:
+        """Columns of the mode shapes `others` of a structure that are most like these modes together, (n_modes,)."""
+        index = {dof: row for row, dof in enumerate(structure.dofs)}
+        shared = [(row, index[dof]) for row, dof in enumerate(self.dofs) if dof in index]
+        own, their = np.array(shared, dtype=np.int64).reshape(-1, 2).T
+        first, second = self.mode_shapes[own], others[their]
+        sizes = np.outer((first**2).sum(axis=0), (second**2).sum(axis=0))  # 0 of a mode in which nothing shared moves
+        alike = np.divide((first.T @ second) ** 2, sizes, out=np.zeros(sizes.shape), where=sizes > 0)
+        return np.asarray(linear_sum_assignment(-alike)[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,21 +566,25 @@ class NaturalModes:
     """Frequencies and damping ratios of the lowest modes, (n_modes, 2): Hz, then a number.
 
     Modes of a model within the uncertainty are those that are most like the identified ones, so that none is taken for another
-    where two frequencies cross.
+    where two frequencies cross. With a `reference` the modes are those that are most like its own, in its order.
     """
 
     n_modes: int = 10
+    reference: ReferenceModes | None = None
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters."""
         structure.require_modes("modes")
-        first = _structure_modes(structure, parameters.values(points[0]), self.n_modes)
-        mass = structure.matrix("inertia", parameters.values(points[0]))
+        n_modes = self.n_modes if self.reference is None else self.n_modes + _MORE_MODES
+        first = _structure_modes(structure, parameters.values(points[0]), n_modes).mode_shapes
+        if self.reference is not None:
+            first = first[:, self.reference.order_in(structure, first)]
+        mass = structure.matrix("mass", parameters.values(points[0]))
 
         def evaluate(physical: FloatArray) -> FloatArray:
             """Frequency and damping ratio of the modes that are most like the identified ones, (n_modes, 2)."""
-            found = _structure_modes(structure, parameters.values(physical), self.n_modes + 4)
-            alike = np.abs(first.mode_shapes.T @ (mass @ found.mode_shapes))
+            found = _structure_modes(structure, parameters.values(physical), n_modes + _MORE_MODES)
+            alike = np.abs(first.T @ (mass @ found.mode_shapes))
             order = alike.argmax(axis=1)
             return np.stack([found.frequency[order], found.damping_ratio[order]], axis=1)
 
@@ -312,31 +604,35 @@ class NaturalModes:
         return "Hz, 1"
 
 
+def comparable_modes(
+    quantity: NaturalModes, before: tuple[Structure, FloatArray], after: tuple[Structure, FloatArray]
+) -> tuple[NaturalModes, NaturalModes]:
+    """Modes of a structure before and after a change: as many of both, those after in the order of their likes before.
+
+    Parameters
+    ----------
+    quantity : NaturalModes
+    before, after : (Structure, (n_values,) float array)
+        With the property values.
+    """
+    for structure, _ in (before, after):
+        structure.require_modes("modes")
+    if not after[0].n_dofs:
+        raise InputError(
+            "nothing of the changed structure can move, so that it has no modes; hold or take out less of it"
+        )
+    shapes = _structure_modes(*before, quantity.n_modes).mode_shapes
+    n_modes = min(shapes.shape[1], _structure_modes(*after, quantity.n_modes).mode_shapes.shape[1])
+    reference = ReferenceModes(before[0].dofs, shapes[:, :n_modes])
+    return NaturalModes(n_modes), NaturalModes(n_modes, reference)
+
+
 def _structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
     """The `n_modes` lowest modes of a structure with the property values (n_values,)."""
     mass, stiffness, damping, loss = (
-        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
+        structure.matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")
     )
     return modes(mass, stiffness, damping, loss, n_modes)
-
-
-def _pole_function(
-    structure: Structure,
-    parameters: Parameters,
-    points: Sequence[FloatArray],
-    channels: Frf | History,
-    band: tuple[float, float],
-    is_viscous: bool = False,
-) -> Callable[[FloatArray], PoleSum]:
-    """The sum over poles of a structure as a function of its physical parameters, on one basis of motions."""
-    sides = Sides(structure.selection(channels.outputs), structure.selection(channels.inputs))
-    basis = reduction_basis(structure, [parameters.values(point) for point in points], sides, *band)
-
-    def evaluate(physical: FloatArray) -> PoleSum:
-        reduced = reduce_structure(structure, parameters.values(physical), basis, sides)
-        return sum_over_poles(reduced, reduced.viscous_equivalent() if is_viscous else None)
-
-    return evaluate
 
 
 def _is_linear(structure: Structure) -> bool:
@@ -355,5 +651,33 @@ def _require_linear(structure: Structure, what: str) -> None:
         )
 
 
-def _words(dofs: Sequence[Dof]) -> tuple[str, ...]:
-    return tuple(str(dof) for dof in dofs)
+def units_of(quantity: Quantity) -> tuple[str, ...]:
+    """SI unit of each output of a quantity, or of its last axis where it has no outputs."""
+    units = getattr(quantity, "units", None)
+    axes = quantity.axes
+    return tuple(units) if units else (quantity.unit,) * len(axes.get("output", list(axes.values())[-1]))
+
+
+def _derived_evaluator(
+    quantity: DerivedQuantity, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]
+) -> Evaluator:
+    evaluate = quantity.base.evaluator(structure, parameters, points)
+    return lambda physical: quantity.derived(evaluate(physical))
+
+
+def _once(units: Sequence[str]) -> str:
+    return "; ".join(dict.fromkeys(units))
+
+
+def _words(outputs: Sequence[Output]) -> tuple[str, ...]:
+    return tuple(str(output) for output in outputs)
+
+
+def _distinct(name: str, channels: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The same channels; `InputError` where there is none, or one stands twice."""
+    if not channels:
+        raise InputError(f"`{name}` must name at least one channel, got none")
+    for number, channel in enumerate(channels):
+        if channel in channels[:number]:
+            raise InputError(f"`{name}` names {channel} twice; leave one out")
+    return channels

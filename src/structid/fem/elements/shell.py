@@ -11,12 +11,15 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.constraints import Limits
 from structid.core.dof import DIRECTIONS
 from structid.fem.elements.cells.cells import cell_positions
-from structid.fem.elements.cells.drilling_membrane import drilling_stiffness
-from structid.fem.elements.cells.elastic import plane_law, unit_mass
+from structid.fem.elements.cells.drilling_membrane import drilling_stiffness, mean_strains
+from structid.fem.elements.cells.elastic import plane_elasticity, unit_mass
 from structid.fem.elements.cells.facets import facets
-from structid.fem.elements.cells.kirchhoff import bending_stiffness, plate_mass
+from structid.fem.elements.cells.kirchhoff import bending_stiffness, centre_curvatures, plate_mass
 from structid.fem.elements.element import Matrices, Positions, declared, element
 from structid.fem.elements.plate import ThinSet
+
+#: Part of global X in the plane of a facet below which X is its normal.
+_ALONG_NORMAL = 0.01
 
 
 @element
@@ -48,8 +51,10 @@ class Shell(ThinSet):
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """Element matrices of density and Young's modulus, for stretching and bending; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 3)
-        law = plane_law(self.poisson, strain=False)
-        stretching = partial(_stretching, law=law, poisson=self.poisson, linear_strains=self.linear_strains)
+        elasticity = plane_elasticity(self.poisson, strain=False)
+        stretching = partial(
+            _stretching, elasticity=elasticity, poisson=self.poisson, linear_strains=self.linear_strains
+        )
         return {
             "density": (
                 self.matrix_term(corners, _mass, power=1),
@@ -57,21 +62,49 @@ class Shell(ThinSet):
             ),
             "youngs_modulus": (
                 self.matrix_term(corners, stretching, power=1),
-                self.matrix_term(corners, partial(_bending, law=law), power=3),
+                self.matrix_term(corners, partial(_bending, elasticity=elasticity), power=3),
             ),
         }
 
+    def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
+        """See `ThinSet.centre_strains`."""
+        nodes = self.nodes[row][self.nodes[row] >= 0][None]
+        flat = facets(self.name, nodes, cell_positions(self.name, nodes, positions, 3))
+        n = nodes.shape[1]
+        maps = np.zeros((2, 3, n, 6))
+        maps[0][..., [0, 1, 5]] = mean_strains(flat.corners).reshape(3, n, 3)
+        bending = centre_curvatures(self.name, nodes, flat.corners, self.cells[n])
+        maps[1][..., [2, 3, 4]] = bending.reshape(3, n, 3)
+        membrane, curvature = (
+            _turned_strains(flat.axes[0]) @ each for each in flat.to_facet(maps.reshape(2, 3, 6 * n))
+        )
+        return membrane, curvature
+
+
+def _turned_strains(axes: FloatArray) -> FloatArray:
+    """Map (3, 3) of strains (xx, yy, engineering xy) in a facet's axes to those whose x is the part of global X in its plane.
+
+    Where the normal runs along X, to less than half a degree, it is the part of global Y. `axes` (3, 3) has the facet's as rows.
+    """
+    c, s = axes[:2, 0]
+    if np.hypot(c, s) < _ALONG_NORMAL:
+        c, s = axes[:2, 1]
+    c, s = c / np.hypot(c, s), s / np.hypot(c, s)
+    return np.array([[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]])
+
 
 def _stretching(
-    name: str, nodes: IntArray, at: FloatArray, cell: str, law: FloatArray, poisson: float, linear_strains: float
+    name: str, nodes: IntArray, at: FloatArray, cell: str, elasticity: FloatArray, poisson: float, linear_strains: float
 ) -> FloatArray:
     flat = facets(name, nodes, at)
-    return flat.in_space(_on_all_coordinates(drilling_stiffness(flat.corners, law, poisson, linear_strains), (0, 1, 5)))
+    return flat.in_space(
+        _on_all_coordinates(drilling_stiffness(flat.corners, elasticity, poisson, linear_strains), (0, 1, 5))
+    )
 
 
-def _bending(name: str, nodes: IntArray, at: FloatArray, cell: str, law: FloatArray) -> FloatArray:
+def _bending(name: str, nodes: IntArray, at: FloatArray, cell: str, elasticity: FloatArray) -> FloatArray:
     flat = facets(name, nodes, at)
-    return flat.in_space(_on_all_coordinates(bending_stiffness(name, nodes, flat.corners, cell, law), (2, 3, 4)))
+    return flat.in_space(_on_all_coordinates(bending_stiffness(name, nodes, flat.corners, cell, elasticity), (2, 3, 4)))
 
 
 def _mass(name: str, nodes: IntArray, at: FloatArray, cell: str) -> FloatArray:
