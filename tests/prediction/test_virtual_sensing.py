@@ -58,7 +58,7 @@ def measured(states, rng, std):
 
 def test_smoothed_motion_is_that_of_a_batch_estimate():
     """Gaussian conditioning of all samples at once: E[x | y] = C_xy C_yy^-1 y, away from the ends of the record."""
-    n, std = 240, 0.3
+    n, std = 360, 0.3
     states, step, stationary, rng = simulate(n, 1)
     y = measured(states, rng, std)
     record = sid.TimeRecord(RATE, y, ["1X"], ["acceleration"], variance=np.array([std**2]))
@@ -67,14 +67,16 @@ def test_smoothed_motion_is_that_of_a_batch_estimate():
     powers = [np.eye(5)]
     for _ in range(n - 1):
         powers.append(step @ powers[-1])
-    lag = [power @ stationary for power in powers]
-    whole = np.block([[lag[i - j] if i >= j else lag[j - i].T for j in range(n)] for i in range(n)])
+    lag, apart = np.array(powers) @ stationary, np.subtract.outer(np.arange(n), np.arange(n))
+    blocks = lag[np.abs(apart)]
+    blocks[apart < 0] = np.swapaxes(blocks[apart < 0], 1, 2)
+    whole = np.swapaxes(blocks, 1, 2).reshape(5 * n, 5 * n)
     a, _ = system()
     read = np.kron(np.eye(n), a[2:3])
     cross = whole @ read.T
-    batch = cross @ np.linalg.solve(read @ cross + std**2 * np.eye(n), y[:, 0])
-    left = whole - cross @ np.linalg.solve(read @ cross + std**2 * np.eye(n), cross.T)
-    inner = slice(110, 130)
+    gain = np.linalg.solve(read @ cross + std**2 * np.eye(n), cross.T).T
+    batch, left = gain @ y[:, 0], whole - gain @ cross.T
+    inner = slice(170, 190)
     for value, deviation, state in ((found.values, found.std, 1), (found.forces, found.force_std, 4)):
         exact = batch.reshape(n, 5)[inner, state]
         assert value[inner, 0] == pytest.approx(exact, abs=0.01 * np.abs(exact).max())

@@ -117,8 +117,8 @@ class SenseOptions:
         Sensors that are not used but compared, with commas between.
     draws : int
         Models within the uncertainty.
-    filtered : bool
-        Whether the record went through a filter against aliasing, as measured ones do; not so in most simulations.
+    unfiltered : bool
+        Take the record as one that no filter against aliasing went over, as simulated ones; measured ones are filtered.
     """
 
     wanted: str = ""
@@ -128,7 +128,7 @@ class SenseOptions:
     force_std: float | None = None
     leave_out: str = ""
     draws: Annotated[int, Limits(least=0)] = 20
-    filtered: bool = True
+    unfiltered: bool = False
 
     def __post_init__(self) -> None:
         """Raise `InputError` where unknown forces are named without a correlation time."""

@@ -48,7 +48,7 @@ def sense_record(
         unknown,
         left,
         options.draws,
-        is_filtered=options.filtered,
+        is_filtered=not options.unfiltered,
     )
 
 
