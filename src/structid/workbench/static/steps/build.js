@@ -58,7 +58,7 @@ export async function show(box, app) {
 
   // Elements that are drawn go into a set that is chosen, or into the new row of a type.
   const into = h("select", {id: "drawn-into"}), place = (at) => { const label = nextLabel(); return [label, run((model) => actions.addNode(model, label, at))]; };
-  picture.tools.append(h("div", {class: "row"}, field("elements go into", into)));
+  picture.tools.firstChild?.append(field("elements go into", into));
   function join(a, b) {
     const {model} = editor, [type, k] = into.value.split(" "), set = model.sets.find((one) => one.type === type && String(one.k) === k);
     const pair = model.dimension === 1 && model.nodes.get(a)[0] > model.nodes.get(b)[0] ? [b, a] : [a, b];
@@ -117,7 +117,7 @@ export async function show(box, app) {
     const take = h("button", {type: "button", disabled: !writable, onclick: () => app.doing(take, async () => {
       const given = Object.fromEntries([...inputs.querySelectorAll("input")].map((one) => [one.name, one.value.trim()]));
       const found = await post("sections", {element: type, material: material.value, shape: shape.value, sizes: given, is_turned: turned.checked});
-      if (into.value === "new") { cells.fill(Object.fromEntries(Object.entries(found).map(([key, value]) => [key, String(value)]))); cells.focus("new", "name"); } else { await write(into.value, found); }
+      if (into.value === "new") { cells.fill(Object.fromEntries(Object.entries(found).map(([key, value]) => [key, shownNumber(value)]))); cells.focus("new", "name"); } else { await write(into.value, found); }
     })}, "Take its values");
     sizes();
     const details = h("details", {class: "preset"}, h("summary", {}, "Values from material and cross-section"), h("div", {class: "row end"}, field("Material", material), field("Cross-section", shape), inputs,
