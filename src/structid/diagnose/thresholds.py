@@ -23,6 +23,9 @@ FAR_BEYOND = 9.0
 #: Part of the responses, and of shapes, that the errors must be for a large misfit (root mean square); of frequencies a
 #: tenth.
 LARGE_ERROR = 0.02
+#: Degrees of freedom that data must have beyond those that parameters take from them, or they test nothing: 1 to rounding, which
+#: one value more than there are parameters leaves.
+LEAST_FREEDOM = 0.99
 #: Degrees of freedom below which a residual hardly tests a model: chi-square then scatters by a third of itself.
 FEW_FREEDOMS = 15
 #: Part of a misfit that one change removes from where on it is the cause, if it leaves noise alone.
@@ -155,5 +158,8 @@ MOST_ALIKE = 4
 MOST_FREED = 3
 #: Identifications that the search for causes may take by default,
 IDENTIFICATIONS = 3.0
-#: and seconds of a processor besides.
-SEARCH_SECONDS = 5.0
+#: and effort besides, in seconds of the processor that efforts are measured on.
+SEARCH_EFFORT = 5.0
+#: Part of this that the fit of one changed study may take, and the effort that it may take in any case.
+PART_OF_ONE_FIT = 0.2
+LEAST_FIT = 0.5

@@ -10,16 +10,26 @@ from scipy import sparse
 from structid.core.constraints import split_commas
 from structid.core.errors import FileError, InputError
 from structid.fem import Structure
-from structid.fem.importers import ImportedMatrix, dof_table, write_abaqus, write_matrices, write_numbering
+from structid.fem.importers import (
+    ImportedMatrix,
+    Op4Options,
+    dof_table,
+    write_abaqus,
+    write_matrices,
+    write_numbering,
+    write_op4,
+)
 from structid.files import atomic_write
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.options import ExportOptions
 from structid.prediction.state_space import state_space
 
-#: Names of the matrices, as programs of finite elements call those of an analysis set, and the laws that they enter by.
-_MATRICES = {"MAA": "inertia", "BAA": "viscous", "KAA": "elastic", "K4AA": "structural"}
+#: Names of the matrices, as programs of finite elements call those of an analysis set, and their kinds.
+_MATRICES = {"MAA": "mass", "BAA": "damping", "KAA": "stiffness", "K4AA": "structural_damping"}
 #: Suffixes of files with one matrix each, and of an Abaqus deck.
 _ONE_EACH, _ABAQUS = (".npz", ".npy", ".mtx"), ".inp"
+#: Degrees of freedom up to which OP4 has whole columns, which MYSTRAN reads too.
+_MOST_DENSE = 3000
 MATRIX_SUFFIXES = (".op4", ".pch", ".mat", ".inp", ".mtx", ".npz", ".npy")
 
 
@@ -75,8 +85,8 @@ def export_matrices(model: IdentifiedModel, path: Path) -> list[str]:
     structure.require_modes("matrices")
     table = dof_table(structure.dofs)
     items = []
-    for name, law in _MATRICES.items():
-        matrix = structure.matrix(law, model.values)
+    for name, matrix_kind in _MATRICES.items():
+        matrix = structure.matrix(matrix_kind, model.values)
         if matrix.nnz:
             symmetric = 0.5 * (matrix + matrix.T)  # without what rounding makes of the sums of elements
             items.append(ImportedMatrix(name, sparse.csc_array(symmetric), table))
@@ -119,7 +129,10 @@ def _write_files(path: Path, items: Sequence[ImportedMatrix], structure: Structu
         with atomic_write(path) as temporary:
             temporary.write_text(_abaqus_deck(structure, parts), encoding="ascii")
         return [f"{path}: nodes, and {', '.join(part.name for part in parts.values())} of {size}{imaginary}"]
-    write_matrices(path, items)
+    if path.suffix.lower() == ".op4" and structure.n_dofs <= _MOST_DENSE:
+        write_op4(path, items, Op4Options(layout="dense"))
+    else:
+        write_matrices(path, items)
     return [f"{path}: {', '.join(names)} of {size}{imaginary}"]
 
 
