@@ -113,6 +113,29 @@ def test_errors_of_both_states_cancel_in_a_change():
     assert found.before.std[0, 0] > 30 * found.difference.std[0, 0]
 
 
+def test_modes_are_followed_by_their_shapes_where_a_change_adds_one_or_takes_one_away():
+    structure = make_chain()
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "between", each=True)])
+    model = identified_model(structure, parameters, parameters.start, np.diag([30.0, 20.0]) ** 2)
+    k = np.array([[4e3 + 3e3, -3e3, 0], [-3e3, 5e3, -2e3], [0, -2e3, 2e3]])
+    mass = np.array([2.0, 3.0, 1.5])
+    before = np.sqrt(np.linalg.eigvalsh(k / np.sqrt(np.outer(mass, mass)))) / (2 * np.pi)
+    damper = sid.AddTunedMassDamper("3X", 0.05, before[1], 0.05)
+    own = 0.05 * (2 * np.pi * before[1]) ** 2
+    wider = np.pad(k, ((0, 1), (0, 1)))
+    wider[2:, 2:] += own * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    four = np.append(mass, 0.05)
+    after = np.sqrt(np.linalg.eigvalsh(wider / np.sqrt(np.outer(four, four)))) / (2 * np.pi)
+    found = sid.predict_change(model, sid.NaturalModes(8), [damper], n_draws=50)
+    assert found.before.values[:, 0] == pytest.approx(before)
+    assert found.after.values[[0, 2], 0] == pytest.approx(after[[0, 3]])  # the second has become two
+    assert min(abs(found.after.values[1, 0] - after[1:3])) < 1e-6
+    assert np.abs(found.difference.values[[0, 2], 0]).max() < 0.05
+    held = sid.predict_change(model, sid.NaturalModes(8), [sid.AddSupport("1X")], n_draws=50)
+    pair = np.sqrt(np.linalg.eigvalsh(k[1:, 1:] / np.sqrt(np.outer(mass[1:], mass[1:])))) / (2 * np.pi)
+    assert sorted(held.after.values[:, 0]) == pytest.approx(pair)
+
+
 def test_root_mean_square_under_white_noise():
     """One mass under white noise S moves by sqrt(S / (4 c k)), root mean square; Crandall and Mark (1963), Eq. 2.45."""
     density, frequency = 3.0, np.linspace(0.01, 400, 40_000)

@@ -17,7 +17,7 @@ from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.model_error import ModelError
 from structid.prediction.options import N_DRAWS
-from structid.prediction.quantities import Evaluator, Frf, Quantity
+from structid.prediction.quantities import Evaluator, Frf, NaturalModes, Quantity
 from structid.unknowns import Parameters
 
 LEVEL = 0.95
@@ -147,6 +147,9 @@ def predict_change(
 ) -> PredictedChange:
     """A quantity before and after changes of the structure, and the difference with its 95 % band.
 
+    Modes after the changes are those that are most like the ones before, in their order, also where a damper adds a mode or a
+    support takes one away.
+
     Parameters
     ----------
     source : Identification or IdentifiedModel
@@ -172,10 +175,16 @@ def predict_changes(
     """Several quantities before and after changes, by the same random models; the arguments are those of `predict_change`."""
     model, error = _model_and_error(source, model_error)
     changed, parameters = changed_model(model.structure, model.parameters, changes)
-    all_before = _draw_all(model, model.structure, model.parameters, quantities, n_draws, seed)
-    all_after = _draw_all(model, changed, parameters, quantities, n_draws, seed)
+    wanted, followed = list(quantities), list(quantities)
+    for i, quantity in enumerate(quantities):
+        if isinstance(quantity, NaturalModes):
+            n_modes = min(quantity.n_modes, model.structure.n_dofs, changed.n_dofs)
+            wanted[i] = modes_before = replace(quantity, n_modes=n_modes)
+            followed[i] = modes_before.followed_from(model.structure, model.values)
+    all_before = _draw_all(model, model.structure, model.parameters, wanted, n_draws, seed)
+    all_after = _draw_all(model, changed, parameters, followed, n_draws, seed)
     found = []
-    for quantity, before, after in zip(quantities, all_before, all_after, strict=True):
+    for quantity, before, after in zip(wanted, all_before, all_after, strict=True):
         sizes = [np.abs(each) if np.iscomplexobj(each) else each for each in (*before, *after)]
         found.append(
             PredictedChange(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.optimize import linear_sum_assignment
 
-from structid.core.arrays import ComplexArray, FloatArray, NumberArray, require_finite, require_shape
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray, require_finite, require_shape
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.core.units import FrfKind
@@ -22,8 +23,11 @@ from structid.prediction.poles import simulate_history
 from structid.prediction.recovery import Output, OutputMap, is_von_mises, output_map, output_unit, parse_outputs
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES, FRF_UNITS, MOTION_DERIVATIVES, QUANTITY_UNITS
+from structid.similarity.shapes import mac
 from structid.unknowns import Parameters
 
+#: Modes beside the wanted ones among which these are looked for.
+_MORE_MODES = 4
 #: Levels, in root mean squares, at which the distribution of a maximum is computed, and how many.
 _MOST_LEVEL, _LEVELS = 12.0, 2401
 
@@ -541,25 +545,50 @@ class Extremes:
 
 
 @dataclass(frozen=True, eq=False)
+class ReferenceModes:
+    """Mode shapes (n_dofs, n_modes) at degrees of freedom, by which modes of another structure are told."""
+
+    dofs: tuple[Dof, ...]
+    mode_shapes: FloatArray
+
+    def order_in(self, structure: Structure, others: FloatArray) -> IntArray:
+        """Columns of the mode shapes `others` of a structure that are most like these modes together, (n_modes,)."""
+        index = {dof: row for row, dof in enumerate(structure.dofs)}
+        shared = [(row, index[dof]) for row, dof in enumerate(self.dofs) if dof in index]
+        own, their = np.array(shared, dtype=np.int64).reshape(-1, 2).T
+        alike = np.nan_to_num(mac(self.mode_shapes[own], others[their]))
+        return np.asarray(linear_sum_assignment(-alike)[1])
+
+
+@dataclass(frozen=True, eq=False)
 class NaturalModes:
     """Frequencies and damping ratios of the lowest modes, (n_modes, 2): Hz, then a number.
 
     Modes of a model within the uncertainty are those that are most like the identified ones, so that none is taken for another
-    where two frequencies cross.
+    where two frequencies cross. With a `reference` the modes are those that are most like its own, in its order.
     """
 
     n_modes: int = 10
+    reference: ReferenceModes | None = None
+
+    def followed_from(self, structure: Structure, values: FloatArray) -> NaturalModes:
+        """The same quantity of a changed structure, whose modes are followed from those of `structure` at `values` (n_values,)."""
+        computed = _structure_modes(structure, values, self.n_modes)
+        return replace(self, reference=ReferenceModes(structure.dofs, computed.mode_shapes))
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters."""
         structure.require_modes("modes")
-        first = _structure_modes(structure, parameters.values(points[0]), self.n_modes)
+        n_modes = self.n_modes if self.reference is None else self.n_modes + _MORE_MODES
+        first = _structure_modes(structure, parameters.values(points[0]), n_modes).mode_shapes
+        if self.reference is not None:
+            first = first[:, self.reference.order_in(structure, first)]
         mass = structure.matrix("inertia", parameters.values(points[0]))
 
         def evaluate(physical: FloatArray) -> FloatArray:
             """Frequency and damping ratio of the modes that are most like the identified ones, (n_modes, 2)."""
-            found = _structure_modes(structure, parameters.values(physical), self.n_modes + 4)
-            alike = np.abs(first.mode_shapes.T @ (mass @ found.mode_shapes))
+            found = _structure_modes(structure, parameters.values(physical), n_modes + _MORE_MODES)
+            alike = np.abs(first.T @ (mass @ found.mode_shapes))
             order = alike.argmax(axis=1)
             return np.stack([found.frequency[order], found.damping_ratio[order]], axis=1)
 

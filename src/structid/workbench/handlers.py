@@ -26,7 +26,7 @@ from structid.core.errors import FileError, InputError
 from structid.files import atomic_write, claimed, read_start
 from structid.study.templates import TEMPLATES, asked_of
 from structid.workbench.edits import edited
-from structid.workbench.folder import ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
+from structid.workbench.folder import EXPORTS, ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
 from structid.workbench.recent import is_confirmed, recent_folders, remember_confirmed
 from structid.workbench.runs import Runs
 from structid.workbench.sections import element_properties, presets
@@ -36,6 +36,10 @@ from structid.workbench.work.workers import Workers
 
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _SEEN = {".html", ".json", ".toml", ".csv", ".h5", ".uff", ".png", ".txt"}
+#: Files for other programs, in the folder beside results.
+_EXPORTED = _SEEN | {
+    ".bdf", ".dat", ".fem", ".inp", ".mat", ".mtx", ".nas", ".npy", ".npz", ".op4", ".pch", ".pun", ".uf", ".unv", ".vtu"
+}  # fmt: skip
 _TICK = 0.5
 #: Pages that hear of changes, files of results that are told, and files beside a study that are looked at, at most.
 _MOST_STREAMS, _MOST_RESULTS, _MOST_STAMPS = 64, 2000, 10_000
@@ -472,6 +476,13 @@ async def _fits(bench: Workbench, request: Request) -> Response:
     return await bench.worked("fits", {"results": name}, version)
 
 
+async def _use(bench: Workbench, request: Request) -> Response:
+    """Answer with what can be asked of an identified model; cached until its results or a file of its study change."""
+    name = request.query_params["results"]
+    path = bench.opened.inside(f"{name}/estimate.h5")
+    return await bench.worked("use", {"results": name}, bench.version(name) if path.is_file() else "")
+
+
 async def _view(bench: Workbench, request: Request) -> Response:
     """Answer with an HTML report of the open folder; 404 for any other file."""
     path = bench.opened.inside(request.path_params["name"])
@@ -483,7 +494,8 @@ async def _view(bench: Workbench, request: Request) -> Response:
 async def _download(bench: Workbench, request: Request) -> Response:
     """Answer with a file of results as a download."""
     path = bench.opened.inside(request.query_params["path"])
-    if not path.is_file() or path.suffix not in _SEEN:
+    seen = _EXPORTED if path.parent.name.endswith(EXPORTS) else _SEEN
+    if not path.is_file() or path.suffix not in seen:
         raise FileError(f"{request.query_params['path']}: is not there any more")
     return FileResponse(path, filename=path.name, media_type="application/octet-stream")
 
@@ -549,6 +561,9 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/api/events", _events),
     ("GET", "/api/results", _results),
     ("GET", "/api/fits", _fits),
+    ("GET", "/api/use", _use),
+    ("POST", "/api/predict", _of_body("predict", "results", "options", "changes")),
+    ("POST", "/api/exports", _of_body("exports", "results", "kind", "suffix", "options")),
     ("GET", "/api/download", _download),
     ("GET", "/api/export", _export),
 )
