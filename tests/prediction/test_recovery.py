@@ -119,7 +119,7 @@ def test_forces_at_a_node_are_in_balance_and_their_work_is_the_energy_of_the_par
         sid.Beam("beam", [[i, i + 1] for i in range(3, 6)], mass=MASS, bending_stiffness=EI, stiffness_damping=0.05)])  # fmt: skip
     outputs = [str(dof) for dof in behind.dofs]
     u, v = history(outputs), history(outputs, "velocity")
-    m, k, c = (behind.matrix(law).toarray() for law in ("inertia", "elastic", "viscous"))
+    m, k, c = (behind.matrix(kind).toarray() for kind in ("mass", "stiffness", "damping"))
     energy = 0.5 * np.einsum("ti,ij,tj->t", v, m, v) + 0.5 * np.einsum("ti,ij,tj->t", u, k, u)
     lost = np.einsum("ti,ij,tj->t", v, c, v)
     lost = np.concatenate([[0], np.cumsum(np.convolve(lost, [0.5, 0.5], "valid")) / rate])
@@ -192,7 +192,7 @@ def test_large_models_are_read_by_their_element_matrices():
     structure, frequency = cantilever(n), np.linspace(1, 40, 30)
     model = model_of(structure, [sid.Unknown("bending_stiffness", "beam")], 0.02)
     found = sid.predict(model, sid.Frf(["M[beam:21@20]"], ["40Y"], frequency), n_draws=50)
-    k, m = (structure.matrix(law).toarray() for law in ("elastic", "inertia"))
+    k, m = (structure.matrix(kind).toarray() for kind in ("stiffness", "mass"))
     h = np.array([LENGTH / n])
     rows = [[str(dof) for dof in structure.dofs].index(f"{node}{d}+") for node in (20, 21) for d in ("Y", "RZ")]
     tip = np.array([str(dof) == "40Y+" for dof in structure.dofs], dtype=float)
