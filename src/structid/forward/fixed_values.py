@@ -48,7 +48,7 @@ def with_fixed_values(
 
 
 def append_fixed_factors(parameters: Parameters, held: tuple[FixedProperty, ...]) -> Parameters:
-    """The parameters followed by a factor on each held property."""
+    """The parameters followed by a factor on each fixed property."""
     columns = relative_sensitivities(parameters.offset, held)
     factors = _unit_factors(*([getattr(item, name) for item in held] for name in ("label", "kind", "tolerance")))
     return replace(
@@ -82,7 +82,7 @@ def _unit_factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequen
         transforms=Transforms(kept_positive, locked(np.zeros(n)), locked(np.full(n, np.inf))),
         priors=no_priors(n),
         scale=locked(np.zeros(n)),
-        held=(np.zeros(n), np.array(tolerances, dtype=np.float64)),
+        free_prior=(np.zeros(n), np.array(tolerances, dtype=np.float64)),
     )
 
 

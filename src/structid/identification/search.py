@@ -24,7 +24,7 @@ from structid.identification.joint_problem import (
     joint_schedules,
 )
 from structid.identification.options import IdentifyOptions
-from structid.identification.regularizing import Held, regularized, takes_matrix_free
+from structid.identification.regularizing import AppliedRegularization, regularized, takes_matrix_free
 from structid.identification.setups.setup import AnySetup
 from structid.identification.varying import Varied, varied, widened_estimate
 from structid.inversion import Estimate, MatrixFree, Method, Problem, Search, Status
@@ -56,7 +56,7 @@ class Answer:
         Of each record, with the polarities that were found.
     target : Problem or None
         The problem that was solved, if one of many rows.
-    held : tuple of Held
+    regularizations : tuple of AppliedRegularization
         The regularizations as they were used.
     varied : tuple of Varied
         What differs from record to record.
@@ -65,7 +65,7 @@ class Answer:
     estimate: Estimate
     problems: tuple[RecordProblem, ...]
     target: Problem | None
-    held: tuple[Held, ...]
+    regularizations: tuple[AppliedRegularization, ...]
     varied: tuple[Varied, ...] = ()
 
 
@@ -140,7 +140,7 @@ def answered(
     best, problems = reweighted(*searched(regular.problems, found), found_near)
     differing = varied(problems, best, regular.scatters)
     best = widened_estimate(best, tuple(regular.scatters.values()))
-    return Answer(best, problems, joint_problem(problems), regular.held, differing)
+    return Answer(best, problems, joint_problem(problems), regular.regularizations, differing)
 
 
 def wide_starts(problems: Sequence[RecordProblem]) -> int:
