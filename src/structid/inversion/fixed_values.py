@@ -86,12 +86,12 @@ class FixedValueInfluence:
     @property
     def words(self) -> str:
         """Tolerances of fixed values in words, such as ``1 % of fixed masses and stiffnesses``."""
-        held: dict[str, list[str]] = {}
+        kinds_of_size: dict[str, list[str]] = {}
         for what, kinds in _CALLED.items():
             own = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind in kinds})
             if own:
-                held.setdefault(_size(own), []).append(what)
-        said = [f"{size} of held {' and '.join(what)}" for size, what in held.items()]
+                kinds_of_size.setdefault(_size(own), []).append(what)
+        said = [f"{size} of fixed {' and '.join(what)}" for size, what in kinds_of_size.items()]
         gains = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind == "gain"})
         return ", ".join([*said, *([f"{_size(gains)} of the calibration"] if gains else [])])
 

@@ -266,7 +266,7 @@ def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
 
 
 def _read_scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
-    """Refusal ("" if none) and deck part from a CMASS1 (`table` has property values) or CMASS2 card: mass of one component of a node."""
+    """Refusal ("" if none) and deck part from a CMASS1 (`table` has property values) or CMASS2 card: mass of one component."""
     words = _padded(row, 8)
     kind = "CMASS2" if table is None else "CMASS1"
     node, component = _whole(words[2]), words[3]
