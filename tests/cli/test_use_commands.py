@@ -2,7 +2,9 @@
 
 import csv
 import json
+import shutil
 
+import h5py
 import numpy as np
 import pytest
 from scipy.io import loadmat
@@ -12,7 +14,7 @@ import structid as sid
 from structid.cli import app as cli
 from structid.fem.importers import read_matrices
 from structid.modal.formats.files import read_modes
-from study_cases import write_chain
+from study_cases import RIGID, rigid_record, write_chain
 
 RUN = CliRunner()
 
@@ -123,6 +125,60 @@ def test_export_writes_elements_and_modes(results, tmp_path):
     np.testing.assert_allclose(
         read_modes(files[1]).frequency, [mode["frequency_hz"] for mode in identified["modes"][:2]], rtol=1e-5
     )
+
+
+def test_results_of_another_version_are_refused_by_every_command(results, tmp_path):
+    shutil.copytree(results.parent, tmp_path / "v")
+    folder = tmp_path / "v" / results.name
+    calls = (["export"], ["export", "--mesh", tmp_path / "m.vtu"], ["predict", "--out", tmp_path / "p"])
+    for damage, words in (
+        (
+            lambda file: file.attrs.__setitem__("format", "structid estimate 2"),
+            "another version of structid (structid estimate 2",
+        ),
+        (lambda file: file.attrs.__delitem__("format"), "another version of structid (none"),
+    ):
+        with h5py.File(folder / "estimate.h5", "a") as file:
+            damage(file)
+        for name, *rest in calls:
+            done = invoke(name, folder, *rest)
+            assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
+    shutil.copy(results / "estimate.h5", folder)
+    with h5py.File(folder / "estimate.h5", "a") as file:
+        del file["parameters/initial"]
+    done = invoke("export", folder, "--mesh", tmp_path / "m.vtu")
+    assert (done.exit_code, "holds no initial values; identify again" in done.stderr) == (2, True)
+    assert not (tmp_path / "m.vtu").exists()
+
+
+def test_a_model_that_the_data_do_not_determine_is_refused(tmp_path):
+    study = write_chain(tmp_path, RIGID, rigid_record())
+    assert invoke("identify", study, "--out", tmp_path / "out", "--no-report").exit_code == 1
+    for arguments in (["export"], ["export", "--matrices", tmp_path / "m.op4"], ["predict", "--out", tmp_path / "p"]):
+        name, *rest = arguments
+        done = invoke(name, tmp_path / "out", *rest)
+        assert (done.exit_code, "do not determine mass[mass 2], mass[mass 3]" in done.stderr) == (2, True), done.stderr
+    assert not list(tmp_path.glob("m.*"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--support", "1X", "--support", "2X", "--support", "3X"], "nothing of the changed structure can move"),
+        (["--support", "9X"], "9X"),
+        (["--remove", "deck"], "no element set 'deck'"),
+        (["--sensors", "2X", "--loads", "1Y"], "1Y+ is not part of the structure"),
+    ],
+)
+def test_a_change_that_leaves_nothing_is_named(results, tmp_path, arguments, words):
+    done = invoke("predict", results, *arguments, "--out", tmp_path / "p")
+    assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
+
+
+def test_modes_are_compared_where_a_mass_is_taken_out(results, tmp_path):
+    done = invoke("predict", results, "--remove", "mass 3", "--draws", 60, "--out", tmp_path / "p", "--no-report")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert len(json.loads((tmp_path / "p" / "prediction.json").read_text())["modes"]) == 2
 
 
 def test_sense_writes_motion_and_forces(results, tmp_path):

@@ -17,7 +17,7 @@ from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.model_error import ModelError
 from structid.prediction.options import N_DRAWS
-from structid.prediction.quantities import Evaluator, Frf, NaturalModes, Quantity
+from structid.prediction.quantities import Evaluator, Frf, NaturalModes, Quantity, comparable_modes
 from structid.unknowns import Parameters
 
 LEVEL = 0.95
@@ -178,9 +178,9 @@ def predict_changes(
     wanted, followed = list(quantities), list(quantities)
     for i, quantity in enumerate(quantities):
         if isinstance(quantity, NaturalModes):
-            n_modes = min(quantity.n_modes, model.structure.n_dofs, changed.n_dofs)
-            wanted[i] = modes_before = replace(quantity, n_modes=n_modes)
-            followed[i] = modes_before.followed_from(model.structure, model.values)
+            after_values = parameters.values(model.physical)
+            pair = comparable_modes(quantity, (model.structure, model.values), (changed, after_values))
+            wanted[i], followed[i] = pair
     all_before = _draw_all(model, model.structure, model.parameters, wanted, n_draws, seed)
     all_after = _draw_all(model, changed, parameters, followed, n_draws, seed)
     found = []

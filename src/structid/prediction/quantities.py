@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -23,7 +23,6 @@ from structid.prediction.poles import simulate_history
 from structid.prediction.recovery import Output, OutputMap, is_von_mises, output_map, output_unit, parse_outputs
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES, FRF_UNITS, MOTION_DERIVATIVES, QUANTITY_UNITS
-from structid.similarity.shapes import mac
 from structid.unknowns import Parameters
 
 #: Modes beside the wanted ones among which these are looked for.
@@ -556,7 +555,9 @@ class ReferenceModes:
         index = {dof: row for row, dof in enumerate(structure.dofs)}
         shared = [(row, index[dof]) for row, dof in enumerate(self.dofs) if dof in index]
         own, their = np.array(shared, dtype=np.int64).reshape(-1, 2).T
-        alike = np.nan_to_num(mac(self.mode_shapes[own], others[their]))
+        first, second = self.mode_shapes[own], others[their]
+        sizes = np.outer((first**2).sum(axis=0), (second**2).sum(axis=0))  # 0 of a mode in which nothing shared moves
+        alike = np.divide((first.T @ second) ** 2, sizes, out=np.zeros(sizes.shape), where=sizes > 0)
         return np.asarray(linear_sum_assignment(-alike)[1])
 
 
@@ -570,11 +571,6 @@ class NaturalModes:
 
     n_modes: int = 10
     reference: ReferenceModes | None = None
-
-    def followed_from(self, structure: Structure, values: FloatArray) -> NaturalModes:
-        """The same quantity of a changed structure, whose modes are followed from those of `structure` at `values` (n_values,)."""
-        computed = _structure_modes(structure, values, self.n_modes)
-        return replace(self, reference=ReferenceModes(structure.dofs, computed.mode_shapes))
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters."""
@@ -606,6 +602,29 @@ class NaturalModes:
     def unit(self) -> str:
         """Two units, one a column."""
         return "Hz, 1"
+
+
+def comparable_modes(
+    quantity: NaturalModes, before: tuple[Structure, FloatArray], after: tuple[Structure, FloatArray]
+) -> tuple[NaturalModes, NaturalModes]:
+    """Modes of a structure before and after a change: as many of both, those after in the order of their likes before.
+
+    Parameters
+    ----------
+    quantity : NaturalModes
+    before, after : (Structure, (n_values,) float array)
+        With the property values.
+    """
+    for structure, _ in (before, after):
+        structure.require_modes("modes")
+    if not after[0].n_dofs:
+        raise InputError(
+            "nothing of the changed structure can move, so that it has no modes; hold or take out less of it"
+        )
+    shapes = _structure_modes(*before, quantity.n_modes).mode_shapes
+    n_modes = min(shapes.shape[1], _structure_modes(*after, quantity.n_modes).mode_shapes.shape[1])
+    reference = ReferenceModes(before[0].dofs, shapes[:, :n_modes])
+    return NaturalModes(n_modes), NaturalModes(n_modes, reference)
 
 
 def _structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:

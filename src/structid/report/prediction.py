@@ -16,7 +16,7 @@ from structid.report.tables import Table, printed
 from structid.study.run.predicting import PREDICTION_PAGE, StudyPrediction, parts_of
 
 #: Part of a value that rounding makes at most.
-_ROUNDING = 1e-9
+_ROUNDING = 1e-7
 
 
 def modes_table(found: Prediction | PredictedChange) -> Table:

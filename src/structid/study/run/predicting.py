@@ -95,9 +95,7 @@ def predict_study(
     Raises
     ------
     InputError
-        If the folder, its study, a place or a change cannot be used.
-    NoAnswerError
-        If the data do not determine the model.
+        If the folder, its study, a place or a change cannot be used, or the data do not determine the model.
     """
     source = stored_study(folder, study)
     model = stored_model(folder, source)

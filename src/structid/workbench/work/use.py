@@ -33,7 +33,7 @@ def use_facts(folder: Path) -> dict[str, Entry]:
     ------
     FileError
         If the folder is of another version, or its study has changed.
-    NoAnswerError
+    InputError
         If the data do not determine the model.
     """
     study = stored_study(folder)

@@ -48,9 +48,7 @@ def write_exports(
     FileError
         If a file exists already and `force` is not set, a suffix is of no format, or the folder is of another version.
     InputError
-        If the model has no such content, or an option cannot be used.
-    NoAnswerError
-        If the data do not determine the model.
+        If the model has no such content or is not determined, or an option cannot be used.
     """
     for path in files.paths:
         if path.exists() and not force:
