@@ -87,7 +87,7 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
         If the data do not determine the model, or the search gave no covariance.
     """
     path = folder / "estimate.h5"
-    form = hdf5_attributes(require_readable(path)).get("format", "none")
+    form = hdf5_attributes(require_readable(path)).get("@format", ("none",))[0]
     if form != ESTIMATE_FORMAT:
         raise FileError(f"{path}: is of another version of structid ({form}, not {ESTIMATE_FORMAT}); {_AGAIN}")
     stored = _read_group(path, "parameters", (*_ARRAYS, *_FIXED, "draws"))
