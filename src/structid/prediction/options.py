@@ -52,6 +52,9 @@ class PredictOptions:
         Motion of a history against supports that move, in place of absolute motion.
     motion : str
         Of histories: displacement, velocity or acceleration; of spectra that of `kind`.
+    tune_damper : str
+        Mass and place of a tuned mass damper whose frequency and damping are sought, `800@40X`: those with which the largest
+        response there is smallest over the uncertainty. It is then added as a change.
     modes : int
         Number of natural modes.
     draws : int
@@ -74,6 +77,7 @@ class PredictOptions:
     supports: Literal["together", "alone"] = "together"
     relative: bool = False
     motion: str = "acceleration"
+    tune_damper: str = ""
     modes: Annotated[int, Limits(least=1)] = 8
     draws: Annotated[int, Limits(least=50)] = N_DRAWS
     seed: int = 0
@@ -104,7 +108,7 @@ class SenseOptions:
     Parameters
     ----------
     wanted : str
-        Degrees of freedom whose motion is wanted, with commas between.
+        Degrees of freedom whose motion is wanted, and forces and stresses of elements as for `structid predict`, by commas.
     motion : str
         displacement, velocity or acceleration.
     unknown : str
@@ -117,6 +121,8 @@ class SenseOptions:
         Sensors that are not used but compared, with commas between.
     draws : int
         Models within the uncertainty.
+    unfiltered : bool
+        Take the record as one that no filter against aliasing went over, as simulated ones; measured ones are filtered.
     """
 
     wanted: str = ""
@@ -125,7 +131,8 @@ class SenseOptions:
     correlation_time: float | None = None
     force_std: float | None = None
     leave_out: str = ""
-    draws: int = 20
+    draws: Annotated[int, Limits(least=0)] = 20
+    unfiltered: bool = False
 
     def __post_init__(self) -> None:
         """Raise `InputError` where unknown forces are named without a correlation time."""
