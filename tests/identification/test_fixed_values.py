@@ -1,4 +1,4 @@
-"""Held values that are wrong by their tolerance: derivatives, intervals, verdicts and changes between two states.
+"""Fixed values that are wrong by their tolerance: derivatives, intervals, verdicts and changes between two states.
 
 Records are simulated by the matrices of this file, a chain of four masses on springs and dashpots.
 """
@@ -201,7 +201,7 @@ def test_records_share_what_is_held_and_have_a_calibration_each():
     assert fixed.tolerance[fixed.names.index("calibration[record 2]")] == 0.02
     assert (
         found.assumption
-        == "± includes 1 % of held masses and stiffnesses, 10 % of held dampings, 2 % of the calibration"
+        == "± includes 1 % of fixed masses and stiffnesses, 10 % of fixed dampings, 2 % of the calibration"
     )
 
 
