@@ -110,6 +110,12 @@ def test_export_writes_state_equations_and_matrices(results, tmp_path):
     assert (done.exit_code, done.stdout.count(".op4")) == (0, 1)
 
 
+def test_two_contents_do_not_go_into_one_file(results, tmp_path):
+    done = invoke("export", results, "--mode-shapes", tmp_path / "a.pch", "--matrices", tmp_path / "a.pch", "--force")
+    assert (done.exit_code, "give each a file of its own" in done.stderr) == (2, True)
+    assert not list(tmp_path.iterdir())
+
+
 def test_export_writes_elements_and_modes(results, tmp_path):
     files = [tmp_path / name for name in ("chain.csv", "chain.uff")]
     done = invoke("export", results, "--mesh", files[0], "--mode-shapes", files[1], "--modes", 2)
@@ -245,3 +251,13 @@ def test_predict_names_loads_that_cannot_be(results, tmp_path, arguments, words)
     done = invoke("predict", results, *sensors, *arguments, "--draws", 50, "--out", tmp_path / "p")
     assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
     assert not (tmp_path / "p").exists()
+
+
+def test_predict_tunes_a_damper(results, tmp_path):
+    done = invoke("predict", results, "--tune-damper", "0.2@3X", "--draws", 60, "--modes", 2, "--out", tmp_path / "p")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "tuned mass damper of 0.2 kg" in done.stdout
+    told = json.loads((tmp_path / "p" / "prediction.json").read_text())["tuned_damper"]
+    assert told["largest_receptance"] < told["largest_receptance_before"]
+    done = invoke("predict", results, "--tune-damper", "3X", "--out", tmp_path / "q")
+    assert (done.exit_code, "`tune_damper` must be a mass in kg and a place" in done.stderr) == (2, True)

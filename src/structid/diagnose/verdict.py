@@ -228,7 +228,7 @@ def fits_noise(identification: Identification) -> bool:
 
 
 def _is_within_tolerances(identification: Identification) -> bool:
-    """True where held values within their tolerances leave no more misfit than noise does, so that no resonance is missed."""
+    """True where fixed values within their tolerances leave no more misfit than noise does, so that no resonance is missed."""
     estimate = identification.estimate
     is_beyond = estimate.fixed is not None and bool(estimate.fixed.beyond)
     return np.isfinite(estimate.goodness.least_chi_square) and estimate.covariance_basis == "noise" and not is_beyond

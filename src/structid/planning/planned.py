@@ -79,7 +79,7 @@ class PlannedTest:
         values; NaN where it is not determined.
     of_interest : (n_params,) bool array
     of_tolerances : (n_params,) float array
-        Relative standard deviation that the tolerances of held values and of the calibration give each parameter besides, which
+        Relative standard deviation that the tolerances of fixed values and of the calibration give each parameter besides, which
         neither more lines nor more averages lessen; zeros where all is exact.
     """
 

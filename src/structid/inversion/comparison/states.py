@@ -60,7 +60,7 @@ class UnchangedTest:
     degrees_of_freedom : float
         Of the data of both states, with everything free.
     freedom : int
-        How many conditions the common parameters, and held values that both states share, make.
+        How many conditions the common parameters, and fixed values that both states share, make.
     differing : tuple of (str, float, float)
         Parameters among `names` that the states ask for differently: the relative change, and the same in standard deviations; the
         surest first.
