@@ -24,7 +24,7 @@ from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
 from structid.records.formats.uff.frf import AVERAGES
-from structid.records.formats.uff.functions import Function, read_function
+from structid.records.formats.uff.functions import Function, read_function, require_one_component
 from structid.records.formats.uff.scales import QUANTITIES, UNKNOWN, channel_scale, dof_of
 from structid.records.spectrum import SpectrumRecord
 
@@ -116,6 +116,7 @@ def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: st
         functions = [functions[row] for row in chosen(path, options.columns, names, numbers)]
     if not functions:
         raise FileError(f"{path}: holds no {words}; export them, or histories")
+    require_one_component(path, functions)
     by_pair: dict[tuple[Dof, Dof], Function] = {}
     with about("channels"):
         wanted = set(parse_dofs(options.channels))
