@@ -46,7 +46,8 @@ class FixedValueInfluence:
         Free variables of the parameters there; those of the answer where noise explains the residual.
     second_order : (n_params,) float array
         What `slope` leaves of the way between the two fits, physical units: large where fixed values move resonances by as much as
-        these are wide.
+        these are wide. It goes with the square of that way, and is that of a way as long as tolerances make it: where other errors
+        of the model ask for more, they do not count as tolerances.
 
     References
     ----------
@@ -190,7 +191,8 @@ class FixedColumns:
         within = self.within
         asked = np.zeros(len(self.names)) if within is None else within.asked
         free = theta if within is None else within.parameters
-        second_order = (theta - free + changes @ (asked * self.tolerance)) * slope
+        likely = min(1.0, len(asked) / max(float(asked @ asked), 1.0))
+        second_order = likely * (theta - free + changes @ (asked * self.tolerance)) * slope
         return FixedValueInfluence(
             self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, second_order
         )
