@@ -38,6 +38,11 @@ def noise_deviation(found: Any, name: str) -> float:
 
 
 HOLDS: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "use/stress_on_a_mast": lambda end: (
+        end["largest"].low[0] < end["largest"].values[0] < end["largest"].high[0]
+        and end["damper"].peak < end["damper"].nominal_peak < end["damper"].peak_before
+        and end["damper"].change.damping_ratio > end["damper"].nominal.damping_ratio
+    ),
     "use/control_of_a_free_beam": lambda end: end["on_drawing"] > 0 > end["on_identified"] and (end["poles"] < 0).all(),
     "commands/explain": lambda end: near(end["found"], bending_stiffness_beam=30.0, stiffness_support_0RZ=400.0),
     "commands/identify": lambda end: (
