@@ -40,9 +40,8 @@ from structid.inversion.search.work import Tools
 from structid.records.on_disk import open_record
 from structid.study.run import workers as workers_module
 from structid.study.run.cluster import Cluster
-from structid.study.run.long_run import LongRun
-from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on
-from structid.study.run.spread_lines import SpreadLines
+from structid.study.run.long_run import LongRun, SpreadLines
+from structid.study.run.motion import Whole, reduced_alone, reduced_on
 from structid.study.run.start import started
 from structid.study.run.workers import InProcess, Processes, Workers, one_thread
 from structid.study.schema.study import load_study

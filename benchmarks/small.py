@@ -71,6 +71,7 @@ SMALL: dict[str, str] = {
     "accuracy/spectral_modes.py": "--repeats 1",
     "accuracy/tie_rod.py": "--repeats 20 --holds",
     "accuracy/tolerances.py": "--repeats 1 --tolerance 0.02 --only chain/frf",
+    "accuracy/tolerances_elsewhere.py": "--repeats 1 --tolerance 0.02 --only mast/frf",
     "accuracy/translations_only.py": "--elements 9 --repeats 1",
     "accuracy/varying_records.py": "--repeats 1 --setups 4",
     "accuracy/wrong_models.py": "--set development --only two_span-frf-near-mass-6",

@@ -23,6 +23,7 @@ from scipy.linalg import eigh, expm
 import structid as sid
 from structid.core.dof import parse_dofs
 from structid.diagnose.verdict import judged
+from structid.identification.setups.setup import AnySetup
 from structid.modal import ModalRecord
 from structid.modal.modal_record import independent_errors
 from structid.unknowns.tolerances import Tolerances
@@ -249,6 +250,8 @@ def truth(rig: Rig, rng: np.random.Generator, tolerance: float) -> tuple[dict[st
             values[part.name] *= (
                 np.exp(spread * rng.standard_normal()) if part.kind == "viscous" else 1 + spread * rng.standard_normal()
             )
+    for name in rig.losses.keys() - of_unknown:
+        values[name] *= np.exp(DAMPING * (tolerance > 0) * rng.standard_normal())
     factors = {name: float(f) for name, f in zip(names, rng.uniform(0.85, 1.15, len(names)), strict=True)}
     for name, several in names.items():
         for own in several:
@@ -345,7 +348,12 @@ class Told:
 def repeat(rig: Rig, kind: str, tolerance: float, seed: int, options: sid.IdentifyOptions, told: Told) -> None:
     rng = np.random.default_rng(seed)
     values, wanted, gain = truth(rig, rng, tolerance)
-    found = sid.identify_together([SETUPS[kind](rig, values, gain, rng, 0.01)], options)
+    judge(SETUPS[kind](rig, values, gain, rng, 0.01), wanted, options, told)
+
+
+def judge(setup: AnySetup, wanted: dict[str, float], options: sid.IdentifyOptions, told: Told) -> None:
+    """Identify from one record, and note which intervals hold the values wanted, and the verdict."""
+    found = sid.identify_together([setup], options)
     estimate = found.estimate
     true = np.array([wanted[name] for name in estimate.names])
     low, high = estimate.interval().T

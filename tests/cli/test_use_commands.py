@@ -1,5 +1,6 @@
 """The commands `predict`, `sense` and `export`: what they print and write, and what they refuse."""
 
+import csv
 import json
 
 import numpy as np
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 import structid as sid
 from structid.cli import app as cli
 from structid.fem.importers import read_matrices
+from structid.modal.formats.files import read_modes
 from study_cases import write_chain
 
 RUN = CliRunner()
@@ -103,7 +105,24 @@ def test_export_writes_state_equations_and_matrices(results, tmp_path):
     done = invoke("export", results, "--matrices", matrices)
     assert (done.exit_code, "exists already" in done.stderr) == (2, True)
     done = invoke("export", results)
-    assert (done.exit_code, "say what to write" in done.stderr) == (2, True)
+    assert (done.exit_code, done.stdout.count(".op4")) == (0, 1)
+
+
+def test_export_writes_elements_and_modes(results, tmp_path):
+    files = [tmp_path / name for name in ("chain.csv", "chain.uff")]
+    done = invoke("export", results, "--mesh", files[0], "--mode-shapes", files[1], "--modes", 2)
+    assert (done.exit_code, done.stderr) == (0, "")
+    identified = json.loads((results / "estimate.json").read_text())
+    with files[0].open() as stream:
+        rows = {f"{row['property']}[{row['element set']}]": row for row in csv.DictReader(stream)}
+    for parameter in identified["parameters"]:
+        if (row := rows.get(parameter["name"])) is not None:
+            assert float(row["value"]) == pytest.approx(parameter["value"])
+            assert float(row["deviation"]) == pytest.approx(parameter["std"])
+            assert float(row["initial"]) == pytest.approx(parameter["initial"])
+    np.testing.assert_allclose(
+        read_modes(files[1]).frequency, [mode["frequency_hz"] for mode in identified["modes"][:2]], rtol=1e-5
+    )
 
 
 def test_sense_writes_motion_and_forces(results, tmp_path):

@@ -10,6 +10,7 @@ from structid import FrfRecord, IdentifyOptions, identify, parameters, with_decl
 from structid.diagnose.model_averaging import intervals_of, widened
 from structid.diagnose.search import _criterion
 from structid.fem import PointMass, Spring, Structure
+from structid.inversion.estimate import ParameterValues
 from structid.unknowns import Unknown
 from structid.unknowns.tolerances import EXACT, Tolerances
 
@@ -36,11 +37,17 @@ def oscillator(tolerances=EXACT):
 
 def model(names, theta, covariance):
     """A fitted model with logarithms of its parameters as free variables."""
-    target = SimpleNamespace(names=names, physical=np.exp, slope=np.exp)
+    target = SimpleNamespace(names=names)
     values = dict(zip(names, np.exp(theta), strict=True))
-    trial = SimpleNamespace(target=target)
+    size, ones = np.exp(theta), np.ones(len(names))
+    parameters = ParameterValues(
+        names=names, kinds=names, units=names, initial=size, values=size, theta=np.array(theta), slope=size,
+        to_physical=np.exp, scale=ones,
+    )  # fmt: skip
     return SimpleNamespace(
-        modified=trial,
+        modified=SimpleNamespace(target=target),
+        parameters=parameters,
+        identified=ones > 0,
         theta=np.array(theta),
         covariance=np.array(covariance),
         values=values,
@@ -55,6 +62,12 @@ def test_interval_of_a_likely_model_is_normal_in_its_free_variables():
     for k, name in enumerate(("a", "b")):
         expected = np.exp(stats.norm.interval(0.9, theta[k], std[k]))
         np.testing.assert_allclose(found[name], expected, rtol=1e-12)
+
+
+def test_interval_of_a_likely_model_begins_at_0_where_the_value_is_not_told_from_it():
+    """As that of an answer: a deviation of 0.9 of the value leaves it nothing but an upper limit, p + 1.96 s."""
+    fitted = model(("a",), np.log([0.01]), [[0.009**2]])
+    np.testing.assert_allclose(intervals_of(fitted, 0.95)["a"], [0.0, 0.01 + stats.norm.ppf(0.975) * 0.009], rtol=1e-12)
 
 
 def test_covariance_over_likely_models_is_their_mean_with_the_squares_of_their_distances():

@@ -6,15 +6,24 @@ import numpy as np
 import pytest
 from frame_cases import STUDY, off, written
 
-from structid.diagnose import modified_model, refits, search, time_budget
+from structid.diagnose import modified_model, refits, search, search_budget
 from structid.diagnose.causes import Mass
 from structid.diagnose.explain import unfinished_words
 from structid.diagnose.modified_model import base_model
 from structid.diagnose.refits import Fitted, fit_near, reuse_equivalent_fit
 from structid.diagnose.search import Explanation, search_causes
+from structid.diagnose.search_budget import (
+    CLOCK,
+    UNLIMITED,
+    Limits,
+    Measured,
+    SearchBudget,
+    SearchEndedError,
+    iteration_effort,
+    map_within_budget,
+)
 from structid.diagnose.tested_model import TestedModel
-from structid.diagnose.time_budget import UNLIMITED, TimeBudget, TimeUpError, map_within_budget
-from structid.forward.polarities import decide_polarities
+from structid.forward.record_problem import decide_polarities
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
 from structid.study.run.checkpoint import Checkpoint, fingerprint
@@ -117,82 +126,98 @@ def test_a_near_fit_ends_early_only_where_it_would_end_above_what_is_of_use(base
 
 
 class Ticking:
-    """Every task in this process; each takes a second of the clock that `processor_seconds` reads here."""
+    """Every task in this process; each takes an effort of 1 whatever it is, and `seconds` count all that ran."""
 
-    n_workers = 1
-
-    def __init__(self, monkeypatch):
-        self.seconds = 0.0
-        monkeypatch.setattr(time_budget, "processor_seconds", lambda: self.seconds)
+    def __init__(self, n_workers=1):
+        self.n_workers, self.seconds = n_workers, 0.0
 
     def map(self, name, task, shared, items, progress=None, first=0):
         self.seconds += len(items)
-        return ALONE.map(name, task, shared, items)
+        return [{**answer, "effort": 1.0} for answer in ALONE.map(name, task, shared, items)]
 
 
-def budget_of(seconds):
-    return TimeBudget(seconds, begun=time_budget.processor_seconds())
+@pytest.fixture
+def still(monkeypatch):
+    """What this process evaluates takes no effort of its own."""
+
+    def spend(clock, effort):
+        clock.reading += effort == 1.0
+
+    monkeypatch.setattr(search_budget.EffortClock, "spend", spend)
 
 
-def test_the_search_for_causes_ends_in_its_time_names_the_cause_and_says_what_was_left_out(base, monkeypatch):
-    work = Ticking(monkeypatch)
-    few = search_causes(base, work, budget_of(70.0))
-    assert few.spent <= 0.6 * 70 + 1
+def test_the_search_for_causes_ends_in_its_limit_names_the_cause_and_says_what_was_left_out(base, still):
+    work = Ticking()
+    few = search_causes(base, work, SearchBudget(70.0))
+    assert few.spent.effort <= 0.6 * 70 + 1
     assert work.seconds <= 71
     assert few.left_out > 10
     assert few.causes[0].modified.changes[-1][0].where == ("4",)
     assert unfinished_words(few) == (
-        f"the search for causes ended after {few.spent:.2g} s of the processor, {few.left_out} likely changes not tried:"
-        " `structid explain` goes on",
+        f"the search for causes ended at its limit, {few.left_out} likely changes not tried: `structid explain` goes on",
     )
 
 
 @pytest.mark.long
-def test_a_search_without_a_limit_leaves_nothing_out(base, monkeypatch):
-    whole = search_causes(base, Ticking(monkeypatch))
+def test_a_search_without_a_limit_leaves_nothing_out(base, still):
+    whole = search_causes(base, Ticking())
     assert (whole.left_out, whole.is_single, unfinished_words(whole)) == (0, False, ())
-    assert whole.spent > 60
+    assert whole.spent.effort > 60
 
 
-def test_a_search_without_time_still_fits_the_two_likeliest_changes(base, monkeypatch):
-    none = search_causes(base, Ticking(monkeypatch), budget_of(0.0))
+def test_a_search_that_may_take_nothing_still_fits_the_two_likeliest_changes(base, still):
+    none = search_causes(base, Ticking(), SearchBudget(0.0))
     assert none.left_out > 20
     assert none.causes
 
 
-def test_a_fit_that_takes_too_long_is_given_up(base):
-    hurried = replace(base, modified=replace(base.modified, fit_seconds=-1.0))
-    with pytest.raises(TimeUpError, match="the fit was ended after"):
-        hurried.modified.fit_near()
-    assert fit_near(hurried, (Mass(where=("4",)), 0.3, np.inf), PLAIN_TOOLS) == {}
+def test_a_fit_that_takes_too_much_is_given_up(base):
+    for limits in (Limits(effort=0.0), Limits(seconds=-1.0)):
+        hurried = replace(base, modified=replace(base.modified, fit_limits=limits))
+        with pytest.raises(SearchEndedError, match="the fit was ended after 1 iterations"):
+            hurried.modified.fit_near()
+        assert fit_near(hurried, (Mass(where=("4",)), 0.3, np.inf), PLAIN_TOOLS) == {}
 
 
-def test_tasks_stop_when_the_time_is_up_and_the_least_of_them_run(monkeypatch):
-    work = Ticking(monkeypatch)
+def square(shared, item, tools):
+    return shared * item**2
 
-    def square(shared, item, tools):
-        return shared * item**2
 
-    assert map_within_budget(budget_of(3.0), work, "squares", square, 2, [1, 2, 3, 4, 5]) == [2, 8, 18, None, None]
-    assert map_within_budget(budget_of(0.0), work, "squares", square, 2, [1, 2, 3], least=1) == [2, None, None]
+@pytest.mark.parametrize("n_workers", [1, 2, 3])
+def test_tasks_stop_when_the_effort_is_spent_however_many_run_at_once(n_workers, still):
+    work = Ticking(n_workers)
+    assert map_within_budget(SearchBudget(3.0), work, "squares", square, 2, [1, 2, 3, 4, 5]) == [2, 8, 18, None, None]
+    assert map_within_budget(SearchBudget(0.0), work, "squares", square, 2, [1, 2, 3], least=1) == [2, None, None]
     assert map_within_budget(UNLIMITED, work, "squares", square, 2, [1, 2, 3]) == [2, 8, 18]
 
 
-@pytest.mark.parametrize(("seconds", "n_more", "is_single"), [(np.inf, 3, False), (35.0, 2, True), (15.0, 0, True)])
-def test_other_pairs_are_looked_for_as_long_as_there_is_time_for_one_more(
-    base, monkeypatch, seconds, n_more, is_single
-):
-    """Each pair takes 10 s, one of them that of the second cause; noise is never all that is left, and nothing is better."""
-    work = Ticking(monkeypatch)
-    first = Explanation(base, (base, base, base), (0.0, 0.0, 0.0), 3)
-    second, left = Explanation(base, (base,), (0.0,), 3, spent=10.0), []
+def test_effort_is_counted_from_sizes_and_is_the_same_each_time(base):
+    """A near fit takes what its iterations take on its lines; with twice the lines an iteration takes more."""
+
+    def effort_of(task, *arguments):
+        return Measured(task)(*arguments)["effort"]
+
+    item = (Mass(where=("4",)), 0.3, np.inf)
+    first = effort_of(fit_near, base, item, PLAIN_TOOLS)
+    assert first == effort_of(fit_near, base, item, PLAIN_TOOLS) > 0
+    [problem] = base.modified.problems
+    half = problem.with_lines(np.arange(0, len(problem.frequency), 2))
+    assert 1 < iteration_effort(problem) / iteration_effort(half) < 2
+
+
+@pytest.mark.parametrize(("effort", "n_more", "is_single"), [(np.inf, 3, False), (35.0, 2, True), (15.0, 0, True)])
+def test_other_pairs_are_looked_for_as_long_as_the_budget_allows_one_more(base, monkeypatch, effort, n_more, is_single):
+    """Each pair takes an effort of 10, one of them that of the second cause; none leaves noise alone or is better."""
+    first, efforts = Explanation(base, (base, base, base), (0.0, 0.0, 0.0), 3), []
+    second = Explanation(base, (base,), (0.0,), 3, spent=Limits(10.0, 0.0))
+    budget = SearchBudget(effort)
 
     def take(*arguments):
-        left.append(arguments[-1].left)
-        work.seconds += 10.0
+        efforts.append(arguments[-1].spent.effort)
+        CLOCK.spend(10.0)
 
     def beside(*arguments):
-        work.seconds += 10.0
+        CLOCK.spend(10.0)
         return second
 
     monkeypatch.setattr(search, "is_misfit", lambda one: True)
@@ -200,6 +225,6 @@ def test_other_pairs_are_looked_for_as_long_as_there_is_time_for_one_more(
     monkeypatch.setattr(search, "_beside", beside)
     monkeypatch.setattr(search, "_from_second", take)
     monkeypatch.setattr(search, "_from_next", take)
-    pair = search._paired(first, ALONE, budget_of(seconds))
-    assert (len(left), pair.is_single) == (n_more, is_single)
-    assert left == [seconds - 10.0 * (k + 1) for k in range(n_more)]
+    pair = search._paired(first, ALONE, budget)
+    assert (len(efforts), pair.is_single) == (n_more, is_single)
+    assert efforts == pytest.approx([10.0 * (k + 1) for k in range(n_more)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from structid.dynamics.free_decay import free_decay
+from structid.dynamics.transient import free_decay
 
 
 @pytest.mark.parametrize("omega, ratio", [(3.0, 0.3), (5.0, 0.0), (0.0, 0.0)])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import subprocess
 
 import numpy as np
 import pytest
@@ -17,6 +19,10 @@ from structid.external.shapes import read_shapes
 from structid.fem import SpaceBeam, Structure
 from structid.modal import ModalRecord
 from structid.modal.formats.files import write_modes
+from structid.prediction.identified_model import identified_model
+from structid.study.run.exports.matrices import export_matrices
+from structid.study.run.exports.mode_shapes import model_modes
+from structid.unknowns import Unknown, parameters
 
 RUN = CliRunner()
 SENSORS = ("2Y", "3Y", "4Y", "5Y", "2Z", "3Z", "5Z")
@@ -173,3 +179,40 @@ def test_fields_of_cards_in_small_and_large_field_give_what_braces_give(tmp_path
         else:
             frequency, expected = (read_shapes(one / "beam.F06").frequency for one in (folder, other))
             np.testing.assert_array_equal(frequency, expected)
+
+
+@needs_mystran
+def test_exported_matrices_have_the_frequencies_of_the_model(tmp_path):
+    nodes = {n: (0.3 * n, 0.02 * n**2, 0.0) for n in range(1, 6)}
+    stiffness = {
+        "bending_stiffness_y": 40.0,
+        "bending_stiffness_z": 60.0,
+        "axial_stiffness": 1e6,
+        "torsional_stiffness": 30.0,
+    }
+    beams = SpaceBeam("beam", [[n, n + 1] for n in range(1, 5)], mass=0.8, polar_inertia=1e-4, **stiffness)
+    structure = Structure(nodes, [beams], fixed=[f"1{direction}" for direction in ("X", "Y", "Z", "RX", "RY", "RZ")])
+    unknown = parameters(structure, [Unknown("mass", "beam")])
+    model = identified_model(structure, unknown, np.array([0.71]), np.array([[1e-4]]))
+    export_matrices(model, tmp_path / "BEAM.OP4")
+    grids = "\n".join(f"GRID,{n},,{x:.6f},{y:.6f},{z:.6f}" for n, (x, y, z) in nodes.items())
+    (tmp_path / "user.bdf").write_text(f"""ID BEAM,USER
+SOL 3
+IN4 1 = BEAM.OP4
+CEND
+SPC = 1
+METHOD = 10
+BEGIN BULK
+EIGRL,10,,,10
+{grids}
+SPC1,1,123456,1
+PUSERIN,7,1,KAA,MAA
+CUSERIN,1,7,4,0,0
++,2,123456,3,123456,4,123456,5,123456
+ENDDATA
+""")
+    subprocess.run([MYSTRAN, "user.bdf"], cwd=tmp_path, check=True, capture_output=True, timeout=60)
+    printed = re.findall(
+        r"^ +\d+ +\d+ +\S+E\S+ +\S+E\S+ +(\S+E\S+) ", (tmp_path / "user.F06").read_text(), re.MULTILINE
+    )
+    np.testing.assert_allclose(np.array(printed, dtype=float)[:10], model_modes(model, 10).frequency, rtol=1e-6)

@@ -23,7 +23,7 @@ from structid import (
     with_declared_noise,
 )
 from structid.forward.frf.response import response
-from structid.forward.polarities import decide_polarities
+from structid.forward.record_problem import decide_polarities
 from structid.unknowns.tolerances import EXACT
 
 FREQUENCY = np.arange(0.5, 12, 0.1)

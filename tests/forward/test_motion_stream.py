@@ -11,9 +11,14 @@ from motion_cases import EVERYTHING, cantilever, frame, moved
 from structid import FileError, InputError, PointMass, RigidLink, Spring, Status, Structure, TimeRecord, Unknown
 from structid import parameters as declared
 from structid.forward import identify_motion
-from structid.forward.motion.checkpoint import load_motion_fit, save_motion_fit
 from structid.forward.motion.fit import motion_fit
-from structid.forward.motion.stream import identify_motion_by_chunks, motion_solution, reduced_by_chunks
+from structid.forward.motion.stream import (
+    identify_motion_by_chunks,
+    load_motion_fit,
+    motion_solution,
+    reduced_by_chunks,
+    save_motion_fit,
+)
 from structid.inversion.regression.local_reduction import Kernels, has_numba
 from structid.records.formats import ReadOptions
 from structid.records.on_disk import MemoryRecord, open_record

@@ -9,7 +9,7 @@ from scipy import linalg
 from short_record_cases import RATE, chain, exact_motion, record, unknowns
 from structid import ChannelUnknown, IdentifyOptions, InputError, TimeRecord, channel_errors, identify_together
 from structid.forward import SpectraProblem
-from structid.forward.polarities import with_polarities
+from structid.forward.record_problem import with_polarities
 from structid.identification.setups.time import TimeFit, TimeSetup
 from structid.records.transforms.finite_spectra import finite_spectra
 

@@ -302,3 +302,16 @@ def test_profiles_have_the_tolerances_added():
     )
     assert profiled.intervals.ends == pytest.approx(laplace.intervals.ends, rel=1e-3)
     assert np.ptp(profiled.intervals.ends, axis=1).min() > 5 * np.ptp(exact.intervals.ends, axis=1).max()
+
+
+def test_squares_of_held_values_are_a_part_of_what_the_residual_is_tested_by():
+    """Without them a fit within tolerances looks better than noise, and the answer was held to miss the resonances."""
+    squares, shapes = eigh(tridiagonal(SPRING), np.diag(np.array(MASS) * [1.02, 0.97, 1.0, 1.03]))
+    shapes = shapes[[0, 2, 3]] / np.abs(shapes[[0, 2, 3]]).max(axis=0)
+    record = replace(modes(noise=1e-3), frequency=np.sqrt(squares) / (2 * np.pi), mode_shapes=shapes)
+    setup = sid.ModalSetup(chain(), sid.parameters(chain(), SOUGHT[:2]), record)
+    found = sid.identify_together([setup], sid.IdentifyOptions(tolerances=TOLERANCES))
+    goodness = found.estimate.goodness
+    assert goodness.residual_tests.chi_square_per_dof == pytest.approx(goodness.least_per_dof)
+    assert goodness.chi_square_per_dof > 2 * goodness.least_per_dof
+    assert judged(found).verdict == "sound"

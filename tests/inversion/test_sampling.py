@@ -11,10 +11,17 @@ from structid.core.arrays import locked
 from structid.core.errors import InputError
 from structid.inversion import DenseCovariance
 from structid.inversion.intervals.bootstrap import bootstrap
-from structid.inversion.intervals.chain_diagnostics import bulk_sample_size, split_r_hat, tail_sample_size
 from structid.inversion.intervals.export import to_arviz
 from structid.inversion.intervals.profile import profile
-from structid.inversion.intervals.sampling import Samples, _Target, _whitening, sample
+from structid.inversion.intervals.sampling import (
+    Samples,
+    _Target,
+    _whitening,
+    bulk_sample_size,
+    sample,
+    split_r_hat,
+    tail_sample_size,
+)
 
 
 def autoregressive(rho, n_chains=4, n_draws=2000, seed=0):

@@ -5,7 +5,7 @@ from scipy import linalg
 from scipy.signal import lfilter
 
 from structid.core.dof import Dof
-from structid.dynamics.free_decay import free_decay
+from structid.dynamics.transient import free_decay
 from structid.records import TimeRecord
 from structid.reproduce.chapter_5.simple_beam import SENSORS, beam_omega, beam_shapes
 

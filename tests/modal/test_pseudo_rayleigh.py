@@ -5,8 +5,8 @@ import pytest
 
 from structid import InputError, PointMass, SpaceBeam, Structure, TimeRecord
 from structid.core.dof import Dof
-from structid.dynamics.free_decay import free_decay
 from structid.dynamics.normal_modes import modes
+from structid.dynamics.transient import free_decay
 from structid.fem import Membrane
 from structid.modal import ModalRecord, stationary_values
 from structid.modal.rayleigh.free_motion import sample_weights

@@ -118,7 +118,7 @@ def transmissibilities(values, frequency):
 
 @pytest.mark.parametrize("chunk", [48_000_000, 1])
 def test_predictions_for_driven_supports_are_those_of_the_equations_written_out(chunk, monkeypatch):
-    monkeypatch.setattr("structid.planning.rows._CHUNK_BYTES", chunk)
+    monkeypatch.setattr("structid.planning.plan._CHUNK_BYTES", chunk)
     structure, unknown = held_at_both_ends()
     options = PlanOptions(
         tuple(np.linspace(0.5, 9.0, 60)), kind="transmissibility", relative_noise=0.02, absolute_noise=0.01, n_loads=2
@@ -176,7 +176,7 @@ def test_only_loads_may_be_supports_that_drive(tmp_path, key, named, words):
 
 def test_predictions_do_not_depend_on_stretches(beam, monkeypatch):
     whole = plan(*beam, beam_options(n_frequencies=25))
-    monkeypatch.setattr("structid.planning.rows._CHUNK_BYTES", 1)
+    monkeypatch.setattr("structid.planning.plan._CHUNK_BYTES", 1)
     pieces = plan(*beam, beam_options(n_frequencies=25))
     for one, other in zip(whole.tests, pieces.tests, strict=True):
         assert one.sensors == other.sensors
@@ -371,7 +371,7 @@ def test_lines_that_cannot_be_used_are_told(beam, lines):
 
 
 def test_too_many_pairs_are_refused_before_memory_runs_out(beam, monkeypatch):
-    monkeypatch.setattr("structid.planning.rows._LARGEST_BYTES", 1000)
+    monkeypatch.setattr("structid.planning.plan._LARGEST_BYTES", 1000)
     with pytest.raises(InputError, match="6 sensors times 2 loads with 12 parameters are too many"):
         plan(*beam, beam_options())
 

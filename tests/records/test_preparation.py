@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import freqz
 
 from structid import InputError, Preparation, prepare
-from structid.dynamics.free_decay import free_decay
+from structid.dynamics.transient import free_decay
 from structid.modal import identify_modes
 from structid.records import TimeRecord
 from structid.records.quality.linear_phase import band_filter, decimation_filter, rate_ratio

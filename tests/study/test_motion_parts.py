@@ -11,15 +11,14 @@ import pytest
 from test_study_motion import STUDY, act, written
 
 from structid.core.errors import InputError
-from structid.forward.motion.checkpoint import load_motion_fit
 from structid.forward.motion.fit import motion_fit
-from structid.forward.motion.stream import motion_solution
+from structid.forward.motion.stream import load_motion_fit, motion_solution
 from structid.inversion.regression.local_reduction import Kernels
 from structid.records import TimeRecord
 from structid.records.formats import read_record, write_record
 from structid.records.on_disk import open_record
-from structid.study.run import motion_parts
-from structid.study.run.motion_parts import Whole, reduced_alone, reduced_on, stretches, unusable
+from structid.study.run import motion
+from structid.study.run.motion import Whole, reduced_alone, reduced_on, stretches, unusable
 from structid.study.run.start_workers import start_workers
 from structid.study.run.workers import InProcess, Processes
 from structid.study.schema.study import load_study
@@ -30,8 +29,8 @@ ANSWER = 6 * 5 * 5 * 8  # bytes of the triangles: four columns and a right-hand 
 @pytest.fixture(autouse=True)
 def short_stretches(monkeypatch):
     """About 24 samples of 18 channels each."""
-    monkeypatch.setattr(motion_parts, "STRETCH_BYTES", 3500)
-    monkeypatch.setattr(motion_parts, "_TIMES_THE_ANSWER", 1)
+    monkeypatch.setattr(motion, "STRETCH_BYTES", 3500)
+    monkeypatch.setattr(motion, "_TIMES_THE_ANSWER", 1)
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +182,7 @@ def test_a_cluster_reduces_stretches_to_the_same_bits(whole, monkeypatch):
         try:
             found = reduced_on(executor, start(whole), whole)
             assert bits(found) == bits(reduced_on(InProcess(), start(whole), whole))
-            monkeypatch.setattr(motion_parts, "unusable", blind)
+            monkeypatch.setattr(motion, "unusable", blind)
             with pytest.raises(InputError, match=r"scheduler \S+: worker \S+: sees nothing"):
                 reduced_on(executor, start(whole), whole)
         finally:

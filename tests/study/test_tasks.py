@@ -26,10 +26,9 @@ from structid.inversion.intervals.profile import profiles
 from structid.inversion.search.work import Tools
 from structid.study.run import workers as workers_module
 from structid.study.run.checkpoint import Checkpoint
-from structid.study.run.long_run import LongRun
+from structid.study.run.long_run import LongRun, SpreadLines, spread
 from structid.study.run.piped import ProcessLostError
 from structid.study.run.run import run_study
-from structid.study.run.spread_lines import SpreadLines, spread
 from structid.study.run.start import started
 from structid.study.run.start_workers import start_workers
 from structid.study.run.workers import InProcess, Processes, WorkersLostError, in_batches
@@ -227,7 +226,7 @@ def test_lines_in_stretches_have_the_bits_of_all_at_once(beam, form, n_workers):
 
 def test_lines_are_spread_where_it_pays(beam, processes, monkeypatch):
     """Alone, and where a sweep is short, the problem stays as it is; the search on two processes has the same bits."""
-    monkeypatch.setattr("structid.study.run.spread_lines.WORTH_SENDING", 1000)
+    monkeypatch.setattr("structid.study.run.long_run.WORTH_SENDING", 1000)
     assert spread(beam, InProcess()) is beam
     joint = sid.JointProblem((beam, beam))
     assert all(isinstance(member, SpreadLines) for member in spread(joint, processes).problems)
@@ -236,7 +235,7 @@ def test_lines_are_spread_where_it_pays(beam, processes, monkeypatch):
     one, two = (LongRun(executor).minimize(near, method) for executor in (InProcess(), processes))
     assert np.array_equal(one.theta, two.theta)
     assert np.array_equal(one.linearization.jacobian, two.linearization.jacobian)
-    monkeypatch.setattr("structid.study.run.spread_lines.WORTH_SENDING", 10**9)
+    monkeypatch.setattr("structid.study.run.long_run.WORTH_SENDING", 10**9)
     assert spread(beam, processes) is beam
     assert spread(joint, processes) is joint
 

@@ -1,132 +1,28 @@
-"""The workbench from end to end in a real browser: what an engineer does.
-
-Pictures of every step go to the folder that STRUCTID_SCREENS names; without it none are taken.
-"""
+"""The workbench from end to end in a real browser: what an engineer does."""
 
 from __future__ import annotations
 
-import gc
 import json
 import math
-import os
 import re
 import shutil
 import signal
 import tomllib
 import zipfile
-from pathlib import Path
 
 import psutil
 import pytest
 from app_cases import ROOT, STOREYS, filling_disk, require_workbench, served, write_ambient, write_beam_record
+from browser_cases import accessible, eventually, shown, step
 
 from structid.study.templates import TEMPLATES, template_with, write_study
 
 require_workbench()
-playwright = pytest.importorskip(
-    "playwright.sync_api", reason="the browser's driver is missing: pip install playwright"
-)
-CHROMIUM = next((path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None)
-if CHROMIUM is None:
-    pytest.skip("no chromium is installed: apt-get install chromium", allow_module_level=True)
-
 # the driver leaves sockets to the garbage collector
 pytestmark = pytest.mark.filterwarnings(
     "ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning", "ignore::DeprecationWarning"
 )
-LOOKS = ((1400, "light"), (1400, "dark"), (420, "light"), (420, "dark"))
-AXE = (Path(__file__).parent / "axe" / "axe.min.js").read_text(encoding="utf-8")
 EVIL = "<img src=x onerror=window.harmed=1>"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with playwright.sync_playwright() as driver:
-        made = driver.chromium.launch(
-            executable_path=CHROMIUM,
-            args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-        )
-        yield made
-        made.close()
-    gc.collect()  # here, where what the driver leaves open is no error, and not during another test
-
-
-@pytest.fixture
-def page(browser):
-    """A page whose errors fail the test."""
-    context = browser.new_context(viewport={"width": 1400, "height": 900}, accept_downloads=True)
-    made = context.new_page()
-    made.set_default_timeout(300_000)
-    wrong: list[str] = []
-    made.on("pageerror", lambda error: wrong.append(str(error)))
-    made.on(
-        "console",
-        lambda line: (
-            wrong.append(line.text)
-            if line.type == "error" and not re.search("status of 4|net::ERR", line.text)
-            else None
-        ),
-    )
-    yield made
-    context.close()
-    assert not wrong
-
-
-@pytest.fixture(scope="module")
-def screens():
-    if not os.environ.get("STRUCTID_SCREENS"):
-        return None
-    folder = Path(os.environ["STRUCTID_SCREENS"])
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-def shown(page, screens: Path | None, name: str) -> None:
-    """Nothing is wider than the page, wide and narrow; pictures of both, light and dark, where a folder is for them."""
-    for width, scheme in LOOKS if screens else LOOKS[::2]:
-        page.set_viewport_size({"width": width, "height": 900})
-        page.emulate_media(color_scheme=scheme)
-        page.wait_for_timeout(250)
-        assert page.evaluate("document.documentElement.scrollWidth") <= width, (name, width)
-        if screens:
-            page.screenshot(path=screens / f"{name}_{width}_{scheme}.png", full_page=True)
-    page.set_viewport_size({"width": 1400, "height": 900})
-    page.emulate_media(color_scheme="light")
-
-
-def accessible(page, name: str) -> None:
-    """No serious finding of axe-core, in either scheme."""
-    for scheme in ("light", "dark"):
-        page.emulate_media(color_scheme=scheme)
-        page.wait_for_timeout(100)
-        if not page.evaluate("'axe' in window"):
-            page.evaluate(AXE + "; undefined")
-        found = page.evaluate(
-            "axe.run(document, {exclude: [['iframe']], resultTypes: ['violations'], iframes: false})".replace(
-                "document, {exclude: [['iframe']],", "{exclude: [['iframe'], ['.js-plotly-plot']]}, {"
-            )
-        )
-        grave = [
-            (one["id"], one["nodes"][0]["html"][:160])
-            for one in found["violations"]
-            if one["impact"] in ("serious", "critical")
-        ]
-        assert not grave, (name, scheme, grave)
-    page.emulate_media(color_scheme="light")
-
-
-def eventually(page, holds) -> None:
-    """Wait until `holds()`, two minutes at most."""
-    for _ in range(1200):
-        if holds():
-            return
-        page.wait_for_timeout(100)
-    assert holds()
-
-
-def step(page, name: str) -> None:
-    page.get_by_role("navigation").get_by_role("link", name=name).click()
-    page.wait_for_selector(f"[data-step={name.lower().replace('study file', 'text')}]")
 
 
 def test_from_a_template_to_a_verdict(page, screens, tmp_path):

@@ -16,6 +16,7 @@ from structid.diagnose.model_averaging import intervals_of, widened
 from structid.diagnose.modified_model import are_small, base_model
 from structid.diagnose.refits import Fitted
 from structid.diagnose.search import Explanation, is_misfit, requested_changes, search_causes, with_freed
+from structid.diagnose.search_budget import UNLIMITED, SearchBudget, iteration_effort
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.thresholds import (
     ALIKE,
@@ -23,9 +24,8 @@ from structid.diagnose.thresholds import (
     MATTERS,
     MOST_ALIKE,
     MOST_FREED,
-    SEARCH_SECONDS,
+    SEARCH_EFFORT,
 )
-from structid.diagnose.time_budget import TimeBudget
 from structid.diagnose.verdict import (
     NOT_TRIED,
     Cause,
@@ -68,9 +68,12 @@ class DiagnosedIdentification:
     fits: tuple[Fitted, ...] = ()
 
 
-def time_for_causes(identification_seconds: float) -> TimeBudget:
-    """The default processor time of a search for causes after an identification that took so many seconds."""
-    return TimeBudget(IDENTIFICATIONS * identification_seconds + SEARCH_SECONDS)
+def budget_for_causes(identification: Identification) -> SearchBudget:
+    """The default budget of a search for causes: in proportion to the effort of the identification, and some besides."""
+    search, effort = identification.estimate.search, 0.0
+    if identification.target is not None:
+        effort = search.n_starts * search.n_iterations * iteration_effort(identification.target)
+    return SearchBudget(IDENTIFICATIONS * effort + SEARCH_EFFORT)
 
 
 def explain(identification: Identification, seconds: float | None = None) -> Diagnosis:
@@ -99,7 +102,7 @@ def explain(identification: Identification, seconds: float | None = None) -> Dia
     if not identification.setups or identification.options is None:
         raise InputError("`identification` must be one of `identify` or `identify_together`, which keeps its set-ups")
     model = TestedModel(identification.setups, identification.options)
-    budget = TimeBudget if seconds is None else lambda: TimeBudget(seconds)
+    budget = SearchBudget(seconds=np.inf if seconds is None else seconds)
     return diagnose(model, identification, explain=True, budget=budget).diagnosis
 
 
@@ -108,7 +111,7 @@ def diagnose(
     identification: Identification,
     explain: bool | None = None,
     work: Work = ALONE,
-    budget: Callable[[], TimeBudget] = TimeBudget,
+    budget: SearchBudget = UNLIMITED,
     before_search: Callable[[Diagnosis], None] | None = None,
 ) -> DiagnosedIdentification:
     """The diagnosis of an identification: its verdict, and where that is not sound the causes of the misfit.
@@ -122,8 +125,8 @@ def diagnose(
         Whether causes are looked for; by default where the answer is not sound.
     work : Work
         Where candidates are looked at and refitted.
-    budget : callable
-        The processor time that the search for causes may take, asked for when it begins; without a limit by default.
+    budget : SearchBudget
+        What the search for causes may take from its beginning on; all is tried by default.
     before_search : callable, optional
         Takes the diagnosis as it is before causes are looked for, which may take long.
     """
@@ -147,7 +150,7 @@ def diagnose(
     if before_search is not None:
         before_search(_without_causes(identification, _SEARCHING, work).diagnosis)
     try:
-        explanation = search_causes(_base(model, identification), work, budget())
+        explanation = search_causes(_base(model, identification), work, budget.part(1.0))
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
         return _without_causes(identification, f"causes could not be looked for: {error}", work)
     if explanation.better is not None:
@@ -265,9 +268,9 @@ def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
     left_out = sum(part.left_out for part in parts)
     words = [f"{plural(left_out, 'likely change')} not tried"] * (left_out > 0)
     words += ["other pairs of causes not tried"] * explanation.is_single
-    spent = sum(part.spent for part in parts)
-    ended = f"the search for causes ended after {spent:.2g} s of the processor"
-    return (f"{ended}, {' and '.join(words)}: `structid explain` goes on",) * bool(words)
+    return (f"the search for causes ended at its limit, {' and '.join(words)}: `structid explain` goes on",) * bool(
+        words
+    )
 
 
 def _without_causes(

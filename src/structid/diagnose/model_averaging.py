@@ -6,30 +6,23 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import special
 
 from structid.core.display import join_words
 from structid.diagnose.refits import Fitted
 from structid.identification.identified import Identification
 from structid.identification.identify import total_mass
 from structid.identification.warning_words import estimate_warnings
+from structid.inversion.estimate import normal_intervals
 from structid.inversion.uncertainty import DenseCovariance
-
-#: Ends of intervals below it are 0: the smallest numbers of the machine.
-_NOTHING = 1e-300
 
 Ends = dict[str, tuple[float, float]]
 
 
 def intervals_of(fitted: Fitted, level: float) -> Ends:
     """Normal intervals at `level` of the parameters of a fitted study, (low, high) in physical units by name."""
-    target, theta = fitted.modified.target, fitted.theta
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        std = np.sqrt(np.diag(fitted.covariance_with_tolerances)) / np.abs(target.slope(theta))
-        half = float(special.ndtri(0.5 + level / 2)) * std
-        ends = np.sort([target.physical(theta + side * half) for side in (-1, 1)], axis=0)
-    ends = np.where(np.abs(ends) < _NOTHING, 0.0, ends)
-    return dict(zip(target.names, zip(*ends.tolist(), strict=True), strict=True))
+    std = np.sqrt(np.diag(fitted.covariance_with_tolerances))
+    ends = normal_intervals(fitted.parameters, std, fitted.identified, level)
+    return dict(zip(fitted.parameters.names, ((low, high) for low, high in ends.tolist()), strict=True))
 
 
 def widened(found: Identification, likely: Sequence[Fitted], direction: str | None) -> Identification:

@@ -17,16 +17,20 @@ from structid.diagnose.frf_views import View, views
 from structid.diagnose.model_edits import Edits
 from structid.diagnose.receptances import MOST_LINES
 from structid.diagnose.score_test import Point, point_at
+from structid.diagnose.search_budget import NO_LIMITS, Limits, counted
 from structid.diagnose.tested_model import ModelDraft, TestedModel
-from structid.diagnose.time_budget import time_limit_callback
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
 from structid.forward.frf.continuation import LEVELS
 from structid.forward.frf.problem import smooth_stage
-from structid.forward.polarities import decide_polarities
+from structid.forward.record_problem import decide_polarities
 from structid.forward.scatter import ScatterProblem, scatter_problems
-from structid.identification.fixed_values import fixed_values, freed_problems
-from structid.identification.joint_problem import harmonize_shared_parameters, joint_problem
+from structid.identification.joint_problem import (
+    fixed_values,
+    freed_problems,
+    harmonize_shared_parameters,
+    joint_problem,
+)
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.setup import AnySetup, titles
 from structid.identification.varying import with_scatters
@@ -74,15 +78,15 @@ class ModifiedModel:
         Every record as FRFs.
     changes : tuple of Change
         What was changed, in order.
-    fit_seconds : float
-        Processor time after which a fit is given up with `TimeUpError`.
+    fit_limits : Limits
+        Effort and processor time after which a fit is given up with `SearchEndedError`.
     """
 
     model: TestedModel
     problems: tuple[RecordProblem, ...]
     views: tuple[View, ...]
     changes: tuple[Change, ...] = ()
-    fit_seconds: float = np.inf
+    fit_limits: Limits = NO_LIMITS
 
     @property
     def setups(self) -> tuple[AnySetup, ...]:
@@ -122,7 +126,7 @@ class ModifiedModel:
             for problem, setup, k in zip(problems, model.setups, kept, strict=True)
         )
         change = Change(candidate, strength, edits)
-        return ModifiedModel(model, problems, shown, (*self.changes, change), self.fit_seconds)
+        return ModifiedModel(model, problems, shown, (*self.changes, change), self.fit_limits)
 
     def values(self, theta: FloatArray) -> dict[str, float]:
         """Physical values of free variables, by name."""
@@ -197,12 +201,16 @@ class ModifiedModel:
         ]
         return point_at(problems, theta, silent, most_lines)
 
+    def minimize(self, problem: Problem, method: LevenbergMarquardt, theta: FloatArray) -> Minimum:
+        """The minimum of one of its problems from free variables (n_params,), its effort counted and limited."""
+        return minimize(problem, method, theta, counted(problem, self.fit_limits))
+
     def fit_near(self, above: float = np.inf) -> NearFit:
         """The quick fit with parameters held near their start; it ends early where its misfit would stay `above`."""
-        theta, stop = np.asarray(self.target.theta_start), time_limit_callback(self.fit_seconds)
+        theta = np.asarray(self.target.theta_start)
         for _, stage in self.smoothed(NEAR_LEVELS):
-            theta = minimize(stage, QUICK, theta, stop).theta
-        near = minimize(self.anchored(), replace(QUICK, above=above), theta, stop)
+            theta = self.minimize(stage, QUICK, theta).theta
+        near = self.minimize(self.anchored(), replace(QUICK, above=above), theta)
         return NearFit(near.theta, float(near.costs[-1]))
 
     def fitted(self, starts: Sequence[FloatArray]) -> Minimum:
@@ -217,7 +225,7 @@ class ModifiedModel:
         last: Exception | None = None
         for theta in starts:
             try:
-                found.append(minimize(self.target, FINAL, theta, time_limit_callback(self.fit_seconds)))
+                found.append(self.minimize(self.target, FINAL, theta))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
         if not found:

@@ -10,17 +10,19 @@ import numpy as np
 from structid.core.errors import StructidError
 from structid.diagnose.causes import candidates
 from structid.diagnose.refits import Fitted, Item
+from structid.diagnose.search_budget import UNLIMITED, SearchBudget, map_within_budget
 from structid.diagnose.thresholds import (
     PAIR_LEFT,
     PAIR_LOOKS,
     PAIR_LOOKS_OF_KIND,
 )
-from structid.diagnose.time_budget import UNLIMITED, TimeBudget, map_within_budget
 from structid.identification.setups.setup import titles
 from structid.inversion.search.work import Tools, Work
 
 
-def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget: TimeBudget = UNLIMITED) -> list[Item]:
+def promising(
+    base: Fitted, begun: Sequence[Item], work: Work, name: str, budget: SearchBudget = UNLIMITED
+) -> list[Item]:
     """Changes, best first, beside which the best screened second change leaves little misfit.
 
     Looks are taken at near fits, of the logarithm of the FRFs with the start held: a full fit of one of two faults is bent
@@ -34,7 +36,7 @@ def promising(base: Fitted, begun: Sequence[Item], work: Work, name: str, budget
     work : Work
     name : str
         What the looks are called in progress and checkpoints.
-    budget : TimeBudget
+    budget : SearchBudget
     """
     of_kind, items = Counter[str](), list[Item]()
     for item in begun:

@@ -16,18 +16,18 @@ from structid.diagnose.causes.gain import MOST_GAIN, LoadGain, SensorGain
 from structid.diagnose.causes.record_left_out import OtherState
 from structid.diagnose.data_rows import outlying_spans, scaled_misfit, tones
 from structid.diagnose.modified_model import FINAL, ModifiedModel
+from structid.diagnose.search_budget import counted
 from structid.diagnose.thresholds import (
     MISFIT,
     MOST_PASSES,
     OTHER_STATE_MISFIT,
     SAME_MISFIT,
 )
-from structid.diagnose.time_budget import time_limit_callback
 from structid.forward import FrfProblem, SpectraProblem
 from structid.identification.joint_problem import indices_of, joint_problem
 from structid.inversion import Problem
 from structid.inversion.diagnostics.residual_tests import misfit_probability
-from structid.inversion.search.least_squares import minimize
+from structid.inversion.estimate import ParameterValues, parameters_at
 from structid.inversion.search.minimum import Minimum
 from structid.inversion.search.work import Task, Tools
 from structid.inversion.uncertainty import Uncertainty, dense_uncertainty
@@ -73,6 +73,11 @@ class Fitted:
         """Physical values by name."""
         return self.modified.values(self.theta)
 
+    @property
+    def parameters(self) -> ParameterValues:
+        """All parameters, those of the changes among them, with their values."""
+        return parameters_at(self.modified.target, self.theta)
+
     @cached_property
     def _uncertainty(self) -> Uncertainty:
         target, values = self.modified.target, self.modified.fixed_values
@@ -83,6 +88,11 @@ class Fitted:
     def covariance(self) -> FloatArray:
         """Covariance of the physical values, (n_params, n_params), from noise, or where that is missed from model error."""
         return self._uncertainty.spread.covariance
+
+    @property
+    def identified(self) -> np.ndarray:
+        """Which parameters the data determine, (n_params,) bool."""
+        return self._uncertainty.spread.identified
 
     @property
     def covariance_with_tolerances(self) -> FloatArray:
@@ -96,7 +106,7 @@ def fitted_at(modified: ModifiedModel, theta: FloatArray, cost: float, aside: fl
     fitted = Fitted(modified, theta, cost, aside)
     if modified.is_large or not is_beyond_noise(fitted) or modified.fixed_values is None:
         return fitted
-    within = modified.fixed_values.refit(modified.target.names, theta)
+    within = modified.fixed_values.refit(modified.target.names, theta, counted(modified.fixed_values.problem))
     return replace(fitted, least=within.chi_square + aside, is_beyond=within.misfits(MISFIT))
 
 
@@ -205,12 +215,8 @@ def _fits_alone(base: Fitted, candidate: Candidate) -> bool:
     """
     assert candidate.record is not None
     own = base.modified.problems[candidate.record]
-    found = minimize(
-        own,
-        FINAL,
-        base.theta[indices_of(base.modified.target.names, own.names)],
-        time_limit_callback(base.modified.fit_seconds),
-    )
+    start = base.theta[indices_of(base.modified.target.names, own.names)]
+    found = base.modified.minimize(own, FINAL, start)
     return float(found.costs[-1]) < OTHER_STATE_MISFIT * max(own.n_data - len(own.names), 1)
 
 

@@ -36,6 +36,14 @@ from structid.diagnose.data_rows import rows_of, scaled_misfit
 from structid.diagnose.modified_model import QUICK
 from structid.diagnose.refits import Fitted, Sized
 from structid.diagnose.score_test import Point, Screened
+from structid.diagnose.search_budget import (
+    CLOCK,
+    UNLIMITED,
+    SearchBudget,
+    SearchEndedError,
+    iteration_effort,
+    map_within_budget,
+)
 from structid.diagnose.thresholds import (
     CERTAIN_AT_FIT,
     CHANNEL_PART,
@@ -46,11 +54,9 @@ from structid.diagnose.thresholds import (
     MOST_FEET,
     SHORTLIST,
 )
-from structid.diagnose.time_budget import UNLIMITED, TimeBudget, TimeUpError, map_within_budget, time_limit_callback
 from structid.forward import FrfProblem, ModalProblem
 from structid.identification.setups.setup import titles
 from structid.inversion import JointProblem
-from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import Tools, Work
 
 _SCREENED_LEVELS = (0.12, 0.06, 0.015)
@@ -59,7 +65,7 @@ _SCREENED_LEVELS = (0.12, 0.06, 0.015)
 _Promises = dict[Hashable, tuple[float, Screened]]
 
 
-def screen_sets(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMITED) -> list[Screened]:
+def screen_sets(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
     """Changes of whole sets and of the mesh that lower the misfit by one linear step, with their best strengths."""
     several = set_candidates(base.modified.model, base.modified.problems)
     sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
@@ -73,7 +79,7 @@ def screen_sets(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMI
     return screened
 
 
-def _left_by_step(base: Fitted, sized: Sequence[Sized], work: Work, name: str, budget: TimeBudget) -> list[float]:
+def _left_by_step(base: Fitted, sized: Sequence[Sized], work: Work, name: str, budget: SearchBudget) -> list[float]:
     """The misfit that a linear step of each changed model leaves; infinite where there is none, or no time for it."""
     steps = map_within_budget(budget, work, name, _stepped, base, sized)
     return [np.inf if step is None else step["left"] for step in steps]
@@ -83,6 +89,7 @@ def _stepped(base: Fitted, change: Sized, tools: Tools) -> dict[str, float]:
     """The misfit that one linear step leaves of a model with the change; infinite where it cannot be evaluated."""
     try:
         modified = base.modified.changed(*change)
+        CLOCK.spend(iteration_effort(modified.target))
         at = modified.target.linearize(modified.theta_of(base.values))
     except (StructidError, np.linalg.LinAlgError):
         return {"left": np.inf}
@@ -99,13 +106,13 @@ def screening_points(base: Fitted) -> list[Point]:
             modified.point_at(modified.anchored_views(), start),
             modified.point_at(modified.shown_problems, base.theta),
         ]
-    theta, stop = np.asarray(modified.target.theta_start), time_limit_callback(modified.fit_seconds)
-    with suppress(TimeUpError):
+    theta = np.asarray(modified.target.theta_start)
+    with suppress(SearchEndedError):
         for level, stage in modified.smoothed():
-            theta = minimize(stage, QUICK, theta, stop).theta
+            theta = modified.minimize(stage, QUICK, theta).theta
             if level in _SCREENED_LEVELS:
                 points.append(modified.point_at(_frfs(stage), theta))
-        theta = minimize(modified.anchored(), QUICK, theta, stop).theta
+        theta = modified.minimize(modified.anchored(), QUICK, theta).theta
     points.append(modified.point_at(modified.anchored_views(), theta))
     points.append(modified.point_at(modified.shown_problems, base.theta))
     return points
@@ -131,7 +138,7 @@ class Shortlist(NamedTuple):
     lost: list[Screened]
 
 
-def shortlist_candidates(base: Fitted, work: Work, name: str, budget: TimeBudget = UNLIMITED) -> Shortlist:
+def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLIMITED) -> Shortlist:
     """The candidates that are worth a fit, screened at several points with parameters that follow linearly.
 
     Parameters
@@ -140,7 +147,7 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: TimeBudget
     work : Work
     name : str
         What the points are called in progress and checkpoints.
-    budget : TimeBudget
+    budget : SearchBudget
         Looks at the fit and at the anchored fit come first, those at smoothed data as long as there is time.
     """
     points = screening_points(base)
@@ -279,7 +286,7 @@ def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
     return isinstance(candidate, SwappedLoads) or candidate.key in certain
 
 
-def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: TimeBudget) -> list[Screened]:
+def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: SearchBudget) -> list[Screened]:
     """Candidates sorted by the misfit of measured modes after a linear step; the first few keep their place.
 
     Modes weigh a change quite unlike the FRFs that they make up: where those promise a tenth, four fifths may go.

@@ -39,6 +39,7 @@ from structid.diagnose.refits import (
 )
 from structid.diagnose.score_test import RequestedChange, Screened
 from structid.diagnose.screening import screen_sets, shortlist_candidates
+from structid.diagnose.search_budget import NOTHING, UNLIMITED, Limits, SearchBudget, map_within_budget
 from structid.diagnose.thresholds import (
     ALIKE,
     ALWAYS_FITTED,
@@ -65,7 +66,6 @@ from structid.diagnose.thresholds import (
     SET_REFITS,
     SPRING_LOSS,
 )
-from structid.diagnose.time_budget import UNLIMITED, TimeBudget, map_within_budget
 from structid.identification.setups.setup import titles
 from structid.inversion.search.work import ALONE, Work
 
@@ -90,8 +90,8 @@ class Explanation:
         Of what the first cause leaves.
     better : Fitted, optional
         The study as it is, from another start, where that explains the record: the search ended in a wrong place.
-    spent : float
-        Processor time that it took, in seconds.
+    spent : Limits
+        Effort and processor seconds that it took.
     left_out : int
         How many changes a linear look promises something of, and were not fitted for want of time.
     is_single : bool
@@ -107,7 +107,7 @@ class Explanation:
     near: tuple[Fitted, ...] = ()
     further: Explanation | None = None
     better: Fitted | None = None
-    spent: float = 0.0
+    spent: Limits = NOTHING
     left_out: int = 0
     is_single: bool = False
     begun: tuple[Item, ...] = ()
@@ -118,18 +118,18 @@ class Explanation:
         return self.near if self.further is None else (*self.near, *self.further.near)
 
 
-def search_causes(base: Fitted, work: Work = ALONE, budget: TimeBudget = UNLIMITED) -> Explanation:
+def search_causes(base: Fitted, work: Work = ALONE, budget: SearchBudget = UNLIMITED) -> Explanation:
     """The changes that explain the misfit of a fitted study; where the first leaves some, also a second.
 
     Parameters
     ----------
     base : Fitted
     work : Work
-    budget : TimeBudget
-        Processor time of the search, most of it for the first causes, what these leave for second ones. Other pairs are
+    budget : SearchBudget
+        Effort of the search, most of it for the first causes, what these leave for second ones. Other pairs are
         looked for as long as it suffices for one more.
     """
-    base = replace(base, modified=replace(base.modified, fit_seconds=budget.fit_limit))
+    base = replace(base, modified=replace(base.modified, fit_limits=budget.fit_limits))
     if base.modified.is_large:
         return _of_records(base, work, budget)
     other = _from_elsewhere(base)
@@ -152,18 +152,18 @@ def _is_far(fitted: Fitted) -> bool:
     return fitted.misfit > FAR_BEYOND * max(fitted.modified.target.n_data - n_parameters(fitted.modified), 1)
 
 
-def _of_two(explanation: Explanation, work: Work, budget: TimeBudget, tried: Sequence[Fitted] = ()) -> Explanation:
+def _of_two(explanation: Explanation, work: Work, budget: SearchBudget, tried: Sequence[Fitted] = ()) -> Explanation:
     """An explanation by two changes that leave noise alone, where one by itself brings little.
 
     A fit to all data that is bent to one of two faults is as wrong once the other is known. Those that were `tried` with a
     second are passed over.
     """
-    if budget.left < explanation.spent or not explanation.base.modified.is_small:
+    if not budget.allows(explanation.spent) or not explanation.base.modified.is_small:
         return replace(explanation, is_single=True)
     known = {one.cause.place for one in tried}
     begun = [item for item in explanation.begun if item[0].place not in known]
     for item in promising(explanation.base, begun, work, "a second beside each change", budget)[:PROMISING_PAIRS]:
-        if budget.left < explanation.spent:
+        if not budget.allows(explanation.spent):
             break
         first = _first(explanation, item, work)
         further = None if first is None else _beside(first, work, "of two, second ", budget)
@@ -182,14 +182,14 @@ def _first(explanation: Explanation, item: Item, work: Work) -> Fitted | None:
     return fits[0] if fits else None
 
 
-def _paired(explanation: Explanation, work: Work, budget: TimeBudget) -> Explanation:
+def _paired(explanation: Explanation, work: Work, budget: SearchBudget) -> Explanation:
     """The first cause with a second one; where both leave more than noise, the best of some other pairs.
 
     Beside the second, another first is looked for: a change that only looks like the first of two faults gives way once the
     second is known, a sensor that is said to be noisy to its wrong sense, something that swings to a mass. Where that brings
     nothing, a second is looked for with another of the first causes.
     """
-    if budget.left < explanation.spent / 2:
+    if not budget.allows(explanation.spent, 0.5):
         return replace(explanation, is_single=True)
     second = _beside(explanation.causes[0], work, "second ", budget)
     pair = replace(explanation, further=second)
@@ -205,7 +205,7 @@ def _paired(explanation: Explanation, work: Work, budget: TimeBudget) -> Explana
             break  # a pair that leaves a channel out may look like one that explains it
         if not (is_from_second or others):
             break
-        if budget.left < second.spent:
+        if not budget.allows(second.spent):
             pair = replace(pair, is_single=True)
             break
         better = (
@@ -229,7 +229,7 @@ def _second_alone(explanation: Explanation, pair: Explanation, work: Work) -> Ex
     )
 
 
-def _from_second(explanation: Explanation, second: Explanation, work: Work, budget: TimeBudget) -> Explanation | None:
+def _from_second(explanation: Explanation, second: Explanation, work: Work, budget: SearchBudget) -> Explanation | None:
     """A pair of the second cause with another first one, where it explains clearly more; None otherwise."""
     alone = _alone(explanation, second.causes[0], work)
     again = None if alone is None else _beside(alone, work, "beside the second, first ", budget)
@@ -246,7 +246,7 @@ def _from_second(explanation: Explanation, second: Explanation, work: Work, budg
 
 
 def _from_next(
-    explanation: Explanation, second: Explanation, first: Fitted, work: Work, budget: TimeBudget
+    explanation: Explanation, second: Explanation, first: Fitted, work: Work, budget: SearchBudget
 ) -> Explanation | None:
     """A pair with the given first cause, where it explains clearly more than the `second` there is; None otherwise."""
     further = _beside(first, work, "second changes after the next, ", budget)
@@ -300,9 +300,9 @@ def _from_elsewhere(base: Fitted) -> Fitted | None:
     return fitted_at(base.modified, minimum.theta, cost) if cost < CLEARLY_BETTER * base.cost else None
 
 
-def _search_once(base: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
+def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
     """An explanation of the misfit of `base` by single changes: screened, fitted quickly, the likeliest fully."""
-    clock, looks = TimeBudget(), budget.part(SCREENING_TIME)
+    clock, looks = SearchBudget(), budget.part(SCREENING_TIME)
     shortlist = shortlist_candidates(base, work, f"{which}causes on a linear look", looks)
     problems = base.modified.problems
     residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
@@ -358,7 +358,7 @@ def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> 
     ]
 
 
-def _beside(first: Fitted, work: Work, which: str, budget: TimeBudget) -> Explanation:
+def _beside(first: Fitted, work: Work, which: str, budget: SearchBudget) -> Explanation:
     """An explanation of what a changed study leaves; empty where its records cannot be linearized."""
     try:
         return _search_once(first, work, which, budget)
@@ -380,14 +380,14 @@ def _fit_near_all(
     kept: Collection[int],
     work: Work,
     name: str,
-    budget: TimeBudget,
+    budget: SearchBudget,
 ) -> list[Fit | None]:
     """Quick fits (`fit_near`) of every change, of low `rank` first; None of those that there is no time for.
 
     Where so many of these are better that another cannot be among the finalists, its fit ends early, but for what is `kept`
     whatever comes of it.
     """
-    time = TimeBudget(budget.left - (1 - NEAR_FIT_TIME) * budget.seconds) if np.isfinite(budget.seconds) else budget
+    time = budget.part(1.0, reserve=1 - NEAR_FIT_TIME)
     originals = sorted((k for k, other in enumerate(alike) if other == k), key=lambda k: rank[k])
     first = [k for k in originals if rank[k] < FINALISTS]
     least = LEAST_REFITS
@@ -414,7 +414,7 @@ def _refits(
     work: Work,
     name: str,
     alike: Sequence[int] | None = None,
-    budget: TimeBudget = UNLIMITED,
+    budget: SearchBudget = UNLIMITED,
 ) -> list[Fitted]:
     """The changes fitted to the end, those that a model can be made of; see `_refits_in_time`."""
     return _refits_in_time(base, items, work, name, alike, budget)[0]
@@ -426,7 +426,7 @@ def _refits_in_time(
     work: Work,
     name: str,
     alike: Sequence[int] | None,
-    budget: TimeBudget,
+    budget: SearchBudget,
     least: int = LEAST_REFITS,
 ) -> tuple[list[Fitted], int]:
     """Full fits of changes in the time there is, without those that no model can have; and how many were tried.
@@ -494,9 +494,9 @@ def _begun(modified: ModifiedModel, changes: Sequence[Sized], known: Mapping[str
     return items
 
 
-def _of_records(base: Fitted, work: Work, budget: TimeBudget) -> Explanation:
+def _of_records(base: Fitted, work: Work, budget: SearchBudget) -> Explanation:
     """The likeliest changes of the records of a large model; only a few are refitted."""
-    clock = TimeBudget()
+    clock = SearchBudget()
     shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.part(SCREENING_TIME))
     residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
     data = OutlyingLines.from_residual(base.modified.problems, residual)

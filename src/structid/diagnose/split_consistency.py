@@ -13,8 +13,7 @@ from structid.core.arrays import FloatArray
 from structid.core.dof import Dof
 from structid.core.errors import StructidError
 from structid.forward import FrfProblem, RecordProblem
-from structid.identification.fixed_values import tolerances_of
-from structid.identification.joint_problem import joint_problem
+from structid.identification.joint_problem import joint_problem, tolerances_of
 from structid.inversion import LevenbergMarquardt, Problem, Search
 from structid.inversion.estimate import estimate
 from structid.inversion.search.within_tolerances import FixedValues

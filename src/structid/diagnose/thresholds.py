@@ -155,5 +155,8 @@ MOST_ALIKE = 4
 MOST_FREED = 3
 #: Identifications that the search for causes may take by default,
 IDENTIFICATIONS = 3.0
-#: and seconds of a processor besides.
-SEARCH_SECONDS = 5.0
+#: and effort besides, in seconds of the processor that efforts are measured on.
+SEARCH_EFFORT = 5.0
+#: Part of this that the fit of one changed study may take, and the effort that it may take in any case.
+PART_OF_ONE_FIT = 0.2
+LEAST_FIT = 0.5

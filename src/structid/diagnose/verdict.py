@@ -226,6 +226,13 @@ def fits_noise(identification: Identification) -> bool:
     return noise_ratio(identification) == 1.0
 
 
+def _is_within_tolerances(identification: Identification) -> bool:
+    """True where held values within their tolerances leave no more misfit than noise does, so that no resonance is missed."""
+    estimate = identification.estimate
+    is_beyond = estimate.fixed is not None and bool(estimate.fixed.beyond)
+    return np.isfinite(estimate.goodness.least_chi_square) and estimate.covariance_basis == "noise" and not is_beyond
+
+
 def is_sound(identification: Identification) -> bool:
     """Whether nothing speaks against model, record and search."""
     return _is_unforced(identification) and fits_noise(identification)
@@ -458,7 +465,7 @@ def _judged(
             words += f" It is not all: it leaves {np.sqrt(best.chi_square_per_dof):.2g} times the noise."
             words += _with_second(identification, causes)
         return Judgement("wrong_model", words, (misfit, *away, *pushed))
-    off = [] if fits_noise(identification) else _off(identification)
+    off = [] if fits_noise(identification) or _is_within_tolerances(identification) else _off(identification)
     is_far = estimate.goodness.misfit > FAR_BEYOND
     moving = None if fits_noise(identification) else find_moving_change(suggestions)
     if moving is not None:

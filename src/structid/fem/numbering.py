@@ -150,17 +150,26 @@ def selection(all_dofs: Numbering, nodes: Mapping[int, FloatArray], dofs: Iterab
 
 def free_blocks(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> ElementMatrices:
     """The element matrices of a matrix term on free degrees of freedom."""
-    codes = all_dofs.codes
-    index = np.minimum(np.searchsorted(codes, matrix_term.codes), len(codes) - 1)
+    position = _positions_in(all_dofs, matrix_term)
     if matrix_term.whole is not None:
-        rows = all_dofs.matrix[index[0], :]
+        rows = all_dofs.matrix[position[0], :]
         columns = np.unique(rows.indices).astype(np.int64)
         if rows.nnz > max(_FULL * rows.shape[0] * len(columns), rows.shape[0]):
             dense = rows[:, columns].toarray()
             return Blocks(columns[None], (dense.T @ (matrix_term.whole @ dense))[None], len(all_dofs.free))
         return MatrixBlocks([rows.T @ matrix_term.whole @ rows])
-    position = np.where(codes[index] == matrix_term.codes, index, -1)
     return _tied_blocks(position, matrix_term.local, all_dofs.matrix, len(all_dofs.free))
+
+
+def blocks_of_all(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> Blocks:
+    """The element matrices of a matrix term on all degrees of freedom, those of supports and dependent ones included."""
+    return Blocks(_positions_in(all_dofs, matrix_term), matrix_term.local, len(all_dofs.codes))
+
+
+def _positions_in(all_dofs: Numbering, matrix_term: ElementMatrixTerm) -> IntArray:
+    """Index among all degrees of freedom of each code of a matrix term, -1 where a row is not used."""
+    index = np.minimum(np.searchsorted(all_dofs.codes, matrix_term.codes), len(all_dofs.codes) - 1)
+    return np.where(all_dofs.codes[index] == matrix_term.codes, index, -1)
 
 
 def _tied_blocks(position: IntArray, local: FloatArray, matrix: sparse.csr_array, n_free: int) -> Blocks:

@@ -24,7 +24,7 @@ from structid.fem.matrices.strains import strain_operator
 from structid.fem.measured import MeasuredComponent
 from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
 from structid.fem.node_positions import LengthDependence, NodePosition, length_dependence, node_positions
-from structid.fem.numbering import Numbering, free_blocks, numbering, selection
+from structid.fem.numbering import Numbering, blocks_of_all, free_blocks, numbering, selection
 from structid.fem.subdivision import NumberedTerms, is_divisible, numbered_terms
 from structid.fem.supports import Base, Equations, RigidLink, Tie, tie_equations, tied_codes
 from structid.plotting import StructurePlots
@@ -298,6 +298,15 @@ class Structure(Shown, StructurePlots):
             return parts
         index = self.properties[-1].values.start
         return (*parts, modal_damping(parts, index, len(self.values), self.n_dofs))
+
+    def element_contributions(self, name: str) -> tuple[Contribution, ...]:
+        """Element matrices of one set on all degrees of freedom of `numbering`, supports and dependent ones included.
+
+        Motion of all is `numbering.matrix` times that of the free ones; products of the matrices with it are the forces at the
+        ends of each element.
+        """
+        properties = [item for item in self.properties if item.element == name]
+        return weighed(properties, partial(blocks_of_all, self.numbering), self._length_dependences)
 
     @property
     def base_supports(self) -> frozenset[Dof]:

@@ -9,14 +9,15 @@ from structid.forward.frf.response import Response, ResponseCache, response
 from structid.forward.frf.simulation import simulated_record
 from structid.forward.modal.problem import ModalProblem
 from structid.forward.modal.settings import ModalForm, ModalSettings, ShapeForm
-from structid.forward.motion.checkpoint import load_motion_fit, save_motion_fit
 from structid.forward.motion.fit import RecursiveMotionFit, identify_motion, least_squares_bias, motion_fit
 from structid.forward.motion.motion import Motion, completed, recorded_motion
 from structid.forward.motion.stream import (
     MotionSolution,
     identify_motion_by_chunks,
+    load_motion_fit,
     motion_solution,
     reduced_by_chunks,
+    save_motion_fit,
 )
 from structid.forward.record_problem import RecordProblem
 from structid.forward.time.identify_time import identify_time

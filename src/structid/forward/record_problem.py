@@ -6,12 +6,12 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Self, cast
+from typing import TYPE_CHECKING, Self, TypeVar, cast
 
 import numpy as np
 from scipy import sparse
 
-from structid.core.arrays import ComplexArray, FloatArray, IntArray
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, locked
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward.channel_errors import ChannelErrors, Measured
@@ -174,3 +174,25 @@ class RecordProblem(Problem):
         and stiffnesses come out too high by about the square of the noise. The problem itself where no error depends on size.
         """
         return self
+
+
+P = TypeVar("P", bound=RecordProblem)
+
+
+def polarities(problem: RecordProblem) -> tuple[float, ...]:
+    """Polarity of each channel of `problem` whose polarity is unknown, +1 or -1."""
+    return () if problem.channels is None else tuple(problem.channels.polarities.tolist())
+
+
+def with_polarities(problem: P, signs: Sequence[float]) -> P:
+    """A copy of `problem` with these polarities, one each."""
+    if problem.channels is None:
+        return problem
+    return problem.with_channels(replace(problem.channels, polarities=locked(signs, float)))
+
+
+def decide_polarities(problem: P, theta: FloatArray) -> P:
+    """A copy of `problem` with the polarities by which the model at `theta` agrees best in phase with the measurement."""
+    if problem.channels is None or not problem.channels.polarity_names:
+        return problem
+    return problem.with_channels(problem.channels.decided(*problem.measured_and_predicted(theta)))

@@ -16,9 +16,8 @@ from structid.identification.alternatives import alternatives
 from structid.identification.fits.missed import missed_parts
 from structid.identification.fits.ratios import ratios, rests_on_force
 from structid.identification.fits.record_fit import Own
-from structid.identification.fixed_values import freed_problems
 from structid.identification.identified import Identification, MassEstimate, PriorSummary
-from structid.identification.joint_problem import first_values, harmonize_shared_parameters, indices_of
+from structid.identification.joint_problem import first_values, freed_problems, harmonize_shared_parameters, indices_of
 from structid.identification.options import IdentifyOptions
 from structid.identification.regularizing import regularization_warnings, shares
 from structid.identification.search import answered

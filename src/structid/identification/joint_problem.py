@@ -10,12 +10,17 @@ import numpy as np
 from structid.core.arrays import FloatArray, IntArray, locked
 from structid.core.errors import InputError
 from structid.forward import RecordProblem
+from structid.forward.fixed_values import with_fixed_values
 from structid.forward.scatter import ScatterProblem, scatter_problems
+from structid.identification.setups.setup import AnySetup, titles
 from structid.identification.varying import varying
 from structid.inversion import JointProblem, Problem
+from structid.inversion.fixed_values import FIXED
 from structid.inversion.problem import ContinuationPath, Schedule
+from structid.inversion.search.within_tolerances import FixedValues
 from structid.unknowns.named_unknowns import N, NamedUnknowns
 from structid.unknowns.priors import Prior, priors_of
+from structid.unknowns.tolerances import Tolerances
 
 
 def joint_problem(problems: Sequence[RecordProblem]) -> Problem:
@@ -139,3 +144,24 @@ def _begun_alike(unknowns: N, first: Mapping[str, tuple[NamedUnknowns, int]], pr
         scale=locked([one.scale[i] for one, i in origin], float),
         priors=priors_of(priors.get(name) for name in unknowns.names),
     )
+
+
+def freed_problems(
+    setups: Sequence[AnySetup], problems: Sequence[RecordProblem], tolerances: Tolerances
+) -> tuple[RecordProblem, ...]:
+    """The problem of each record with the fixed values of its model among its unknowns; see `with_fixed_values`."""
+    named = zip(setups, titles(setups), problems, strict=True)
+    return tuple(with_fixed_values(problem, tolerances, setup.calibration, title) for setup, title, problem in named)
+
+
+def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
+    """Tolerances of the fixed values among the unknowns of `freed` problems, by the names of these unknowns."""
+    held = [(part.names, part.held[1].tolist()) for one in freed for part in one.parts if part.held is not None]
+    pairs = [pair for names, deviations in held for pair in zip(names, deviations, strict=True)]
+    return {name: float(std) for name, std in pairs if name.startswith(FIXED)}
+
+
+def fixed_values(freed: Sequence[RecordProblem]) -> FixedValues | None:
+    """The fixed values that are free in the `freed` problems, the same in all records; None where there are none."""
+    known = tolerances_of(freed)
+    return FixedValues(joint_problem(freed), known, joint_sample(freed)) if known else None

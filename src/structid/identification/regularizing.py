@@ -12,7 +12,7 @@ from scipy import sparse
 from structid.core.arrays import FloatArray, locked
 from structid.core.display import join_words
 from structid.forward import RecordProblem
-from structid.forward.polarities import decide_polarities
+from structid.forward.record_problem import decide_polarities
 from structid.forward.scatter import ScatterProblem, scatter_problems
 from structid.identification.joint_problem import indices_of, joint_problem, joint_schedules
 from structid.identification.options import IdentifyOptions

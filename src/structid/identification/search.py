@@ -12,9 +12,10 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.errors import InputError
 from structid.forward import ModalProblem, RecordProblem
-from structid.forward.polarities import decide_polarities, polarities, with_polarities
-from structid.identification.fixed_values import fixed_values, freed_problems
+from structid.forward.record_problem import decide_polarities, polarities, with_polarities
 from structid.identification.joint_problem import (
+    fixed_values,
+    freed_problems,
     indices_of,
     joint_obstacle,
     joint_paths,

@@ -104,6 +104,12 @@ class ParameterValues:
     to_physical: Callable[[FloatArray], FloatArray] = np.array
     scale: FloatArray | None = None
 
+    def free_std(self, std: FloatArray) -> FloatArray:
+        """Standard deviations (n_params,) of the free variables from those in physical units; NaN where a slope is 0."""
+        if self.slope is None:
+            return std
+        return np.divide(std, np.abs(self.slope), out=np.full(len(std), np.nan), where=self.slope != 0)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Goodness:
@@ -342,10 +348,7 @@ class Estimate(Shown):
     @property
     def std_free(self) -> FloatArray:
         """Standard deviations of the free variables, from `uncertainty`: of the logarithm for a log parameter."""
-        slope = self.parameters.slope
-        if slope is None:
-            return self.std
-        return np.divide(self.std, np.abs(slope), out=np.full(len(self.std), np.nan), where=slope != 0)
+        return self.parameters.free_std(self.std)
 
     @property
     def distance(self) -> FloatArray:
@@ -374,24 +377,11 @@ class Estimate(Shown):
         level : float
             Probability between 0 and 1 that it covers the truth, where the problem is nearly linear.
         """
-        require_level(level)
-        quantile = float(special.ndtri(0.5 + level / 2))
-        half = quantile * self.std_free
-        with np.errstate(over="ignore"):
-            ends = np.stack([self.parameters.to_physical(self.theta + sign * half) for sign in (-1, 1)], axis=1)
-        ends[np.abs(ends) < np.finfo(float).tiny] = 0.0
-        absent = self.may_be_absent(level)
-        ends[absent] = np.stack([np.zeros(absent.sum()), (self.values + quantile * self.std)[absent]], axis=1)
-        return ends
+        return normal_intervals(self.parameters, self.std, self.identified, level)
 
     def may_be_absent(self, level: float = 0.95) -> np.ndarray:
         """True for identified positive parameters not significantly different from 0, (n_params,) bool."""
-        if self.parameters.scale is None:
-            return np.zeros(len(self.names), dtype=bool)
-        quantile = float(special.ndtri(0.5 + level / 2))
-        with np.errstate(invalid="ignore", over="ignore"):
-            is_positive = self.parameters.to_physical(self.theta - quantile * self.std_free) >= 0
-            return is_positive & (self.parameters.scale > 0) & self.identified & (self.values < quantile * self.std)
+        return may_be_absent(self.parameters, self.std, self.identified, level)
 
     def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
         """Random draws of the parameters in physical units, (1, n_draws, n_params), normal in the free variables.
@@ -450,6 +440,69 @@ class Estimate(Shown):
             },
             "parameter",
         )  # fmt: skip
+
+
+def parameters_at(problem: Problem, theta: FloatArray) -> ParameterValues:
+    """The parameters of a problem with their values at free variables `theta`, (n_params,)."""
+    return ParameterValues(
+        names=problem.names,
+        kinds=problem.unknowns.kinds,
+        units=problem.unknowns.units,
+        initial=locked(problem.physical(np.asarray(problem.theta_start))),
+        values=locked(problem.physical(theta)),
+        theta=locked(theta),
+        slope=locked(problem.slope(theta)),
+        to_physical=problem.physical,
+        scale=locked(problem.unknowns.sizes(np.zeros(len(theta)))),
+    )
+
+
+def normal_intervals(
+    parameters: ParameterValues, std: FloatArray, identified: np.ndarray, level: float = 0.95
+) -> FloatArray:
+    """Normal confidence intervals at `level`, lower and upper end in physical units: (n_params, 2).
+
+    Parameters
+    ----------
+    parameters : ParameterValues
+    std : (n_params,) float array
+        Standard deviations in physical units.
+    identified : (n_params,) bool array
+        Parameters that the data determine: of these, positive ones near 0 have an interval from 0; see `may_be_absent`.
+    level : float
+        Probability between 0 and 1.
+    """
+    require_level(level)
+    quantile = float(special.ndtri(0.5 + level / 2))
+    half = quantile * parameters.free_std(std)
+    with np.errstate(over="ignore"):
+        ends = np.sort([parameters.to_physical(parameters.theta + sign * half) for sign in (-1, 1)], axis=0).T
+    ends[np.abs(ends) < np.finfo(float).tiny] = 0.0
+    absent = may_be_absent(parameters, std, identified, level)
+    ends[absent] = np.stack([np.zeros(absent.sum()), (parameters.values + quantile * std)[absent]], axis=1)
+    return ends
+
+
+def may_be_absent(
+    parameters: ParameterValues, std: FloatArray, identified: np.ndarray, level: float = 0.95
+) -> np.ndarray:
+    """True for identified positive parameters not significantly different from 0, (n_params,) bool.
+
+    Parameters
+    ----------
+    parameters : ParameterValues
+    std : (n_params,) float array
+        Standard deviations in physical units.
+    identified : (n_params,) bool array
+    level : float
+        Probability of the interval from which 0 is told.
+    """
+    if parameters.scale is None:
+        return np.zeros(len(parameters.names), dtype=bool)
+    quantile = float(special.ndtri(0.5 + level / 2))
+    with np.errstate(invalid="ignore", over="ignore"):
+        is_positive = parameters.to_physical(parameters.theta - quantile * parameters.free_std(std)) >= 0
+        return is_positive & (parameters.scale > 0) & identified & (parameters.values < quantile * std)
 
 
 def expected_per_row(problem: Problem) -> float:
@@ -558,24 +611,18 @@ def estimate(
     within = None if columns is None else columns.within
     theta, residual = best.theta, best.linearization.residual
     data = residual[: problem.n_data]
-    parameters = ParameterValues(
-        names=problem.names,
-        kinds=problem.unknowns.kinds,
-        units=problem.unknowns.units,
-        initial=locked(problem.physical(np.asarray(problem.theta_start))),
-        values=locked(problem.physical(theta)),
-        theta=locked(theta),
-        slope=locked(problem.slope(theta)),
-        to_physical=problem.physical,
-        scale=locked(problem.unknowns.sizes(np.zeros(len(theta)))),
+    parameters = parameters_at(problem, theta)
+    tests = (
+        residual_tests(problem, residual, uncertainty.freedom)
+        if within is None
+        else residual_tests(within.problem, within.at.residual, uncertainty.freedom, float(within.asked @ within.asked))
     )
-    tested = (problem, residual) if within is None else (within.problem, within.at.residual)
     goodness = Goodness(
         chi_square=float(data @ data),
         n_data=problem.n_data,
         degrees_of_freedom=uncertainty.freedom,
         residual_correlation=correlation_length(data, problem.rows.lines, problem.rows.series),
-        residual_tests=residual_tests(*tested, uncertainty.freedom),
+        residual_tests=tests,
         expected_per_dof=expected_per_row(problem),
         least_chi_square=np.nan if within is None else within.chi_square,
     )

@@ -9,9 +9,9 @@ from scipy import special
 
 from structid.core.arrays import FloatArray
 from structid.inversion.covariance import chi_square_law, inverse_information
+from structid.inversion.diagnostics.residual_tests import misses_noise
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
-from structid.inversion.residual_law import misses_noise
 
 #: What the names of held values begin with where they are unknowns beside those that are sought.
 FIXED = "fixed "

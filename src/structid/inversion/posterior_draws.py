@@ -12,9 +12,9 @@ from structid.core.errors import InputError
 from structid.inversion.averaging import few_averages, score_factor
 from structid.inversion.covariance import LEAST_FREEDOM, error_blocks, row_law
 from structid.inversion.diagnostics.identifiability import Identifiability
+from structid.inversion.diagnostics.residual_tests import misses_noise
 from structid.inversion.linearization import OperatorLinearization
 from structid.inversion.problem import Problem
-from structid.inversion.residual_law import misses_noise
 from structid.inversion.search.conjugate_gradients import Solver, conjugate_gradients, preconditioner
 from structid.inversion.uncertainty import DrawnCovariance, Spread, Uncertainty, basis
 

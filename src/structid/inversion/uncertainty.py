@@ -15,10 +15,10 @@ from structid.inversion.diagnostics.agreement import Agreement, agreement
 from structid.inversion.diagnostics.bounds import AtBound, at_bounds, is_free
 from structid.inversion.diagnostics.identifiability import Identifiability, identifiability
 from structid.inversion.diagnostics.refusal import Bound, bound_at, carried, refusal_words
+from structid.inversion.diagnostics.residual_tests import misses_noise
 from structid.inversion.fixed_values import FixedColumns, FixedValueInfluence
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
-from structid.inversion.residual_law import misses_noise
 
 #: Combinations of parameters, one a row.
 Rows: TypeAlias = "FloatArray | sparse.csr_array"

@@ -98,7 +98,8 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
         raise InputError("`records` must hold displacement, velocity or acceleration, got forces only")
     channels = tuple(first.channels[i] for i in moving)
     quantities = tuple(first.quantities[i] for i in moving)
-    series = [record.values[:, moving] for record in given]
+    columns = slice(None) if len(moving) == len(first.quantities) else moving
+    series = [record.values[:, columns] for record in given]
     scale = _scale(series, channels, quantities)
     return Outputs(tuple(y / scale for y in series), scale, channels, quantities, first.sampling_rate)
 
@@ -106,8 +107,9 @@ def outputs(records: TimeRecord | Sequence[TimeRecord] | Outputs) -> Outputs:
 def _scale(series: list[FloatArray], channels: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> FloatArray:
     """Root mean square of every channel, (n_channels,); `InputError` if a channel does not vary."""
     n_samples = sum(len(y) for y in series)
-    scale = np.sqrt(sum(np.einsum("ij,ij->j", y, y) for y in series) / n_samples)
-    spread = np.sqrt(sum(np.sum(np.square(y - y.mean(axis=0)), axis=0) for y in series) / n_samples)
+    centred = sum(len(y) * y.var(axis=0) for y in series)
+    offset = sum(len(y) * y.mean(axis=0) ** 2 for y in series)
+    scale, spread = np.sqrt((centred + offset) / n_samples), np.sqrt(centred / n_samples)
     kinds = np.array(quantities)
     for i, (channel, quantity) in enumerate(zip(channels, quantities, strict=True)):
         typical = np.median(spread[kinds == quantity])
@@ -187,20 +189,27 @@ def lag_sums(y: FloatArray, first_lag: int, n_lags: int, start: int, stop: int) 
     m = y.shape[1]
     size = fft.next_fast_len(max(8 * n_lags, 64), real=True)
     step = size - n_lags + 1
+    n_inside = max(0, (min(stop, len(y) - first_lag - n_lags + 1) - start) // step)
+    edge = start + n_inside * step
     spectrum = np.zeros((size // 2 + 1, m, m), dtype=np.complex128)
-    starts = np.arange(start, stop, step)
     at_once = max(1, _AT_ONCE // (size * m))
-    for k in range(0, len(starts), at_once):
-        own = starts[k : k + at_once]
-        here, ahead = np.zeros((2, len(own), size, m))
-        for i, s in enumerate(own):
-            end = min(s + step, stop)
-            here[i, : end - s] = y[s:end]
-            part = y[s + first_lag : end + first_lag + n_lags - 1]
-            ahead[i, : len(part)] = part
-        lines, lines_ahead = fft.rfft(here, axis=1), fft.rfft(ahead, axis=1)
-        spectrum += lines_ahead.transpose(1, 2, 0) @ lines.conj().transpose(1, 0, 2)
+    for k in range(0, n_inside, at_once):  # segments inside of `y`
+        count, first = min(at_once, n_inside - k), start + k * step
+        here = y[first : first + count * step].reshape(count, step, m)
+        windows = np.lib.stride_tricks.sliding_window_view(y[first + first_lag :], size, axis=0)
+        ahead = windows[: count * step : step].transpose(0, 2, 1)
+        spectrum += _cross_spectrum(fft.rfft(ahead, axis=1), fft.rfft(here, size, axis=1))
+    for first in range(edge, stop, step):  # segments over its end
+        end = min(first + step, stop)
+        part = y[first + first_lag : end + first_lag + n_lags - 1]
+        lines = (fft.rfft(values, size, axis=0)[None] for values in (part, y[first:end]) if len(values))
+        spectrum += _cross_spectrum(*lines) if len(part) else 0.0
     return np.asarray(fft.irfft(spectrum, size, axis=0)[:n_lags])
+
+
+def _cross_spectrum(ahead: ComplexArray, here: ComplexArray) -> ComplexArray:
+    """Sum over segments of the cross spectra of two sets of lines (n_segments, n_lines, n_channels)."""
+    return np.asarray(ahead.transpose(1, 2, 0) @ here.conj().transpose(1, 0, 2))
 
 
 def _samples(y: FloatArray, start: int, stop: int) -> FloatArray:

@@ -91,11 +91,20 @@ class ModelError:
         return f"what the fit misses at a sensor left out (median {part} % of the responses)"
 
     def added_to(
-        self, draws: ComplexArray, frequency: FloatArray, kind: FrfKind, nominal: ComplexArray, rng: np.random.Generator
+        self,
+        draws: ComplexArray,
+        frequency: FloatArray,
+        kind: FrfKind | None,
+        nominal: ComplexArray,
+        rng: np.random.Generator,
     ) -> ComplexArray:
-        """FRFs (n_draws, n_frequencies, n_outputs, n_inputs) with random errors, whose size `nominal` FRFs give."""
+        """FRFs (n_draws, n_frequencies, n_outputs, n_inputs) with random errors, whose size `nominal` FRFs give.
+
+        `kind` is None of forces and stresses, which are missed by the same part of their own size as motions.
+        """
         part, size = (np.interp(frequency, self.frequency, each) for each in (self.part, self.size))
-        size = size * (2 * np.pi * frequency) ** (DERIVATIVES[kind] - DERIVATIVES[self.kind])
+        order = None if kind is None else DERIVATIVES[kind] - DERIVATIVES[self.kind]
+        size = np.zeros_like(size) if order is None else size * (2 * np.pi * frequency) ** order
         count = _sum_nearby(np.ones(len(frequency)))[:, None, None]
         own = np.sqrt(_sum_nearby(np.abs(nominal) ** 2) / count)
         std = part[:, None, None] * np.maximum(own, size[:, None, None])

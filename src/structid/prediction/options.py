@@ -101,12 +101,14 @@ class SenseOptions:
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What state equations are of.
+    """What is exported.
 
     Parameters
     ----------
+    modes : int
+        Number of natural modes in files of modes and grids.
     sensors, loads : str
-        Degrees of freedom of outputs and of inputs, with commas between.
+        Degrees of freedom of outputs and of inputs of state equations, with commas between.
     band : tuple of float, optional
         Lowest and highest frequency, Hz, in which the equations hold.
     motion : str
@@ -121,6 +123,7 @@ class ExportOptions:
         Models within the uncertainty whose equations are written too.
     """
 
+    modes: Annotated[int, Limits(least=1)] = 10
     sensors: str = ""
     loads: str = ""
     band: tuple[float, float] | None = None

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg, signal, sparse
 
-from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.arrays import ComplexArray, FloatArray, NumberArray
 from structid.core.errors import InputError, SingularModelError
 from structid.dynamics import modes
 from structid.dynamics.factorization import factorizer
@@ -132,6 +132,11 @@ def reduction_basis(
     return _independent(np.hstack(columns), plain.matrix("inertia", values[0]))
 
 
+def extend_basis(basis: FloatArray, columns: FloatArray, mass: sparse.csc_array) -> FloatArray:
+    """Mass-orthonormal motions that span `basis` (n_dofs, n_vectors) and further `columns` (n_dofs, n_columns)."""
+    return _independent(np.hstack([basis, columns]), mass)
+
+
 def _solve(matrix: sparse.csc_array, right: FloatArray) -> FloatArray:
     """The solution (n, n_right) of a sparse symmetric system with several right sides (n, n_right)."""
     matrix.sort_indices()
@@ -160,7 +165,7 @@ def _without_modal_damping(structure: Structure, values: FloatArray) -> tuple[St
 
 @dataclass(frozen=True, eq=False)
 class PoleSum:
-    """Receptances as a sum over poles: H(s) = sum of out_k in_k / (s - pole_k), and rigid motions over s^2.
+    """Responses as a sum over poles: H(s) = sum of out_k in_k / (s - pole_k) + integrals.
 
     Attributes
     ----------
@@ -168,22 +173,47 @@ class PoleSum:
         1/s; of a structure with loss factors they hold for positive frequencies alone.
     out : (n_outputs, n_poles) complex array
     into : (n_poles, n_inputs) complex array
-    rigid : (n_outputs, n_inputs) float array
-        What free rigid motions add, per s^2.
+    integrals : (3, n_outputs, n_inputs) array
+        What is read of the input integrated twice over time, once, and of itself: coefficients of 1/s^2, 1/s and 1. Displacements
+        have free rigid motions in the first.
     """
 
     poles: ComplexArray
     out: ComplexArray
     into: ComplexArray
-    rigid: FloatArray
+    integrals: NumberArray
 
-    def receptance(self, frequency: FloatArray) -> ComplexArray:
-        """Displacement per unit load at `frequency` in Hz, (n_frequencies, n_outputs, n_inputs)."""
+    def frf(self, frequency: FloatArray) -> ComplexArray:
+        """Outputs per unit input at `frequency` in Hz, (n_frequencies, n_outputs, n_inputs)."""
         s = 2j * np.pi * frequency
         residues = self.out.T[:, :, None] * self.into[:, None, :]
         flat = (1 / (s[:, None] - self.poles)) @ residues.reshape(len(self.poles), -1)
-        total = flat.reshape(len(s), *self.rigid.shape)
-        return np.asarray(total + self.rigid / (s**2)[:, None, None] if self.rigid.any() else total)
+        total = flat.reshape(len(s), *self.integrals.shape[1:])
+        for power, part in zip((-2, -1, 0), self.integrals, strict=True):
+            if part.any():
+                total = total + part * (s**power)[:, None, None]
+        return np.asarray(total)
+
+    def combined_frf(self, frequency: FloatArray, orders: Sequence[int]) -> ComplexArray:
+        """The FRFs of `combined`, each derivative taken by its power of i omega, which keeps digits at low frequencies."""
+        s = (2j * np.pi * frequency)[:, None, None]
+        groups = np.split(self.frf(frequency), len(orders), axis=1)
+        return np.asarray(sum(s**order * group for order, group in zip(orders, groups, strict=True)))
+
+    def combined(self, orders: Sequence[int]) -> PoleSum:
+        """Outputs that are sums of derivatives; those of `self` are displacements in one group for each of `orders`, 0 to 2.
+
+        First derivatives have the sum over residues as a direct part: 0 under forces, which do not move a mass at once.
+        """
+        out = np.zeros((len(self.out) // len(orders), len(self.poles)), dtype=complex)
+        integrals = np.zeros((3, len(out), self.into.shape[1]), dtype=complex)
+        groups = np.split(self.out, len(orders)), np.split(self.integrals, len(orders), axis=1)
+        for order, shapes, parts in zip(orders, *groups, strict=True):
+            out += self.poles**order * shapes
+            integrals[order:] += parts[: 3 - order]
+            if order:
+                integrals[2] += (shapes * self.poles ** (order - 1)) @ self.into
+        return PoleSum(self.poles, out, self.into, integrals)
 
 
 def sum_over_poles(reduced: ReducedMatrices, damping: FloatArray | None = None) -> PoleSum:
@@ -213,11 +243,12 @@ def sum_over_poles(reduced: ReducedMatrices, damping: FloatArray | None = None) 
             "a mode is critically damped to all digits, which a sum over poles cannot hold; change its damping"
         )
     out, into = reduced.outputs[:, ~rigid] @ shapes, (shapes.T @ reduced.inputs[~rigid]) / scale[:, None]
-    return PoleSum(poles, out, into, reduced.outputs[:, rigid] @ reduced.inputs[rigid])
+    double = reduced.outputs[:, rigid] @ reduced.inputs[rigid]
+    return PoleSum(poles, out, into, np.stack([double, np.zeros_like(double), np.zeros_like(double)]))
 
 
-def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float, derivatives: int) -> FloatArray:
-    """Motion (n_times, n_outputs) from rest under loads that are linear between samples, exact at the samples.
+def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float) -> FloatArray:
+    """Outputs (n_times, n_outputs) from rest under loads that are linear between samples, exact at the samples.
 
     Parameters
     ----------
@@ -227,8 +258,6 @@ def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float, d
         N or N m.
     sampling_rate : float
         Samples per second.
-    derivatives : {0, 1, 2}
-        Displacement, velocity or acceleration.
     """
     step = 1 / sampling_rate
     upper = system.poles.imag >= 0
@@ -241,12 +270,10 @@ def simulate_history(system: PoleSum, loads: FloatArray, sampling_rate: float, d
         inputs = np.zeros(len(loads), dtype=complex)
         inputs[1:] = before * driven[:-1, k] + after * driven[1:, k]
         state = signal.lfilter([1.0], [1.0, -np.exp(pole * step)], inputs)
-        total += weight[k] * (state[:, None] * (pole**derivatives * out[:, k])).real
-    if derivatives == 2:
-        direct = (system.out * system.poles) @ system.into
-        total += loads @ direct.real.T
-    if system.rigid.any():
-        total += _rigid_history(loads, step, derivatives) @ system.rigid.T
+        total += weight[k] * (state[:, None] * out[:, k]).real
+    for derivatives, part in enumerate(system.integrals):
+        if part.any():
+            total += _rigid_history(loads, step, derivatives) @ part.real.T
     return total
 
 

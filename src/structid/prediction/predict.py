@@ -207,7 +207,8 @@ def _band(
     words = model.words
     if error is not None and isinstance(quantity, Frf) and np.iscomplexobj(nominal):
         rng = np.random.default_rng(seed + 1)
-        draws = error.added_to(draws.astype(complex), quantity.frequency, quantity.kind, nominal.astype(complex), rng)
+        kind = quantity.kind if quantity.is_motion and quantity.kind != "transmissibility" else None
+        draws = error.added_to(draws.astype(complex), quantity.frequency, kind, nominal.astype(complex), rng)
         words = f"{words}, and {error.words}" if words else error.words
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
     low, high = np.quantile(sizes, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)

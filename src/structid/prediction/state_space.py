@@ -191,7 +191,7 @@ def state_space(
     elif not 2 <= order <= whole.n_states:
         raise InputError(f"`order` must be from 2 to {whole.n_states} in this band, got {order}")
     made = whole.cut(order, high)
-    hysteretic = sum_over_poles(nominal).receptance(frequency)
+    hysteretic = sum_over_poles(nominal).frf(frequency)
     hysteretic = hysteretic * ((2j * np.pi * frequency) ** MOTION_DERIVATIVES[motion])[:, None, None]
     largest = made.miss(frequency, hysteretic)
     draws = []

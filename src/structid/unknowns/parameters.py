@@ -15,14 +15,43 @@ from structid.core.arrays import FloatArray, locked
 from structid.core.display import Overview, Shown, format_number, plural
 from structid.core.errors import InputError
 from structid.fem import Structure
+from structid.inversion.comparison.states import OF_RECORD
 from structid.unknowns.named_unknowns import MAY_VANISH, NamedUnknowns, begun_at
 from structid.unknowns.parameter_groups import ParameterGroup, element_sets, label_of, parameter_group, require_distinct
 from structid.unknowns.priors import Coupling, no_priors, priors_of
-from structid.unknowns.scatter import BEGUN, Scatter
 from structid.unknowns.transforms import Transform, Transforms
 from structid.unknowns.unknown import Unknown
 
+#: Scatter, in parts, from which a choice by the data begins.
+BEGUN = 0.05
 Entry = TypeVar("Entry")
+#: Part of its start that the deviation of a damping is held against at least: it may be absent.
+_ABSENT = 0.25
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Parameters that differ from record to record: log own = log common + std e, with e of unit variance.
+
+    Parameters
+    ----------
+    name : str
+        What reports call it: that of the declaration, such as ``stiffness[clamp]``.
+    common : tuple of str
+        Names of the common values.
+    own : tuple of str
+        Names of the values of one record, in the same order; () before `own_values`.
+    given : float or None
+        Standard deviation of the logarithms, where it is stated; None where the data choose it.
+    std : float
+        The same as it is used.
+    """
+
+    name: str
+    common: tuple[str, ...]
+    own: tuple[str, ...] = ()
+    given: float | None = None
+    std: float = BEGUN
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,10 +128,6 @@ class Parameters(Shown, NamedUnknowns):
                 name = self.names[int(np.argmax(used))]
                 raise InputError(f"{name} must be kept positive for {coupling.name}; declare it `positive`")
         return replace(self, couplings=(*self.couplings, *couplings))
-
-
-#: Part of its start that the deviation of a damping is held against at least: it may be absent.
-_ABSENT = 0.25
 
 
 def _sizes(one: ParameterGroup) -> FloatArray:
@@ -279,3 +304,49 @@ def _transform(one: ParameterGroup) -> Transform:
 
 def _joined(parts: Iterable[tuple[Entry, ...]]) -> tuple[Entry, ...]:
     return tuple(chain.from_iterable(parts))
+
+
+def own_name(name: str, title: str) -> str:
+    """What the value of a record is called, such as ``stiffness[clamp] @ record 3``."""
+    return f"{name}{OF_RECORD}{title}"
+
+
+def own_values(parameters: Parameters, title: str) -> Parameters:
+    """`parameters` extended for the record `title` by an own value of each varying property beside the common one.
+
+    The properties follow the record's own values; the common ones act only through their scatter.
+    """
+    common = [name for scatter in parameters.scatters for name in scatter.common]
+    if not common:
+        return parameters
+    index_of = {name: i for i, name in enumerate(parameters.names)}
+    columns, n, m = np.array([index_of[name] for name in common]), parameters.n_params, len(common)
+    design, is_kept, ranges = parameters.design.tocsc(), np.ones(n), parameters.transforms
+    is_kept[columns] = 0.0
+    design = sparse.csc_array(sparse.hstack([design @ sparse.diags_array(is_kept), design[:, columns]]))
+    design.eliminate_zeros()
+    return replace(
+        parameters,
+        names=(*parameters.names, *(own_name(name, title) for name in common)),
+        kinds=(*parameters.kinds, *(parameters.kinds[i] for i in columns)),
+        units=(*parameters.units, *(parameters.units[i] for i in columns)),
+        elements=(*parameters.elements, *(parameters.elements[i] for i in columns)),
+        start=locked(np.concatenate([parameters.start, parameters.start[columns]])),
+        transforms=ranges.followed_by(ranges.at(columns)),
+        priors=parameters.priors.followed_by(no_priors(m)),
+        scale=locked(np.concatenate([parameters.scale, parameters.scale[columns]])),
+        couplings=tuple(coupling.among(n + m, 0) for coupling in parameters.couplings),
+        design=design,
+        scatters=tuple(
+            replace(scatter, own=tuple(own_name(name, title) for name in scatter.common))
+            for scatter in parameters.scatters
+        ),
+    )
+
+
+def with_scatter(parameters: Parameters, std: Mapping[str, float]) -> Parameters:
+    """`parameters` with new standard deviations of their scatters; `std` maps names of scatters to deviations."""
+    if not parameters.scatters:
+        return parameters
+    scatters = tuple(replace(scatter, std=std.get(scatter.name, scatter.std)) for scatter in parameters.scatters)
+    return replace(parameters, scatters=scatters)

@@ -29,6 +29,7 @@ from structid.workbench.edits import edited
 from structid.workbench.folder import ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
 from structid.workbench.recent import is_confirmed, recent_folders, remember_confirmed
 from structid.workbench.runs import Runs
+from structid.workbench.sections import element_properties, presets
 from structid.workbench.security import MOST_UPLOAD, Access
 from structid.workbench.studies import reading_keys, study_answer
 from structid.workbench.work.workers import Workers
@@ -158,6 +159,21 @@ async def _init(bench: Workbench, request: Request) -> Response:
 
 async def _study(bench: Workbench, request: Request) -> Response:
     return await asyncio.to_thread(lambda: Json(study_answer(*bench.opened.text(request.query_params["study"]))))
+
+
+async def _kinds(bench: Workbench, _: Request) -> Response:
+    return await bench.worked("kinds", {}, __version__)
+
+
+async def _sections(_: Workbench, __: Request) -> Response:
+    return Json(presets())
+
+
+async def _section(_: Workbench, request: Request) -> Response:
+    """Answer with the properties of an element of a material and cross-section."""
+    body = await request.json()
+    element, material, shape, sizes = (body[key] for key in ("element", "material", "shape", "sizes"))
+    return Json(element_properties(element, material, shape, sizes, bool(body.get("is_turned"))))
 
 
 async def _line(bench: Workbench, request: Request) -> Response:
@@ -488,6 +504,9 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("POST", "/api/study", _save),
     ("POST", "/api/edit", _edit),
     ("GET", "/api/line", _line),
+    ("GET", "/api/kinds", _kinds),
+    ("GET", "/api/sections", _sections),
+    ("POST", "/api/sections", _section),
     ("GET", "/api/scene", _of_study("scene", number=0)),
     ("GET", "/api/channels", _of_study("channels", number=0)),
     ("GET", "/api/check", _of_study("check")),

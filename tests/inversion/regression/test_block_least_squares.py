@@ -9,8 +9,7 @@ from scipy import sparse
 
 from structid import InputError
 from structid.inversion.regression import no_rows
-from structid.inversion.regression.banded_sweep import band_layout
-from structid.inversion.regression.block_least_squares import WIDEST_BAND, block_solution
+from structid.inversion.regression.block_least_squares import WIDEST_BAND, band_layout, block_solution
 from structid.inversion.regression.local_reduction import Kernels, has_numba, shared_out
 
 ENGINES = [

@@ -1,4 +1,4 @@
-"""The command `structid export`: state equations and matrices of an identified model, for other programs."""
+"""The command `structid export`: modes, grids, matrices and state equations of an identified model, for other programs."""
 
 from __future__ import annotations
 
@@ -8,49 +8,96 @@ from typing import Annotated
 import typer
 
 from structid.cli.base import say
-from structid.core.errors import FileError, InputError
+from structid.core.errors import FileError
 from structid.prediction.options import ExportOptions
 
 
 def export(
     results: Annotated[Path, typer.Argument(metavar="RESULTS", help="Results folder of `structid identify`.")],
     options: ExportOptions,
-    state_space: Annotated[
-        Path | None, typer.Option("--state-space", metavar="FILE", help="State equations, as .mat, .npz or .h5.")
+    mode_shapes: Annotated[
+        Path | None,
+        typer.Option("--mode-shapes", metavar="FILE", help="Modes: .uff (55), .pch (Nastran punch), .csv, .json."),
+    ] = None,
+    mesh: Annotated[
+        Path | None,
+        typer.Option("--mesh", metavar="FILE", help="Elements with their changes: .vtu (ParaView) or .csv."),
     ] = None,
     matrices: Annotated[
         Path | None,
-        typer.Option("--matrices", metavar="FILE", help="Mass, damping and stiffness, as .op4, .pch or .mat."),
+        typer.Option(
+            "--matrices",
+            metavar="FILE",
+            help="Mass, damping, stiffness: .op4, .pch (DMIG), .inp (Abaqus), .mtx (MatrixMarket), .npz, .npy, .mat.",
+        ),
+    ] = None,
+    deck: Annotated[
+        Path | None,
+        typer.Option(
+            "--deck", metavar="FILE", help="The deck of the mesh (.bdf, .inp ...) with the identified numbers."
+        ),
+    ] = None,
+    state_space: Annotated[
+        Path | None, typer.Option("--state-space", metavar="FILE", help="State equations: .mat, .npz, .h5.")
     ] = None,
     study: Annotated[
         Path | None, typer.Option("--study", metavar="STUDY.toml", help="The study, where it has moved since.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write files even where they exist.")] = False,
 ) -> None:
-    """Write an identified model for other programs: state equations of low order, or its matrices.
+    """Write an identified model for other programs: modes, a grid with the changes, matrices, its deck, state equations.
 
-    State equations come with the largest error of their FRFs in the band, and with --draws those of models within the uncertainty,
-    for robust design. Matrices are those of the free degrees of freedom, with a file of node and component of each row.
+    Without a file to write, list what the results folder can give. Modes have unit modal mass and stand at all nodes. The grid
+    has value, relative change, deviation and significance (change over deviation) of every element. Matrices are those of the
+    free degrees of freedom, with a file of node and component of each row. In the deck the identified numbers change and nothing
+    else. State equations come with the largest error of their
+    FRFs in the band, and with --draws those of models within the uncertainty, for robust design.
 
     \b
     Examples:
+      structid export beam_results
+      structid export frame_results --mode-shapes frame.uff --mesh frame.vtu --modes 12
+      structid export frame_results --matrices frame.op4
+      structid export wing_results --deck wing_identified.bdf
       structid export beam_results --state-space beam.mat --loads 8Y --sensors 4Y,8Y --band 0.5 60
       structid export beam_results --state-space beam.npz --loads 8Y --sensors 8Y --band 0.5 60 --sampling-rate 500 --draws 50
-      structid export frame_results --matrices frame.op4
     """
-    from structid.fem.importers import FORMATS as MATRIX_FORMATS  # the help needs none of these
-    from structid.study.results.stored_model import stored_model, stored_study
-    from structid.study.run.exporting import export_matrices, export_state_space
+    from structid.cli.tables import new_table, show  # the help needs none of these
+    from structid.prediction.element_values import element_values
+    from structid.study.results.stored_model import stored_model, stored_spread, stored_study
+    from structid.study.run.exports.deck import export_deck
+    from structid.study.run.exports.matrices import export_matrices, export_state_space, matrix_files
+    from structid.study.run.exports.mesh import export_mesh
+    from structid.study.run.exports.mode_shapes import export_modes
+    from structid.study.run.exports.offers import list_offers
 
-    if state_space is None and matrices is None:
-        suffixes = ", ".join(sorted({suffix for module in MATRIX_FORMATS for suffix in module.SUFFIXES}))
-        raise InputError(f"say what to write: --state-space FILE (.mat, .npz, .h5) or --matrices FILE ({suffixes})")
-    for path in (state_space, matrices):
-        if path is not None and path.exists() and not force:
+    written = [path for path in (mode_shapes, mesh, deck, state_space) if path is not None]
+    written += [] if matrices is None else matrix_files(matrices)
+    for path in written:
+        if path.exists() and not force:
             raise FileError(f"{path}: exists already; add --force to write it anew, or write to another file")
-    model = stored_model(results, stored_study(results, study))
-    if state_space is not None:
-        say(export_state_space(model, options, state_space))
+    source = stored_study(results, study)
+    model = stored_model(results, source)
+    if not written:
+        table = new_table("Flag", "Content", "Files")
+        offers = list_offers(model, source)
+        for offer in offers:
+            table.add_row(offer.flag, offer.content, (offer.obstacle and "-") or " ".join(offer.suffixes))
+        show([f"{results} can give", table])
+        for words in dict.fromkeys(offer.obstacle for offer in offers if offer.obstacle):
+            say(words)
+        return
+    lines: list[str] = []
+    if mode_shapes is not None:
+        lines += export_modes(model, options.modes, source.title or "structid", mode_shapes)
+    if mesh is not None:
+        lines += export_mesh(model, stored_spread(results, source), options.modes, mesh)
+    if deck is not None:
+        spread = stored_spread(results, source)
+        lines += export_deck(source, element_values(model, spread.initial, spread.covariance), deck)
     if matrices is not None:
-        for line in export_matrices(model, matrices):
-            say(line)
+        lines += export_matrices(model, matrices)
+    if state_space is not None:
+        lines.append(export_state_space(model, options, state_space))
+    for line in lines:
+        say(line)

@@ -6,7 +6,6 @@ import shlex
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -53,7 +52,7 @@ CauseSeconds = Annotated[
         "--seconds",
         metavar="SECONDS",
         min=0,
-        help="Processor time for the search for causes [default: three times the identification and 5 s].",
+        help="Processor time for the search for causes [default: the evaluations of three identifications and 5 s].",
     ),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print warnings, statistics, causes and modes too.")]
@@ -91,8 +90,8 @@ def identify(
     from structid.cli.progress import ProgressFile, run_progress
     from structid.cli.tables import show
     from structid.core.isolation import paths_as_called
-    from structid.diagnose.explain import time_for_causes
-    from structid.diagnose.time_budget import TimeBudget
+    from structid.diagnose.explain import budget_for_causes
+    from structid.diagnose.search_budget import SearchBudget
     from structid.inversion.estimate import Status
     from structid.study.results.folder import staged_folder
     from structid.study.results.suggestions import write_suggestions
@@ -130,10 +129,9 @@ def identify(
                 run.progress = progress.tasks
                 if progress_file is not None:
                     progress.file = ProgressFile(progress_file, run.reached.summary)
-                clock = TimeBudget()
                 ready, result = run_from_start(read, progress.search, run)
-                budget = partial(time_for_causes, clock.spent) if seconds is None else partial(TimeBudget, seconds)
-                result, fits = diagnose_study(ready, result, explain, run, budget, write_before_search)
+                limited = budget_for_causes(result.identification) if seconds is None else SearchBudget(seconds=seconds)
+                result, fits = diagnose_study(ready, result, explain, run, limited, write_before_search)
             name = write(result, fits)
         except KeyboardInterrupt:
             flags = ["--no-report"] * (not report) + ["--png"] * png + _EXPLAIN[explain]

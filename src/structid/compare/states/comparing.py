@@ -16,13 +16,11 @@ from structid.core.display import join_words
 from structid.core.errors import InputError, SingularModelError
 from structid.core.json_types import Plain, plain_table
 from structid.forward import RecordProblem
-from structid.identification.fixed_values import fixed_values, tolerances_of
-from structid.identification.joint_problem import joint_problem
+from structid.identification.joint_problem import fixed_values, joint_problem, tolerances_of
 from structid.inversion import Estimate, Problem, Status
 from structid.inversion.comparison.comparison import Comparison, compare_jointly, compare_states
 from structid.inversion.comparison.multiple_tests import Correction, require_levels
-from structid.inversion.comparison.states import LATER, states_problem
-from structid.inversion.comparison.unchanged import UnchangedTest
+from structid.inversion.comparison.states import LATER, UnchangedTest, states_problem
 from structid.inversion.estimate import estimate
 from structid.inversion.fixed_values import FIXED
 from structid.inversion.search.minimum import residual_at, squared

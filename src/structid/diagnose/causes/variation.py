@@ -16,7 +16,7 @@ from structid.diagnose.model_edits import Edits, LetVary
 from structid.diagnose.tested_model import TestedModel
 from structid.forward import RecordProblem
 from structid.forward.scatter import scatter_problems
-from structid.unknowns.scatter import BEGUN
+from structid.unknowns.parameters import BEGUN
 
 #: Records of which a scatter is distinguished from one that stands out: of fewer, the one is the likelier cause.
 _FEWEST = 5

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 
-from structid.core.arrays import IntArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.core.errors import InputError
 from structid.fem.elements.beam import rod_mass, rod_stiffness
 from structid.fem.elements.element import (
@@ -33,6 +36,7 @@ class Bar(ElementSet):
     """Bars between nodes on a line (X), in a plane (X, Y) or in space (X, Y, Z)."""
 
     is_line = True
+    section_stiffness: ClassVar = {"N": "axial_stiffness"}
 
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
     mass: Values = declared("Mass per length", "mass", "kg/m")
@@ -48,6 +52,10 @@ class Bar(ElementSet):
         optional=True,
         default=None,
     )
+
+    def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
+        """Axial force N; see `ElementSet.section_directions`."""
+        return {"N": element_vectors(self.name, self.nodes, positions)[1]}
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """Element matrices of the mass and the axial stiffness; see `ElementSet.matrices`."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -207,6 +209,7 @@ class Beam(ElementSet):
     """Straight beams on a line (deflection Y, rotation RZ) or in a plane (X, Y, RZ)."""
 
     is_line = True
+    section_stiffness: ClassVar = {"N": "axial_stiffness", "M": "bending_stiffness"}
 
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
     mass: Values = declared("Mass per length", "mass", "kg/m")
@@ -219,6 +222,15 @@ class Beam(ElementSet):
 
     rotary_inertia: OptionalValues = declared(ROTARY_INERTIA, "rotary_inertia", "kg m", optional=True, default=None)
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
+
+    def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
+        """Shear force V and bending moment M, in a plane axial force N too; see `ElementSet.section_directions`."""
+        _, direction = element_vectors(self.name, self.nodes, positions)
+        if direction.shape[1] == 1:
+            unit = np.tile(np.eye(2), (len(direction), 1, 1))
+            return {"V": unit[:, 0], "M": unit[:, 1]}
+        along, across = _plane_maps(direction)
+        return {"N": along[:, 0, :3], "V": across[:, 0, :3], "M": across[:, 1, :3]}
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """Element matrices of each property; see `ElementSet.matrices`."""

@@ -285,6 +285,8 @@ class ElementSet:
     follows: ClassVar[bool] = False
     #: Whether each element is straight between its two nodes, so that a joint may loosen its ends.
     is_line: ClassVar[bool] = False
+    #: Stiffness over which each internal force makes the sections stretch or curve, by the name of the force.
+    section_stiffness: ClassVar[Mapping[str, str]] = {}
     #: Types of its cells by number of nodes; none where its elements are no cells of a mesh.
     cells: ClassVar[Mapping[int, str]] = {}
     #: Whether its matrices say what it does; a set that has responses alone stands alone in a structure.
@@ -336,6 +338,13 @@ class ElementSet:
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """The matrices that properties weigh, by the name of the property; see `terms`."""
         raise NotImplementedError
+
+    def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
+        """Unit vector of each internal force on the coordinates of a node, (n_elements, n_coordinates); none but of lines.
+
+        Local x runs from the first node to the second. A force is that on the section whose normal is local x.
+        """
+        return {}
 
     def terms(self, positions: Positions, present: IntArray) -> tuple[Term, ...]:
         """The properties of the set, each with the element matrices that it multiplies.

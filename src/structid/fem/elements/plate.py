@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from functools import partial
 
-from structid.core.arrays import IntArray
+import numpy as np
+
+from structid.core.arrays import FloatArray, IntArray
 from structid.fem.elements.cells.cells import (
     DENSITY,
     POISSON,
@@ -15,7 +17,7 @@ from structid.fem.elements.cells.cells import (
     cell_table,
 )
 from structid.fem.elements.cells.elastic import plane_law
-from structid.fem.elements.cells.kirchhoff import PLATE_CELLS, bending_stiffness, plate_mass
+from structid.fem.elements.cells.kirchhoff import PLATE_CELLS, bending_stiffness, centre_curvatures, plate_mass
 from structid.fem.elements.element import (
     LOSS_FACTOR,
     PER_STRAIN_RATE,
@@ -52,6 +54,15 @@ class ThinSet(CellSet):
     mass_damping: Values = declared(*PER_VELOCITY, "N s/m^4", "density", default=0.0)
     stiffness_damping: Values = declared(*PER_STRAIN_RATE, "Pa s", "youngs_modulus", default=0.0)
 
+    def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
+        """Maps from an element's motion to the strains of its middle surface at its centre, and to those per height.
+
+        Both are (3, n_coordinates): strains xx, yy and engineering xy, from what its corners move in, corner by corner. The axis x
+        is the part of global X in the plane of the element, or of global Y where X is normal to it; height counts along the
+        normal, about which the corners run counter-clockwise, and along Z in a plate.
+        """
+        raise NotImplementedError
+
 
 @element
 class Plate(ThinSet):
@@ -79,3 +90,10 @@ class Plate(ThinSet):
             "density": (self.matrix_term(corners, plate_mass, power=1),),
             "youngs_modulus": (self.matrix_term(corners, bending, power=3),),
         }
+
+    def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
+        """See `ThinSet.centre_strains`."""
+        nodes = self.nodes[row][self.nodes[row] >= 0][None]
+        corners = cell_positions(self.name, nodes, positions, 2)
+        curvatures = centre_curvatures(self.name, nodes, corners, PLATE_CELLS[nodes.shape[1]])[0]
+        return np.zeros_like(curvatures), curvatures

@@ -11,12 +11,15 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.constraints import Limits
 from structid.core.dof import DIRECTIONS
 from structid.fem.elements.cells.cells import cell_positions
-from structid.fem.elements.cells.drilling_membrane import drilling_stiffness
+from structid.fem.elements.cells.drilling_membrane import drilling_stiffness, mean_strains
 from structid.fem.elements.cells.elastic import plane_law, unit_mass
 from structid.fem.elements.cells.facets import facets
-from structid.fem.elements.cells.kirchhoff import bending_stiffness, plate_mass
+from structid.fem.elements.cells.kirchhoff import bending_stiffness, centre_curvatures, plate_mass
 from structid.fem.elements.element import Matrices, Positions, declared, element
 from structid.fem.elements.plate import ThinSet
+
+#: Part of global X in the plane of a facet below which X is its normal.
+_ALONG_NORMAL = 0.01
 
 
 @element
@@ -60,6 +63,32 @@ class Shell(ThinSet):
                 self.matrix_term(corners, partial(_bending, law=law), power=3),
             ),
         }
+
+    def centre_strains(self, positions: Positions, row: int) -> tuple[FloatArray, FloatArray]:
+        """See `ThinSet.centre_strains`."""
+        nodes = self.nodes[row][self.nodes[row] >= 0][None]
+        flat = facets(self.name, nodes, cell_positions(self.name, nodes, positions, 3))
+        n = nodes.shape[1]
+        maps = np.zeros((2, 3, n, 6))
+        maps[0][..., [0, 1, 5]] = mean_strains(flat.corners).reshape(3, n, 3)
+        bending = centre_curvatures(self.name, nodes, flat.corners, self.cells[n])
+        maps[1][..., [2, 3, 4]] = bending.reshape(3, n, 3)
+        membrane, curvature = (
+            _turned_strains(flat.axes[0]) @ each for each in flat.to_facet(maps.reshape(2, 3, 6 * n))
+        )
+        return membrane, curvature
+
+
+def _turned_strains(axes: FloatArray) -> FloatArray:
+    """Map (3, 3) of strains (xx, yy, engineering xy) in a facet's axes to those whose x is the part of global X in its plane.
+
+    Where the normal runs along X, to less than half a degree, it is the part of global Y. `axes` (3, 3) has the facet's as rows.
+    """
+    c, s = axes[:2, 0]
+    if np.hypot(c, s) < _ALONG_NORMAL:
+        c, s = axes[:2, 1]
+    c, s = c / np.hypot(c, s), s / np.hypot(c, s)
+    return np.array([[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]])
 
 
 def _stretching(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -48,6 +51,12 @@ class SpaceBeam(ElementSet):
 
     moves = DIRECTIONS
     is_line = True
+    section_stiffness: ClassVar = {
+        "N": "axial_stiffness",
+        "T": "torsional_stiffness",
+        "MY": "bending_stiffness_y",
+        "MZ": "bending_stiffness_z",
+    }
 
     nodes: Nodes = declared("Node labels of the two ends", stored=node_table(2))
     mass: Values = declared("Mass per length", "mass", "kg/m")
@@ -78,6 +87,13 @@ class SpaceBeam(ElementSet):
     )
 
     axial_force: OptionalSignedValues = declared(AXIAL_FORCE, "axial_force", "N", optional=True, default=None)
+
+    def section_directions(self, positions: Positions) -> Mapping[str, FloatArray]:
+        """Axial force N, shear forces VY and VZ, torque T, moments MY and MZ; see `ElementSet.section_directions`."""
+        axes = _local_axes(self.name, element_vectors(self.name, self.nodes, positions)[1], self.orientation)
+        wide = np.zeros((len(axes), 6, 6))
+        wide[:, :3, :3] = wide[:, 3:, 3:] = axes
+        return {name: wide[:, row] for row, name in enumerate(("N", "VY", "VZ", "T", "MY", "MZ"))}
 
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """Element matrices of each property; see `ElementSet.matrices`."""

@@ -11,7 +11,7 @@ from structid.fem import Structure
 from structid.fem.matrices.assembly import structure_laws
 from structid.forward.frf.channels import read
 from structid.forward.frf.friction import sliding_amplitudes
-from structid.forward.frf.laws import law_coefficients
+from structid.forward.frf.slopes import law_coefficients
 from structid.forward.sensitive import weight_slope
 from structid.records import FrfRecord
 from structid.unknowns import Parameters

@@ -10,8 +10,8 @@ from scipy import sparse
 from structid.core.arrays import ComplexArray, FloatArray
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.channels import read
-from structid.forward.frf.laws import law_coefficients
 from structid.forward.frf.response import Response
+from structid.forward.frf.slopes import law_coefficients
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES, FrfKind
 

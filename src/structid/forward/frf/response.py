@@ -21,11 +21,9 @@ from structid.fem import Base, Structure
 from structid.fem.measured import joined_receptance
 from structid.forward.frf.channels import Channels, channels
 from structid.forward.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
-from structid.forward.frf.laws import law_coefficients
-from structid.forward.frf.slopes import StiffnessSlopes
+from structid.forward.frf.slopes import StiffnessSlopes, law_coefficients
 from structid.forward.frf.solvers.coupling import SubstructureCoupling
-from structid.forward.frf.solvers.dense import DenseSolver
-from structid.forward.frf.solvers.dense_or_sparse import MEDIUM_UP_TO, DenseOrSparseSolver
+from structid.forward.frf.solvers.dense import MEDIUM_UP_TO, DenseOrSparseSolver, DenseSolver
 from structid.forward.frf.solvers.solver import FrfSolver
 from structid.forward.frf.solvers.sparse import Pattern, SparseSolver
 from structid.forward.frf.solvers.tabulated import TabulatedFrf
@@ -90,9 +88,11 @@ class Response:
             fields[part] = found
         return fields
 
-    def solved_at(self, physical: FloatArray) -> Iterator[tuple[slice, NumberArray]]:
-        """Motion (n, n_dofs, n_columns) under unit loads at all columns for stretches of lines, one after another."""
-        return self.solver.fields(physical, self._coefficients(physical))
+    def solved_at(
+        self, physical: FloatArray, loads: sparse.csc_array | None = None
+    ) -> Iterator[tuple[slice, NumberArray]]:
+        """Motion (n, n_dofs, n_loads) under unit loads, at all columns by default, for stretches of lines one after another."""
+        return self.solver.fields(physical, self._coefficients(physical), loads)
 
     def sensitivity_at(self, physical: FloatArray, x: NumberArray, y: NumberArray) -> ComplexArray:
         """-y' (dZ/dp) x for motions x under any drive and y under unit loads at the sensors.

@@ -1,4 +1,4 @@
-"""Derivative of the dynamic stiffness of a structure with respect to its parameters."""
+"""The dynamic stiffness of a structure: the coefficients of its matrices, and its derivative with respect to the parameters."""
 
 from __future__ import annotations
 
@@ -20,6 +20,22 @@ from structid.forward.sensitive import (
     weighted_elements,
 )
 from structid.unknowns import Parameters
+
+
+def law_coefficients(laws: tuple[str, ...], laplace: ComplexArray, sliding: dict[str, FloatArray]) -> ComplexArray:
+    """Coefficient of each matrix in the dynamic stiffness, (n_frequencies, n_laws): s^2, s, 1, i, i / amplitude.
+
+    `laplace` is s, 1/s: i omega on the axis. Friction with no amplitude in `sliding` gets 0.
+    """
+    table: dict[str, ComplexArray] = {
+        "inertia": laplace**2,
+        "viscous": laplace,
+        "elastic": np.ones_like(laplace),
+        "structural": np.full_like(laplace, 1j),
+    }
+    table.update({f"friction:{name}": np.asarray(1j / amplitude) for name, amplitude in sliding.items()})
+    zero = np.zeros_like(laplace)
+    return np.stack([table.get(law, zero) for law in laws], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ record, several records and the work of several processes merge; a checkpoint ho
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,10 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from structid.core.arrays import FloatArray, IntArray, locked
-from structid.core.errors import InputError
+from structid.core.arrays import FloatArray, IntArray, locked, require_finite
+from structid.core.errors import FileError, InputError
 from structid.fem import Structure
-from structid.forward.motion.checkpoint import load_motion_fit, save_motion_fit
+from structid.files import atomic_write, damage_told
+from structid.files.npy import npz_arrays
 from structid.forward.motion.equations import TimeEquations
 from structid.forward.motion.fit import RecursiveMotionFit, motion_fit, reduced_state
 from structid.forward.motion.motion import MOTION_QUANTITIES, NO_FORCE, NO_MOTION, field_map
@@ -34,6 +36,7 @@ _KEEPING = 0.1  # of the time may go into checkpoints
 
 #: Called with the samples done and the number of samples.
 Progress = Callable[[int, int], None]
+_LAYOUT = "motion fit 1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,3 +283,58 @@ def channel_map(structure: Structure, record: ChunkedRecord) -> sparse.csr_array
         raise InputError(NO_FORCE)
     nothing = sparse.csr_array((structure.n_dofs, len(record.channels)))
     return sparse.csr_array(sparse.vstack([nothing if field is None else field for field in fields]))
+
+
+def save_motion_fit(path: str | Path, fit: RecursiveMotionFit) -> None:
+    """Write triangles, energies and the number of samples done as NPZ.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written; a file already there stays as it was.
+    """
+    with atomic_write(path) as temporary, temporary.open("wb") as stream:
+        np.savez(
+            stream,
+            layout=_LAYOUT,
+            equations=equations_digest(fit.equations),
+            triangles=fit.state.triangles,
+            energy=fit.energy,
+            error=fit.error,
+            n_rows=fit.state.n_rows,
+            n_samples=fit.n_samples,
+        )
+
+
+def load_motion_fit(path: str | Path, start: RecursiveMotionFit) -> RecursiveMotionFit:
+    """Motion fit restored from the checkpoint at `path`; `start` is the fit before any sample, for comparison.
+
+    Raises
+    ------
+    FileError
+        If the file is damaged, or of another structure, other parameters or other weights.
+    """
+    path = Path(path)
+    fields = npz_arrays(path, "a whole checkpoint", "delete it to begin anew")
+    with damage_told(path, "a whole checkpoint", "delete it to begin anew"):
+        layout, digest = str(fields["layout"]), str(fields["equations"])
+        triangles, energy, error = (locked(fields[name], np.float64) for name in ("triangles", "energy", "error"))
+        n_rows, n_samples = int(fields["n_rows"]), int(fields["n_samples"])
+    if layout != _LAYOUT or digest != equations_digest(start.equations):
+        raise FileError(
+            f"{path}: is the checkpoint of another structure, other parameters or other weights; delete it to begin anew,"
+            " or name another file"
+        )
+    if triangles.shape != start.state.triangles.shape or energy.shape != start.energy.shape:
+        raise FileError(f"{path}: is not a whole checkpoint; delete it to begin anew")
+    require_finite("triangles", triangles, f"{path} is damaged: delete it to begin anew")
+    state = replace(start.state, triangles=triangles, n_rows=n_rows)
+    return replace(start, state=state, energy=energy, error=error, n_samples=n_samples)
+
+
+def equations_digest(equations: TimeEquations) -> str:
+    """SHA-256 digest of equations and parameters, to recognize checkpoints that fit them."""
+    found = hashlib.sha256()
+    for array in (equations.columns, equations.operator.indptr, equations.operator.indices, equations.operator.data):
+        found.update(np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()

@@ -14,8 +14,9 @@ Eqs. 3.6 to 3.15: the regressors.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy import linalg, sparse, special
@@ -28,19 +29,90 @@ from structid.forward.motion.equations import TimeEquations, time_equations
 from structid.forward.motion.fit import identify_motion
 from structid.forward.motion.motion import MOTION_QUANTITIES, Motion, field_map, recorded_motion
 from structid.forward.time.estimate import WhitenedRows, dense_rows, linear_estimate, whitened_rows
-from structid.forward.time.instrumental_steps import UNDETERMINED, UNSTABLE, InstrumentalSteps
 from structid.forward.time.model import TimeModel
 from structid.forward.time.options import TimeOptions
 from structid.forward.time.problem import declared_variance, time_model
 from structid.inversion import Estimate
+from structid.inversion.search.minimum import Keeper
 from structid.inversion.search.work import ALONE, Work
 from structid.records import TimeRecord
 from structid.records.record import MOTION_DERIVATIVES
 from structid.unknowns import Parameters
 
+#: What came of an iteration: a solution, rows that determine none, or a motion that cannot be simulated.
+SOLVED, UNDETERMINED, UNSTABLE = 0, 1, 2
 _LAWS = {"acceleration": "inertia", "velocity": "viscous", "displacement": "elastic"}
 _TOLERANCE = 1e-2  # of a standard deviation; instruments need no more, since any make a consistent estimate
 _STEPS_A_STAGE = 3
+
+
+class Step(NamedTuple):
+    """One iteration; `rows` are None where it is remembered from an earlier run, or cannot be made."""
+
+    outcome: int
+    solution: FloatArray
+    deviation: FloatArray
+    rows: WhitenedRows | None
+
+
+class RowsAt(Protocol):
+    """Equations and instruments as functions of the parameters."""
+
+    def rows(self, values: FloatArray) -> WhitenedRows: ...
+
+
+class InstrumentalSteps:
+    """Iterations in their order, whatever way and stage they belong to: first those that `keeper` has from before.
+
+    The rows, which take all the time, are not made for those; what follows from them is kept bit for bit.
+
+    Parameters
+    ----------
+    keeper : Keeper, optional
+    """
+
+    def __init__(self, keeper: Keeper | None) -> None:
+        """Steps read back from the checkpoint of `keeper`, or none."""
+        self.keeper, self.count = keeper, 0
+        state: Mapping[str, Any] | None = None if keeper is None else keeper.state
+        self.steps: list[Step] = []
+        if state is not None:
+            for outcome, solution, deviation in zip(
+                np.asarray(state["outcomes"]).tolist(), state["solutions"], state["deviations"], strict=True
+            ):
+                self.steps.append(Step(int(outcome), np.asarray(solution), np.asarray(deviation), None))
+
+    def taken(self, fit: RowsAt, values: FloatArray) -> Step:
+        """Step with the next iterate, from the parameters `values`; read from the checkpoint if it is there."""
+        self.count += 1
+        if self.count <= len(self.steps):
+            return self.steps[self.count - 1]
+        step, cost = _made(fit, values)
+        self.steps.append(step._replace(rows=None))
+        if self.keeper is not None:
+            self.keeper.keep(self.count, cost, self._state)
+        return step
+
+    def _state(self) -> dict[str, Any]:
+        """Steps as arrays for a checkpoint: outcomes, solutions and deviations, (n_steps, n_params)."""
+        solutions = np.array([step.solution for step in self.steps])
+        deviations = np.array([step.deviation for step in self.steps])
+        outcomes = [step.outcome for step in self.steps]
+        return {"theta": solutions[-1], "outcomes": outcomes, "solutions": solutions, "deviations": deviations}
+
+
+def _made(fit: RowsAt, values: FloatArray) -> tuple[Step, float]:
+    """One instrumental iteration from the parameters `values`, and the sum of squares there (infinite if unstable)."""
+    nothing = np.full(len(values), np.nan)
+    try:
+        rows = fit.rows(values)
+    except SingularModelError:
+        return Step(UNSTABLE, nothing, nothing, None), float("inf")
+    residual = rows.residual(values)
+    cost, found = float(residual @ residual), rows.solution()
+    if found is None:
+        return Step(UNDETERMINED, nothing, nothing, rows), cost
+    return Step(SOLVED, found, np.sqrt(np.diag(rows.covariance())), rows), cost
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,73 @@ from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.forward.prior_rows import linearization_with_priors, residual_with_priors
 from structid.forward.record_problem import RecordFacts, RecordProblem
-from structid.forward.time.histories import Histories
+from structid.forward.time.input_hold import InputHold
 from structid.forward.time.model import TimeModel
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import DataRows
 from structid.unknowns import Parameters
 from structid.unknowns.named_unknowns import NamedUnknowns
+
+
+@dataclass(frozen=True, eq=False)
+class Histories:
+    """Measured histories beside predicted ones.
+
+    Parameters
+    ----------
+    drive : InputHold
+        What the forces are between their samples.
+    measured : (n_times, n_sensors) float array
+    deviation : (n_sensors,) float array
+    force : (n_times, n_loads) float array
+    force_deviation : (n_loads,) float array
+        0 for forces that are known.
+    """
+
+    drive: InputHold
+    measured: FloatArray
+    deviation: FloatArray
+    force: FloatArray
+    force_deviation: FloatArray
+
+    @property
+    def n_times(self) -> int:
+        return len(self.measured)
+
+    @cached_property
+    def noisy_loads(self) -> IntArray:
+        """Whose samples are data, as the readings are."""
+        return np.flatnonzero(self.force_deviation > 0)
+
+    @cached_property
+    def known_force(self) -> FloatArray:
+        """The force as far as it is known; see `InputHold.known`."""
+        return self.drive.known(self.force)
+
+    @cached_property
+    def waveforms(self) -> FloatArray:
+        """Waveforms of an oscillation; see `InputHold.waveforms`."""
+        return self.drive.waveforms(self.n_times)
+
+    def errors(self, predicted: FloatArray, force: FloatArray) -> FloatArray:
+        """Whitened errors of readings, and of noisy force samples, (n_data,).
+
+        Parameters
+        ----------
+        predicted : (n_times, n_sensors) float array
+        force : float array
+            As `TimeModel.readings` takes it.
+        """
+        samples = self.waveforms @ force if self.drive.oscillates else force
+        off = (samples - self.force)[:, self.noisy_loads]
+        return self.whitened((predicted - self.measured)[..., None], off[..., None])[:, 0]
+
+    def whitened(self, readings: FloatArray, forces: FloatArray) -> FloatArray:
+        """Changes of readings (n_times, n_sensors, n) and of samples of noisy loads (n_times, n_noisy, n) as data rows."""
+        count, noisy = readings.shape[2], self.noisy_loads
+        top, bottom = readings / self.deviation[:, None], forces / self.force_deviation[noisy][:, None]
+        return np.concatenate([top.reshape(self.measured.size, count), bottom.reshape(forces[..., 0].size, count)])
+
 
 _MOST_FORCE_SAMPLES = 1000
 _SEEN = 1e-10
@@ -170,7 +231,7 @@ class OutputErrorProblem(RecordProblem):
         return Incidentals(self.model, self.histories, self.free_start)
 
     def with_parts(self, parts: Sequence[NamedUnknowns]) -> OutputErrorProblem:
-        return replace(self, model=replace(self.model, unknown=cast(Parameters, parts[0])))
+        return replace(self, model=replace(self.model, unknown=cast("Parameters", parts[0])))
 
     @property
     def frequency(self) -> FloatArray:

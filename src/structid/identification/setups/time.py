@@ -14,6 +14,7 @@ from structid.core.constraints import Positive
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Structure
+from structid.fem.places import together, with_joint_forces
 from structid.forward import (
     ChannelUnknown,
     FrfProblem,
@@ -31,8 +32,8 @@ from structid.forward.time.spectra import NO_WINDOW, transient_order
 from structid.identification.checks import record_warnings
 from structid.identification.fits.record_fit import Own, RecordFit, record_fit
 from structid.identification.options import IdentifyOptions
-from structid.identification.setups.averaged import AveragedHistories
 from structid.identification.setups.frf import inside, used_lines
+from structid.identification.setups.histories_as_frfs import frfs_of
 from structid.identification.setups.setup import Prepared, RecordSetup
 from structid.inversion import Estimate
 from structid.inversion.search.work import StageProgress, Work
@@ -50,6 +51,9 @@ _SHOWN_ERROR = 0.1
 _SUPPORT: Quantity = "support_acceleration"
 #: Noise of a channel that is declared exact, in parts of its rms, where its weight must be finite.
 _LEAST_NOISE = 1e-6
+_FORCE: Quantity = "force"
+#: Distance of the label of a joint force's node from those of the structure, which may get some more.
+_FAR = 1000
 
 
 @dataclass(frozen=True)
@@ -268,3 +272,72 @@ def _options(settings: TimeFit, options: IdentifyOptions) -> TimeOptions:
         restarts=options.restarts,
         seed=options.seed,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class AveragedHistories:
+    """FRFs of a record of histories; forces that are never apart are one there, at a node of its own.
+
+    Parameters
+    ----------
+    structure : Structure
+    record : TimeRecord
+    given : FrfRecord, optional
+        FRFs of the same test instead.
+    """
+
+    structure: Structure
+    record: TimeRecord
+    given: FrfRecord | None
+
+    @cached_property
+    def frfs(self) -> FrfRecord:
+        return self.given or frfs_of(self.record if self._parts is None else self._with_joint_forces(self._parts))
+
+    @property
+    def drawn_on(self) -> Structure:
+        """The structure, with nodes of their own for joint forces."""
+        if self._parts is None:
+            return self.structure
+        return with_joint_forces(self.structure, self.frfs.inputs, self._loads, self._parts)
+
+    @property
+    def words(self) -> str:
+        """A clause that names the joint forces; "" where there are none."""
+        if self._parts is None:
+            return ""
+        forces, shown = (", ".join(map(str, dofs)) for dofs in (self._loads, self.frfs.inputs))
+        return f"; forces at {forces} are never apart: responses are shown to what is independent of them, as {shown}"
+
+    @cached_property
+    def _parts(self) -> FloatArray | None:
+        """Combination of forces that always act together; see `together`."""
+        return together(self.record.values[:, self._is_force])
+
+    @property
+    def _is_force(self) -> np.ndarray:
+        return np.array([quantity == _FORCE for quantity in self.record.quantities])
+
+    @property
+    def _loads(self) -> list[Dof]:
+        return [dof for dof, is_force in zip(self.record.channels, self._is_force, strict=True) if is_force]
+
+    def _with_joint_forces(self, parts: FloatArray) -> TimeRecord:
+        """The record with joint forces, which the columns of `parts` make of its own forces."""
+        record, still = self.record, ~self._is_force
+        first = max(self.structure.nodes) + _FAR
+        made = [Dof(first + k, (self.structure.active or ("X",))[0]) for k in range(parts.shape[1])]
+        motions = [
+            (dof, kind) for dof, kind, kept in zip(record.channels, record.quantities, still, strict=True) if kept
+        ]
+        values = np.hstack([record.values[:, ~still] @ parts, record.values[:, still]])
+        noise = None
+        if record.variance is not None:
+            noise = np.concatenate([record.variance[~still] @ parts**2, record.variance[still]])
+        return TimeRecord(
+            record.sampling_rate,
+            values,
+            (*made, *(dof for dof, _ in motions)),
+            (*(_FORCE for _ in made), *(kind for _, kind in motions)),
+            variance=noise,
+        )

@@ -135,7 +135,9 @@ class ResidualTests:
         return replace(self, series=tuple(series))
 
 
-def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: float) -> ResidualTests:
+def residual_tests(
+    problem: Problem, residual: FloatArray, degrees_of_freedom: float, fixed_squares: float = 0.0
+) -> ResidualTests:
     """Tests of the whitened `residual` at the minimum for white, normal noise, by channel.
 
     Parameters
@@ -146,6 +148,9 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: f
         Data rows first; rows of priors are not tested.
     degrees_of_freedom : float
         Of chi-square.
+    fixed_squares : float
+        Sum of squares of the held values that the residual is of, in tolerances: a part of chi-square, since each of them takes a
+        degree of freedom and brings one.
 
     Returns
     -------
@@ -162,7 +167,7 @@ def residual_tests(problem: Problem, residual: FloatArray, degrees_of_freedom: f
     Wolfowitz (1940), Ann. Math. Stat. 11; Jarque and Bera (1987), Int. Stat. Rev. 55; Holm (1979), Scand. J. Stat. 6.
     """
     data = residual[: problem.n_data]
-    chi_square = float(data @ data)
+    chi_square = float(data @ data) + fixed_squares
     freedom = degrees_of_freedom
     tests = []
     for number in np.unique(problem.rows.series):
@@ -265,3 +270,26 @@ def _told(probability: float) -> str:
 def _listed(names: Sequence[str], n_all: int) -> str:
     shown = join_words(names, _MOST_NAMED)
     return shown if n_all == len(names) == 1 else f"{shown} ({len(names)} of {n_all} channels)"
+
+
+def misses_noise(
+    problem: Problem, residual: FloatArray, scale: float, freedom: float, probability: float, more: float = 0.0
+) -> bool:
+    """True if noise alone would leave a chi-square above that of `residual` with less than this `probability`.
+
+    `more` is added to the sum of squares. What few averages leave more than known noise would is no misfit, but where it has an
+    order that noise has not. Without degrees of freedom
+    data are missed where they are as far off as the truth itself seldom is.
+    """
+    data, (_, share) = residual[: problem.n_data], row_law(problem.rows.averages)
+    chi_square, of_known = float(data @ data) + more, freedom / share
+    if freedom <= 0:
+        return is_misfit(chi_square / scale, max(len(data), 1), probability)
+    if is_misfit(chi_square / scale, freedom, probability):
+        return True
+    return share < 1 and is_misfit(chi_square, of_known, probability) and has_order(problem, residual, of_known)
+
+
+def is_misfit(chi_square: float, freedom: float, probability: float) -> bool:
+    """True where a larger chi-square has less than this probability."""
+    return bool(special.gammaincc(freedom / 2, chi_square / 2) < probability)

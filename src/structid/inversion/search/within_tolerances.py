@@ -14,6 +14,7 @@ from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
+from structid.inversion.search.minimum import Progress
 
 #: Held values are near: a few steps settle them.
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
@@ -52,9 +53,9 @@ class FixedValues:
         """A copy on the part of the data that a search uses."""
         return FixedValues(self.sample or self.problem, self.tolerances)
 
-    def refit(self, names: tuple[str, ...], theta: FloatArray) -> FitWithinTolerances:
+    def refit(self, names: tuple[str, ...], theta: FloatArray, progress: Progress | None = None) -> FitWithinTolerances:
         """Refit of all unknowns with held values free within tolerances, from the free variables `theta`."""
-        minimum = minimize(self.problem, _REFIT, self._whole(names, theta))
+        minimum = minimize(self.problem, _REFIT, self._whole(names, theta), progress)
         asked = minimum.theta[self._index(self.names)] / self.std
         linearization, parameters = cast(Linearization, minimum.linearization), minimum.theta[self._index(names)]
         return FitWithinTolerances(self.problem, minimum.theta, linearization, asked, parameters)

@@ -1,4 +1,4 @@
-"""Modes written to files and read back: JSON (complete), universal files (dataset 55) and CSV."""
+"""Modes written to files and read back: JSON (complete), universal files (dataset 55), Nastran punch files and CSV."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from structid.modal.formats.calculix import FRD_SUFFIXES, read_modes_calculix
 from structid.modal.formats.csv import modes_csv, read_modes_csv
 from structid.modal.formats.nastran import F06_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES, read_modes_nastran
 from structid.modal.formats.printed import ModeFileOptions
+from structid.modal.formats.punch import modes_punch
 from structid.modal.formats.uff import modes_uff, read_modes_uff
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles.poles import modal_phase_collinearity
 from structid.records.formats import Geometry
 
 JSON_SUFFIXES, CSV_SUFFIXES, UFF_SUFFIXES = (".json",), (".csv",), (".uff", ".unv", ".uf")
-_WRITTEN = (*JSON_SUFFIXES, *UFF_SUFFIXES, *CSV_SUFFIXES)
+WRITTEN_SUFFIXES = (*JSON_SUFFIXES, *UFF_SUFFIXES, *CSV_SUFFIXES, *PUNCH_SUFFIXES)
 _NASTRAN = (*F06_SUFFIXES, *PUNCH_SUFFIXES, *OP2_SUFFIXES)
-_READ = (*_WRITTEN, *_NASTRAN, *FRD_SUFFIXES)
+_READ = (*dict.fromkeys((*WRITTEN_SUFFIXES, *_NASTRAN, *FRD_SUFFIXES)),)
 #: What to do about files that are often at hand.
 _ELSEWHERE = {
     ".xdb": "is a database of Nastran; let it print the vectors (.f06) or punch them (.pch)",
@@ -97,9 +98,11 @@ def write_modes(path: str | Path, modes: ModalRecord, geometry: Geometry | None 
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    _require_suffix(path, suffix, _WRITTEN)
+    _require_suffix(path, suffix, WRITTEN_SUFFIXES)
     if suffix in JSON_SUFFIXES:
         content = json_text(modal_fields(modes)).encode("utf-8")
+    elif suffix in PUNCH_SUFFIXES:
+        content = modes_punch(path, modes).encode("ascii")
     else:
         content = modes_csv(modes).encode("utf-8") if suffix in CSV_SUFFIXES else modes_uff(path, modes, geometry)
     with atomic_write(path) as temporary:

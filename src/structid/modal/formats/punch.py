@@ -24,6 +24,7 @@ from structid.modal.formats.printed import (
     parse_numbers,
     undamped,
 )
+from structid.modal.modal_record import ModalRecord
 
 _REAL = r"[-+]?\d*\.\d*(?:[EDed]?[-+]\d+)?"
 _EIGENVALUE = re.compile(rf"^\$EIGENVALUE\s*=\s*({_REAL})\s+MODE\s*=\s*(\d+)")
@@ -35,6 +36,9 @@ _HEADINGS = ("TITLE", "SUBTITLE", "LABEL", "RANDOM", "ENTIRE", "COORDINATE")
 #: Columns of a punched line: a label, or ``-CONT-``, the kind of point, three numbers, and the number of the line.
 _LABEL, _KIND, _FIRST, _WIDTH, _END = slice(0, 10), slice(10, 18), 18, 18, 72
 _CONTINUED = "-CONT-"
+_LARGEST_LABEL = 99_999_999
+#: Width of a punched line, its number included.
+_LINE = 80
 #: Numbers of a point by the form that they are punched in.
 _FORMS = {"REAL": 6, "REAL-IMAGINARY": 12, "MAGNITUDE-PHASE": 12}
 
@@ -45,6 +49,38 @@ class _Vector:
     line: int
     rows: dict[int, list[str]] = field(default_factory=dict)
     scalars: set[int] = field(default_factory=set)
+
+
+def modes_punch(path: Path, modes: ModalRecord) -> str:
+    """Text of a Nastran punch file of real `modes`: a vector each, six components a grid point, seven digits.
+
+    Damping ratios are left out, since a real eigenvector of Nastran has none.
+
+    Raises
+    ------
+    FileError
+        If a shape is complex or has an unknown entry, or a node has more digits than a label of Nastran.
+    """
+    if np.iscomplexobj(modes.mode_shapes) or not modes.known.all():
+        raise FileError(f"{path}: a punch file holds real and complete mode shapes; write these as .json or .csv")
+    if wide := [dof.node for dof in modes.channels if dof.node > _LARGEST_LABEL]:
+        raise FileError(
+            f"{path}: node {wide[0]} has more than the eight digits of a grid point; renumber it, or write .json"
+        )
+    nodes = sorted({dof.node for dof in modes.channels})
+    row_of = {node: row for row, node in enumerate(nodes)}
+    lines: list[str] = []
+    for k in range(modes.n_modes):
+        motion = np.zeros((len(nodes), 6))
+        for dof, value in zip(modes.channels, modes.mode_shapes[:, k].tolist(), strict=True):
+            motion[row_of[dof.node], dof.axis] = dof.sign * value
+        eigenvalue = f"$EIGENVALUE = {modes.omega[k] ** 2:14.7E}  MODE = {k + 1:5d}"
+        lines += ["$TITLE   =", "$SUBTITLE=", "$LABEL   =", "$EIGENVECTOR", "$REAL OUTPUT", "$SUBCASE ID =           1"]
+        lines.append(eigenvalue)
+        for node, values in zip(nodes, motion.tolist(), strict=True):
+            first, second = ("".join(f"{value:18.6E}" for value in part) for part in (values[:3], values[3:]))
+            lines += [f"{node:10d}       G{first}", f"{_CONTINUED:<18s}{second}"]
+    return "".join(f"{line:<{_END}s}{number:{_LINE - _END}d}\n" for number, line in enumerate(lines, 1))
 
 
 def punch_modes(path: Path, text: str, options: ModeFileOptions) -> PrintedModes:

@@ -179,15 +179,20 @@ def state_poles(
         Singular values of the block Hankel matrix, where the states are those of its left singular vectors: they give the
         energy of each pole, |v| |w S| over |S| for the right and left eigenvectors v and w with w v = 1.
     """
-    values, vectors = np.linalg.eig(transition)
+    from scipy.linalg import lapack
+
+    real, imaginary, _, basis, status = lapack.dgeev(transition, compute_vl=0)
+    if status != 0:
+        raise np.linalg.LinAlgError(f"the eigenvalues of a model of {len(transition)} states did not converge")
+    values = real + 1j * imaginary
     kept = oscillating(values, sampling_rate)
     energy = None
-    if sizes is not None:
-        duals = np.linalg.inv(vectors)[kept]
-        energy = (
-            np.linalg.norm(vectors[:, kept], axis=0) * np.linalg.norm(duals * sizes, axis=1) / np.linalg.norm(sizes)
-        )
-    return Poles(np.log(values[kept]) * sampling_rate, output @ vectors[:, kept], len(transition), energy)
+    if sizes is not None:  # a pair stands in two columns of norm 1 together, real and imaginary part
+        duals = np.linalg.inv(basis) * (0.5 / np.sqrt(sizes @ sizes) * sizes)
+        square = np.einsum("ij,ij->i", duals, duals)
+        energy = np.sqrt(square[kept] + square[kept + 1])
+    vectors = basis[:, kept] + 1j * basis[:, kept + 1]
+    return Poles(np.log(values[kept]) * sampling_rate, output @ vectors, len(transition), energy)
 
 
 def oscillating(values: ComplexArray, sampling_rate: float) -> IntArray:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from scipy import special
@@ -86,10 +87,18 @@ def pole_distance(
     first: ComplexArray, first_shapes: ComplexArray, second: ComplexArray, second_shapes: ComplexArray
 ) -> FloatArray:
     """Distance of poles, |s_i - s_j| / max(|s_i|, |s_j|) + 1 - MAC_ij, (n_first, n_second)."""
-    size = np.maximum(np.abs(first)[:, None], np.abs(second)[None, :])
     x, y = (z / np.linalg.norm(z, axis=0) for z in (first_shapes, second_shapes))
-    likeness = np.minimum(np.abs(x.conj().T @ y) ** 2, 1.0)
-    return np.asarray(np.abs(first[:, None] - second[None, :]) / size + 1.0 - likeness)
+    return _unit_distance(first, x, second, y)
+
+
+def _unit_distance(
+    first: ComplexArray, first_shapes: ComplexArray, second: ComplexArray, second_shapes: ComplexArray
+) -> FloatArray:
+    """`pole_distance` of poles with shapes of norm 1."""
+    size = np.maximum(np.abs(first)[:, None], np.abs(second)[None, :])
+    apart, product = first[:, None] - second, first_shapes.conj().T @ second_shapes
+    likeness = np.minimum(product.real**2 + product.imag**2, 1.0)
+    return np.asarray(np.sqrt(apart.real**2 + apart.imag**2) / size + 1.0 - likeness)
 
 
 def clusters(
@@ -113,31 +122,39 @@ def clusters(
     s = np.concatenate([p.poles[k] for p, k in zip(sweep, kept, strict=True)])
     columns = [p.shapes[:, k] for p, k in zip(sweep, kept, strict=True)]
     shapes = np.asarray(np.concatenate(columns, axis=1) / scale[:, None], dtype=np.complex128)
+    shapes = shapes / np.linalg.norm(shapes, axis=0)
     number = np.repeat(np.arange(len(sweep)), [len(k) for k in kept])
     index = np.concatenate(kept) if kept else np.zeros(0, dtype=int)
     energy = np.concatenate([np.asarray(p.energy)[k] for p, k in zip(sweep, kept, strict=True)])
-    nearest = _nearest_before(s, shapes, number)
-    near = np.log10(np.maximum(nearest, _STILL))
+    near = np.log10(np.maximum(_nearest_before(s, shapes, number, len(sweep)), _STILL))
     boundary = _two_means_boundary(near[np.isfinite(near)])
-    chosen = np.flatnonzero(near <= boundary)
-    if not len(chosen):
+    stable = np.flatnonzero(near <= boundary)
+    if not len(stable):
         return ()
-    labels = _linked(s[chosen], shapes[:, chosen], number[chosen], 10.0**boundary)
-    pool = _Pool(s, shapes, number, index, energy, len(sweep))
-    found = [_cluster(chosen[labels == label], pool) for label in np.unique(labels)]
-    sizes = np.array([c.size for c in found], dtype=float)
+    s, shapes, number, index, energy = s[stable], shapes[:, stable], number[stable], index[stable], energy[stable]
+    pool = _Pool(s, number, index, energy, modal_phase_collinearity(shapes), len(sweep))
+    distance = _unit_distance(s, shapes, s, shapes)
+    labels = _linked(distance, number, 10.0**boundary)
+    members = np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels)[1:])[:-1])
+    every = sorted((_cluster(own, pool, distance) for own in members), key=lambda c: c.frequency[c.chosen])
+    return tuple(every) if keep_all else likely_modes(every)
+
+
+def likely_modes(every: Sequence[Cluster]) -> tuple[Cluster, ...]:
+    """Clusters that are large, by two means of the sizes of `every` one, or likely to be a mode."""
+    sizes = np.array([c.size for c in every], dtype=float)
     large = sizes > _two_means_boundary(np.append(sizes, 0.0))
-    modes = [c for c, keep in zip(found, large, strict=True) if keep or keep_all or c.probability >= _LIKELY]
-    return tuple(sorted(modes, key=lambda c: c.frequency[c.chosen]))
+    return tuple(c for c, keep in zip(every, large, strict=True) if keep or c.probability >= _LIKELY)
 
 
-def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray) -> FloatArray:
+def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray, n_orders: int) -> FloatArray:
     """Distance of every pole to the nearest pole of the next lower order; infinite if there is none."""
     nearest = np.full(len(s), np.inf)
-    for k in np.unique(number):
-        here, before = np.flatnonzero(number == k), np.flatnonzero(number == k - 1)
-        if len(before):
-            nearest[here] = pole_distance(s[here], shapes[:, here], s[before], shapes[:, before]).min(axis=1)
+    edges = np.searchsorted(number, np.arange(n_orders + 1)).tolist()
+    for first, here, after in zip(edges[:-2], edges[1:-1], edges[2:], strict=True):
+        if first < here < after:
+            distance = _unit_distance(s[here:after], shapes[:, here:after], s[first:here], shapes[:, first:here])
+            nearest[here:after] = distance.min(axis=1)
     return nearest
 
 
@@ -153,37 +170,36 @@ def _two_means_boundary(values: FloatArray) -> float:
     return float(0.5 * (below[cut] + above[cut]))
 
 
-def _linked(s: ComplexArray, shapes: ComplexArray, number: IntArray, width: float) -> IntArray:
-    """Cluster labels of poles by average linkage up to distance `width`, at most one pole of each order in one."""
-    if len(s) < 2:
-        return np.ones(len(s), dtype=int)
+def _linked(distance: FloatArray, number: IntArray, width: float) -> IntArray:
+    """Cluster labels 1, 2, ... of poles by average linkage up to `width`, at most one pole of each order in one."""
+    if len(distance) < 2:
+        return np.ones(len(distance), dtype=int)
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
 
-    distance = pole_distance(s, shapes, s, shapes)
-    distance[number[:, None] == number[None, :]] = _APART
-    np.fill_diagonal(distance, 0.0)
-    tree = linkage(squareform(0.5 * (distance + distance.T), checks=False), method="average")
+    apart = np.where(number[:, None] == number[None, :], _APART, 0.5 * (distance + distance.T))
+    np.fill_diagonal(apart, 0.0)
+    tree = linkage(squareform(apart, checks=False), method="average")
     return np.asarray(fcluster(tree, max(width, _STILL), criterion="distance"))
 
 
 @dataclass(frozen=True, eq=False)
 class _Pool:
-    """All poles that meet the criteria, one after another, and of which order each is."""
+    """Stable poles of all orders, one after another, of which order each is, and its phase collinearity."""
 
     poles: ComplexArray
-    shapes: ComplexArray
     number: IntArray
     index: IntArray
     energy: FloatArray
+    collinearity: FloatArray
     n_orders: int
 
 
-def _cluster(members: IntArray, pool: _Pool) -> Cluster:
+def _cluster(members: IntArray, pool: _Pool, distance: FloatArray) -> Cluster:
     """Cluster of the poles `members` of a pool, with its central pole, stability and spread."""
-    s, shapes, number = pool.poles[members], pool.shapes[:, members], pool.number[members]
-    inside = pole_distance(s, shapes, s, shapes)
-    omega, chosen = np.abs(s), int(inside.sum(axis=1).argmin())
+    s, number = pool.poles[members], pool.number[members]
+    total = distance[np.ix_(members, members)].sum(axis=1)
+    omega, chosen = np.abs(s), int(total.argmin())
     return Cluster(
         number,
         pool.index[members],
@@ -191,9 +207,9 @@ def _cluster(members: IntArray, pool: _Pool) -> Cluster:
         np.asarray(-s.real / omega),
         chosen,
         stability=len(members) / (pool.n_orders - int(number.min())),
-        distance=float(inside[chosen].sum() / max(len(members) - 1, 1)),
-        energy=float(np.median(pool.energy[members])),
-        collinearity=float(np.median(modal_phase_collinearity(shapes))),
+        distance=float(total[chosen] / max(len(members) - 1, 1)),
+        energy=median(pool.energy[members].tolist()),
+        collinearity=median(pool.collinearity[members].tolist()),
     )
 
 

@@ -23,7 +23,7 @@ from structid.core.errors import InputError
 from structid.modal.correlations import Outputs, Piece
 from structid.modal.poles.poles import Poles, state_poles
 
-_LARGE = 400  # rows or columns from which on Lanczos bidiagonalization is tried
+_LARGE, _FEW = 200, 4  # rows or columns, and times the vectors wanted, from which on Lanczos bidiagonalization pays
 Parts = Callable[[Outputs, Sequence[Piece]], Iterator[FloatArray]]
 
 
@@ -88,7 +88,7 @@ def shift_invariant(
 
 def _singular_vectors(matrix: FloatArray, rank: int, complete: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Singular value decomposition U, s, V' of `matrix`: complete, or the leading `rank` if much cheaper."""
-    if complete or min(matrix.shape) < max(_LARGE, 5 * rank):
+    if complete or min(matrix.shape) < max(_LARGE, _FEW * rank):
         return tuple(linalg.svd(matrix, full_matrices=False))
     from scipy.sparse.linalg import svds
 

@@ -29,7 +29,7 @@ _PEAK = 4.0  # peak over median of the residual's spectrum from which motion cou
 _STILL = 1e-9  # of a channel's root mean square: nothing but rounding
 _BATCH = 2.0  # memories of the slowest mode in a batch
 _HARDLY = 0.2  # of the power of a few sums of channels: less than it, and a decay does not explain half of all
-_SUMS, _CHUNK = 4, 1024  # sums of channels, and samples of a chunk of theirs
+_SUMS, _CHUNK = 4, 256  # sums of channels, and samples of a chunk of theirs
 _OVERFLOW = 300.0  # exponent of a growing pole
 
 
@@ -114,7 +114,9 @@ def _decay_share(data: Outputs, poles: ComplexArray) -> float:
         chunks = np.concatenate([sums, np.zeros((-n % length, _SUMS))]).reshape(-1, length, _SUMS)
         within = np.exp(poles.conj() * (np.arange(length) * step)[:, None])
         ahead = np.exp(poles.conj() * (np.arange(len(chunks))[:, None] * length * step - start[: len(poles)]))
-        along = np.einsum("kp,kps->ps", ahead, within.T @ chunks)
+        stacked = chunks.transpose(1, 0, 2).reshape(length, -1)
+        inside = within.real.T @ stacked + 1j * (within.imag.T @ stacked)
+        along = np.einsum("kp,pks->ps", ahead, inside.reshape(len(poles), len(chunks), _SUMS))
         along = np.concatenate([along, along.conj()])
         size = np.sqrt(np.diag(gram).real)
         fit = np.linalg.lstsq(gram / size[:, None] / size, along / size[:, None], rcond=1e-10)[0]

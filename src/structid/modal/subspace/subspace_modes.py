@@ -14,7 +14,7 @@ from structid.modal.correlations import Outputs, displacement_rows, outputs
 from structid.modal.method import LeftOut, ModalIdentification, ModalOptions, by_rising_frequency
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles.poles import Poles, frequency_damping_slope, modal_phase_collinearity
-from structid.modal.poles.stabilization import Cluster, clusters
+from structid.modal.poles.stabilization import Cluster, clusters, likely_modes
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, close_mode_notes, repeated_modes
 from structid.modal.subspace.decay_fit import (
     decay_fit,
@@ -328,7 +328,7 @@ def picked_poles(sweep: Sequence[Poles], scale: FloatArray, options: ModalOption
             )
         return PickedPoles(places)
     every = clusters(sweep, scale, criteria, keep_all=True)
-    chosen = every if frequencies is not None else clusters(sweep, scale, criteria)
+    chosen = every if frequencies is not None else likely_modes(every)
     notes: list[str] = []
     if frequencies is not None and chosen:
         nearest = [min(chosen, key=lambda c: abs(c.frequency[c.chosen] - f)) for f in frequencies]

@@ -13,7 +13,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray, locked
 from structid.core.dof import Dof
-from structid.dynamics.free_decay import FreeDecay, free_decay
+from structid.dynamics.transient import FreeDecay, free_decay
 from structid.modal import StationaryValues, stationary_values
 from structid.modal.rayleigh.pseudo_rayleigh import Form, Pair, Rule
 from structid.records import TimeRecord

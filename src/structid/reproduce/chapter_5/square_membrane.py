@@ -16,8 +16,8 @@ from scipy import linalg
 from structid.core.arrays import FloatArray, locked
 from structid.core.dof import Dof
 from structid.dynamics import Modes
-from structid.dynamics.free_decay import free_decay
 from structid.dynamics.normal_modes import modes
+from structid.dynamics.transient import free_decay
 from structid.fem import Membrane, Structure
 from structid.modal import StationaryValues, stationary_values
 from structid.modal.rayleigh.pseudo_rayleigh import Form, Rule

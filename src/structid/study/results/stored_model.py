@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -113,6 +114,41 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
         changes,
         words,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSpread:
+    """The parameters of a study before identification, and how uncertain they are after it.
+
+    Attributes
+    ----------
+    initial : (n_parameters,) float array
+    covariance : (n_parameters, n_parameters) float array
+        By data and by the tolerances of fixed values, as the stated deviations.
+    """
+
+    initial: FloatArray
+    covariance: FloatArray
+
+
+def stored_spread(folder: Path, study: Study) -> ParameterSpread:
+    """Initial values and covariance of the parameters of a results folder, in the order of the study's parameters.
+
+    Raises
+    ------
+    FileError
+        If the folder's estimate.h5 is of another version.
+    """
+    path = folder / "estimate.h5"
+    stored = _read_group(path, "parameters", (*_ARRAYS, "initial", "fixed_changes"))
+    if "initial" not in stored:
+        raise FileError(f"{path}: holds no initial values; {_AGAIN}")
+    names = list(texts_of(stored["names"]))
+    index = [names.index(name) for name in study.parameters.names]
+    covariance = np.asarray(stored[f"covariance_{texts_of(stored['covariance_basis'])[0]}"], dtype=float)
+    changes = np.asarray(stored.get("fixed_changes", np.zeros((len(names), 0))), dtype=float)
+    spread = covariance + changes @ changes.T
+    return ParameterSpread(np.asarray(stored["initial"], dtype=float)[index], spread[np.ix_(index, index)])
 
 
 def stored_model_error(folder: Path, study: Study, model: IdentifiedModel) -> ModelError | None:

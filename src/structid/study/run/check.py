@@ -15,9 +15,8 @@ from structid.fem.places import AimedSensor, MeshPoint
 from structid.forward import ModalProblem, RecordProblem
 from structid.identification.fits.model_modes import response_rounding, rounding_warnings, structure_modes
 from structid.identification.fits.ratios import common_scale, scale_words
-from structid.identification.fixed_values import fixed_values, freed_problems
 from structid.identification.identify import mass_deviation
-from structid.identification.joint_problem import first_values, indices_of, joint_problem
+from structid.identification.joint_problem import first_values, fixed_values, freed_problems, indices_of, joint_problem
 from structid.identification.regularizing import coupled, unit_penalties
 from structid.identification.setups.setup import AnySetup, prefixes
 from structid.identification.warning_words import unused_damping

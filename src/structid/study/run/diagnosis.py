@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from structid.diagnose.explain import diagnose
 from structid.diagnose.refits import Fitted
+from structid.diagnose.search_budget import UNLIMITED, SearchBudget
 from structid.diagnose.tested_model import TestedModel
-from structid.diagnose.time_budget import TimeBudget
 from structid.diagnose.verdict import Diagnosis, Judgement, is_sound
 from structid.identification.fits.model_modes import structure_modes
 from structid.inversion.search.work import ALONE, Work
@@ -28,7 +28,7 @@ def diagnose_study(
     result: StudyResult,
     explain: bool | None = None,
     work: Work = ALONE,
-    budget: Callable[[], TimeBudget] = TimeBudget,
+    budget: SearchBudget = UNLIMITED,
     before_search: Callable[[StudyResult], None] | None = None,
 ) -> tuple[StudyResult, tuple[Fitted, ...]]:
     """The result with its diagnosis, and the fits behind its causes.
@@ -42,8 +42,8 @@ def diagnose_study(
         Whether causes are looked for; by default where the answer is not sound.
     work : Work
         Where candidates are looked at and refitted.
-    budget : callable
-        The processor time that the search for causes may take, asked for when it begins; without a limit by default.
+    budget : SearchBudget
+        What the search for causes may take from its beginning on; all is tried by default.
     before_search : callable, optional
         Takes the result as it is before causes are looked for, which may take long.
     """

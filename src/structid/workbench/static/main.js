@@ -3,13 +3,13 @@ import {events, get, post} from "./api.js";
 import {fill, h, options} from "./dom.js";
 
 const STEPS = [
-  ["start", "Start"], ["structure", "Structure"], ["records", "Records"], ["modes", "Modes"], ["unknowns", "Unknowns"],
+  ["start", "Start"], ["build", "Build"], ["structure", "Structure"], ["records", "Records"], ["modes", "Modes"], ["unknowns", "Unknowns"],
   ["run", "Run"], ["results", "Results"], ["text", "Study file"],
 ];
 const WITHOUT_STUDY = ["start", "records", "modes", "results", "run"];
 const main = document.getElementById("main"), select = document.getElementById("study");
 
-export const app = {folder: null, study: "", now: null, step: "start", record: 0, runs: [], heard: new Set(), shown: 0, drafts: new Map()};
+export const app = {folder: null, study: "", now: null, step: "start", record: 0, runs: [], heard: new Set(), shown: 0, drafts: new Map(), digests: []};
 
 app.say = (words, bad = false) => {
   const place = document.getElementById("told");
@@ -49,10 +49,19 @@ app.read = async () => {
   return app.now;
 };
 
+// The answer to what this page writes itself, which is then not heard as the change of another.
+app.own = async (writing) => {
+  app.reading = writing;
+  const now = await writing;
+  app.digests.push(now.digest);
+  if (app.digests.length > 50) { app.digests.shift(); }
+  return now;
+};
+
 // Change keys of the open study; comments and order of all else stay. `edits` as in structid.workbench.edits.
 app.edit = async (edits, words) => {
   try {
-    app.now = await post("edit", {study: app.study, digest: app.now.digest, edits});
+    app.now = await app.own(post("edit", {study: app.study, digest: app.now.digest, edits}));
     if (words) { app.say(words); }
     return true;
   } catch (error) {
@@ -94,7 +103,7 @@ async function show() {
     await view.show(box, app);
   } catch (error) {
     if (turn !== app.shown) { return; }
-    fill(main, h("div", {class: "card bad"}, h("p", {}, error.message), h("div", {class: "row"}, h("button", {type: "button", onclick: show}, "Try again"), study ? h("a", {class: "button", href: `#text/${encodeURIComponent(study)}`}, "Open the study file") : null)));
+    fill(main, h("div", {class: "card bad"}, h("p", {}, error.message), h("div", {class: "row"}, h("button", {type: "button", onclick: show}, "Try again"), study && step === "structure" ? h("a", {class: "button", href: `#build/${encodeURIComponent(study)}`}, "Go on building") : null, study ? h("a", {class: "button", href: `#text/${encodeURIComponent(study)}`}, "Open the study file") : null)));
   }
 }
 
@@ -118,7 +127,7 @@ events((now) => {
   }
   if (study && stamps[study] && (!before || before[study] !== stamps[study])) {
     Promise.all([get("study", {study}), app.reading]).then(([found]) => {
-      if (app.now && app.study === study && found.digest !== app.now.digest) {
+      if (app.now && app.study === study && found.digest !== app.now.digest && !app.digests.includes(found.digest)) {
         for (const heard of app.heard) { heard({changed: found}); }
         if (app.step !== "text") { app.say("The study was changed outside this page; it is shown as it is now."); show(); }
       }

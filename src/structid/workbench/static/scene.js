@@ -21,6 +21,7 @@ void main() { vec3 p = turn * (at - centre); gl_Position = vec4(p.xy * scale + s
 const DISC = `#version 300 es
 precision highp float; uniform vec4 colour; out vec4 made; void main() { float r = length(gl_PointCoord - 0.5); if (r > 0.5) { discard; } made = vec4(colour.rgb * (r > 0.4 ? 0.6 : 1.0), 1.0); }`;
 
+const numbers = (given, kind) => (typeof given === "string" ? unpacked(given, kind) : given);
 const rgb = (text) => { const n = parseInt(text.slice(1), 16); return [(n >> 16) / 255, ((n >> 8) & 255) / 255, (n & 255) / 255]; };
 
 export class Scene {
@@ -30,7 +31,7 @@ export class Scene {
     this.over = stage.querySelector("canvas.over");
     this.picked = picked;
     this.azimuth = -55; this.elevation = 22; this.zoom = 1; this.moved = [0, 0];
-    this.sensors = []; this.findings = []; this.chosen = -1; this.hovered = -1; this.hidden = new Set(); this.wanted = 0;
+    this.sensors = []; this.findings = []; this.chosen = -1; this.hovered = -1; this.hidden = new Set(); this.wanted = 0; this.gl = null; this.made = [];
     this.canvas.scene = this;
     this.listen();
     new ResizeObserver(() => this.ask()).observe(stage);
@@ -48,33 +49,40 @@ export class Scene {
     };
     this.faces = program(FACES, SHADE); this.beams = program(BEAMS, PLAIN); this.discs = program(POINTS, DISC);
     this.quad = this.buffer(new Float32Array([0, -1, 1, -1, 0, 1, 1, 1]));
+    this.made = []; // the quad stays
   }
 
-  buffer(data, target = this.gl.ARRAY_BUFFER) { const b = this.gl.createBuffer(); this.gl.bindBuffer(target, b); this.gl.bufferData(target, data, this.gl.STATIC_DRAW); return b; }
+  buffer(data, target = this.gl.ARRAY_BUFFER) { const b = this.gl.createBuffer(); this.gl.bindBuffer(target, b); this.gl.bufferData(target, data, this.gl.STATIC_DRAW); this.made.push(b); return b; }
 
-  // What the server tells of a structure; buffers of it are made once.
-  set(told) {
+  // A structure as the server tells it, or with plain arrays; another one may follow it.
+  // With `keeps` it is seen from where the last one was.
+  set(told, keeps = false) {
     const large = told.sets.some((one) => one.triangles && one.count > 20000); // smooth edges would cost most of its time
-    const gl = this.gl = this.canvas.getContext("webgl2", {antialias: !large});
-    if (gl) { this.prepare(); }
+    const gl = this.canvas.getContext("webgl2", {antialias: !large});
+    if (gl && !this.gl) { this.gl = gl; this.prepare(); }
+    for (const buffer of this.made.splice(0)) { gl.deleteBuffer(buffer); }
+    this.dots = null;
     this.told = told;
-    this.labels = unpacked(told.labels, "i32");
-    this.places = unpacked(told.places, "f32");
-    this.moves = unpacked(told.moves, "u8");
+    this.labels = numbers(told.labels, "i32");
+    this.places = numbers(told.places, "f32");
+    this.moves = numbers(told.moves, "u8");
     const n = this.labels.length, low = [1e300, 1e300, 1e300], high = [-1e300, -1e300, -1e300];
+    if (!n) { low.fill(0); high.fill(0); }
     for (let k = 0; k < 3 * n; k += 1) { low[k % 3] = Math.min(low[k % 3], this.places[k]); high[k % 3] = Math.max(high[k % 3], this.places[k]); }
     this.centre = low.map((x, k) => (x + high[k]) / 2);
     this.size = Math.hypot(...high.map((x, k) => x - low[k])) || 1;
     const flat = high.map((x, k) => x - low[k] < 1e-6 * this.size), bends = flat[2] && this.moves.some((ways) => ways & 4);
-    if (flat[2] && !bends) { this.azimuth = -90; this.elevation = 90; } else if (flat[1] && flat[0]) { this.azimuth = -90; this.elevation = 8; } else if (bends) { this.elevation = 38; }
-    this.first = [this.azimuth, this.elevation];
+    if (!keeps) {
+      if (flat[2] && !bends) { this.azimuth = -90; this.elevation = 90; } else if (flat[1] && flat[0]) { this.azimuth = -90; this.elevation = 8; } else if (bends) { this.elevation = 38; }
+      this.first = [this.azimuth, this.elevation];
+    }
     this.row = new Map();
     this.labels.forEach((label, k) => this.row.set(label, k));
     const used = new Uint8Array(n);
     this.sets = told.sets.map((one, k) => {
       const made = {...one, colour: SET_COLOURS[k % SET_COLOURS.length]};
-      for (const key of ["triangles", "edges", "owners", "lines", "marks"]) { if (one[key]) { made[key] = unpacked(one[key], "u32"); } }
-      if (one.weights) { made.weights = unpacked(one.weights, "f32"); }
+      for (const key of ["triangles", "edges", "owners", "lines", "marks"]) { if (one[key]) { made[key] = numbers(one[key], "u32"); } }
+      if (one.weights) { made.weights = numbers(one.weights, "f32"); }
       for (const key of ["triangles", "lines", "marks"]) { if (made[key]) { for (const row of made[key]) { used[row] = 1; } } }
       for (const link of one.connectors || []) { used[link.from] = 1; if (link.to !== null) { used[link.to] = 1; } }
       return made;

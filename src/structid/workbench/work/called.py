@@ -89,6 +89,12 @@ def _init(opened: OpenFolder, template: str, path: str, numbers: dict[str, Any])
     return {"path": path}
 
 
+def _kinds(_: OpenFolder) -> Entry:
+    from structid.workbench.work.kinds import element_kinds
+
+    return element_kinds()
+
+
 def _mesh(opened: OpenFolder, path: str, length_unit: str) -> Entry:
     from structid.workbench.work.scene import mesh_facts
 
@@ -277,6 +283,7 @@ _FUNCTIONS: dict[str, Callable[..., Entry]] = {
     "scene": _scene,
     "channels": _channels,
     "init": _init,
+    "kinds": _kinds,
     "mesh": _mesh,
     "facts": _facts,
     "histories": _histories,

@@ -49,6 +49,22 @@ def drilling_stiffness(corners: FloatArray, law: FloatArray, poisson: float, sha
     return total
 
 
+def mean_strains(corners: FloatArray) -> FloatArray:
+    """Mean strains (xx, yy, engineering xy) of cells from (u, v, rotation) at each corner, (n_cells, 3, 3 n_corners).
+
+    Those of the lumped tractions L: L'/area. `corners` are as in `drilling_stiffness`.
+    """
+    n = corners.shape[1]
+    divisions, share = (((0, 1, 2),), 1.0) if n == 3 else (_DIVISIONS, 0.5)
+    total = np.zeros((len(corners), 3, 3 * n))
+    area = np.zeros(len(corners))
+    for division in divisions:
+        rows = np.ravel([[3 * k, 3 * k + 1, 3 * k + 2] for k in division])
+        total[:, :, rows] += share * np.swapaxes(_lumped_tractions(corners[:, division]), 1, 2)
+        area += share * _area(corners[:, division])
+    return total / area[:, None, None]
+
+
 def _triangle_stiffness(corners: FloatArray, law: FloatArray, higher: float) -> FloatArray:
     """Stiffness of triangles on (u, v, rotation) of each corner for unit thickness, (n_cells, 9, 9).
 

@@ -39,15 +39,27 @@ class Facets:
         """
         n_cells, n = self.height.shape
         if self.height.any():
-            links = np.tile(np.eye(6 * n), (n_cells, 1, 1))
-            for k in range(n):
-                links[:, 6 * k, 6 * k + 4] = -self.height[:, k]
-                links[:, 6 * k + 1, 6 * k + 3] = self.height[:, k]
+            links = self._links()
             local = np.swapaxes(links, 1, 2) @ local @ links
         triples = local.reshape(n_cells, 2 * n, 3, 2 * n, 3)
         turned = np.einsum("eac,eiajb->eicjb", self.axes, triples, optimize=True)
         turned = np.einsum("eicjb,ebd->eicjd", turned, self.axes, optimize=True)
         return turned.reshape(local.shape)
+
+    def to_facet(self, maps: FloatArray) -> FloatArray:
+        """Maps (..., 6 n) of the first facet's motion, in its axes, as maps of motion in global axes."""
+        n = self.height.shape[1]
+        linked = maps @ self._links()[0]
+        return (linked.reshape(*maps.shape[:-1], 2 * n, 3) @ self.axes[0]).reshape(maps.shape)
+
+    def _links(self) -> FloatArray:
+        """From motion at the nodes to motion of the corners in the plane below them, (n_cells, 6 n, 6 n)."""
+        n_cells, n = self.height.shape
+        links = np.tile(np.eye(6 * n), (n_cells, 1, 1))
+        for k in range(n):
+            links[:, 6 * k, 6 * k + 4] = -self.height[:, k]
+            links[:, 6 * k + 1, 6 * k + 3] = self.height[:, k]
+        return links
 
 
 def facets(name: str, nodes: IntArray, positions: FloatArray) -> Facets:

@@ -35,21 +35,41 @@ def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str
     """
     shape = CELLS[cell]
     gradients(name, nodes, corners, shape, shape.corners)  # so that a folded cell is told
-    middles = (corners + np.roll(corners, -1, axis=1)) / 2
     rotations = CELLS[_ROTATIONS[cell]]
     points, weights = (shape.points, shape.weights) if cell == "quad" else (rotations.points, rotations.weights)
-    slopes, determinant = gradients(name, nodes, np.concatenate([corners, middles], axis=1), rotations, points)
-    tangent = _rotation_map(corners)
-    n = rotations.n_nodes
+    curvatures, determinant = _curvatures(name, nodes, corners, cell, points)
     total = np.zeros((len(nodes), 3 * shape.n_nodes, 3 * shape.n_nodes))
-    for dx, weight in zip(slopes, weights[:, None] * determinant, strict=True):
-        rows = np.zeros((len(nodes), 3, n, 2))  # curvatures from (beta_x, beta_y)
+    for bending, weight in zip(curvatures, weights[:, None] * determinant, strict=True):
+        total += np.swapaxes(bending, 1, 2) @ (law / 12 @ bending * weight[:, None, None])
+    return 0.5 * (total + np.swapaxes(total, 1, 2))
+
+
+def centre_curvatures(name: str, nodes: IntArray, corners: FloatArray, cell: str) -> FloatArray:
+    """Strains per height (xx, yy, engineering xy) at the centre of thin plates, (n_cells, 3, 3 n_corners).
+
+    They are derivatives of the rotations (beta_x, beta_y) of the normal, from (w, theta_x, theta_y) at the corners; the other
+    arguments are those of `bending_stiffness`.
+    """
+    centre = CELLS[cell].corners.mean(axis=0)[None]
+    return _curvatures(name, nodes, corners, cell, centre)[0][0]
+
+
+def _curvatures(
+    name: str, nodes: IntArray, corners: FloatArray, cell: str, points: FloatArray
+) -> tuple[list[FloatArray], FloatArray]:
+    """Maps from corner coordinates to strains per height, (n_cells, 3, 3 n) a point, and determinants (n_points, n_cells)."""
+    middles = (corners + np.roll(corners, -1, axis=1)) / 2
+    rotations = CELLS[_ROTATIONS[cell]]
+    slopes, determinant = gradients(name, nodes, np.concatenate([corners, middles], axis=1), rotations, points)
+    tangent, n = _rotation_map(corners), rotations.n_nodes
+    maps: list[FloatArray] = []
+    for dx in slopes:
+        rows = np.zeros((len(nodes), 3, n, 2))  # from (beta_x, beta_y)
         rows[:, 0, :, 0] = dx[:, 0]
         rows[:, 1, :, 1] = dx[:, 1]
         rows[:, 2, :, 0], rows[:, 2, :, 1] = dx[:, 1], dx[:, 0]
-        bending = rows.reshape(len(nodes), 3, 2 * n) @ tangent
-        total += np.swapaxes(bending, 1, 2) @ (law / 12 @ bending * weight[:, None, None])
-    return 0.5 * (total + np.swapaxes(total, 1, 2))
+        maps.append(rows.reshape(len(nodes), 3, 2 * n) @ tangent)
+    return maps, determinant
 
 
 def _rotation_map(corners: FloatArray) -> FloatArray:

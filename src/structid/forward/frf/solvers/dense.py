@@ -1,4 +1,4 @@
-"""Fields, readings and derivatives of small models: dense matrices, many lines together."""
+"""Solvers of small and medium models: dense matrices, many lines together, and sparse ones where no poles are worth it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse import csc_array
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.dense_fields import DenseFields
@@ -15,6 +16,7 @@ from structid.dynamics.receptance import single_blas
 from structid.forward.frf.channels import Channels
 from structid.forward.frf.slopes import StiffnessSlopes
 from structid.forward.frf.solvers.solver import LineDerivatives
+from structid.forward.frf.solvers.sparse import SparseSolver
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,3 +85,36 @@ class DenseSolver:
     def _known(self) -> dict[tuple[bytes, bytes, int], tuple[DenseFields, sparse.csc_array]]:
         """The last fields, by values, Laplace variables and loads, which are kept so that their identity stands."""
         return {}
+
+
+#: Largest eigenvalue problem that is tried, in degrees of freedom.
+MEDIUM_UP_TO = 256
+
+
+@dataclass(frozen=True, eq=False)
+class DenseOrSparseSolver:
+    """Solver of a model of medium size: dense where its poles are worth finding, sparse otherwise."""
+
+    dense: DenseSolver
+    sparse: SparseSolver
+
+    @property
+    def is_large(self) -> bool:
+        return False
+
+    def fields(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: csc_array | None = None
+    ) -> Iterator[tuple[slice, NumberArray]]:
+        return self._serving(physical, coefficients, loads).fields(physical, coefficients, loads)
+
+    def readings(self, physical: FloatArray, coefficients: ComplexArray, columns: IntArray) -> ComplexArray:
+        return self._serving(physical, coefficients).readings(physical, coefficients, columns)
+
+    def derivatives(self, physical: FloatArray, coefficients: ComplexArray) -> Iterator[LineDerivatives]:
+        return self._serving(physical, coefficients).derivatives(physical, coefficients)
+
+    def _serving(
+        self, physical: FloatArray, coefficients: ComplexArray, loads: csc_array | None = None
+    ) -> DenseSolver | SparseSolver:
+        has_poles = self.dense.at(physical, coefficients, loads).modal is not None
+        return self.dense if has_poles else self.sparse

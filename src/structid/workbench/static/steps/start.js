@@ -53,13 +53,19 @@ function another(app) {
     }))) : null);
 }
 
+// What a study begins with that is built node by node, by the directions in which it moves.
+const BUILT = {name: "build", words: "Nodes, beams, bars and masses of your own, in tables beside a picture", asks: [{name: "moves", words: "it lies and moves", unit: "", default: "in a plane (X, Y)", choices: ["in a plane (X, Y)", "in space (X, Y, Z)", "on a line (X), bending in Y"]}]};
+const ACTIVE = [["X", "Y", "RZ"], ["X", "Y", "Z", "RX", "RY", "RZ"], ["Y", "RZ"]];
+const titleOf = (path) => { const words = path.split("/").at(-1).replace(/\.toml$/i, "").replace(/[_-]+/g, " ").trim(); return words.charAt(0).toUpperCase() + words.slice(1); };
+const builtText = (path, moves) => `title = ${JSON.stringify(titleOf(path))}\n\n[structure]\nactive = [${ACTIVE[BUILT.asks[0].choices.indexOf(moves)].map((one) => `"${one}"`).join(", ")}]\n\n[structure.nodes]  # m\n`;
+
 const MESH = /\.(msh|bdf|nas|fem|dat|inp|vtu|vtk)$/i;
 
 // New studies by a template; `from` begins one on a mesh or a matrix of the folder.
 async function fresh(app) {
-  const templates = await get("templates"), inputs = h("div", {class: "fields"}), words = h("p", {class: "note"}), told = h("p", {class: "note", "aria-live": "polite"});
+  const templates = [...await get("templates"), BUILT], inputs = h("div", {class: "fields"}), words = h("p", {class: "note"}), told = h("p", {class: "note", "aria-live": "polite"});
   const name = h("input", {name: "path", required: true, spellcheck: "false"}), files = h("datalist", {id: "input-files"}), groups = h("datalist", {id: "mesh-groups"});
-  const kind = h("select", {name: "template", onchange: () => draw()}, options(templates.map((one) => one.name)));
+  const kind = h("select", {name: "template", onchange: () => draw()}, options(templates.map((one) => (one === BUILT ? [one.name, "build it yourself"] : one.name))));
   const input = (ask) => inputs.querySelector(`[name=${ask}]`);
   const draw = (given = {}) => {
     const one = templates.find((each) => each.name === kind.value), isMesh = kind.value === "mesh";
@@ -70,8 +76,9 @@ async function fresh(app) {
     fill(inputs, one.asks.map((ask) => field(`${ask.words}${ask.unit ? ", " + ask.unit.replace("^2", "²").replace("^3", "³") : ""}`, ask.choices.length ? h("select", {name: ask.name, onchange: isMesh ? () => look() : null}, options(ask.choices, given[ask.name] ?? ask.default)) : h("input", {name: ask.name, value: String(given[ask.name] ?? ask.default), inputmode: typeof ask.default === "number" ? "decimal" : null,
       list: ask.words.startsWith("file of") ? "input-files" : isMesh && ask.name === "held" ? "mesh-groups" : null, onchange: isMesh && ask.name === "path" ? () => look() : null}))));
     const taken = app.folder.studies.map((each) => each.path);
-    let count = 1, wanted = `${given.name || one.name}.toml`;
-    while (taken.includes(wanted)) { count += 1; wanted = `${given.name || one.name}_${count}.toml`; }
+    const stem = given.name || (one === BUILT ? "structure" : one.name);
+    let count = 1, wanted = `${stem}.toml`;
+    while (taken.includes(wanted)) { count += 1; wanted = `${stem}_${count}.toml`; }
     name.value = wanted;
   };
   const look = async () => { // what the mesh holds, in the unit that is said
@@ -96,6 +103,13 @@ async function fresh(app) {
     event.preventDefault();
     const numbers = Object.fromEntries([...inputs.querySelectorAll("input, select")].map((one) => [one.name, one.value]));
     app.doing(button, async () => {
+      if (kind.value === BUILT.name) {
+        const path = /\.toml$/i.test(name.value) ? name.value : `${name.value}.toml`;
+        await post("study", {study: path, text: builtText(path, numbers.moves), digest: ""});
+        await app.reload();
+        app.go("build", path);
+        return;
+      }
       const {path} = await post("init", {template: kind.value, path: name.value, numbers});
       await app.reload();
       app.go("structure", path);

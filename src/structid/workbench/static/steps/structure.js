@@ -79,7 +79,7 @@ function sensorPanel(place, state, told, choose) {
     state.failed ? h("p", {class: "state bad", style: {"white-space": "normal"}}, state.failed) : null,
     listed.length > 400 ? h("p", {}, `${listed.length} channels`) : listed.length ? h("ul", {class: "plain"}, listed.map((one) => h("li", {},
       h("label", {class: "check"}, h("input", {type: "radio", name: "channel", value: one.name, checked: one.name === state.chosen, onchange: () => choose(one.name)}),
-        h("span", {}, (one.role === "load" ? "load " : "") + one.name, " ", h("span", {class: "muted"}, one.node === null ? "on no node yet" : `at node ${one.node}, ${words(one)}`)))))) : h("p", {class: "muted"}, told.has_record ? "" : "None yet. Choose a node and place one, or let the plan choose (step 5)."));
+        h("span", {}, (one.role === "load" ? "load " : "") + one.name, " ", h("span", {class: "muted"}, one.node === null ? "on no node yet" : `at node ${one.node}, ${words(one)}`)))))) : h("p", {class: "muted"}, told.has_record ? "" : "None yet. Choose a node and place one, or let the plan choose (step Unknowns)."));
 }
 
 function words(one) {
@@ -155,7 +155,7 @@ async function showCheck(place, app, mark) {
     if (!app.now.table.record) {
       await get("line", {study});
       if (app.now !== now) { return; }
-      fill(place, h("h2", {}, "What check says"), h("p", {}, "The study can be read. What data can determine is told once there is a record, or by a plan (step 5)."));
+      fill(place, h("h2", {}, "What check says"), h("p", {}, "The study can be read. What data can determine is told once there is a record, or by a plan (step Unknowns)."));
       return;
     }
     const found = await get("check", {study});

@@ -1,0 +1,369 @@
+"""The deck that a study took its mesh from, with the identified numbers in it: everything else stays as it was, byte for byte."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.display import join_words
+from structid.core.errors import FileError, InputError
+from structid.external.blocks import Card, cards_in, keywords_in
+from structid.external.deck import WIDTH, number_text
+from structid.external.marks import CardField, DeckPosition, KeywordEntry
+from structid.fem import PointMass, Structure
+from structid.fem.elements import ELEMENT_TYPES
+from structid.fem.importers.exports import FORCES
+from structid.fem.meshes import LENGTH_UNITS, Mesh, abaqus, nastran, read_mesh
+from structid.files import atomic_write, require_readable
+from structid.files.uff.fields import real_number
+from structid.prediction.element_values import ElementValues
+from structid.study.schema.study import Study
+
+DECK_SUFFIXES = (*nastran.SUFFIXES, *abaqus.SUFFIXES)
+#: Relative difference of numbers that count as one, and of a number in the deck from the one that the study begins at.
+_SAME, _DIGITS = 1e-9, 1e-3
+#: Fields of MAT1 by property, and entries of the material of Abaqus.
+_MAT1 = {"youngs_modulus": 3, "density": 6, "loss_factor": 9}
+_MATERIAL = {"youngs_modulus": "*ELASTIC", "density": "*DENSITY"}
+#: Cards of properties, and the fields in which they name materials; the first of them is the one of cells that are solid or thin.
+_PROPERTY_CARDS = {
+    "PSHELL": (3, 5, 7, 12), "PSOLID": (3,), "PCOMP": (13, 17), "PBAR": (3,), "PBARL": (3,), "PBEAM": (3,), "PBEAML": (3,),
+    "PROD": (3,), "PTUBE": (3,), "PSHEAR": (3,),
+}  # fmt: skip
+_SECTIONS = ("SHELL SECTION", "SOLID SECTION", "MEMBRANE SECTION", "BEAM SECTION")
+_WTMASS = re.compile(r"^[ \t]*PARAM[ \t]*[, \t][ \t]*WTMASS[ \t]*[, \t][ \t]*([^,\s$]+)", re.IGNORECASE | re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class DeckNumber:
+    """A number of a deck that was identified.
+
+    Attributes
+    ----------
+    mark : CardField or KeywordEntry
+    value, initial : float
+        Identified, and where the search began, in the units of the deck.
+    label : str
+        Such as ``youngs_modulus[skin]``.
+    """
+
+    mark: CardField | KeywordEntry
+    value: float
+    initial: float
+    label: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """A deck with what the study says of it.
+
+    Attributes
+    ----------
+    name, text : str
+        Of the deck.
+    mesh : Mesh
+    group_of : mapping of str to str or None
+        The group of the mesh that each element set of cells stands on; None for all cells.
+    values : mapping of (str, str) to ElementValues
+        By element set and property.
+    scales : mapping of str to float
+        What an SI value of each property is multiplied by to be in the units of the deck.
+    """
+
+    name: str
+    text: str
+    mesh: Mesh
+    group_of: Mapping[str, str | None]
+    values: Mapping[tuple[str, str], ElementValues]
+    scales: Mapping[str, float]
+
+    def number(self, element: str, name: str, index: int | None = None) -> tuple[float, float]:
+        """Identified and initial value of a property in the units of the deck; of the whole set, whose elements must agree."""
+        item = self.values[element, name]
+        rows = slice(None) if index is None else slice(index, index + 1)
+        value, initial = item.value[rows], item.initial[rows]
+        if np.ptp(value) > _SAME * abs(value[0]):
+            raise InputError(
+                f"{name} of {element!r} differs from element to element ({value.min():g} to {value.max():g} {item.unit}), and"
+                f" {self.name} has one number for all of them; give parts of it properties of their own in the deck, or export"
+                " the elements with --mesh"
+            )
+        scale = self.scales["rotational stiffness" if item.unit == "N m/rad" else name]
+        return float(value[0]) * scale, float(initial[0]) * scale
+
+
+def deck_path(study: Study) -> Path:
+    """The deck that a study takes its mesh from.
+
+    Raises
+    ------
+    InputError
+        If the study has no mesh, or one of a format without materials.
+    """
+    stated = study.root.inner("structure").table.get("mesh")
+    path = stated.get("path") if isinstance(stated, dict) else stated
+    if path is None:
+        raise InputError(
+            "the structure of the study stands in no deck of another program, as [structure.mesh] names one"
+        )
+    found = study.path.parent / str(path)
+    if found.suffix.lower() not in DECK_SUFFIXES:
+        raise InputError(f"{found.name} holds a mesh without materials; decks are {' '.join(DECK_SUFFIXES)}")
+    return found
+
+
+def export_deck(study: Study, values: Sequence[ElementValues], path: Path) -> list[str]:
+    """Write the deck of the study's mesh with the identified values in place of its numbers; what was changed, in lines.
+
+    Parameters
+    ----------
+    study : Study
+    values : sequence of ElementValues
+        Of the identified model; those that were sought are written.
+    path : Path
+
+    Raises
+    ------
+    InputError
+        If the study has no deck, a value has no number of its own there, or a number belongs to elements that were not identified.
+    FileError
+        If the deck cannot be read or written.
+    """
+    original = require_readable(deck_path(study))
+    if path.suffix.lower() != original.suffix.lower():
+        raise FileError(f"{path}: must end in {original.suffix}, as the deck {original.name} that it is made of")
+    source = _read_source(study, original, values)
+    is_nastran = original.suffix.lower() in nastran.SUFFIXES
+    find_numbers = _nastran_numbers if is_nastran else _abaqus_numbers
+    numbers: dict[CardField | KeywordEntry, DeckNumber] = {}
+    absent: list[str] = []
+    for item in values:
+        if not item.is_sought.any():
+            continue
+        label = f"{item.name}[{item.element}]"
+        found = list(find_numbers(source, study.structure, item))
+        if not found:
+            absent.append(label)
+        for number in found:
+            known = numbers.setdefault(number.mark, number)
+            if not math.isclose(known.value, number.value, rel_tol=_SAME):
+                raise InputError(
+                    f"{number.mark.words} in {original.name} belongs to {known.label} and {label}, whose identified values differ"
+                    f" ({known.value:g} and {number.value:g}); give each a material of its own in the deck"
+                )
+    if not numbers:
+        raise InputError(
+            f"nothing that was identified ({join_words(absent)}) is a number of {original.name}; take --matrices"
+        )
+    text, lines = _written(source, list(numbers.values()))
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(text.encode("latin-1"))
+    left = f"; not in the deck: {join_words(absent)}" if absent else ""
+    return [f"{path}: {original.name} with {len(lines)} numbers changed{left}", *(f"  {line}" for line in lines)]
+
+
+def _read_source(study: Study, path: Path, values: Sequence[ElementValues]) -> _Source:
+    section = study.root.inner("structure")
+    stated = section.table["mesh"]
+    options = stated if isinstance(stated, dict) else {}
+    length_unit, force_unit = str(options.get("length_unit", "m")), str(options.get("force_unit", "N"))
+    length, force = LENGTH_UNITS[length_unit], FORCES[force_unit]
+    text = path.read_bytes().decode("latin-1")
+    factors = {real_number(word) for word in _WTMASS.findall(text)} or {1.0}
+    mass = length / force / factors.pop()
+    scales = {
+        "youngs_modulus": length**2 / force, "density": mass * length**3, "thickness": 1 / length, "mass": mass,
+        "stiffness": length / force, "loss_factor": 1.0,
+        "rotational stiffness": 1 / (length * force),
+    }  # fmt: skip
+    group_of = {
+        str(entry.table["name"]): None if entry.table.get("group") is None else str(entry.table["group"])
+        for kind, element_type in ELEMENT_TYPES.items()
+        for entry in section.sections(kind)
+        if not element_type.follows and not {"nodes", "first"} & set(entry.table) and "name" in entry.table
+    }
+    mesh = read_mesh(path, length_unit, force_unit)
+    return _Source(path.name, text, mesh, group_of, {(item.element, item.name): item for item in values}, scales)
+
+
+def _written(source: _Source, numbers: Sequence[DeckNumber]) -> tuple[str, list[str]]:
+    """The text of the deck with the numbers in it, and a line on each."""
+    placed = [(number.mark.locate({source.name: source.text}), number) for number in numbers]
+    text, lines = source.text, []
+    for position, number in sorted(placed, key=lambda pair: -pair[0].start):
+        width = position.width or WIDTH
+        written = number_text(number.value, width)
+        before = text[position.start : position.end]
+        is_right = before[:1].isspace() and not before[-1:].isspace()
+        padded = (
+            written.rjust(len(before))
+            if is_right
+            else written.ljust(len(before))
+            if before != before.strip()
+            else written
+        )
+        text = text[: position.start] + padded + text[position.end :]
+        lines.append(_change_words(position, number, before.strip(), written))
+    return text, lines[::-1]
+
+
+def _change_words(position: DeckPosition, number: DeckNumber, before: str, after: str) -> str:
+    """What became of a number of the deck, and whether the study began elsewhere than the deck."""
+    words = f"line {position.line}, {number.mark.words}, {number.label}: {before} becomes {after}"
+    if not math.isclose(position.value, number.initial, rel_tol=_DIGITS):
+        words += f" (the study began at {number.initial:g}, not at the number of the deck)"
+    return words
+
+
+def _nastran_numbers(source: _Source, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
+    """The numbers of a Nastran deck that a property of an element set is."""
+    label = f"{item.name}[{item.element}]"
+    if item.element in source.group_of:
+        numbers = _property_numbers(source, item.element)
+        if item.name == "thickness":
+            yield from (
+                DeckNumber(CardField("PSHELL", 4, n), *source.number(item.element, item.name), label) for n in numbers
+            )
+        elif item.name in _MAT1:
+            yield from _mat1_numbers(source, item, numbers)
+        return
+    element = next((one for one in structure.elements if one.name == item.element), None)
+    pelas = re.fullmatch(r"celas1 (\d+)", item.element)
+    if pelas and item.name == "stiffness":
+        yield DeckNumber(CardField("PELAS", 3, int(pelas[1])), *source.number(item.element, item.name), label)
+    elif item.element == "conm2" and item.name == "mass" and isinstance(element, PointMass):
+        for index, node in enumerate(element.nodes[:, 0].tolist()):
+            cards = [card for card in cards_in(source.name, source.text, "CONM2") if _field(card, 3) == str(node)]
+            if len(cards) != 1:
+                raise InputError(
+                    f"{source.name}: node {node} has {len(cards)} cards CONM2; make it one, so that its mass is told"
+                )
+            if item.is_sought[index]:
+                mark = CardField("CONM2", 5, int(cards[0].first))
+                yield DeckNumber(mark, *source.number(item.element, item.name, index), f"mass[conm2:{index + 1}]")
+
+
+def _field(card: Card, number: int) -> str:
+    return card.fields[number].text if number in card.fields else ""
+
+
+def _property_numbers(source: _Source, element: str) -> list[int]:
+    """Numbers of the properties that the cells of an element set have."""
+    group = source.group_of[element]
+    by_number = {key: rows for key, rows in source.mesh.groups.items() if key.isdigit()}
+    if group is None:
+        return sorted(int(key) for key in by_number)
+    rows = source.mesh.groups[group]
+    return [int(key) for key, others in by_number.items() if key == group or others is rows][:1]
+
+
+def _mat1_numbers(source: _Source, item: ElementValues, numbers: Sequence[int]) -> Iterator[DeckNumber]:
+    """The fields of the materials of these properties; the shear modulus, where it stands, goes with Young's modulus."""
+    users: dict[int, set[int]] = {}
+    for name, fields in _PROPERTY_CARDS.items():
+        for card in cards_in(source.name, source.text, name):
+            for field in fields:
+                if _field(card, field).isdigit() and card.first.isdigit():
+                    users.setdefault(int(_field(card, field)), set()).add(int(card.first))
+    materials = sorted(material for material, of in users.items() if of & set(numbers))
+    without = set(numbers) - {number for of in users.values() for number in of}
+    if without:
+        raise InputError(
+            f"{source.name}: property {min(without)} of {item.element!r} names no material on a PSHELL, PSOLID or line"
+        )
+    owner_of = {number: element for element in source.group_of for number in _property_numbers(source, element)}
+    value, initial = source.number(item.element, item.name)
+    label = f"{item.name}[{item.element}]"
+    for material in materials:
+        for other in sorted(users[material] - set(numbers)):
+            _require_same(
+                source, f"MAT1 {material}", item, owner_of.get(other), value, str(other) in source.mesh.groups
+            )
+        yield DeckNumber(CardField("MAT1", _MAT1[item.name], material), value, initial, label)
+        material_card = next((c for c in cards_in(source.name, source.text, "MAT1") if c.first == str(material)), None)
+        if item.name == "youngs_modulus" and material_card is not None and _field(material_card, 4):
+            modulus, shear = (
+                CardField("MAT1", field, material).locate({source.name: source.text}).value for field in (3, 4)
+            )
+            yield DeckNumber(
+                CardField("MAT1", 4, material), shear * value / modulus, shear, f"shear modulus with {label}"
+            )
+
+
+def _require_same(
+    source: _Source, where: str, item: ElementValues, other: str | None, value: float, is_used: bool
+) -> None:
+    """Raise `InputError` where a number of the deck is that of other elements too, for which it was not identified alike."""
+    if other is not None and (other, item.name) in source.values:
+        theirs = source.number(other, item.name)[0]
+        if math.isclose(theirs, value, rel_tol=_SAME):
+            return
+        what = f"of {other!r}, whose {item.name} is {theirs:g} and not {value:g}"
+    elif is_used:
+        what = "of elements that the study does not have"
+    else:
+        return
+    raise InputError(
+        f"{where} in {source.name} is the material of {item.element!r} and {what}; give each a material of its own"
+    )
+
+
+def _abaqus_numbers(source: _Source, structure: Structure, item: ElementValues) -> Iterator[DeckNumber]:
+    """The numbers of an Abaqus deck that a property of an element set is."""
+    label = f"{item.name}[{item.element}]"
+    kind, _, name = item.element.partition(" ")
+    simple = {("mass", "mass"): ("*MASS", 1), ("spring", "stiffness"): ("*SPRING", 2)}
+    if item.element not in source.group_of:
+        if (kind, item.name) in simple and name:
+            keyword, line = simple[kind, item.name]
+            yield DeckNumber(
+                KeywordEntry(f"{keyword}, ELSET={name}", 1, line), *source.number(item.element, item.name), label
+            )
+        return
+    sections = [block for block in keywords_in(source.name, source.text) if block.name in _SECTIONS]
+    group = source.group_of[item.element]
+    own = [block for block in sections if group is None or block.options.get("ELSET", "").upper() == _bare(group)]
+    if not own:
+        raise InputError(
+            f"{source.name}: no section has ELSET={group}, the group of {item.element!r}; give it a section of its own"
+        )
+    if item.name not in (*_MATERIAL, "thickness"):
+        return
+    value, initial = source.number(item.element, item.name)
+    for block in own:
+        elset, material = block.options.get("ELSET", ""), block.options.get("MATERIAL", "")
+        if item.name == "thickness" and block.name != "SOLID SECTION":
+            yield DeckNumber(KeywordEntry(f"*{block.name}, ELSET={elset}", 1), value, initial, label)
+        elif item.name in _MATERIAL:
+            for other in sections:
+                if other.options.get("MATERIAL", "").upper() == material.upper() and other not in own:
+                    theirs = other.options.get("ELSET", "").upper()
+                    owner = next((e for e, g in source.group_of.items() if g and _bare(str(g)) == theirs), None)
+                    _require_same(source, f"*MATERIAL {material}", item, owner, value, True)
+            mark = KeywordEntry(_MATERIAL[item.name], 1, of=f"*MATERIAL, NAME={material}")
+            _require_single(source, mark, material)
+            yield DeckNumber(mark, value, initial, label)
+
+
+def _bare(group: str) -> str:
+    """Name of an element set without that of its instance, in capitals."""
+    return group.rpartition(".")[2].upper()
+
+
+def _require_single(source: _Source, mark: KeywordEntry, material: str) -> None:
+    """Raise `InputError` unless a material has one number here: isotropic, at one temperature."""
+    position = mark.locate({source.name: source.text})
+    block = next(
+        block for block in keywords_in(source.name, source.text)
+        if block.data and block.line <= position.line <= block.data[-1][0]
+    )  # fmt: skip
+    if len(block.data) > 1 or block.options.get("TYPE", "ISOTROPIC").upper() not in ("ISO", "ISOTROPIC"):
+        raise InputError(
+            f"{source.name}, line {block.line}: {mark.keyword} of {material} has more than one number (temperatures, directions);"
+            " structid identifies one"
+        )

@@ -1,0 +1,92 @@
+"""Natural modes of an identified model at all its nodes, as a record of modes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import FloatArray
+from structid.core.display import plural
+from structid.dynamics import Modes, modes
+from structid.fem import Structure
+from structid.fem.elements.element import dof_of_code
+from structid.modal import ModalRecord
+from structid.modal.formats.files import write_modes
+from structid.prediction.identified_model import IdentifiedModel
+from structid.records.formats import Geometry
+
+
+def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:
+    """The lowest natural modes of an identified model, fewer than `n_modes` where it has no more."""
+    structure = model.structure
+    structure.require_modes("modes")
+    mass, stiffness, damping, loss = (
+        structure.matrix(law, model.values) for law in ("inertia", "elastic", "viscous", "structural")
+    )
+    return modes(mass, stiffness, damping, loss, min(n_modes, structure.n_dofs))
+
+
+def model_modes_record(model: IdentifiedModel, n_modes: int, source: str) -> ModalRecord:
+    """Modes of an identified model of unit modal mass, at every degree of freedom of its nodes that moves."""
+    structure, computed = model.structure, model_modes(model, n_modes)
+    rows = [
+        row
+        for row, code in enumerate(structure.numbering.codes.tolist())
+        if code // 6 in structure.nodes
+        and structure.numbering.matrix.indptr[row + 1] > structure.numbering.matrix.indptr[row]
+    ]
+    return ModalRecord(
+        computed.frequency,
+        computed.damping_ratio,
+        (structure.numbering.matrix @ computed.mode_shapes)[rows],
+        tuple(dof_of_code(structure.numbering.codes[row]) for row in rows),
+        source=source,
+        scaling="mass",
+    )
+
+
+def node_translations(structure: Structure, mode_shapes: FloatArray) -> FloatArray:
+    """Translations of all nodes in the modes (n_dofs, n_modes), those held or tied included, (n_modes, n_nodes, 3)."""
+    row_of = {node: row for row, node in enumerate(structure.nodes)}
+    motion = np.zeros((mode_shapes.shape[1], len(row_of), 3))
+    moved = structure.numbering.matrix @ mode_shapes
+    for values, code in zip(moved, structure.numbering.codes.tolist(), strict=True):
+        node, axis = divmod(code, 6)
+        if node in row_of and axis < 3:
+            motion[:, row_of[node], axis] = values
+    return motion
+
+
+def export_modes(model: IdentifiedModel, n_modes: int, title: str, path: Path) -> list[str]:
+    """Write natural modes to `path` by its suffix; what was written, in lines.
+
+    Raises
+    ------
+    InputError
+        If the structure has no modes.
+    FileError
+        If the suffix is of no format, or the format cannot hold the modes.
+    """
+    record = model_modes_record(model, n_modes, title)
+    write_modes(path, record, _geometry(model.structure))
+    ends = f"{record.frequency[0]:.4g} to {record.frequency[-1]:.4g} Hz"
+    return [
+        f"{path}: {plural(record.n_modes, 'mode')}, {ends}, of unit modal mass, at {len(record.channels)} degrees of freedom"
+    ]
+
+
+def _geometry(structure: Structure) -> Geometry:
+    """Nodes of a structure, and the sides of its elements as lines."""
+    nodes: dict[int, tuple[float, float, float]] = {}
+    for node, position in structure.nodes.items():
+        padded = [*position.tolist(), 0.0, 0.0]
+        nodes[node] = (padded[0], padded[1], padded[2])
+    lines = tuple(
+        tuple(int(node) for node in row if node >= 0)
+        for element in structure.elements
+        if element.is_line
+        for row in element.nodes
+        if 0 not in row  # which lifts the pen
+    )
+    return Geometry(nodes, lines)

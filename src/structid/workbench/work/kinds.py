@@ -1,0 +1,31 @@
+"""Element types that the page's editor offers, as the registry declares them: keys, units, words."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from structid.core.constraints import parameter_descriptions
+from structid.core.json_types import Entry
+from structid.fem import ELEMENT_TYPES
+from structid.fem.elements.element import declarations
+
+EDITED = ("beam", "bar", "space_beam", "point_mass", "spring")
+
+
+def element_kinds() -> dict[str, Entry]:
+    """Keys of each element type that the editor edits: name, unit, words, and whether it must be there."""
+    kinds: dict[str, Entry] = {}
+    for name in EDITED:
+        kind = ELEMENT_TYPES[name]
+        declared, words = declarations(kind), parameter_descriptions(kind)
+        kinds[name] = [
+            {
+                "name": item.name,
+                "unit": declared[item.name].unit,
+                "words": words.get(item.name, ""),
+                "required": item.default is dataclasses.MISSING,
+            }
+            for item in dataclasses.fields(kind)
+            if item.init
+        ]
+    return kinds
