@@ -16,7 +16,7 @@ from structid.core.errors import InputError
 from structid.dynamics.factorization import VARIABLE
 from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
-from structid.external.frfs.model import SolverFrfs
+from structid.external.frf_model import SolverFrfs
 from structid.fem import Base, Structure
 from structid.fem.measured import joined_receptance
 from structid.forward.frf.channels import Channels, channels

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.errors import InputError, NoAnswerError, SingularModelError
-from structid.external.frfs.model import SolvedFrfs
+from structid.external.frf_model import SolvedFrfs
 from structid.external.runs import point_words
 from structid.external.solved import Checked, Solved
 from structid.forward import FrfProblem, RecordProblem

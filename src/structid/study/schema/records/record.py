@@ -18,10 +18,17 @@ from structid.records.quality.findings import CHANNEL_FAULTS, Finding
 from structid.records.quality.signal_checks import channel_checks
 from structid.records.record import LOADS, Quantity, as_recorded
 from structid.study.schema.kinds import CHANNEL_NAMES, PART, TEXT, TEXTS, as_list, choice
-from structid.study.schema.records.frf import FRF, FrfSettings, read_frf, spectral_frf
+from structid.study.schema.records.histories import (
+    FRF,
+    TIME,
+    FrfSettings,
+    TimeSource,
+    read_frf,
+    read_time,
+    spectral_frf,
+)
 from structid.study.schema.records.modes import MODES, ModesSource, read_modes_source
 from structid.study.schema.records.sensors import SENSORS, used_names
-from structid.study.schema.records.time import TIME, TimeSource, read_time
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
 from structid.study.schema.tables import Key, Table, held_by, table_of
