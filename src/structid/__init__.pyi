@@ -97,6 +97,7 @@ from structid.prediction.changes import Remove as Remove
 from structid.prediction.changes import Scale as Scale
 from structid.prediction.predict import predict as predict
 from structid.prediction.predict import predict_change as predict_change
+from structid.prediction.quantities import Extremes as Extremes
 from structid.prediction.quantities import Frf as Frf
 from structid.prediction.quantities import History as History
 from structid.prediction.quantities import Maxima as Maxima

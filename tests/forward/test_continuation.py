@@ -56,7 +56,7 @@ def test_response_at_complex_s_equals_the_dense_inverse(kind):
     decay = np.array([0.3, 0.05, 2.0])
     here = replace(record(np.array([0.5, 1.0, 7.0]), kind=kind), decay=decay)
     found = response(structure, truth, here).values_at(truth.start)[:, 0, 0]
-    matrices = [structure.matrix(law).toarray() for law in ("inertia", "viscous", "elastic", "structural")]
+    matrices = [structure.matrix(law).toarray() for law in ("mass", "damping", "stiffness", "structural_damping")]
     tip = structure.selection(parse_dofs(["3Y+"])).toarray()[:, 0]
     power = {"receptance": 0, "mobility": 1, "accelerance": 2}[kind]
     for value, s in zip(found, decay + 1j * np.array([0.5, 1.0, 7.0]), strict=True):

@@ -195,6 +195,10 @@ def test_a_table_of_a_laboratory_and_a_table_of_modes_become_records(page, scree
         lab.get_by_role("button", name="Read it so").click()
         page.get_by_text("skip rows: 1,5 is no number").wait_for()
         lab.get_by_label("skip rows").fill("1")
+        first = lab.locator(".preview tr")
+        assert first.nth(0).get_attribute("class") == "skipped"
+        assert first.nth(1).locator("td").all_inner_texts() == ["Zeit", "Kraft", "Weg"]
+        assert first.nth(1).get_attribute("class") == "header"
         lab.get_by_label("footer rows").fill("1")
         lab.get_by_label("decimal").select_option("comma")
         lab.get_by_label("columns", exact=True).fill("Kraft, Weg")

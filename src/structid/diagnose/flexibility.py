@@ -76,7 +76,7 @@ def modal_flexibility(structure: Structure, values: FloatArray, laplace: Complex
     Ewins (2000), Modal Testing, 2nd ed., section 5.3 (residual terms).
     """
     inertia, viscous, elastic, structural = (
-        structure.matrix(law, values) for law in ("inertia", "viscous", "elastic", "structural")
+        structure.matrix(kind, values) for kind in ("mass", "damping", "stiffness", "structural_damping")
     )
     top = _BEYOND * float(np.abs(laplace).max()) / (2 * np.pi)
     n_modes, most = _FIRST_MODES, min(_MOST_MODES, structure.n_dofs - 2)

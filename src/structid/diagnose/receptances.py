@@ -190,8 +190,8 @@ class Receptances:
     def _stiffness_columns(self, structure: Structure, columns: IntArray) -> ComplexArray:
         """Some columns of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns)."""
         inertia, viscous, elastic, structural = (
-            structure.matrix(law, self.values)[:, columns].toarray()
-            for law in ("inertia", "viscous", "elastic", "structural")
+            structure.matrix(kind, self.values)[:, columns].toarray()
+            for kind in ("mass", "damping", "stiffness", "structural_damping")
         )
         s = self.laplace[:, None, None]
         stiffness: ComplexArray = s**2 * inertia + s * viscous + elastic + 1j * structural

@@ -312,7 +312,9 @@ class SolverFrfs(ElementSet):
         """The parameters as properties with empty matrices; see `ElementSet.terms`."""
         codes = np.array([[dof_code(d.node, d.direction) for d in self.dofs]])
         nothing = sparse.csc_array((codes.size, codes.size))
-        matrix_term = ElementMatrixTerm(codes, np.zeros((1, 0, 0)), whole=nothing, law="elastic", reduced=True)
+        matrix_term = ElementMatrixTerm(
+            codes, np.zeros((1, 0, 0)), whole=nothing, matrix_kind="stiffness", reduced=True
+        )
         return tuple(
             Term(p.name, "parameter", p.unit, locked([p.value], float), [matrix_term]) for p in self.parameters
         )

@@ -47,6 +47,12 @@ def hdf5_units(path: Path) -> dict[str, tuple[str, ...]]:
         return {name: tuple(map(str, texts)) for name, texts in read_in_child(path, "hdf5_units").items()}
 
 
+def hdf5_attributes(path: Path) -> dict[str, str]:
+    """Texts that the file at `path` says of itself as a whole, by name."""
+    with _hdf5_errors(path):
+        return {name: str(text) for name, text in read_in_child(path, "hdf5_attributes").items()}
+
+
 def hdf5_fields(path: Path, names: Iterable[str]) -> dict[str, Field]:
     """The datasets called `names`.
 

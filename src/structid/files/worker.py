@@ -100,6 +100,14 @@ def hdf5_units(path: str) -> dict[str, Entry]:
     return found
 
 
+def hdf5_attributes(path: str) -> dict[str, Entry]:
+    """Texts that an HDF5 file says of itself as a whole, by name."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return {name: value for name, value in file.attrs.items() if isinstance(value, str)}
+
+
 def hdf5_fields(path: str, names: list[str]) -> dict[str, Entry]:
     """The datasets called `names` of an HDF5 file: arrays of numbers, a text, or lists of texts."""
     import h5py
@@ -279,7 +287,7 @@ def logger(path: str, kind: str) -> Entry:
 
 READERS: dict[str, Callable[..., Entry]] = {
     reader.__name__: reader
-    for reader in (hdf5_shapes, hdf5_units, hdf5_fields, hdf5_part, matlab, matlab_73, ansys, logger)
+    for reader in (hdf5_shapes, hdf5_units, hdf5_attributes, hdf5_fields, hdf5_part, matlab, matlab_73, ansys, logger)
 }
 
 

@@ -206,7 +206,10 @@ class Plan(PlannedTests):
         if not self.structure.has_matrices:
             return False
         values = self.parameters.values(self.parameters.start)
-        return not any(self.structure.matrix(law, values).count_nonzero() for law in ("viscous", "structural"))
+        return not any(
+            self.structure.matrix(matrix_kind, values).count_nonzero()
+            for matrix_kind in ("damping", "structural_damping")
+        )
 
     @property
     def undetermined(self) -> tuple[str, ...]:

@@ -220,7 +220,7 @@ class ElementMatrixTerm:
         What weighs them besides.
     powers : tuple of Power
         Of a set that is one element: powers of its properties that weigh the matrix besides.
-    law : str
+    matrix_kind : str
         How it enters the dynamic stiffness, see `Contribution`, where the kind of its property does not say it.
     reduced : bool
         Whether other degrees of freedom follow its own by shapes of vibration, so that rigid motion does not show its mass.
@@ -234,7 +234,7 @@ class ElementMatrixTerm:
     whole: sparse.csc_array | None = None
     shear: ShearShare | None = None
     powers: tuple[Power, ...] = ()
-    law: str = ""
+    matrix_kind: str = ""
     reduced: bool = False
     length_power: int = 0
 

@@ -41,13 +41,13 @@ from structid.records import TimeRecord
 
 SUBSPACE_METHODS: dict[str, Callable[..., Subspace]] = {"pencil": pencil, "ssi_cov": ssi_cov, "ssi_data": ssi_data}
 _REFINED = ("pencil",)
-_MAX_ORDER = 60
-_BLOCK_ROWS = 30
+MAX_ORDER = 60
+BLOCK_ROWS = 30
 _CERTAIN = 0.005  # of a frequency: standard deviation below which a mode of a free decay is kept, however weak
 _SAME = 0.01  # of a frequency: distance below which a pole with damping takes the place of one without
 _LOST = 0.1  # of the noise left: amplitude of a free decay below which it tells nothing more
 _TRIES = 4  # poles in a row that explain a free decay no better, after which no more are tried
-_ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
+ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
 _PERHAPS = 0.3  # probability of being a mode from which on poles that are none are listed
 _STEADY, _FEWEST_DYING = (
     0.1,
@@ -229,7 +229,7 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
     """Identification with only modes whose frequency is known to within their half-power bandwidth, or 2 / T.
 
     Stable poles of mere noise seldom are. Of random motion each mode is told once, and its channels move in one phase or the
-    opposite as far as a modal phase collinearity of `_ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
+    opposite as far as a modal phase collinearity of `ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
     hold `_STRONG` of the energy.
     """
     modes, std = found.modes, found.modes.frequency_std
@@ -238,7 +238,7 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
     if not motion.explains_all:
         words = "stable poles of the shape and, to within their deviations, the frequency of another"
         found = found.kept(~repeated_modes(found.modes), words)
-        is_one = ~(modal_phase_collinearity(found.modes.mode_shapes.astype(complex)) < _ONE_PHASE)
+        is_one = ~(modal_phase_collinearity(found.modes.mode_shapes.astype(complex)) < ONE_PHASE)
         found = found.kept(
             is_one, "stable poles without a shape in one phase, as at the edge of a filter or of the forces"
         )
@@ -275,8 +275,8 @@ def _block_rows(data: Outputs, given: int | None) -> int:
         if given < 2:
             raise InputError(f"`block_rows` must be at least 2, got {given}; a shift needs two samples")
         return given
-    few_channels = -(-2 * _MAX_ORDER // data.n_channels)
-    rows = min(max(_BLOCK_ROWS, few_channels), shortest // 8)
+    few_channels = -(-2 * MAX_ORDER // data.n_channels)
+    rows = min(max(BLOCK_ROWS, few_channels), shortest // 8)
     if rows < 2:
         raise InputError(f"every record must hold at least 16 samples, got {shortest}; measure longer")
     return rows
@@ -285,7 +285,7 @@ def _block_rows(data: Outputs, given: int | None) -> int:
 def _orders(data: Outputs, rows: int, given: Sequence[int] | None) -> list[int]:
     """Model orders to be tried, as given or all even ones; `InputError` if they exceed the matrix."""
     room = (rows - 1) * data.n_channels
-    orders = list(range(2, min(_MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
+    orders = list(range(2, min(MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
     if not orders or orders[0] < 1 or orders[-1] > room:
         raise InputError(
             f"`orders` must lie from 1 to {room} for {data.n_channels} channels and {rows} block rows, got "

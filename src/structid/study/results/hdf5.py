@@ -25,6 +25,9 @@ from pathlib import Path
 from structid.core.errors import FileError
 from structid.files.hdf5 import hdf5_fields, texts_of
 
+#: What a file of this version says of itself.
+ESTIMATE_FORMAT = "structid estimate 1"
+
 
 def hdf5_bytes(result: StudyResult) -> bytes:
     """Content of estimate.h5.
@@ -39,7 +42,7 @@ def hdf5_bytes(result: StudyResult) -> bytes:
 
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", track_order=True) as file:
-        file.attrs["format"] = "structid estimate 1"
+        file.attrs["format"] = ESTIMATE_FORMAT
         file.attrs["structid"] = result.provenance.structid
         file.attrs["title"] = result.study.title
         _put(file, "subdivide", [result.study.structure.subdivide], "1")

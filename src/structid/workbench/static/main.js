@@ -4,9 +4,9 @@ import {fill, h, options} from "./dom.js";
 
 const STEPS = [
   ["start", "Start"], ["build", "Build"], ["structure", "Structure"], ["records", "Records"], ["modes", "Modes"], ["unknowns", "Unknowns"],
-  ["run", "Run"], ["results", "Results"], ["text", "Study file"],
+  ["run", "Run"], ["results", "Results"], ["use", "Use"], ["text", "Study file"],
 ];
-const WITHOUT_STUDY = ["start", "records", "modes", "results", "run"];
+const WITHOUT_STUDY = ["start", "records", "modes", "results", "run", "use"];
 const main = document.getElementById("main"), select = document.getElementById("study");
 
 export const app = {folder: null, study: "", now: null, step: "start", record: 0, runs: [], heard: new Set(), shown: 0, drafts: new Map(), digests: []};

@@ -32,6 +32,9 @@ export class Scene {
     this.picked = picked;
     this.azimuth = -55; this.elevation = 22; this.zoom = 1; this.moved = [0, 0];
     this.sensors = []; this.findings = []; this.chosen = -1; this.hovered = -1; this.hidden = new Set(); this.wanted = 0; this.gl = null; this.made = [];
+    this.tool = null; // {grab(point), click(point, row)}: takes a drag or a click for itself
+    this.still = 0; // pixels a metre at zoom 1, where the view is to stay as it is whatever is drawn
+    this.least = 0; // metres that are seen at least
     this.canvas.scene = this;
     this.listen();
     new ResizeObserver(() => this.ask()).observe(stage);
@@ -69,8 +72,10 @@ export class Scene {
     const n = this.labels.length, low = [1e300, 1e300, 1e300], high = [-1e300, -1e300, -1e300];
     if (!n) { low.fill(0); high.fill(0); }
     for (let k = 0; k < 3 * n; k += 1) { low[k % 3] = Math.min(low[k % 3], this.places[k]); high[k % 3] = Math.max(high[k % 3], this.places[k]); }
-    this.centre = low.map((x, k) => (x + high[k]) / 2);
-    this.size = Math.hypot(...high.map((x, k) => x - low[k])) || 1;
+    if (!this.still) {
+      this.centre = low.map((x, k) => (x + high[k]) / 2);
+      this.size = Math.max(Math.hypot(...high.map((x, k) => x - low[k])), this.least) || 1;
+    }
     const flat = high.map((x, k) => x - low[k] < 1e-6 * this.size), bends = flat[2] && this.moves.some((ways) => ways & 4);
     if (!keeps) {
       if (flat[2] && !bends) { this.azimuth = -90; this.elevation = 90; } else if (flat[1] && flat[0]) { this.azimuth = -90; this.elevation = 8; } else if (bends) { this.elevation = 38; }
@@ -163,7 +168,7 @@ export class Scene {
       if (canvas.width !== Math.round(width * dense) || canvas.height !== Math.round(height * dense)) { canvas.width = Math.round(width * dense); canvas.height = Math.round(height * dense); }
     }
     const style = getComputedStyle(document.documentElement), colour = (name) => style.getPropertyValue(name).trim();
-    this.unit = this.dragging && this.unit ? this.unit : this.fit(width, height);
+    this.unit = this.dragging && this.unit ? this.unit : this.still ? this.still * this.zoom : this.fit(width, height);
     this.view = {width, height, turn: this.turn(), unit: this.unit};
     if (this.gl) { this.paint(width, height, dense, colour); }
     this.overlay(width, height, dense, colour);
@@ -247,6 +252,15 @@ export class Scene {
     return [width / 2 + this.moved[0] + unit * on[0], height / 2 + this.moved[1] - unit * on[1], on[2]];
   }
 
+  // The place under a point of the screen, in the plane through `through` across the axis `normal`; null where it is seen edge-on.
+  under(point, through, normal) {
+    const {width, height, turn: [right, up, eye], unit} = this.view;
+    const a = (point[0] - width / 2 - this.moved[0]) / unit, b = (height / 2 + this.moved[1] - point[1]) / unit;
+    if (Math.abs(eye[normal]) < 0.05) { return null; }
+    const c = (through[normal] - this.centre[normal] - right[normal] * a - up[normal] * b) / eye[normal];
+    return this.centre.map((x, k) => x + right[k] * a + up[k] * b + eye[k] * c);
+  }
+
   // The direction of a vector on the screen, of length 1 at most.
   along(vector) {
     const [right, up] = this.view.turn, dot = (a) => a[0] * vector[0] + a[1] * vector[1] + a[2] * vector[2];
@@ -299,6 +313,7 @@ export class Scene {
       c.strokeStyle = kind; c.lineWidth = 3; c.beginPath(); c.arc(x, y, 9, 0, 7); c.stroke();
       this.word(c, "node " + this.labels[row], x + 12, y - 12, kind, [], width);
     }
+    this.drawn?.(c, colour);
     this.axes(c, height, ink);
   }
 
@@ -399,7 +414,7 @@ export class Scene {
     const stage = this.stage, canvas = this.canvas, pointers = new Map();
     let last = null, far = 0, apart = 0;
     const at = (event) => { const box = canvas.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
-    canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); pointers.set(event.pointerId, at(event)); last = at(event); far = 0; });
+    canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); pointers.set(event.pointerId, at(event)); last = at(event); far = 0; this.grip = pointers.size === 1 ? this.tool?.grab?.(last) ?? null : null; });
     canvas.addEventListener("pointermove", (event) => {
       const now = at(event);
       if (!pointers.has(event.pointerId)) { if (this.view && this.labels.length < 50000) { const row = this.nearest(...now); if (row !== this.hovered) { this.hovered = row; this.ask(); } } return; }
@@ -415,13 +430,17 @@ export class Scene {
       last = now;
       if (far < 5) { return; }
       this.dragging = true;
+      if (this.grip) { this.grip.move(now); return; }
       if (event.shiftKey || event.buttons === 4 || event.buttons === 2) { this.moved = [this.moved[0] + dx, this.moved[1] + dy]; } else { this.rotate(-0.4 * dx, 0.4 * dy); }
       this.ask();
     });
     const end = (event) => {
       if (!pointers.delete(event.pointerId)) { return; }
       apart = 0;
-      if (far < 5 && event.type === "pointerup") { this.choose(this.nearest(...at(event))); }
+      const point = at(event), row = this.view ? this.nearest(...point) : -1;
+      if (far < 5 && event.type === "pointerup") { if (!this.tool?.click?.(point, row)) { this.choose(row); } }
+      else if (this.grip) { if (event.type === "pointerup") { this.grip.drop(point); } else { this.grip.cancel(); } }
+      this.grip = null;
       this.dragging = false;
       this.ask();
     };
@@ -439,5 +458,5 @@ export class Scene {
   }
 
   rotate(azimuth, elevation) { this.azimuth += azimuth; this.elevation = Math.max(-90, Math.min(90, this.elevation + elevation)); }
-  home() { [this.azimuth, this.elevation] = this.first; this.zoom = 1; this.moved = [0, 0]; this.ask(); }
+  home() { this.still = 0; [this.azimuth, this.elevation] = this.first; this.zoom = 1; this.moved = [0, 0]; this.ask(); }
 }

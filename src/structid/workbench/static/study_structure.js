@@ -88,7 +88,7 @@ export function parseNumber(text, words = "") {
 // A number as it is shown and typed: 4.08e6, 22.4, 3.
 export function shownNumber(value) {
   const plain = String(value), power = Math.abs(value) >= 1e5 ? value.toExponential().replace("e+", "e") : plain;
-  return power.length < plain.length ? power : plain;
+  return power.length <= plain.length ? power : plain;
 }
 
 // A number as the study has it: never an integer, so that what is typed as 3 stays a length.

@@ -37,7 +37,7 @@ _FUNCTIONS = {
 }  # fmt: skip
 _TIME, _COHERENCE = 1, 6
 _RESPONSES = (4, 5)
-_SPECTRA = (2, 3, 9)
+_SPECTRA, _CORRELATIONS = (2, 3, 9), (7, 8)
 _OF_FRFS = ("frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array", "averages")
 _OF_TIMES = ("channels", "quantities", "units", "start", "stop", "longest_gap", "resample", "sampling_rate")
 
@@ -112,14 +112,21 @@ def _nodes(path: Path, blocks: list[Block]) -> UniversalNodes:
 def _no_response_error(path: Path, functions: list[Function]) -> FileError:
     """The error for a file that holds neither FRFs nor time responses, with what it holds."""
     kinds = sorted({function.kind for function in functions})
-    if kinds and set(kinds) <= {*_SPECTRA, _COHERENCE}:
-        names = ", ".join(map(_name, kinds))
-        return StoredSpectraError(
-            f"{path}: holds spectra of responses ({names}), averaged already and without the time histories behind them, which"
-            " are neither frequency response functions (type 4) nor histories (type 1): `structid modes` finds modes without"
-            " damping in them; for a fit, and for damping, export the time histories"
-        )
     names = ", ".join(map(_name, kinds))
+    is_spectra, is_correlations = bool({*kinds} & {*_SPECTRA}), bool({*kinds} & {*_CORRELATIONS})
+    if is_spectra and is_correlations:
+        return FileError(
+            f"{path}: holds spectra and correlation functions ({names}), no histories or FRFs; `structid modes` takes either: say"
+            f" which by {option_words(kind=None)}, spectrum or correlation"
+        )
+    if (is_spectra or is_correlations) and set(kinds) <= {*_SPECTRA, *_CORRELATIONS, _COHERENCE}:
+        words = "spectra" if is_spectra else "correlation functions"
+        return StoredSpectraError(
+            f"{path}: holds {words} of responses ({names}), averaged already and without the time histories behind them, which"
+            " are neither frequency response functions (type 4) nor histories (type 1): `structid modes` finds modes in them;"
+            " for a fit, export the time histories",
+            "spectrum" if is_spectra else "correlation",
+        )
     return FileError(
         f"{path}: holds no frequency response function (type 4) or time response (type 1), only "
         f"{names or 'other datasets'}; export those"

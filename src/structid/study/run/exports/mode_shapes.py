@@ -22,7 +22,8 @@ def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:
     structure = model.structure
     structure.require_modes("modes")
     mass, stiffness, damping, loss = (
-        structure.matrix(law, model.values) for law in ("inertia", "elastic", "viscous", "structural")
+        structure.matrix(matrix_kind, model.values)
+        for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")
     )
     return modes(mass, stiffness, damping, loss, min(n_modes, structure.n_dofs))
 

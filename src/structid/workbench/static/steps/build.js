@@ -31,7 +31,7 @@ export async function show(box, app) {
   const undo = h("button", {type: "button", onclick: () => step("undo")}, "Undo"), redo = h("button", {type: "button", onclick: () => step("redo")}, "Redo");
   const told = h("div", {id: "doubts", "aria-live": "polite"}), state = h("p", {class: "note", id: "readable", "aria-live": "polite"});
   const asked = h("div", {"aria-live": "assertive"}), parts = h("div", {id: "tables"}), writable = app.folder.writable;
-  const editor = new Editor(app, () => draw()), picture = new StructurePicture(stage, editor, {writable, chosen: (label) => focusNode(label), failed: app.fail});
+  const editor = new Editor(app, () => draw()), picture = new StructurePicture(stage, editor.model, {chosen: (label) => focusNode(label), add: (at) => place(at)[1], place: (at) => place(at), move: (label, at) => run((model) => actions.moveNode(model, label, at)), join: (a, b) => join(a, b)}, writable);
   const step = (way) => editor[way]().catch(app.fail);
   const run = (action) => editor.do(action);
 
@@ -56,6 +56,21 @@ export async function show(box, app) {
   const held = h("datalist", {id: "held-ways"}, ["free", "pinned", "clamped"].map((one) => h("option", {value: one})));
   const tables = new Map();
 
+  // Elements that are drawn go into a set that is chosen, or into the new row of a type.
+  const into = h("select", {id: "drawn-into"}), place = (at) => { const label = nextLabel(); return [label, run((model) => actions.addNode(model, label, at))]; };
+  picture.tools.firstChild?.append(field("elements go into", into));
+  function join(a, b) {
+    const {model} = editor, [type, k] = into.value.split(" "), set = model.sets.find((one) => one.type === type && String(one.k) === k);
+    const pair = model.dimension === 1 && model.nodes.get(a)[0] > model.nodes.get(b)[0] ? [b, a] : [a, b];
+    if (set) { return run((now) => actions.addElement(now, set, pair)); }
+    const {cells} = setsTable(type), drafted = draftOf(cells);
+    if (drafted.some((one) => pair.every((label) => one.includes(label)))) { throw new Error(`element ${pair.join("-")} is there already`); }
+    cells.fill({nodes: elementsText([...drafted, pair])});
+    draw();
+    return null;
+  }
+  const draftOf = (cells) => { try { return parseElements(cells.values().nodes ?? ""); } catch { return []; } };
+
   const nextLabel = () => Math.max(0, ...editor.model.nodes.keys()) + 1;
   const focusNode = (label) => nodes.focus(String(label), "X");
 
@@ -73,10 +88,11 @@ export async function show(box, app) {
     if (tables.has(type)) { return tables.get(type); }
     const values = (row) => ({...editor.model.sets.filter((one) => one.type === type).find((one) => String(one.k) === row)});
     const cells = new Cells(SINGULAR[type], {writable, addWords: "Add",
-      chosen: (key) => picture.into(type, key === "new" ? null : Number(key)),
+      chosen: (key) => { if (LINES.includes(type)) { into.value = `${type} ${key}`; } },
       changed: async (row, column, text) => { const value = parsed(kinds[type], column, text); return run((model) => actions.setValue(model, values(row), column, value)); },
       added: (texts) => {
-        const entry = {};
+        const entry = {}, taken = editor.model.sets.map((one) => one.name);
+        texts = {...texts, name: texts.name || defaultName(type, taken)};
         for (const {name} of kinds[type]) {
           if (texts[name] === undefined) { continue; }
           try { const value = parsed(kinds[type], name, texts[name]); if (value !== undefined) { entry[name] = value; } } catch (error) { throw inColumn(name, error.message); }
@@ -101,7 +117,7 @@ export async function show(box, app) {
     const take = h("button", {type: "button", disabled: !writable, onclick: () => app.doing(take, async () => {
       const given = Object.fromEntries([...inputs.querySelectorAll("input")].map((one) => [one.name, one.value.trim()]));
       const found = await post("sections", {element: type, material: material.value, shape: shape.value, sizes: given, is_turned: turned.checked});
-      if (into.value === "new") { cells.fill(Object.fromEntries(Object.entries(found).map(([key, value]) => [key, String(value)]))); cells.focus("new", "name"); } else { await write(into.value, found); }
+      if (into.value === "new") { cells.fill(Object.fromEntries(Object.entries(found).map(([key, value]) => [key, shownNumber(value)]))); cells.focus("new", "name"); } else { await write(into.value, found); }
     })}, "Take its values");
     sizes();
     const details = h("details", {class: "preset"}, h("summary", {}, "Values from material and cross-section"), h("div", {class: "row end"}, field("Material", material), field("Cross-section", shape), inputs,
@@ -119,7 +135,7 @@ export async function show(box, app) {
     for (const type of types) {
       const own = model.sets.filter((one) => one.type === type), {cells} = setsTable(type);
       const keys = kinds[type].filter((one) => !LEFT_OUT.includes(one.name) && (one.required || TEXTS.includes(one.name) || USUAL.includes(one.name) || own.some((set) => one.name in set.entry)));
-      cells.show(keys.map((one) => column(type, one)), own.map((set) => ({key: String(set.k), head: set.name, cells: Object.fromEntries(keys.map((one) => [one.name, shownValue(set, one.name)]))})), {});
+      cells.show(keys.map((one) => column(type, one, defaultName(type, model.sets.map((set) => set.name)))), own.map((set) => ({key: String(set.k), head: set.name, cells: Object.fromEntries(keys.map((one) => [one.name, shownValue(set, one.name)]))})), {});
       cells.sets?.(own);
     }
     const order = [nodesPart, ...types.map((type) => setsTable(type).section), planPart];
@@ -128,6 +144,9 @@ export async function show(box, app) {
     fill(told, doubts.length ? h("section", {class: "card doubt"}, h("h2", {}, "To be looked at"), h("ul", {class: "plain marked"}, doubts.map((one, k) => h("li", {}, h("div", {class: "check"}, h("b", {class: "tag"}, String(k + 1)), h("span", {}, one.words)))))) : null);
     const {undo: back, redo: again} = editor.history;
     for (const [button, list, word] of [[undo, back, "Undo"], [redo, again, "Redo"]]) { button.disabled = !list.length; button.textContent = list.length ? `${word}: ${list.at(-1).words}` : word; }
+    const lines = types.filter((type) => LINES.includes(type)), targets = lines.flatMap((type) => [[`${type} new`, `new ${TITLES[type].toLowerCase()}`], ...model.sets.filter((one) => one.type === type).map((one) => [`${type} ${one.k}`, one.name])]);
+    fill(into, options(targets, targets.some(([value]) => value === into.value) ? into.value : targets[0][0]));
+    picture.draft = lines.flatMap((type) => draftOf(setsTable(type).cells));
     picture.show(model, doubts);
     read();
   }
@@ -176,12 +195,18 @@ export async function show(box, app) {
   if (writable && !editor.model.nodes.size) { nodes.focus("new", "X"); }
 }
 
+// The name of a set that is given none.
+function defaultName(type, taken) {
+  const base = TITLES[type].toLowerCase();
+  for (let k = 1; ; k += 1) { const name = k === 1 ? base : `${base} ${k}`; if (!taken.includes(name)) { return name; } }
+}
+
 const inColumn = (column, words) => Object.assign(new Error(words), {column});
 
-function column(type, one) {
+function column(type, one, name) {
   const unit = one.unit && one.unit !== "1" ? `, ${unitText(one.unit)}` : "";
   const titles = {name: "name", nodes: LINES.includes(type) ? "elements" : "nodes", first: "from", second: "to"};
-  const placeholder = {name: "such as columns", nodes: LINES.includes(type) ? "1-2, 3-4" : "2, 3", first: "2X", second: "ground", orientation: "default"}[one.name] ?? (one.required ? "" : "–");
+  const placeholder = {name, nodes: LINES.includes(type) ? "1-2, 3-4" : "2, 3", first: "2X", second: "ground", orientation: "default"}[one.name] ?? (one.required ? "" : "–");
   return {key: one.name, title: titles[one.name] ?? `${SHORT[one.name] ?? one.name.replaceAll("_", " ")}${unit}`, label: titles[one.name] ?? SHORT[one.name] ?? one.name.replaceAll("_", " "), placeholder, wide: ["nodes", "name"].includes(one.name)};
 }
 

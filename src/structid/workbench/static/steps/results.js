@@ -1,7 +1,7 @@
 // Results: the verdict first, then values, the report, everything to take away, and two results side by side.
-import {get, link, view} from "../api.js";
+import {get, link, post, view} from "../api.js";
 import {chart, colours, ink} from "../charts.js";
-import {bytes, field, fill, h, number, options, percent, quantity, table, unpacked} from "../dom.js";
+import {bytes, field, fill, h, number, numberIn, options, percent, quantity, table, unpacked} from "../dom.js";
 import {resultsName} from "../recorded.js";
 
 const MARKS = {sound: "good", approximate: "doubt", wrong_model: "bad", undetermined: "bad"};
@@ -9,7 +9,7 @@ const MARKS = {sound: "good", approximate: "doubt", wrong_model: "bad", undeterm
 export async function show(box, app) {
   await app.reload();
   const all = app.folder.results.sort((a, b) => b.changed - a.changed).map((one) => one.path), base = resultsName(app.study);
-  if (!all.length) { fill(box, h("h1", {}, "Results"), h("p", {}, "No results in this folder yet: run a study (step 6).")); return; }
+  if (!all.length) { fill(box, h("h1", {}, "Results"), h("p", {}, "No results in this folder yet: run a study, in step Run.")); return; }
   const first = all.find((path) => base && path.startsWith(base)) || all[0];
   const choice = h("select", {id: "results", onchange: () => draw()}, options(all, first)), other = h("select", {id: "other", onchange: () => draw()}, options([["", "none"], ...all]));
   const place = h("div");
@@ -18,11 +18,22 @@ export async function show(box, app) {
     try {
       const found = await get("results", {results: choice.value}), beside = other.value ? await get("results", {results: other.value}) : null;
       const fit = await fits(choice.value).catch((error) => h("p", {class: "note"}, error.message));
-      fill(place, verdict(found.results), changes(found.results, choice.value, found.files), values(found.results, beside?.results, choice.value, other.value), fit, exported(choice.value, found.files),
+      fill(place, verdict(found.results), further(app, found.results, choice.value), changes(found.results, choice.value, found.files), values(found.results, beside?.results, choice.value, other.value), fit, exported(choice.value, found.files),
         found.report ? h("iframe", {class: "report", sandbox: "allow-scripts", src: view(found.report), title: `Report in ${choice.value}`}) : h("p", {class: "note"}, "These results hold no report page."));
     } catch (error) { fill(place, h("div", {class: "card bad"}, error.message)); }
   };
   await draw();
+}
+
+// A longer search for causes of a misfit: the same run once more, into the same folder.
+function further(app, found, folder) {
+  if (!app.study || !["approximate", "wrong_model"].includes(found.verdict) || !folder.startsWith(resultsName(app.study))) { return null; }
+  const seconds = h("input", {value: "300", inputmode: "decimal"});
+  const go = h("button", {type: "button", disabled: !app.folder.writable, onclick: () => app.doing(go, async () => {
+    await post("runs", {study: app.study, results: folder, replace: true, explain: true, seconds: numberIn(seconds, {least: 1})});
+    app.go("run");
+  })}, "Search further");
+  return h("section", {class: "card", id: "further"}, h("h2", {}, "Causes of the misfit"), h("p", {class: "note"}, "The search for causes has a time limit. A longer one tries more causes, and more of them together."), h("div", {class: "row end"}, field("seconds of processor time", seconds, "short"), go));
 }
 
 // Words with what stands between back quotes as code.

@@ -1,7 +1,7 @@
 // Runs: processes of their own that go on without this page; stages, sum of squares and values as they move.
 import {get, post} from "../api.js";
 import {chart, colours} from "../charts.js";
-import {bytes, clock, field, fill, h, quantity, table, writing} from "../dom.js";
+import {bytes, clock, field, fill, h, numberIn, quantity, table, writing} from "../dom.js";
 import {resultsName} from "../recorded.js";
 
 export const STATES = {queued: ["waits for its turn", "doubt"], running: ["running", "live"], paused: ["paused", "doubt"], stopping: ["stopping", "doubt"], done: ["done", "good"], undetermined: ["no certain answer", "doubt"], unusable: ["input cannot be used", "bad"], wrong_model: ["the model does not explain the record", "bad"], stopped: ["stopped", "doubt"], disk_full: ["the disk is full", "bad"], killed: ["ended from outside", "bad"]};
@@ -33,13 +33,15 @@ function start(app) {
     return name;
   };
   const results = h("input", {value: free(), spellcheck: "false", id: "results-folder"}), needs = h("p", {class: "note", "aria-live": "polite"}, "");
+  const limit = h("input", {inputmode: "decimal", placeholder: "by itself", id: "causes-seconds"}), always = h("input", {type: "checkbox"});
   const box = h("div"), off = !app.folder.writable || !app.now.table.record;
-  const buttons = writing(app, "Identify", results, (replace) => begin(app, box, {study: app.study, results: results.value, replace}, () => { results.value = free(); }), {class: "main", disabled: off});
+  const buttons = writing(app, "Identify", results, (replace) => begin(app, box, {study: app.study, results: results.value, replace, seconds: numberIn(limit, {least: 0, empty: true}), explain: always.checked}, () => { results.value = free(); }), {class: "main", disabled: off});
   const ask = h("button", {type: "button", onclick: () => app.doing(ask, async () => {
     fill(needs, "Timing a few lines, and trying the search for some seconds…");
     try { const found = await get("needs", {study: app.study}); fill(needs, `About ${clock(found.seconds)}${duration(found)}. One iteration takes about ${clock(found.iteration_seconds)}. About ${bytes(found.bytes)} of memory (${bytes(found.free)} free).`); } catch (error) { fill(needs, ""); throw error; }
   })}, "What will it take?");
-  return h("section", {class: "card"}, h("div", {class: "row end"}, field("Results go to", results), buttons, ask), needs, box, app.now.table.record ? null : h("p", {class: "note"}, "The study has no record yet."));
+  return h("section", {class: "card"}, h("div", {class: "row end"}, field("Results go to", results), buttons, ask), h("details", {}, h("summary", {}, "Causes of a misfit"), h("div", {class: "row end"}, field("look for them for so many seconds", limit, "short"), h("label", {class: "check"}, always, "even if the answer is sound")),
+    h("p", {class: "note"}, "Processor time. By itself the search takes as long as three identifications and 5 s. What it finds stands in the results, each cause as a study to open.")), needs, box, app.now.table.record ? null : h("p", {class: "note"}, "The study has no record yet."));
 }
 
 // Start a run; where its study runs a program, what that is is shown first, and the run starts when it is confirmed.

@@ -155,9 +155,35 @@ export async function understood(app, path, place, own = null) {
     event.preventDefault();
     app.doing(again, async () => understood(app, path, place, fields.options()));
   }}, fields.box, again);
+  const seen = /\.(csv|txt|tsv)$/i.test(path) ? preview(path, mapping, given.csv ?? {}) : null;
   fill(place, failed ? h("div", {class: "card doubt"}, h("p", {}, failed)) : facts(found),
-    h("details", {open: Boolean(failed)}, h("summary", {}, "What the file does not say about itself"), mapping),
+    h("details", {open: Boolean(failed)}, h("summary", {}, "What the file does not say about itself"), seen, mapping),
     found && app.study ? use(app, path, found, given) : found ? h("p", {class: "note"}, "Open a study above to use this record in it.") : null);
+}
+
+const SEPARATORS = {comma: ",", semicolon: ";", tab: "\t", space: /\s+/};
+
+// The first lines of a table as the layout in `form` takes them apart: lines left out are struck through, headers are bold.
+function preview(path, form, given) {
+  const place = h("div", {class: "preview", "aria-live": "polite"});
+  let lines = [], encoding = null;
+  const said = (name) => (form.querySelector(`[name=${name}]`)?.value.trim() ?? given[name] ?? "");
+  const draw = () => {
+    const separator = SEPARATORS[said("separator")] ?? ["\t", ";", ","].find((sign) => lines.at(-1)?.includes(sign)) ?? /\s+/;
+    const skip = Number(said("skip_rows")) || 0, headers = said("header_rows") === "" ? 1 : Number(said("header_rows")) || 0;
+    const rows = lines.map((line, k) => { const parts = line.split(separator); return {parts: parts.slice(0, 8), more: parts.length > 8, kind: k < skip ? "skipped" : k < skip + headers ? "header" : null}; });
+    fill(place, h("div", {class: "wide", tabindex: 0, role: "group", "aria-label": `First lines of ${path}`}, h("table", {}, h("caption", {class: "note"}, "Its first lines, as this layout takes them apart"), h("tbody", {}, rows.map(({parts, more, kind}, k) => h("tr", {class: kind},
+      h("th", {scope: "row"}, `${k + 1}${kind === "skipped" ? " left out" : kind === "header" ? " header" : ""}`), parts.map((part) => h("td", {}, part)), more ? h("td", {}, "…") : null))))));
+  };
+  const read = async () => {
+    const wanted = said("encoding");
+    if (wanted === encoding) { draw(); return; }
+    encoding = wanted;
+    try { ({lines} = await post("lines", {record: path, encoding})); draw(); } catch (error) { fill(place, h("p", {class: "wrong"}, error.message)); }
+  };
+  for (const kind of ["input", "change"]) { form.addEventListener(kind, read); }
+  read();
+  return place;
 }
 
 const counted = (channels) => (channels.length === 1 ? "1 channel" : `${channels.length} channels`);
