@@ -69,6 +69,7 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.get_by_text("data and priors determine every parameter").wait_for()
         text = (folder / "beam.toml").read_text(encoding="utf-8")
         assert "[record.sensors]\n101Y = { node = 3, direction = [0.0, 1.0, 0.0] }" in text
+        page.locator("#resonances td").first.wait_for()
         shown(page, screens, "3_structure")
         accessible(page, "structure")
 
@@ -104,6 +105,13 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         )
         assert low == pytest.approx(2 + 0.1 * 138, abs=4)
         assert high == pytest.approx(2 + 0.8 * 138, abs=4)
+        page.get_by_label("model at its start values").check()
+        eventually(
+            page,
+            lambda: page.evaluate(
+                "document.querySelector('#responses').data.some((one) => one.name?.endsWith(', model'))"
+            ),
+        )
         shown(page, screens, "4_records")
         accessible(page, "records")
 

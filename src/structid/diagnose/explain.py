@@ -35,6 +35,7 @@ from structid.diagnose.verdict import (
     are_causes,
     fits_noise,
     is_sound,
+    is_untested,
     judged,
     noise_ratio,
     not_found,
@@ -143,6 +144,8 @@ def diagnose(
         if not explain and (explain is False or not is_clear(sensitivities)):
             return _diagnose_sound(model, identification, sensitivities, work, is_asked=explain is None)
     if any(one.warning for one in identification.truncations) and not explain:
+        return DiagnosedIdentification(identification, Diagnosis(judged(identification, work=work)))
+    if is_untested(identification) and not explain:
         return DiagnosedIdentification(identification, Diagnosis(judged(identification, work=work)))
     ratio = noise_ratio(identification)
     if ratio is not None and ratio != 1.0 and not explain:

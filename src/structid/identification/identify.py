@@ -170,7 +170,7 @@ def identify_together(
         freed=freed,
         setups=tuple(setups),
         options=chosen,
-        alternatives=alternatives(found, problems),
+        alternatives=alternatives(found, problems, answer.without_priors),
     )
 
 

@@ -60,6 +60,8 @@ class Answer:
         The regularizations as they were used.
     varied : tuple of Varied
         What differs from record to record.
+    without_priors : Estimate or None
+        From the data alone, where these are too few to test what priors choose.
     """
 
     estimate: Estimate
@@ -67,6 +69,7 @@ class Answer:
     target: Problem | None
     held: tuple[Held, ...]
     varied: tuple[Varied, ...] = ()
+    without_priors: Estimate | None = None
 
 
 def answered(
@@ -140,7 +143,20 @@ def answered(
     best, problems = reweighted(*searched(regular.problems, found), found_near)
     differing = varied(problems, best, regular.scatters)
     best = widened_estimate(best, tuple(regular.scatters.values()))
-    return Answer(best, problems, joint_problem(problems), regular.held, differing)
+    is_chosen = wide and best.goodness.test_freedom < 1 and not options.regularization and not regular.scatters
+    unforced = _without_priors(problems, best, method, search, work) if is_chosen else None
+    return Answer(best, problems, joint_problem(problems), regular.held, differing, unforced)
+
+
+def _without_priors(
+    problems: Sequence[RecordProblem], best: Estimate, method: Method, search: Search, work: Work
+) -> Estimate | None:
+    """The estimate from the data alone, searched from wide starts about that with priors; None where there are no priors."""
+    if not any(problem.parameters.has_priors for problem in problems):
+        return None
+    bare = tuple(problem.with_parameters(problem.parameters.without_priors()) for problem in problems)
+    wide = replace(search, start=best.theta, wide_problem=partial(_keeping_order, bare))
+    return estimate(joint_problem(bare), method, (), wide, work=work)
 
 
 def wide_starts(problems: Sequence[RecordProblem]) -> int:

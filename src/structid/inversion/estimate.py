@@ -129,6 +129,11 @@ class Goodness:
         free within their tolerances where noise alone does not explain the other.
     expected_per_dof : float
         Chi-square per degree of freedom where all is right: 1, and more where few averages tell the noise.
+    n_values : int
+        Independent data values: `n_data` but for those that solve for quantities of the record alone. 0 where they are not counted.
+    test_freedom : float
+        What `n_values` have beyond the degrees of freedom that parameters take from them: below 1, the data test nothing. Infinite
+        where they are not counted.
     least_chi_square : float
         The smallest chi-square with fixed values within their tolerances, their squares included; NaN where noise explains
         `chi_square`.
@@ -141,6 +146,8 @@ class Goodness:
     residual_tests: ResidualTests | None = None
     expected_per_dof: float = 1.0
     least_chi_square: float = float("nan")
+    n_values: int = 0
+    test_freedom: float = float("inf")
 
     @property
     def misfit(self) -> float:
@@ -625,6 +632,8 @@ def estimate(
         residual_tests=tests,
         expected_per_dof=expected_per_row(problem),
         least_chi_square=np.nan if within is None else within.chi_square,
+        n_values=(n_values := problem.n_data - best.linearization.n_eliminated),
+        test_freedom=n_values - uncertainty.taken if np.isfinite(uncertainty.taken) else np.inf,
     )
     searches = SearchRecord(
         n_iterations=n_iterations,

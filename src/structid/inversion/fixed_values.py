@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,14 +87,20 @@ class FixedValueInfluence:
     @property
     def words(self) -> str:
         """Tolerances of held values in words, such as ``1 % of held masses and stiffnesses``."""
-        held: dict[str, list[str]] = {}
-        for what, kinds in _CALLED.items():
-            own = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind in kinds})
-            if own:
-                held.setdefault(_size(own), []).append(what)
-        said = [f"{size} of held {' and '.join(what)}" for size, what in held.items()]
-        gains = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind == "gain"})
-        return ", ".join([*said, *([f"{_size(gains)} of the calibration"] if gains else [])])
+        return tolerance_words(self.kinds, self.tolerance.tolist())
+
+
+def tolerance_words(kinds: Sequence[str], tolerances: Sequence[float]) -> str:
+    """Tolerances of held values of these kinds in words, such as ``1 % of held masses and stiffnesses``."""
+    held: dict[str, list[str]] = {}
+    pairs = list(zip(kinds, tolerances, strict=True))
+    for what, several in _CALLED.items():
+        sizes = sorted({tolerance for kind, tolerance in pairs if kind in several})
+        if sizes:
+            held.setdefault(_size(sizes), []).append(what)
+    said = [f"{size} of held {' and '.join(what)}" for size, what in held.items()]
+    gains = sorted({tolerance for kind, tolerance in pairs if kind == "gain"})
+    return ", ".join([*said, *([f"{_size(gains)} of the calibration"] if gains else [])])
 
 
 def limit_of(count: int, probability: float = 1e-3) -> float:

@@ -104,7 +104,7 @@ class SenseOptions:
     Parameters
     ----------
     wanted : str
-        Degrees of freedom whose motion is wanted, with commas between.
+        Degrees of freedom whose motion is wanted, and forces and stresses of elements as for `structid predict`, by commas.
     motion : str
         displacement, velocity or acceleration.
     unknown : str
@@ -117,6 +117,8 @@ class SenseOptions:
         Sensors that are not used but compared, with commas between.
     draws : int
         Models within the uncertainty.
+    unfiltered : bool
+        Take the record as one that no filter against aliasing went over, as simulated ones; measured ones are filtered.
     """
 
     wanted: str = ""
@@ -125,7 +127,8 @@ class SenseOptions:
     correlation_time: float | None = None
     force_std: float | None = None
     leave_out: str = ""
-    draws: int = 20
+    draws: Annotated[int, Limits(least=0)] = 20
+    unfiltered: bool = False
 
     def __post_init__(self) -> None:
         """Raise `InputError` where unknown forces are named without a correlation time."""

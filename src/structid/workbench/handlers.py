@@ -544,6 +544,7 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/api/scene", _of_study("scene", number=0)),
     ("GET", "/api/channels", _of_study("channels", number=0)),
     ("GET", "/api/check", _of_study("check")),
+    ("GET", "/api/modelled", _of_study("modelled", number=0)),
     ("GET", "/api/needs", _of_study("needs")),
     ("GET", "/api/plan", _of_study("plan", sensors=4)),
     ("POST", "/api/mesh", _of_body("mesh", "path", "length_unit")),

@@ -56,11 +56,11 @@ export class StructurePicture {
     this.choose(model.nodes.has(chosen) ? chosen : null);
   }
 
-  // All nodes lie within the stage as it is seen now, and do not crowd in a corner of it.
+  // All nodes lie within the stage as it is seen now, and do not crowd in a corner of it; whoever draws keeps the view.
   isSeen(model) {
     const {width, height} = this.scene.view, points = [...model.nodes.values()].map((at) => this.scene.project([at[0] ?? 0, at[1] ?? 0, at[2] ?? 0]));
     const inside = points.every(([x, y]) => x > 12 && y > 12 && x < width - 12 && y < height - 30), wide = (k) => Math.max(...points.map((point) => point[k])) - Math.min(...points.map((point) => point[k]));
-    return inside && (points.length < 2 || this.scene.dragging || Math.max(wide(0) / width, wide(1) / height) > 0.3);
+    return inside && (points.length < 2 || this.kind !== "choose" || this.scene.dragging || Math.max(wide(0) / width, wide(1) / height) > 0.3);
   }
 
   // The place on the grid under a point, in the plane of the structure, or of `through` and the two axes that are seen best.

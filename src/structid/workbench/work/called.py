@@ -173,6 +173,16 @@ def _check(opened: OpenFolder, study: str) -> Entry:
     }
 
 
+def _modelled(opened: OpenFolder, study: str, number: int = 0) -> Entry:
+    """FRF magnitudes of a study's model at its start values, at the used lines of record `number`."""
+    from structid.study.run.start import started
+    from structid.study.schema.study import load_study
+    from structid.workbench.work.fits import initial_responses
+
+    ready = started(load_study(opened.inside(study), work=LOOKING))
+    return initial_responses(ready.setups[number], ready.problems[number], ready.study.options)
+
+
 def _needs(opened: OpenFolder, study: str) -> Entry:
     """Memory (bytes) and duration (s) that a study's identification is expected to take."""
     from structid.study.run.resources import available_bytes, expected
@@ -314,6 +324,7 @@ _FUNCTIONS: dict[str, Callable[..., Entry]] = {
     "overview": _overview,
     "responses": _responses,
     "check": _check,
+    "modelled": _modelled,
     "needs": _needs,
     "plan": _plan,
     "survey": _survey,

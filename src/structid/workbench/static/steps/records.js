@@ -131,9 +131,14 @@ async function lines(box, app) {
   try { told = await post("responses", {study: app.study, outputs: [], number: app.record}); } catch (error) { fill(box, h("h2", {}, "Responses"), h("p", {class: "state bad", style: {"white-space": "normal"}}, error.message)); return; }
   const mode = h("select", {id: "drag"}, options([["zoom", "zooms"], ["band", "sets the band"], ["exclude", "leaves lines out"]]));
   mode.addEventListener("change", () => draw());
-  fill(box, h("h2", {}, `Responses: ${withUnit(told.kind, told.unit)}`), channelList(told.pairs.map((one) => `${one.output} / ${one.input}`), shown, () => draw()),
-    h("div", {class: "row end"}, field("Dragging", mode), bandPlace), place, h("p", {class: "note"}, `Noise: ${told.noise}. ${told.thinned > 1 ? `Every ${told.thinned}th line is drawn.` : ""}`));
   const f = unpacked(told.frequency, "f64");
+  let model = null; // of the study at its start values, once it is asked for
+  const over = h("input", {type: "checkbox", id: "model-over", onchange: () => app.doing(over, async () => {
+    if (over.checked) { model = await get("modelled", {study: app.study, number: app.record}); if (!model.channels.length) { over.checked = false; throw new Error("this record has no FRFs of a model to show"); } }
+    await draw();
+  })});
+  fill(box, h("h2", {}, `Responses: ${withUnit(told.kind, told.unit)}`), channelList(told.pairs.map((one) => `${one.output} / ${one.input}`), shown, () => draw()),
+    h("div", {class: "row end"}, field("Dragging", mode), bandPlace, h("label", {class: "check"}, over, "model at its start values")), place, h("p", {class: "note"}, `Noise: ${told.noise}. ${told.thinned > 1 ? `Every ${told.thinned}th line is drawn.` : ""}`));
   const set = async (edit, words) => { if (await app.edit([edit], words)) { const method = app.now.table.method || {}; told.band = method.band ?? null; told.exclude = method.exclude ?? []; bands(); await draw(); } };
   const bands = () => {
     const low = h("input", {value: typed(told.band?.[0] ?? f[0], 5), inputmode: "decimal"}), high = h("input", {value: typed(told.band?.[1] ?? f.at(-1), 5), inputmode: "decimal"});
@@ -147,6 +152,8 @@ async function lines(box, app) {
       const one = told.pairs[k], colour = colours()[row % 7], name = `${one.output} / ${one.input}`;
       const common = {x: f, mode: "lines", line: {width: 1.3, color: colour}, name, legendgroup: name};
       traces.push({...common, y: unpacked(one.magnitude, "f32"), hovertemplate: "%{x:.5g} Hz: %{y:.4g}<extra>" + "</extra>"}, {...common, y: unpacked(one.phase, "f32"), yaxis: "y2", showlegend: false, hovertemplate: "%{x:.5g} Hz: %{y:.0f}°<extra></extra>"});
+      const own = over.checked && model?.channels.find((each) => each.name === name);
+      if (own) { traces.push({x: unpacked(model.frequency, "f64"), y: unpacked(own.magnitude, "f32"), mode: "lines", line: {width: 1.6, color: colour, dash: "dash"}, name: `${name}, model`, legendgroup: name, hovertemplate: "%{x:.5g} Hz: %{y:.4g}<extra>model</extra>"}); }
       if (one.coherence) { traces.push({...common, y: unpacked(one.coherence, "f32"), yaxis: "y3", showlegend: false}); }
       if (one.error) { traces.push({...common, y: unpacked(one.error, "f32").map((x) => 100 * x), yaxis: hasCoherence ? "y4" : "y3", showlegend: false, hovertemplate: "%{x:.5g} Hz: %{y:.2g} %<extra></extra>"}); }
     });

@@ -1,6 +1,6 @@
 // The structure in space, its sensors, and what `check` says of it.
 import {get, post} from "../api.js";
-import {field, fill, h, number, options, quantity, table, toml} from "../dom.js";
+import {field, fill, h, number, options, percent, quantity, table, toml} from "../dom.js";
 import {recordPath, recordPicker, records} from "../recorded.js";
 import {Scene} from "../scene.js";
 
@@ -166,6 +166,7 @@ async function showCheck(place, app, mark) {
       found.records.map((words) => h("p", {}, words)),
       found.warnings.length ? [h("h3", {}, "Warnings"), h("ul", {class: "warnings"}, found.warnings.map((words) => h("li", {}, words)))] : h("p", {class: "muted"}, "No warning."),
       found.directions.length ? [h("h3", {}, "Not determined"), h("ul", {class: "warnings"}, found.directions.map((words) => h("li", {}, words)))] : null,
+      found.resonances.length ? h("details", {open: true, id: "resonances"}, h("summary", {}, "Resonances of the record and of the model at its start values"), table(["measured, Hz", "model, Hz", "model is higher by", "MAC"], found.resonances.map(([measured, model, , mac]) => [number(measured), number(model), measured && model ? percent((model - measured) / measured) : "–", mac === null ? "–" : number(mac, 2)]), [0, 1, 2, 3])) : null,
       h("div", {class: "columns"},
         h("details", {open: true}, h("summary", {}, "Modes of the initial model"), table(["mode", "Hz", "damping ratio", "lines a bandwidth"], found.modes.map((one, k) => [String(k + 1), number(one[0]), number(one[1], 3), one[2] ? number(one[3], 3) : "outside"]), [1, 2, 3])),
         h("details", {open: found.channels.length < 15}, h("summary", {}, `What ${found.channels.length} channels see`), table(["channel", "", "sees"], found.channels.map((one) => one)))));
