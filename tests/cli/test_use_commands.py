@@ -245,3 +245,13 @@ def test_predict_names_loads_that_cannot_be(results, tmp_path, arguments, words)
     done = invoke("predict", results, *sensors, *arguments, "--draws", 50, "--out", tmp_path / "p")
     assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
     assert not (tmp_path / "p").exists()
+
+
+def test_predict_tunes_a_damper(results, tmp_path):
+    done = invoke("predict", results, "--tune-damper", "0.2@3X", "--draws", 60, "--modes", 2, "--out", tmp_path / "p")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "tuned mass damper of 0.2 kg" in done.stdout
+    told = json.loads((tmp_path / "p" / "prediction.json").read_text())["tuned_damper"]
+    assert told["largest_receptance"] < told["largest_receptance_before"]
+    done = invoke("predict", results, "--tune-damper", "3X", "--out", tmp_path / "q")
+    assert (done.exit_code, "`tune_damper` must be a mass in kg and a place" in done.stderr) == (2, True)

@@ -18,6 +18,8 @@ from structid.fem.meshes import read_mesh
 from structid.modal.formats.files import read_modes
 from structid.modal.formats.printed import ModeFileOptions
 from structid.prediction.identified_model import identified_model
+from structid.prediction.predict import predict
+from structid.prediction.quantities import NaturalModes
 from structid.study.results.stored_model import ParameterSpread
 from structid.study.run.exports.matrices import export_matrices, matrix_files
 from structid.study.run.exports.mesh import export_mesh
@@ -157,6 +159,9 @@ def test_modes_read_by_pyuff_and_from_the_columns_of_a_punch_file(model, tmp_pat
                 value
             )
     np.testing.assert_array_equal(complete["frequency_hz"], computed.frequency)
+    drawn = predict(identified, NaturalModes(5), n_draws=150).std[:, 0]
+    np.testing.assert_allclose(complete["frequency_std_hz"], drawn, rtol=0.25)
+    np.testing.assert_allclose(np.sqrt(np.diag(table.covariance))[:5], complete["frequency_std_hz"])
     again = read_modes(tmp_path / "table.pch", ModeFileOptions(length_unit="m"))
     np.testing.assert_allclose(again.frequency, computed.frequency, rtol=1e-7)
     assert len(again.channels) > 3 * 13

@@ -52,6 +52,9 @@ class PredictOptions:
         Motion of a history against supports that move, in place of absolute motion.
     motion : str
         Of histories: displacement, velocity or acceleration; of spectra that of `kind`.
+    tune_damper : str
+        Mass and place of a tuned mass damper whose frequency and damping are sought, `800@40X`: those with which the largest
+        response there is smallest over the uncertainty. It is then added as a change.
     modes : int
         Number of natural modes.
     draws : int
@@ -74,6 +77,7 @@ class PredictOptions:
     supports: Literal["together", "alone"] = "together"
     relative: bool = False
     motion: str = "acceleration"
+    tune_damper: str = ""
     modes: Annotated[int, Limits(least=1)] = 8
     draws: Annotated[int, Limits(least=50)] = N_DRAWS
     seed: int = 0

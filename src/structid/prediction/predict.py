@@ -132,7 +132,7 @@ def predict_together(
 
     The arguments are those of `predict`.
     """
-    model, error = _model_and_error(source, model_error)
+    model, error = model_and_error(source, model_error)
     drawn = _draw_all(model, model.structure, model.parameters, quantities, n_draws, seed)
     return [_band(model, each, *values, error, seed) for each, values in zip(quantities, drawn, strict=True)]
 
@@ -173,7 +173,7 @@ def predict_changes(
     model_error: ModelError | None = None,
 ) -> list[PredictedChange]:
     """Several quantities before and after changes, by the same random models; the arguments are those of `predict_change`."""
-    model, error = _model_and_error(source, model_error)
+    model, error = model_and_error(source, model_error)
     changed, parameters = changed_model(model.structure, model.parameters, changes)
     wanted, followed = list(quantities), list(quantities)
     for i, quantity in enumerate(quantities):
@@ -196,7 +196,7 @@ def predict_changes(
     return found
 
 
-def _model_and_error(
+def model_and_error(
     source: Identification | IdentifiedModel, model_error: ModelError | None
 ) -> tuple[IdentifiedModel, ModelError | None]:
     """The model of an identification with the error of its fitted FRFs; a given model as it is."""
@@ -225,7 +225,7 @@ def _draw_all(
     for quantity in quantities:
         base: Quantity = getattr(quantity, "base", quantity)
         if id(base) not in computed:
-            evaluate = base.evaluator(structure, parameters, _points(model))
+            evaluate = base.evaluator(structure, parameters, parameter_points(model))
             nominal = evaluate(model.physical)
             computed[id(base)] = nominal, np.stack([_evaluated(evaluate, each) for each in physical])
     found = []
@@ -246,7 +246,7 @@ def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
         ) from error
 
 
-def _points(model: IdentifiedModel) -> list[FloatArray]:
+def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
     """The identified parameters, and parameters that are off by one of the largest independent errors each."""
     order = np.argsort(-np.linalg.norm(model.factor, axis=0))[:_MOST_POINTS]
     lines = _OFF * np.eye(model.factor.shape[1])[order]

@@ -576,14 +576,14 @@ class NaturalModes:
         """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters."""
         structure.require_modes("modes")
         n_modes = self.n_modes if self.reference is None else self.n_modes + _MORE_MODES
-        first = _structure_modes(structure, parameters.values(points[0]), n_modes).mode_shapes
+        first = structure_modes(structure, parameters.values(points[0]), n_modes).mode_shapes
         if self.reference is not None:
             first = first[:, self.reference.order_in(structure, first)]
         mass = structure.matrix("mass", parameters.values(points[0]))
 
         def evaluate(physical: FloatArray) -> FloatArray:
             """Frequency and damping ratio of the modes that are most like the identified ones, (n_modes, 2)."""
-            found = _structure_modes(structure, parameters.values(physical), n_modes + _MORE_MODES)
+            found = structure_modes(structure, parameters.values(physical), n_modes + _MORE_MODES)
             alike = np.abs(first.T @ (mass @ found.mode_shapes))
             order = alike.argmax(axis=1)
             return np.stack([found.frequency[order], found.damping_ratio[order]], axis=1)
@@ -621,13 +621,13 @@ def comparable_modes(
         raise InputError(
             "nothing of the changed structure can move, so that it has no modes; hold or take out less of it"
         )
-    shapes = _structure_modes(*before, quantity.n_modes).mode_shapes
-    n_modes = min(shapes.shape[1], _structure_modes(*after, quantity.n_modes).mode_shapes.shape[1])
+    shapes = structure_modes(*before, quantity.n_modes).mode_shapes
+    n_modes = min(shapes.shape[1], structure_modes(*after, quantity.n_modes).mode_shapes.shape[1])
     reference = ReferenceModes(before[0].dofs, shapes[:, :n_modes])
     return NaturalModes(n_modes), NaturalModes(n_modes, reference)
 
 
-def _structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
+def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
     """The `n_modes` lowest modes of a structure with the property values (n_values,)."""
     mass, stiffness, damping, loss = (
         structure.matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")

@@ -10,6 +10,7 @@ from structid.core.display import plural
 from structid.core.quantities import NOTHING, number, percent, unit_text, value_words
 from structid.prediction.predict import PredictedChange, Prediction
 from structid.prediction.quantities import units_of
+from structid.prediction.tuned_damper import TunedDamper
 from structid.report.figures.prediction import frf_figure, history_figure, spectrum_figure
 from structid.report.page import Page
 from structid.report.tables import Table, printed
@@ -101,6 +102,12 @@ def width_words(found: StudyPrediction) -> str:
     return f"Half-width of the 95 % band of the FRFs, median over lines: {', '.join(words)}"
 
 
+def damper_table(damper: TunedDamper) -> Table:
+    """Table of the values of a tuned mass damper, best over the uncertainty and for the identified model."""
+    shown = damper.overview()
+    return Table(tuple(shown.header), tuple(map(tuple, shown.rows)), tuple(range(1, len(shown.header))))
+
+
 def _tables(found: StudyPrediction) -> dict[str, Table | None]:
     """Tables with one row an output, by their names in the page; None of what was not predicted."""
     titles = {
@@ -114,6 +121,8 @@ def _tables(found: StudyPrediction) -> dict[str, Table | None]:
 def prediction_text(found: StudyPrediction) -> list[RenderableType]:
     """Terminal text of a prediction: natural modes, largest motions, and what the bands include."""
     parts: list[RenderableType] = [Text(heading(found), style="bold"), printed(modes_table(found.modes))]
+    if found.damper is not None:
+        parts += [Text(found.damper.overview().words), printed(damper_table(found.damper))]
     parts += [printed(table) for table in _tables(found).values() if table is not None]
     parts += [Text(words) for words in (width_words(found), found.words) if words]
     return parts
@@ -137,6 +146,8 @@ def prediction_page(found: StudyPrediction) -> Page:
         "modes": modes_table(found.modes),
         **_tables(found),
         "loads": found.loads,
+        "damper": None if found.damper is None else damper_table(found.damper),
+        "damper_words": "" if found.damper is None else found.damper.overview().words,
         "n_draws": plural(next(iter(parts_of(found.modes).values())).n_draws, "model"),
     }
     return Page(PREDICTION_PAGE, "prediction.html.j2", figures, words)

@@ -53,6 +53,7 @@ def predict(
       structid predict tower_results --sensors 40X --noise wind.csv@40X --duration 600
       structid predict bridge_results --sensors 12Y --mass 500@12 --scale "bending_stiffness[deck]=1.1"
       structid predict tower_results --sensors 40X --damper 800,0.62,0.12@40X
+      structid predict tower_results --sensors 40X --tune-damper 800@40X
     """
     from structid.cli.tables import show  # the help needs none of these
     from structid.core.json_types import json_text

@@ -58,6 +58,12 @@ _UNREAD = {
     "NONSTRUCTURAL MASS": "non-structural mass; add it to the density",
     "CONNECTOR SECTION": "connectors",
     "GAP": "gaps",
+    "BEAM ADDED INERTIA": "mass along beams; add it to the density",
+    "BEAM FLUID INERTIA": "mass of the fluid along beams; add it to the density",
+    "REBAR": "reinforcement",
+    "REBAR LAYER": "reinforcement",
+    "SURFACE SECTION": "surfaces that carry mass",
+    "FOUNDATION": "elastic foundations",
     "MASS ADJUST": "masses that are scaled to a total",
     "MODEL CHANGE": "elements that a step removes or adds",
     "JOINT": "joints",
@@ -266,14 +272,17 @@ def _read_springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
     rows = [row for row in block.rows if any(row)]
     obstacle = "it is nonlinear" if "NONLINEAR" in block.options else ""
     obstacle = "its directions have an orientation" if block.options.get("ORIENTATION") else obstacle
+    obstacle = "its stiffness has a loss" if "COMPLEX STIFFNESS" in block.options else obstacle
     items: Items = []
     for kind, nodes in deck.elements_of(scope, name, _SPRINGS[block.keyword]):
-        value = float(rows[0 if kind.endswith("A") else 1][0])
+        table = rows if kind.endswith("A") else rows[1:]
+        tabled = "its values depend on frequency, temperature or fields" if len(table) > 1 else ""
+        value = float(table[0][0])
         weights, why, is_rotation = _spring_weights(deck, scope, kind, nodes, rows[0])
         value *= deck.units.stiffness(is_rotation)
         is_spring = block.keyword == "SPRING"
         spring = DeckSpring(weights, value * is_spring, value * (not is_spring), 0.0, name)
-        items.append((obstacle or why, DeckPart(block.keyword, 1, springs=(spring,))))
+        items.append((obstacle or tabled or why, DeckPart(block.keyword, 1, springs=(spring,))))
     return items
 
 

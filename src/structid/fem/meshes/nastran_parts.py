@@ -591,15 +591,17 @@ def _node_list(words: Sequence[str]) -> list[int]:
 
 
 def _read_mpc_set(deck: _Deck, case_control: bytes) -> list[DeckPart]:
-    """Parts of the MPC cards of the set that case control asks for, or of the only set."""
+    """Parts of the MPC cards of the set that case control asks for, or of the only set where there is no case control."""
     if "MPC" not in deck.cards:
         return []
     sets: dict[int, list[list[str]]] = {}
     for words in deck.rows("MPC"):
         sets.setdefault(int(words[0]), []).append(words)
     set_numbers = re.findall(rb"^\s*MPC\s*=\s*(\d+)", case_control, re.MULTILINE | re.IGNORECASE)
-    chosen = {int(number) for number in set_numbers} or (set(sets) if len(sets) == 1 else set())
     count = sum(len(rows) for rows in sets.values())
+    if not set_numbers and re.search(rb"^\s*CEND\b", case_control, re.MULTILINE | re.IGNORECASE):
+        return [DeckPart("MPC", count, obstacle="case control asks for no set of MPC (`MPC = ...`)")]
+    chosen = {int(number) for number in set_numbers} or (set(sets) if len(sets) == 1 else set())
     sums = {int(words[0]): {int(word) for word in words[1:] if word} for words in deck.rows("MPCADD")}
     members = sums.get(next(iter(chosen)), chosen) if len(chosen) == 1 else set()
     if not members or not members <= set(sets):

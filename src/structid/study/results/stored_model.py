@@ -21,6 +21,7 @@ from structid.prediction.model_error import ModelError
 from structid.records import FrfRecord
 from structid.study.results.folder import STUDY_PATH
 from structid.study.results.hdf5 import ESTIMATE_FORMAT
+from structid.study.results.solver import UPDATED
 from structid.study.schema.model.structure import AUTO
 from structid.study.schema.study import Study, cut_study, load_study
 
@@ -60,8 +61,8 @@ def stored_study(folder: Path, study: Path | None = None) -> Study:
         )
     if found.solved is not None:
         raise InputError(
-            f"{path}: its model comes from a solver, and a results folder does not hold the one at the answer; predict in Python"
-            " from the identification itself"
+            f"{path}: its model comes from a solver, and a results folder does not hold the one at the answer; its deck with the"
+            f" identified numbers is in {folder / UPDATED}, and predictions are made in Python from the identification itself"
         )
     if found.root.inner("structure").table.get("subdivide") != AUTO:
         return found
@@ -86,7 +87,7 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
         If the data do not determine the model, or the search gave no covariance.
     """
     path = folder / "estimate.h5"
-    form = hdf5_attributes(require_readable(path)).get("format", "none")
+    form = hdf5_attributes(require_readable(path)).get("@format", ("none",))[0]
     if form != ESTIMATE_FORMAT:
         raise FileError(f"{path}: is of another version of structid ({form}, not {ESTIMATE_FORMAT}); {_AGAIN}")
     stored = _read_group(path, "parameters", (*_ARRAYS, *_FIXED, "draws"))

@@ -19,6 +19,7 @@ from structid.core.json_types import Entry
 from structid.fem import Base, Structure
 from structid.files import csv_text
 from structid.prediction.changes import Change, changed_model
+from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.linear_response import Input, support_base
 from structid.prediction.loads import half_sine, read_density, sine
 from structid.prediction.model_error import ModelError
@@ -37,6 +38,7 @@ from structid.prediction.quantities import (
     units_of,
 )
 from structid.prediction.recovery import Output, is_von_mises, parse_outputs
+from structid.prediction.tuned_damper import TunedDamper, tune_damper
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.study.results.stored_model import stored_loads, stored_model, stored_model_error, stored_study
 
@@ -65,6 +67,8 @@ class StudyPrediction:
         s.
     loads : str
         What acts in `history` and `spectrum`, in words.
+    damper : TunedDamper, optional
+        The damper that was tuned, one of the changes.
     """
 
     folder: Path
@@ -79,6 +83,7 @@ class StudyPrediction:
     largest: Prediction | PredictedChange | None = None
     duration: float | None = None
     loads: str = ""
+    damper: TunedDamper | None = None
 
     @property
     def words(self) -> str:
@@ -99,6 +104,8 @@ def predict_study(
     """
     source = stored_study(folder, study)
     model = stored_model(folder, source)
+    damper = _damper(model, options) if options.tune_damper else None
+    changes = [*changes, damper.change] if damper else changes
     changed_model(model.structure, model.parameters, changes)
     outputs = parse_outputs(split_commas(options.sensors))
     loaded = next((name for name in ("history", "half_sine", "sine", "noise") if getattr(options, name)), None)
@@ -157,6 +164,20 @@ def predict_study(
         options.duration,
         "; ".join(words),
     )
+
+
+def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
+    """The tuned mass damper of the options."""
+    mass, at, dof = options.tune_damper.partition("@")
+    try:
+        kg = float(mass)
+    except ValueError:
+        at = ""
+    if not at:
+        raise InputError(
+            f"`tune_damper` must be a mass in kg and a place, as 800@40X, got {options.tune_damper!r}", "tune_damper"
+        )
+    return tune_damper(model, dof, kg, seed=options.seed)
 
 
 def _lines(band: tuple[float | None, float | None] | None, options: PredictOptions) -> FloatArray:
@@ -287,6 +308,7 @@ def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
             for k in range(len(next(iter(modes.values())).values))
         ],
         **({"loads": found.loads} if found.loads else {}),
+        **({} if found.damper is None else {"tuned_damper": _damper_entry(found.damper)}),
         **({} if found.maxima is None else {"maxima": _of_outputs(parts_of(found.maxima))}),
         **(
             {}
@@ -298,6 +320,25 @@ def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
             if found.largest is None
             else {"largest": _of_outputs(parts_of(found.largest)), "duration_s": found.duration}
         ),
+    }
+
+
+def _damper_entry(damper: TunedDamper) -> dict[str, Entry]:
+    """Values of a tuned damper, and the largest receptances with and without it."""
+    return {
+        "mass_kg": damper.change.mass,
+        "frequency_hz": damper.change.frequency,
+        "damping_ratio": damper.change.damping_ratio,
+        "largest_receptance": damper.peak,
+        "largest_receptance_before": damper.peak_before,
+        "quantile": damper.quantile,
+        "best_for_identified_model": {
+            "frequency_hz": damper.nominal.frequency,
+            "damping_ratio": damper.nominal.damping_ratio,
+            "largest_receptance": damper.nominal_peak,
+        },
+        "band_hz": list(damper.band),
+        "models": damper.n_draws,
     }
 
 
