@@ -484,8 +484,8 @@ def test_where_causes_cannot_be_looked_for_the_verdict_stands_and_says_so(tmp_pa
 
 
 def test_of_a_large_model_the_records_alone_are_searched_for_causes(tmp_path, monkeypatch):
-    for module in ("modified_model", "causes", "causes.mass"):
-        monkeypatch.setattr(f"structid.diagnose.{module}.MOST_DOFS", 10)
+    monkeypatch.setattr("structid.diagnose.modified_model.MOST_DOFS", 10)
+    monkeypatch.setattr("structid.diagnose.causes.places.MOST_SCREENED_DOFS", 10)
     path = written(tmp_path, off())
     record = read_record(tmp_path / "frf.npz")
     crossed = np.array(record.values)

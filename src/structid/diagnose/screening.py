@@ -127,10 +127,10 @@ class Shortlist(NamedTuple):
     """What came of the looks.
 
     `rows` are the best candidates of every point and the best of each kind, each once, the most telling first; `at_fit`
-    those of them that promise most at the fit, and channels with faults of their own; `in_turn` are the best of the first
-    point, of the second and so on, then the second best of each; `tried` is how many there were; `feet`
-    are supports that give way in all rotations at once, which no linear look is taken at; `lost` are sensors without which a
-    good part of the misfit is gone.
+    those of them that promise most at the fit, and channels with faults of their own; `in_turn` are those that are
+    certain, the best of the first point, of the second and so on, then the second best of each; `tried` is how many
+    there were; `feet` are supports that give way in all rotations at once, which no linear look is taken at; `lost` are
+    sensors without which a good part of the misfit is gone.
     """
 
     rows: list[Screened]
@@ -208,6 +208,7 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
     ]
     at_fit = [*sure, *[row for row in at_fit if row in rows][:CERTAIN_AT_FIT]]
     in_turn = [row for of_rank in zip_longest(*of_points) for row in of_rank if row is not None]
+    in_turn.sort(key=lambda row: not _is_certain(row.candidate, certain))
     return Shortlist(rows, at_fit, in_turn, tried, feet, lost)
 
 
