@@ -51,9 +51,7 @@ _NO_MATRIX = "no change of model or record was tried: the search leaves no Jacob
 _FEW_FITTED = (
     f"of a model of more than {MOST_DOFS} degrees of freedom, {LARGE_MODEL_REFITS} likely changes are fitted at most"
 )
-_OF_RECORDS = (
-    "a model as large as this, or with components, is not searched for causes: they are looked for in the records alone"
-)
+_OF_RECORDS = "of a model as large as this, or with components, causes are looked for in the records alone"
 _NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
 
 
