@@ -1,7 +1,7 @@
-"""Right models whose held values are wrong by their tolerance: are they called wrong, and do intervals hold?
+"""Right models whose fixed values are wrong by their tolerance: are they called wrong, and do intervals hold?
 
 Truths are simulated by this file's own matrices: springs and masses, Euler-Bernoulli beams and a portal frame. Each repeat draws
-every held mass, stiffness and damping, and the gain of the record, about what the model says, with the tolerance as the standard
+every fixed mass, stiffness and damping, and the gain of the record, about what the model says, with the tolerance as the standard
 deviation. `--states` identifies two states with the same draws, of which the second has one stiffness 5 % lower.
 
     python benchmarks/accuracy/tolerances.py [--repeats 40] [--seed 0] [--tolerance 0.005 0.02] [--states] [--exact]

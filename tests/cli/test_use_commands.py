@@ -110,6 +110,12 @@ def test_export_writes_state_equations_and_matrices(results, tmp_path):
     assert (done.exit_code, done.stdout.count(".op4")) == (0, 1)
 
 
+def test_two_contents_do_not_go_into_one_file(results, tmp_path):
+    done = invoke("export", results, "--mode-shapes", tmp_path / "a.pch", "--matrices", tmp_path / "a.pch", "--force")
+    assert (done.exit_code, "give each a file of its own" in done.stderr) == (2, True)
+    assert not list(tmp_path.iterdir())
+
+
 def test_export_writes_elements_and_modes(results, tmp_path):
     files = [tmp_path / name for name in ("chain.csv", "chain.uff")]
     done = invoke("export", results, "--mesh", files[0], "--mode-shapes", files[1], "--modes", 2)

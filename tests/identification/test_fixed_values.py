@@ -1,4 +1,4 @@
-"""Held values that are wrong by their tolerance: derivatives, intervals, verdicts and changes between two states.
+"""Fixed values that are wrong by their tolerance: derivatives, intervals, verdicts and changes between two states.
 
 Records are simulated by the matrices of this file, a chain of four masses on springs and dashpots.
 """
@@ -201,7 +201,7 @@ def test_records_share_what_is_held_and_have_a_calibration_each():
     assert fixed.tolerance[fixed.names.index("calibration[record 2]")] == 0.02
     assert (
         found.assumption
-        == "± includes 1 % of held masses and stiffnesses, 10 % of held dampings, 2 % of the calibration"
+        == "± includes 1 % of fixed masses and stiffnesses, 10 % of fixed dampings, 2 % of the calibration"
     )
 
 
@@ -350,3 +350,17 @@ def test_a_prior_that_is_no_datum_leaves_few_data_untested():
         1.0, abs=0.02
     )  # all but known: the data test three springs by four values
     assert sid.identify_together([few_modes(N, 10.0)]).estimate.goodness.test_freedom < 0.05
+
+
+def test_a_second_order_effect_is_that_of_tolerances_and_not_of_other_errors():
+    """A fifth mass that the model lacks asks for held values far beyond their tolerances: their way is no effect of these."""
+    heavy = (np.array(MASS) * [1.0, 1.25, 1.0, 1.0], SPRING, DASHPOT)
+    record = measured(heavy, 1.0, np.random.default_rng(8))
+    unknown = sid.parameters(chain(), SOUGHT)
+    fixed = sid.identify(chain(), unknown, record, sid.IdentifyOptions(tolerances=TOLERANCES)).estimate.fixed
+    way = float(fixed.asked @ fixed.asked)
+    assert way > 4 * len(fixed.asked)
+    estimate = sid.identify(chain(), unknown, record, sid.IdentifyOptions(tolerances=TOLERANCES)).estimate
+    within = unknown.transforms.physical(fixed.theta)
+    left = estimate.values * np.log(estimate.values / within) + fixed.slope @ (fixed.asked * fixed.tolerance)
+    assert fixed.second_order == pytest.approx(left * len(fixed.asked) / way, rel=1e-6)

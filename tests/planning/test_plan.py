@@ -613,7 +613,7 @@ def test_tolerances_add_what_they_add_to_an_identification():
     assert planned_test.chosen.std_with_tolerances == pytest.approx(found.std / unknown.start, rel=1e-3)
     assert (
         planned_test.assumption
-        == "2 % of held masses, 1 % of held stiffnesses, 20 % of held dampings, 0.5 % of the calibration"
+        == "2 % of fixed masses, 1 % of fixed stiffnesses, 20 % of fixed dampings, 0.5 % of the calibration"
     )
     exact = sid.plan(structure, unknown, options, EXACT).chosen
     assert not exact.of_tolerances.any()

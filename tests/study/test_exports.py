@@ -103,6 +103,7 @@ def test_grid_read_by_meshio_has_every_element_with_its_change(model, tmp_path):
     np.testing.assert_allclose(data["bending_stiffness_y significance"][2:4], 0.1 / STD, rtol=1e-12)
     assert (data["mass [kg/m]"][2], data["mass [kg]"][6]) == (8.0, 3.0)
     np.testing.assert_allclose(data["stiffness [N/m]"][4], 1.3e7)
+    assert "mass_damping [N s/m^4]" not in data  # 0 throughout, and not sought
     np.testing.assert_allclose(data["stiffness significance"][4], 0.3 / STD)
     np.testing.assert_allclose(data["density [kg/m^3]"][5], 2700.0)
     computed = model_modes(identified, 4)

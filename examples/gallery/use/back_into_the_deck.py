@@ -90,7 +90,7 @@ figure = Figure(figsize=(7, 3.4), layout="constrained")
 for axes, values, words in zip(
     figure.subplots(2),
     (100 * change, significance),
-    ("change of the modulus (%)", "change over its deviation"),
+    ("change (%)", "over deviation"),
     strict=True,
 ):
     centres = grid.points[grid.cells[0].data].mean(axis=1)

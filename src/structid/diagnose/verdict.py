@@ -228,7 +228,7 @@ def fits_noise(identification: Identification) -> bool:
 
 
 def _is_within_tolerances(identification: Identification) -> bool:
-    """True where held values within their tolerances leave no more misfit than noise does, so that no resonance is missed."""
+    """True where fixed values within their tolerances leave no more misfit than noise does, so that no resonance is missed."""
     estimate = identification.estimate
     is_beyond = estimate.fixed is not None and bool(estimate.fixed.beyond)
     return np.isfinite(estimate.goodness.least_chi_square) and estimate.covariance_basis == "noise" and not is_beyond
@@ -243,12 +243,12 @@ def is_untested(identification: Identification) -> bool:
 
 
 def is_sound(identification: Identification) -> bool:
-    """Whether nothing speaks against model, record and search."""
+    """True if nothing speaks against model, record and search."""
     return _is_unforced(identification) and fits_noise(identification)
 
 
 def _is_quiet(identification: Identification) -> bool:
-    """Whether nothing speaks against model, record and search but noise that is stated too large."""
+    """True if nothing speaks against model, record and search but noise that is stated too large."""
     return _is_unforced(identification) and _is_below_noise(identification)
 
 
@@ -647,7 +647,7 @@ def _misfit_words(identification: Identification) -> str:
 
 
 def _is_below_noise(identification: Identification) -> bool:
-    """Whether what the model misses is less than the noise that is stated."""
+    """True if what the model misses is less than the noise that is stated."""
     return not identification.missed and identification.estimate.goodness.least_per_dof <= 1 / SHOWN_RATIO**2
 
 

@@ -24,7 +24,7 @@ from structid.identification.joint_problem import (
     joint_schedules,
 )
 from structid.identification.options import IdentifyOptions
-from structid.identification.regularizing import Held, regularized, takes_matrix_free
+from structid.identification.regularizing import AppliedRegularization, regularized, takes_matrix_free
 from structid.identification.setups.setup import AnySetup
 from structid.identification.varying import Varied, varied, widened_estimate
 from structid.inversion import Estimate, MatrixFree, Method, Problem, Search, Status
@@ -56,7 +56,7 @@ class Answer:
         Of each record, with the polarities that were found.
     target : Problem or None
         The problem that was solved, if one of many rows.
-    held : tuple of Held
+    regularizations : tuple of AppliedRegularization
         The regularizations as they were used.
     varied : tuple of Varied
         What differs from record to record.
@@ -67,7 +67,7 @@ class Answer:
     estimate: Estimate
     problems: tuple[RecordProblem, ...]
     target: Problem | None
-    held: tuple[Held, ...]
+    regularizations: tuple[AppliedRegularization, ...]
     varied: tuple[Varied, ...] = ()
     without_priors: Estimate | None = None
 
@@ -145,7 +145,7 @@ def answered(
     best = widened_estimate(best, tuple(regular.scatters.values()))
     is_chosen = wide and best.goodness.test_freedom < 1 and not options.regularization and not regular.scatters
     unforced = _without_priors(problems, best, method, search, work) if is_chosen else None
-    return Answer(best, problems, joint_problem(problems), regular.held, differing, unforced)
+    return Answer(best, problems, joint_problem(problems), regular.regularizations, differing, unforced)
 
 
 def _without_priors(

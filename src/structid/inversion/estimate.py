@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: Probability of a larger chi-square below which the residual is looked at with held values free within their tolerances.
+#: Probability of a larger chi-square below which the residual is looked at with fixed values free within their tolerances.
 _DOUBTFUL = 0.3
 
 
@@ -576,7 +576,7 @@ def estimate(
     accepted: list[tuple[Minimum, FloatArray]] = []
 
     def refit(minimum: Minimum) -> FitWithinTolerances | None:
-        """Refit of a misfitting minimum with held values free within their tolerances; None where it is not needed."""
+        """Refit of a misfitting minimum with fixed values free within their tolerances; None where it is not needed."""
         if sampled is None or not chosen.misfits(searched, minimum, misfit_probability):
             return None
         if id(minimum) not in refits:
@@ -584,7 +584,7 @@ def estimate(
         return refits[id(minimum)]
 
     def fits(minimum: Minimum) -> bool:
-        """True if the data allow `minimum`, with held values free within tolerances, and it is a new answer."""
+        """True if the data allow `minimum`, with fixed values free within tolerances, and it is a new answer."""
         within = refit(minimum)
         if within is None:
             is_fitting, end = not chosen.misfits(searched, minimum, misfit_probability), minimum.theta
@@ -592,7 +592,7 @@ def estimate(
             is_fitting, end = not within.misfits(misfit_probability), within.parameters
         if is_fitting and any(ends_at_other(searched, minimum, end, *one) for one in accepted):
             return (
-                False  # free within their tolerances, held values only let the search go on to an answer that is known
+                False  # free within their tolerances, fixed values only let the search go on to an answer that is known
             )
         if is_fitting:
             accepted.append((minimum, end))

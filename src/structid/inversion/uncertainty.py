@@ -195,7 +195,7 @@ class Spread:
 
     @property
     def uncertainty(self) -> Covariance:
-        """Covariance of the parameters from the data with the tolerances of held values added."""
+        """Covariance of the parameters from the data with the tolerances of fixed values added."""
         data = self.of_data
         if self.fixed is None or not data.has_matrix:
             return data

@@ -136,7 +136,7 @@ class _Ground:
         Rows of the priors, by relative parameters.
     of_interest : (n_params,) bool array
     cross : (n_sensors, n_loads, n_params, n_held) float array
-        J'J_h of each pair, J by relative parameters and J_h by relative held values.
+        J'J_h of each pair, J by relative parameters and J_h by relative fixed values.
     by_line : (n_lines, n_params, n_held) float array or None
         The same of each line with the chosen sensors and loads.
     """
@@ -181,6 +181,7 @@ class _Ground:
 
 
 def _ground(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances) -> _Ground:
+    """Rows of information of every pair of sensor and load, and of the priors, at the nominal values of `structure`."""
     held = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
     candidates = Candidates(
         structure,
@@ -370,7 +371,7 @@ class Candidates:
 
     @property
     def tolerance(self) -> FloatArray:
-        """Tolerances of the held values and, where it has one, of the gain, (n_held,)."""
+        """Tolerances of the fixed values and, where it has one, of the gain, (n_held,)."""
         return np.array([item.tolerance for item in self.held] + [self.calibration] * (self.calibration > 0))
 
     @property
@@ -386,7 +387,7 @@ class Candidates:
 
 
 def pair_roots(given: Candidates) -> tuple[FloatArray, FloatArray]:
-    """Triangular R with R'R the information of one sensor under one load over all lines, and J'J_h of it with held values.
+    """Triangular R with R'R the information of one sensor under one load over all lines, and J'J_h of it with fixed values.
 
     They are (n_sensors, n_loads, n_params, n_params) and (n_sensors, n_loads, n_params, n_held).
     Lines are processed in chunks, and each chunk is merged into the triangles before the next is computed.
@@ -415,7 +416,7 @@ def pair_roots(given: Candidates) -> tuple[FloatArray, FloatArray]:
 
 
 def line_roots(given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    """R with R'R the information of each line from the given sensors and loads (indices), and J'J_h of it with held values.
+    """R with R'R the information of each line from the given sensors and loads (indices), and J'J_h of it with fixed values.
 
     They are (n_lines, n_rows, n_params) and (n_lines, n_params, n_held).
     """
@@ -434,7 +435,7 @@ def _row_chunks(
 ) -> Iterator[tuple[slice, slice, FloatArray]]:
     """Chunks of whitened sensitivities: slice of `loads`, slice of lines, rows (n_lines, n_sensors, n_loads, 2, n_columns).
 
-    Columns are those of the parameters, then of the held values.
+    Columns are those of the parameters, then of the fixed values.
     """
     n_params, n_dofs = given.parameters.n_params + len(given.tolerance), given.structure.n_dofs
     has_friction = any(isinstance(element, Friction) for element in given.structure.elements)
@@ -455,7 +456,7 @@ def _whitened_sensitivities(
 ) -> FloatArray:
     """Derivatives of the FRFs by relative changes, divided by the noise, (n_lines, n_sensors, n_loads, 2, n_columns).
 
-    The last axis has the parameters, the held properties and the common gain, where it has a tolerance.
+    The last axis has the parameters, the fixed properties and the common gain, where it has a tolerance.
     The fourth axis has the real and the imaginary part; `sensors` and `loads` are indices of candidates.
     """
     frequency = given.frequency[lines]

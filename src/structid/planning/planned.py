@@ -79,7 +79,7 @@ class PlannedTest:
         values; NaN where it is not determined.
     of_interest : (n_params,) bool array
     of_tolerances : (n_params,) float array
-        Relative standard deviation that the tolerances of held values and of the calibration give each parameter besides, which
+        Relative standard deviation that the tolerances of fixed values and of the calibration give each parameter besides, which
         neither more lines nor more averages lessen; zeros where all is exact.
     """
 
@@ -125,7 +125,7 @@ class PlannedTest:
 
     @property
     def determined(self) -> bool:
-        """Whether every parameter of interest is."""
+        """True if every parameter of interest is."""
         return self.worst_std <= 1
 
 
@@ -183,7 +183,7 @@ class PlannedTests:
 
     @property
     def determined(self) -> bool:
-        """Whether all candidates together determine every parameter of interest to better than its own size."""
+        """True if all candidates together determine every parameter of interest to better than its own size."""
         return self.everything.determined
 
     @property

@@ -347,7 +347,7 @@ def test_ansys_files_are_read_through_the_library(tmp_path, monkeypatch):
     full = read_matrix(tmp_path / "a.full")
     assert full.name == "STIFFNESS"
     assert full.dofs.tolist() == [[2, 1], [3, 6]]
-    assert full.held.tolist() == [[4, 1]]
+    assert full.constrained.tolist() == [[4, 1]]
     np.testing.assert_array_equal(full.matrix.toarray(), [[3, -1], [-1, 1]])
     elements = read_matrices(tmp_path / "a.emat")
     assert elements["STIFFNESS"].dofs.tolist() == [[10, 1], [20, 1], [30, 1]]

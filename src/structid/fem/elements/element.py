@@ -64,7 +64,7 @@ Nodes: TypeAlias = Annotated[Given[ArrayLike, IntArray], "(n_elements, n_nodes) 
 #: A direction in space.
 Vector: TypeAlias = Annotated[Given[ArrayLike | None, FloatArray | None], "(3,) array, optional"]
 
-#: How well held properties are known: a number for all of them, or one for each by name.
+#: How well fixed properties are known: a number for all of them, or one for each by name.
 Tolerance: TypeAlias = Annotated[float | Mapping[str, float] | None, "float or mapping of str to float, optional"]
 
 #: Checks a given value and makes what is stored of it; the first argument is the name of the set, for messages.

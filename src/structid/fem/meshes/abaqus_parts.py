@@ -79,7 +79,7 @@ _LOCAL = "its nodes have directions of their own (*TRANSFORM)"
 
 
 def is_part(kind: str) -> bool:
-    """Whether elements of an Abaqus type are masses, springs and the like instead of cells."""
+    """True if elements of an Abaqus type are masses, springs and the like instead of cells."""
     return _PART_TYPES.fullmatch(kind.upper()) is not None
 
 
@@ -446,7 +446,7 @@ def _read_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 def _mean_constraints(
     deck: _Deck, main: int, weights: Mapping[int, float], chosen: Sequence[int]
 ) -> tuple[str, DeckPart]:
-    """Obstacle (or "") and part of a reference node that moves as the weighted mean of the translations of other nodes."""
+    """Refusal ("" if none) and deck part from a reference node that moves as the weighted mean of other nodes."""
     if main in weights:
         return "its reference node is one of its surface", DeckPart("COUPLING", 1)
     components = [Component(node, axis, False, weight) for node, weight in weights.items() for axis in np.eye(3)]
@@ -546,7 +546,7 @@ def _component_range(words: Sequence[str]) -> list[int]:
 def _follow_rigidly(
     deck: _Deck, block: KeywordBlock, scope: Scope, main: int, nodes: Sequence[int], components: Sequence[int]
 ) -> tuple[str, DeckPart]:
-    """Obstacle (or "") and part of nodes that follow the node `main` rigidly in some components (0 to 5)."""
+    """Refusal ("" if none) and deck part from nodes that follow the node `main` rigidly in some components (0 to 5)."""
     kind = block.keyword
     if block.options.get("ORIENTATION"):
         return "its directions have an orientation", DeckPart(kind, 1)

@@ -130,7 +130,7 @@ class ModesResult(ModesPlots):
 
     @property
     def is_determined(self) -> bool:
-        """Whether the covariance, where the method gives one, is complete."""
+        """True if the covariance, where the method gives one, is complete."""
         return self.modes.covariance is None or bool(np.isfinite(self.modes.covariance).all())
 
     @property
@@ -359,7 +359,7 @@ def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSp
     words = (
         f"the first singular value of the spectra peaks at {', '.join(f'{f:.4g}' for f in peaks[:_MOST_PEAKS])} Hz"
         f"{' and elsewhere' if len(peaks) > _MOST_PEAKS else ''}, where no mode was found: look at the spectrum, and ask for"
-        " these by `frequencies`, or in a narrower band"
+        f" {'it' if len(peaks) == 1 else 'these'} by `frequencies`, or in a narrower band"
     )
     modes = identification.modes
     return replace(identification, modes=replace(modes, warnings=(*modes.warnings, words)))

@@ -21,7 +21,7 @@ from structid.identification.alternatives import Alternatives
 from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
-from structid.identification.regularizing import Held
+from structid.identification.regularizing import AppliedRegularization
 from structid.inversion import Estimate
 from structid.inversion.diagnostics.bounds import AtBound
 from structid.study.results.changes import PARAMETERS, changes_summary, changes_table, search_summary
@@ -143,7 +143,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **modal_summary(answer),
         "total_mass": {"value": answer.mass.total, "std": answer.mass.std, "unit": "kg"},
         "rests_on_force": answer.mass.rests_on_force,
-        **_held(view.diagnosis.sensitivities),
+        **_fixed_values(view.diagnosis.sensitivities),
         **_tolerances(estimate),
         **({"parameters": [_parameter(one) for one in view.parameters]} if has_matrix else changes_summary(estimate)),
         "regularization": [
@@ -176,12 +176,12 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _held(held: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
-    """What the values rest on, where that was looked at."""
+def _fixed_values(held: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
+    """Entry of estimate.json on the sensitivity of the answer to fixed values; {} where that was not examined."""
     if not held:
         return {}
     return {
-        "held_values": [
+        "fixed_values": [
             {
                 "name": one.name,
                 "percent_per_percent": dict(zip(one.parameters, one.influence.tolist(), strict=True)),
@@ -271,7 +271,7 @@ def _verdict(view: ResultsView) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _strengths(item: Held, has_matrix: bool) -> dict[str, Entry]:
+def _strengths(item: AppliedRegularization, has_matrix: bool) -> dict[str, Entry]:
     """Of every row, or of a smoothness over very many the one that all rows have."""
     return (
         {"strengths": item.strengths}

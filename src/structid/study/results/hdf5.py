@@ -100,7 +100,7 @@ def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
         if estimate.fixed is not None:
             _texts(group, "fixed_names", estimate.fixed.change_names)
             _put(group, "fixed_tolerances", estimate.fixed.tolerance, "1")
-            _put(group, "fixed_changes", estimate.fixed.changes, "as in units, by one tolerance of each held value")
+            _put(group, "fixed_changes", estimate.fixed.changes, "as in units, by one tolerance of each fixed value")
     else:
         _put(group, "std_relative_error", estimate.uncertainty.std_error, "1")
         _put(group, "draws", estimate.uncertainty.draws, note)

@@ -273,7 +273,7 @@ def _noise_levels(
 
 
 def _tolerances(root: Section) -> Tolerances:
-    """Tolerances of held values, and of the calibration of the first record where it states one."""
+    """Tolerances of fixed values, and of the calibration of the first record where it states one."""
     tolerances = read_tolerances(root.inner("structure"))
     recorded = next(iter(record_sections(root)), None)
     stated = None if recorded is None else recorded.table.get("calibration")

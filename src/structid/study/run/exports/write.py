@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from structid.core.errors import FileError
+from structid.core.errors import FileError, InputError
 from structid.prediction.element_values import element_values
 from structid.prediction.options import ExportOptions
 from structid.study.results.stored_model import stored_model, stored_spread, stored_study
@@ -48,9 +48,11 @@ def write_exports(
     FileError
         If a file exists already and `force` is not set, a suffix is of no format, or the folder is of another version.
     InputError
-        If the model has no such content or is not determined, or an option cannot be used.
+        If the model has no such content or is not determined, two files are one, or an option cannot be used.
     """
     for path in files.paths:
+        if files.paths.count(path) > 1:
+            raise InputError(f"{path}: two kinds of content are to go into it; give each a file of its own")
         if path.exists() and not force:
             raise FileError(f"{path}: exists already; add --force to write it anew, or write to another file")
     source = stored_study(results, study)

@@ -45,7 +45,7 @@ from structid.study.schema.method import read_method
 from structid.study.schema.records.record import load_record, read_source
 from structid.study.schema.root import InputFiles, record_sections
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Given, Key, Table, held_by, table_of
+from structid.study.schema.tables import Given, Key, Table, kind_of_argument, table_of
 
 _MATRICES = ("stiffness", "mass", "damping")
 _FILE = Kind(
@@ -87,7 +87,7 @@ SOLVER = Table(
         "length_unit": Key(choice(*LENGTHS), "Of the deck", default="m"),
         "force_unit": Key(choice(*FORCES), "Of the deck", default="N"),
         "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
-        "timeout": Key(held_by(Positive), "Longest time of a run, s", default=3600.0),
+        "timeout": Key(kind_of_argument(Positive), "Longest time of a run, s", default=3600.0),
         "retries": Key(limited(WHOLE, Limits(least=0)), "How often a run that fails is tried again", default=2),
         "runs": Key(TEXT, "Folder where finished runs are kept; STUDY.runs beside the study by default"),
         "parameter": Key(_PARAMETER, "A marked number of the deck, which [[unknown]] may name", listed=True),
