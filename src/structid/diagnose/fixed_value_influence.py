@@ -118,7 +118,7 @@ def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
 
 
 def is_clear(held: Sequence[FixedValueSensitivity]) -> bool:
-    """Whether a fixed value is doubted so much that all that may be wrong is to be looked through."""
+    """True if a fixed value is doubted so much that all that may be wrong is to be looked through."""
     return any(one.is_doubted(len(held), CLEAR_DOUBT_RISK) for one in held)
 
 

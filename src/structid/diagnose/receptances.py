@@ -197,7 +197,7 @@ class Receptances:
 
     @cached_property
     def _follow(self) -> FloatArray:
-        """How free degrees of freedom move all, (n_codes, n_dofs)."""
+        """Matrix from the motion of the free degrees of freedom to that of all, (n_codes, n_dofs)."""
         return np.asarray(self.structure.numbering.matrix.toarray())
 
 

@@ -282,7 +282,7 @@ def _family(candidate: Candidate, held_nodes: Collection[int]) -> str:
 
 
 def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
-    """Whether a change is fitted whatever a linear look at a fit says."""
+    """True if a change is fitted whatever a linear look at a fit says."""
     return isinstance(candidate, SwappedLoads) or candidate.key in certain
 
 

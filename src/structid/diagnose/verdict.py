@@ -243,12 +243,12 @@ def is_untested(identification: Identification) -> bool:
 
 
 def is_sound(identification: Identification) -> bool:
-    """Whether nothing speaks against model, record and search."""
+    """True if nothing speaks against model, record and search."""
     return _is_unforced(identification) and fits_noise(identification)
 
 
 def _is_quiet(identification: Identification) -> bool:
-    """Whether nothing speaks against model, record and search but noise that is stated too large."""
+    """True if nothing speaks against model, record and search but noise that is stated too large."""
     return _is_unforced(identification) and _is_below_noise(identification)
 
 
@@ -647,7 +647,7 @@ def _misfit_words(identification: Identification) -> str:
 
 
 def _is_below_noise(identification: Identification) -> bool:
-    """Whether what the model misses is less than the noise that is stated."""
+    """True if what the model misses is less than the noise that is stated."""
     return not identification.missed and identification.estimate.goodness.least_per_dof <= 1 / SHOWN_RATIO**2
 
 

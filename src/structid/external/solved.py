@@ -86,7 +86,7 @@ class Solved(ABC):
     @property
     @abstractmethod
     def is_exact(self) -> bool:
-        """Whether it holds at all values; else it is to be made again about the answer."""
+        """True if it holds at all values; else it is to be made again about the answer."""
 
     @abstractmethod
     def checked(self, values: Point, work: Work) -> Checked:

@@ -161,12 +161,12 @@ class Structure(Shown, StructurePlots):
 
     @property
     def has_matrices(self) -> bool:
-        """Whether its elements have masses and stiffnesses; else its responses alone are known."""
+        """True if its elements have masses and stiffnesses; else its responses alone are known."""
         return all(element.has_matrices for element in self.elements)
 
     @property
     def has_modes(self) -> bool:
-        """Whether its matrices are all there is of it, hence modes, and responses at any frequency."""
+        """True if its matrices are all there is of it, hence modes, and responses at any frequency."""
         return self.has_matrices and not self.measured
 
     def require_modes(

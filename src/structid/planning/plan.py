@@ -181,6 +181,7 @@ class _Ground:
 
 
 def _ground(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances) -> _Ground:
+    """Rows of information of every pair of sensor and load, and of the priors, at the nominal values of `structure`."""
     held = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
     candidates = Candidates(
         structure,

@@ -125,7 +125,7 @@ class PlannedTest:
 
     @property
     def determined(self) -> bool:
-        """Whether every parameter of interest is."""
+        """True if every parameter of interest is."""
         return self.worst_std <= 1
 
 
@@ -183,7 +183,7 @@ class PlannedTests:
 
     @property
     def determined(self) -> bool:
-        """Whether all candidates together determine every parameter of interest to better than its own size."""
+        """True if all candidates together determine every parameter of interest to better than its own size."""
         return self.everything.determined
 
     @property

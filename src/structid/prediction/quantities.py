@@ -115,7 +115,7 @@ class Frf:
 
     @property
     def is_motion(self) -> bool:
-        """Whether the outputs are motions, not forces or stresses."""
+        """True if the outputs are motions, not forces or stresses."""
         return all(isinstance(each, Dof) for each in self.outputs)
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
@@ -636,7 +636,7 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
 
 
 def _is_linear(structure: Structure) -> bool:
-    """Whether the matrices of a structure are all there is of it."""
+    """True if the matrices of a structure are all there is of it."""
     return structure.has_modes and not any(isinstance(element, Friction) for element in structure.elements)
 
 

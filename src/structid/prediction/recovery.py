@@ -303,7 +303,7 @@ def parse_outputs(texts: Sequence[str | Output]) -> tuple[Output, ...]:
 
 
 def is_von_mises(output: Output) -> bool:
-    """Whether an output is a von Mises stress, which is not linear in the loads."""
+    """True if an output is a von Mises stress, which is not linear in the loads."""
     return isinstance(output, CellStress) and output.component == "von_mises"
 
 
@@ -355,7 +355,7 @@ class OutputMap:
 
     @property
     def is_linear(self) -> bool:
-        """Whether no output is a von Mises stress."""
+        """True if no output is a von Mises stress."""
         return self.n_rows == len(self.first) - 1
 
     @property

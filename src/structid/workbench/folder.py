@@ -362,7 +362,7 @@ def _shown_name(name: str) -> str:
 
 
 def _is_printable(name: str) -> bool:
-    """Whether a name is a text in UTF-8 without signs that steer."""
+    """True if a name is a text in UTF-8 without signs that steer."""
     return name.isprintable()
 
 

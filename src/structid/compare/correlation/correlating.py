@@ -60,7 +60,7 @@ class StudyCorrelation:
 
     @property
     def is_paired(self) -> bool:
-        """Whether a measured mode has a pair, or responses are held against each other."""
+        """True if a measured mode has a pair, or responses are held against each other."""
         return bool(self.responses) or any(part.n_paired for part in self.modes)
 
 

@@ -67,7 +67,7 @@ class ComparisonResult:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether the data contradict what was named as unchanged."""
+        """True if the data contradict what was named as unchanged."""
         return self.unchanged is not None and self.unchanged.is_contradicted
 
     @property

@@ -104,7 +104,7 @@ class State:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the model does not explain the record."""
+        """True if the model does not explain the record."""
         return self.judgement.verdict == "wrong_model"
 
 

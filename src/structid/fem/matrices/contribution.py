@@ -214,7 +214,7 @@ class Contribution:
 
     @property
     def is_product(self) -> bool:
-        """Whether the weight is a product of several values."""
+        """True if the weight is a product of several values."""
         return self.factor is not None or self.scale is not None
 
     @property

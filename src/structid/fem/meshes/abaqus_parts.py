@@ -79,7 +79,7 @@ _LOCAL = "its nodes have directions of their own (*TRANSFORM)"
 
 
 def is_part(kind: str) -> bool:
-    """Whether elements of an Abaqus type are masses, springs and the like instead of cells."""
+    """True if elements of an Abaqus type are masses, springs and the like instead of cells."""
     return _PART_TYPES.fullmatch(kind.upper()) is not None
 
 

@@ -90,7 +90,7 @@ class UnchangedTest:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether the data of both states do not allow that they are the same."""
+        """True if the data of both states do not allow that they are the same."""
         return not np.isfinite(self.cost) or self.probability < _CONTRADICTED
 
     @property

@@ -130,7 +130,7 @@ class ModesResult(ModesPlots):
 
     @property
     def is_determined(self) -> bool:
-        """Whether the covariance, where the method gives one, is complete."""
+        """True if the covariance, where the method gives one, is complete."""
         return self.modes.covariance is None or bool(np.isfinite(self.modes.covariance).all())
 
     @property

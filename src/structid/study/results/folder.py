@@ -177,7 +177,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
 
 
 def _fixed_values(held: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
-    """What the values rest on, where that was looked at."""
+    """Entry of estimate.json on the sensitivity of the answer to fixed values; {} where that was not examined."""
     if not held:
         return {}
     return {

@@ -123,7 +123,7 @@ class ParameterResult:
 
     @property
     def is_determined(self) -> bool:
-        """Whether nothing but the data was needed to determine it."""
+        """True if nothing but the data was needed to determine it."""
         return self.state == "determined"
 
 

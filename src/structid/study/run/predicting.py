@@ -163,6 +163,7 @@ def predict_study(
         largest,
         options.duration,
         "; ".join(words),
+        damper,
     )
 
 
@@ -200,7 +201,7 @@ def _input(structure: Structure, dof: Dof, together: bool) -> Input:
 
 
 def _history(structure: Structure, outputs: tuple[Output, ...], options: PredictOptions) -> tuple[History, str]:
-    """What the loads of the options cause, and what they are in words."""
+    """The quantity that predicts the motion under the loads of the options, and these loads in words."""
     if options.history is not None:
         inputs, loads, rate = _recorded_loads(structure, options.history, options)
         words = f"loads of {options.history.name}"

@@ -40,12 +40,12 @@ class Key:
 
     @property
     def holds_tables(self) -> bool:
-        """Whether it may hold a table, or several."""
+        """True if it may hold a table, or several."""
         return isinstance(self.holds, Table) or "object" in _types(self.holds.schema)
 
     @property
     def holds_values(self) -> bool:
-        """Whether it may hold something other than tables."""
+        """True if it may hold something other than tables."""
         return not self.listed and _types(self.holds.schema) != {"object"}
 
     @property

@@ -42,7 +42,7 @@ def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
         doubled or missing, or units are not said or not squares.
     """
     words = "correlation functions of motion (function types 7 and 8)"
-    blocks, by_pair, factors = read_pairs(path, options, CORRELATIONS, words)
+    blocks, by_pair, factors, windows = read_pairs(path, options, CORRELATIONS, words)
     functions = list(by_pair.values())
     to_seconds, axis_words = one_axis_unit(path, functions, "times", options)
     density = next((function for function in functions if is_per_hertz(function)), None)
@@ -68,7 +68,7 @@ def read_correlations(path: Path, options: ReadOptions) -> CorrelationRecord:
         path, blocks, channels, references, quantities, values, options
     )
     count = f"{len(functions)} correlation functions between {len(channels)} channels and {len(references)} references"
-    note = "; ".join(filter(None, (f"{count}, {FORWARD}", halves.words, axis_words, turned)))
+    note = "; ".join(filter(None, (f"{count}, {FORWARD}", halves.words, axis_words, turned, windows)))
     averages = options.averages if options.averages is not None else stated_averages(functions)
     return CorrelationRecord(1 / step, np.real(values), channels, references, quantities, averages, sourced(path, note))
 

@@ -25,6 +25,7 @@ from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
 from structid.records.formats.uff.frf import AVERAGES
 from structid.records.formats.uff.functions import Function, read_function, require_one_component
+from structid.records.formats.uff.qualifiers import qualifier_words
 from structid.records.formats.uff.scales import QUANTITIES, UNKNOWN, channel_scale, dof_of
 from structid.records.spectrum import SpectrumRecord
 
@@ -57,7 +58,7 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
         If there are none, a cross-spectrum has no phase, pairs are doubled or missing, or units are not said or not squares.
     """
     pairs = read_pairs(path, options, SPECTRA, "spectra of motion (function types 2, 3 and 9)")
-    blocks, by_pair, factors = pairs
+    blocks, by_pair, factors, windows = pairs
     to_hertz, axis_words = one_axis_unit(path, list(by_pair.values()), "frequencies", options)
     channels, references = complete_references(path, by_pair, by_pair, "cross-spectra")
     functions = list(by_pair.values())
@@ -80,17 +81,18 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
         f"{len(functions)} spectra between {len(channels)} channels and {len(references)} references, {scale} by their labels,"
         " one-sided or two-sided, which the file does not say and which changes no mode"
     )
-    note = "; ".join(filter(None, (words, axis_words, turned)))
+    note = "; ".join(filter(None, (words, axis_words, turned, windows)))
     averages = options.averages if options.averages is not None else stated_averages(functions)
     return SpectrumRecord(frequency, values, channels, references, quantities, averages, sourced(path, note))
 
 
 class Pairs(NamedTuple):
-    """Datasets of a file, its functions by response and reference, and its units where the options say none."""
+    """Datasets of a file, its functions by response and reference, its units where the options say none, words on windows."""
 
     blocks: list[Block]
     by_pair: dict[tuple[Dof, Dof], Function]
     factors: UnitFactors | None
+    windows: str
 
 
 def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: str) -> Pairs:
@@ -136,7 +138,8 @@ def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: st
                 f" {function.place}; keep one of them"
             )
         by_pair[pair] = function
-    return Pairs(blocks, by_pair, None if options.units else read_unit_factors(path, blocks))
+    windows = qualifier_words(path, blocks, {function.place for function in by_pair.values()})
+    return Pairs(blocks, by_pair, None if options.units else read_unit_factors(path, blocks), windows)
 
 
 def along_global_axes(

@@ -22,6 +22,7 @@ from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import refuse_options
 from structid.records.formats.uff.frf import read_frfs
 from structid.records.formats.uff.functions import Function, read_function, require_one_component
+from structid.records.formats.uff.qualifiers import qualifier_words
 from structid.records.formats.uff.time import read_times
 from structid.records.formats.uff.write import file_bytes, require_same
 from structid.records.record import FrfRecord, TimeRecord
@@ -83,6 +84,9 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     else:
         refuse_options(path, "time histories", options, _OF_FRFS)
         record, used = read_times(path, times, factors, nodes, options), {_TIME}
+    words_of_windows = qualifier_words(path, blocks, {f.place for f in chosen_functions if f.kind in used})
+    if words_of_windows:
+        record = replace(record, source=f"{record.source}; {words_of_windows}")
     left_aside = Counter(f.kind for f in functions if f.kind not in used)
     words = [f"{_name(kind)} ({n})" for kind, n in sorted(left_aside.items())]
     if len(chosen_functions) < len(functions) or not words:
