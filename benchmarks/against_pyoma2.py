@@ -2,10 +2,10 @@
 
 Twelve modes from 1 to 18 Hz, damping ratios of 1 %, white forces, 2 % sensor noise, sampled at 50 Hz. Orders 2, 4, ...
 48, 20 block rows, no covariance on either side; one BLAS thread, processor time of the identification alone (no
-import, no file; a short record warms up), the two sides in turn. Errors are those of structid's
-modes as they come, of its poles of order 48 and of pyOMA2's poles of order 48, those nearest to the truth by |f / f_true - 1| + 1 - MAC, over all seeds. Half of the 24 poles
-are noise; by frequency alone one of these is nearest now and then, on either side, and its damping wrong by hundreds of
-per cent. Modes are the poles nearest to all others of their cluster over the orders.
+import, no file; a short record warms up), the two sides in turn. Errors are those of structid's modes as they come, of
+its poles of order 48 and of pyOMA2's poles of order 48, those nearest to the truth by |f / f_true - 1| + 1 - MAC, over
+all seeds. Half of the 24 poles are noise; by frequency alone one of these is nearest now and then, on either side, and its
+damping wrong by hundreds of per cent. Modes are the poles nearest to all others of their cluster over the orders.
 
 pyOMA2 is installed into an environment of its own on the first run:
 

@@ -57,7 +57,7 @@ def written(folder: Path) -> Path:
     rng = np.random.default_rng(0)
     chosen = rng.choice([n for n in nodes if n not in edge], N_SENSORS, replace=False)
     sensors = tuple(Dof(int(n), "Z") for n in sorted(chosen))
-    found = modes(truth.matrix("inertia"), truth.matrix("elastic"), n_modes=N_MODES)
+    found = modes(truth.matrix("mass"), truth.matrix("stiffness"), n_modes=N_MODES)
     shapes = truth.selection(sensors).T @ found.mode_shapes
     shapes /= np.abs(shapes).max(axis=0)
     shapes += 0.02 * rng.standard_normal(shapes.shape)

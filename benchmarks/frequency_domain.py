@@ -256,7 +256,7 @@ def factorizer_rows(repeats: int, quick: bool) -> Iterator[Row]:
 def reduced_rows(repeats: int, quick: bool) -> Iterator[Row]:
     at = problem(BLOCK, 2)
     structure = at.structure
-    lowest = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=11).frequency
+    lowest = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=11).frequency
     record = empty_record(structure, np.linspace(0.3 * lowest[0], lowest[10], 50), 20)
     for name in installed_factorizers():
         model = response(structure, at.parameters, record, cache=ResponseCache(name))

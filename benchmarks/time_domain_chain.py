@@ -81,7 +81,7 @@ def written(folder: Path, n: int, gigabytes: float, noise: float, seed: int) -> 
     )
     beam = sid.Beam("beam", np.stack([np.arange(n), np.arange(1, n + 1)], axis=1), **actual)
     structure = sid.Structure({i: float(i) for i in range(n + 1)}, [beam], ["0Y", "0RZ"], active=["Y", "RZ"])
-    matrices = [structure.matrix(law).tocsr() for law in ("inertia", "viscous", "elastic")]
+    matrices = [structure.matrix(law).tocsr() for law in ("mass", "damping", "stiffness")]
     n_dofs = structure.n_dofs
     names = [str(dof) for dof in structure.dofs]
     m = max(20, round(gigabytes * 1e9 / (32 * n_dofs)))

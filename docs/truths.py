@@ -38,6 +38,11 @@ def noise_deviation(found: Any, name: str) -> float:
 
 
 HOLDS: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "use/back_into_the_deck": lambda end: (
+        len(end["changed"]) == 4
+        and close(end["change"], [0.0] * 8 + [-0.15] * 8, absolute=0.02)
+        and (np.abs(end["significance"][8:]) > 3).all()
+    ),
     "use/control_of_a_free_beam": lambda end: end["on_drawing"] > 0 > end["on_identified"] and (end["poles"] < 0).all(),
     "commands/explain": lambda end: near(end["found"], bending_stiffness_beam=30.0, stiffness_support_0RZ=400.0),
     "commands/identify": lambda end: (

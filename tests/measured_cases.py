@@ -51,7 +51,7 @@ def dense_frf(bare: Structure, record: FrfRecord, ends=("11Y", "12Y")) -> np.nda
     """Receptances of `bare`, which has no component, and the machine, all of its degrees of freedom beside the model's."""
     n = bare.n_dofs
     mass, stiffness, structural, viscous = (
-        bare.matrix(law).toarray() for law in ("inertia", "elastic", "structural", "viscous")
+        bare.matrix(law).toarray() for law in ("mass", "stiffness", "structural_damping", "damping")
     )
     place = np.zeros((INSIDE + 2, n + INSIDE))
     place[[0, 5], :n] = bare.selection(parse_dofs(ends)).toarray().T

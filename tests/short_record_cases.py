@@ -41,7 +41,7 @@ def multisine(rng, n_times, count=150):
 
 def exact_motion(structure, values, rng, n_times, initial=1.0):
     """Steady motion under a multisine plus a free decay of random state: exact at every sample."""
-    mass, damping, stiffness = (structure.matrix(law, values).toarray() for law in ("inertia", "viscous", "elastic"))
+    mass, damping, stiffness = (structure.matrix(kind, values).toarray() for kind in ("mass", "damping", "stiffness"))
     n = len(mass)
     frequency, amplitude, force = multisine(rng, n_times)
     where = structure.selection(parse_dofs(["4X"])).toarray()[:, 0]

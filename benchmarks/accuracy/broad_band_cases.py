@@ -114,7 +114,7 @@ def impact(structure: sid.Structure, sensors: tuple[str, ...], load: str) -> Flo
     time = np.arange(round(LENGTH * RATE)) / RATE
     force = np.where(time < PULSE, np.sin(np.pi * time / PULSE) ** 4, 0.0)
     where = structure.selection(parse_dofs((load,))).toarray()
-    matrices = (structure.matrix(law) for law in ("inertia", "elastic", "viscous"))
+    matrices = (structure.matrix(kind) for kind in ("mass", "stiffness", "damping"))
     mass, stiffness, damping = matrices
     motion = sid.sampled_transient(mass, stiffness, where, force[:, None], RATE, damping)
     read = motion.acceleration @ structure.selection(parse_dofs(sensors)).toarray()

@@ -46,7 +46,7 @@ def structure() -> sid.Structure:
 @cache
 def axis() -> np.ndarray:
     """Lines from below the first elastic mode to above the eighth, Hz."""
-    found = modes(structure().matrix("inertia"), structure().matrix("elastic"), None, None, 10).frequency
+    found = modes(structure().matrix("mass"), structure().matrix("stiffness"), None, None, 10).frequency
     return np.geomspace(0.8 * found[2], 1.05 * found[9], N_LINES)
 
 

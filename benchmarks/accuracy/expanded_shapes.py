@@ -45,7 +45,7 @@ def grid(n_x: int, n_y: int, n_sensors: int, n_modes: int, seed: int = 0) -> Mod
     rng = np.random.default_rng(seed)
     free = [node for node in nodes if node not in corners]
     sensors = structure.selection([Dof(int(n), "Z") for n in rng.choice(free, n_sensors, replace=False)])
-    mass, stiffness = structure.matrix("inertia"), structure.matrix("elastic")
+    mass, stiffness = structure.matrix("mass"), structure.matrix("stiffness")
     return Model(mass, stiffness, modes(mass, stiffness, n_modes=n_modes), sensors)
 
 

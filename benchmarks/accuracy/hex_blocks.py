@@ -56,7 +56,7 @@ def compare(folder: Path) -> None:
     for formulation in ("incompatible", "mean_dilatation", "full"):
         structure, rows = blocks(mesh, formulation)
         place = sparse.csc_array((np.ones(len(rows)), (rows, np.arange(len(rows)))))
-        own = [place @ structure.matrix(law) @ place.T for law in ("elastic", "inertia")]
+        own = [place @ structure.matrix(kind) @ place.T for kind in ("stiffness", "mass")]
         found = frequencies(*own)[6:]
         print(f"{formulation:18s} " + " ".join(f"{d:10.2e}" for d in found / wanted - 1), end="  ")
         print(f"stiffness {abs(own[0] - stiffness).max() / abs(stiffness).max():.1e}", end=", ")

@@ -143,7 +143,7 @@ def motion(name):
         structure, truth = chain()
         n, steps = structure.n_dofs, 400
         fields = [rng.standard_normal((steps, n)) * size for size in (100.0, 5.0, 0.3)]
-        laws = ("inertia", "viscous", "elastic")
+        laws = ("mass", "damping", "stiffness")
         matrices = [structure.matrix(law, truth.values(truth.start)).toarray() for law in laws]
         force = sum(field @ matrix.T for field, matrix in zip(fields, matrices, strict=True))
         if name == "motion-force":

@@ -31,7 +31,7 @@ def strip(place: float) -> tuple[np.ndarray, np.ndarray, list[int]]:
     beam = sid.Beam("strip", [[i, i + 1] for i in range(len(points) - 1)], 0.8, 9.0)
     middle = int(np.abs(points - place).argmin())
     structure = sid.Structure(dict(enumerate(points.tolist())), [beam], ["0Y", f"{middle}Y", f"{len(points) - 1}Y"])
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=N_MODES)
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=N_MODES)
     names = [f"{int(np.abs(points - x).argmin())}Y" for x in (0.125, 0.3, 0.45, 0.9)]
     few = found.frequency < 450.0  # others would come in as their aliases
     return found.frequency[few], structure.selection(parse_dofs(names)).T @ found.mode_shapes[:, few], names

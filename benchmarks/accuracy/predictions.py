@@ -1,6 +1,6 @@
-"""Do 95 % bands of predictions at places without a sensor hold the truth? Noise and wrong held values, many times.
+"""Do 95 % bands of predictions at places without a sensor hold the truth? Noise and wrong fixed values, many times.
 
-The structures, their truths and their FRFs are those of `tolerances.py`, by its own matrices. Each repeat draws held values and
+The structures, their truths and their FRFs are those of `tolerances.py`, by its own matrices. Each repeat draws fixed values and
 noise anew, identifies, and predicts: accelerances at degrees of freedom that no sensor reads, natural frequencies, the change of
 frequencies and accelerances by a mass that is added, and (of the chain) the largest displacements under a half-sine push, whose
 truth comes from a matrix exponential.
@@ -115,7 +115,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=list(RIGS), choices=list(RIGS))
     chosen = parser.parse_args()
     print(
-        f"inside the 95 % band, %; {chosen.repeats} repeats from seed {chosen.seed}, held values off by {chosen.tolerance:g}"
+        f"inside the 95 % band, %; {chosen.repeats} repeats from seed {chosen.seed}, fixed values off by {chosen.tolerance:g}"
     )
     whole: dict[str, list[np.ndarray]] = defaultdict(list)
     for name in chosen.only:

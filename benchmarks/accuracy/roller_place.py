@@ -42,7 +42,7 @@ def main() -> int:
     parser.add_argument("--repeats", type=int, default=400)
     repeats, begun = parser.parse_args().repeats, time.perf_counter()
     drawn = beam(TRUTH)
-    clean = modes(drawn.matrix("inertia"), drawn.matrix("elastic"), n_modes=2).frequency
+    clean = modes(drawn.matrix("mass"), drawn.matrix("stiffness"), n_modes=2).frequency
     exact = abs(float(estimate(problem(clean)).values[0]) - TRUTH)
     print(f"without noise off by {exact:.1e} m")
     errors = []

@@ -46,7 +46,7 @@ def moved(structure: sid.Structure, load: dict[tuple[int, str], float]) -> dict[
     for key, value in load.items():
         if key in place:
             force[place[key]] += value
-    solved = spsolve(structure.matrix("elastic").tocsc(), force)
+    solved = spsolve(structure.matrix("stiffness").tocsc(), force)
     return {key: float(solved[k]) for key, k in place.items()}
 
 
@@ -117,7 +117,7 @@ def clamped(kind: str, n: int) -> float:
     points = np.column_stack([flat, np.zeros(len(flat))]) @ turn.T
     given = {"youngs_modulus": 70e9, "density": 2700.0, "thickness": 0.002, "poisson": 0.3}
     structure = shell(points, cells, {" ".join(ALL): rim}, **given)
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=4).frequency
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=4).frequency
     unit = np.sqrt(70e9 * 0.002**2 / 12 / (1 - 0.09) / 2700.0) / (2 * np.pi)
     ratios = found / unit / [35.992, 73.413, 73.413, 108.27]
     return float(ratios[np.argmax(np.abs(ratios - 1))])

@@ -97,7 +97,7 @@ def identified(table: np.ndarray, mesh: dict[str, np.ndarray], repeats: int, see
     unknown = sid.parameters(structure, [*unknowns, sid.Unknown("mass", "block 1", fixed=True)])
     truth = np.array(list(TRUTH.values()))
     values = unknown.values(truth)
-    exact = modes(structure.matrix("inertia", values), structure.matrix("elastic", values), n_modes=14)
+    exact = modes(structure.matrix("mass", values), structure.matrix("stiffness", values), n_modes=14)
     nodes = [int(np.argmin(np.linalg.norm(mesh["xyz_m"] - place, axis=1))) + 1 for place in PLACES[:corners]]
     channels = parse_dofs([f"{node}{axis}" for node in nodes for axis in "XYZ"])
     frequency = exact.frequency[6:]

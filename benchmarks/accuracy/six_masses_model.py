@@ -174,9 +174,9 @@ def unknowns(structure: sid.Structure, model: Model, more: Sequence[sid.Unknown]
 def mass_and_stiffness(structure: sid.Structure, parameters: sid.Parameters) -> tuple[np.ndarray, np.ndarray]:
     """Each as the part without parameters and the derivatives, (1 + n_params, n, n)."""
     found = []
-    for law in ("inertia", "elastic"):
+    for kind in ("mass", "stiffness"):
         points = np.vstack([np.zeros(parameters.n_params), np.eye(parameters.n_params)])
-        parts = np.array([structure.matrix(law, parameters.values(p)).toarray() for p in points])
+        parts = np.array([structure.matrix(kind, parameters.values(p)).toarray() for p in points])
         parts[1:] -= parts[0]
         found.append(parts)
     return found[0], found[1]

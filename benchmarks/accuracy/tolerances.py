@@ -1,7 +1,7 @@
-"""Right models whose held values are wrong by their tolerance: are they called wrong, and do intervals hold?
+"""Right models whose fixed values are wrong by their tolerance: are they called wrong, and do intervals hold?
 
 Truths are simulated by this file's own matrices: springs and masses, Euler-Bernoulli beams and a portal frame. Each repeat draws
-every held mass, stiffness and damping, and the gain of the record, about what the model says, with the tolerance as the standard
+every fixed mass, stiffness and damping, and the gain of the record, about what the model says, with the tolerance as the standard
 deviation. `--states` identifies two states with the same draws, of which the second has one stiffness 5 % lower.
 
     python benchmarks/accuracy/tolerances.py [--repeats 40] [--seed 0] [--tolerance 0.005 0.02] [--states] [--exact]
@@ -379,12 +379,36 @@ def two_states(
     return inside, compared.changed, change != 0
 
 
+def planned_errors(rig: Rig, tolerance: float, seeds: range, options: sid.IdentifyOptions) -> np.ndarray:
+    """Errors of identified values over the deviations that `plan` gives them, (n_seeds, n_params); they are as the model begins."""
+    nominal = {part.name: part.value for part in rig.parts} | rig.losses
+    unknown, frequency = sid.parameters(rig.structure, rig.unknown), np.linspace(*rig.band, 200)
+    absolute = 0.01 * np.sqrt((np.abs(responses(rig, nominal, frequency)) ** 2).mean())
+    test = sid.PlanOptions(
+        frequency, rig.sensors, [rig.load], n_sensors=len(rig.sensors), relative_noise=0.01, absolute_noise=absolute
+    )
+    expected = sid.plan(rig.structure, unknown, test, options.tolerances).chosen.std_with_tolerances
+    errors = []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        values, _, gain = truth(rig, rng, tolerance)
+        values |= {name: nominal[name] for several in sought(rig).values() for name in several}
+        clean = gain * responses(rig, values, frequency)
+        sigma = np.hypot(0.01 * np.abs(clean), absolute)
+        noise = sigma * (rng.standard_normal(clean.shape) + 1j * rng.standard_normal(clean.shape)) / np.sqrt(2)
+        record = sid.FrfRecord(frequency, clean + noise, rig.sensors, [rig.load], "accelerance", variance=sigma**2)
+        found = sid.identify(rig.structure, unknown, record, options).estimate
+        errors.append(found.values / unknown.start - 1)
+    return np.array(errors) / expected
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tolerance", type=float, nargs="+", default=[0.005, 0.02])
     parser.add_argument("--states", action="store_true")
+    parser.add_argument("--plan", action="store_true", help="errors over what `structid plan` predicts of them")
     parser.add_argument("--only", nargs="+", default=None, help="such as chain/frf")
     chosen = parser.parse_args()
     print("structure                record tolerance  hold %  noise %  sound approx  wrong misfit")
@@ -396,6 +420,13 @@ def main() -> None:
                 continue
             for tolerance in chosen.tolerance:
                 options = sid.IdentifyOptions(tolerances=Tolerances(tolerance, tolerance, DAMPING, tolerance))
+                if chosen.plan:
+                    if kind == "frf":
+                        seeds = range(chosen.seed, chosen.seed + chosen.repeats)
+                        errors = planned_errors(rig, tolerance, seeds, options)
+                        sizes = "  ".join(f"{size:.2f}" for size in np.sqrt((errors**2).mean(axis=0)))
+                        print(f"{rig.name:24} {tolerance:9.3f} rms error over plan, each value: {sizes}", flush=True)
+                    continue
                 if chosen.states:
                     pairs = [
                         two_states(rig, kind, tolerance, seed, options)
@@ -418,7 +449,7 @@ def main() -> None:
                 np.concatenate([own.ravel() for own in several]) for several in zip(*rows, strict=True)
             )
             states_row("all", "", tolerance, inside, false, found)
-    for tolerance, told in whole.items() if not chosen.states else ():
+    for tolerance, told in whole.items() if not (chosen.states or chosen.plan) else ():
         row("all", "", tolerance, told, float("nan"))
 
 

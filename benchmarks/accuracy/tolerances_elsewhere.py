@@ -1,8 +1,8 @@
-"""Right models with wrong held values, on structures that `tolerances.py` has not: grillage, guyed mast, truss.
+"""Right models with wrong fixed values, on structures that `tolerances.py` has not: grillage, guyed mast, truss.
 
 Truths are simulated by this file's own matrices: a grillage of girders and cross beams that bend and twist (FRFs), a mast under
 its weight that stays hold (FRFs, modes, and modes that `identify_modes` takes from ambient motion), and a truss with nodal masses
-(histories under a random force). Every held mass, stiffness and damping and the gain of the record is drawn about what the model
+(histories under a random force). Every fixed mass, stiffness and damping and the gain of the record is drawn about what the model
 says. `--length` draws the scale of the drawing as well, which no tolerance carries.
 
     python benchmarks/accuracy/tolerances_elsewhere.py [--repeats 20] [--seed 0] [--tolerance 0.005 0.02] [--length 0.001]

@@ -28,7 +28,7 @@ def true_structure():
 
 def motion(structure, rng):
     """Steady motion under a force at the top and one at the second floor that repeat after the record."""
-    mass, damping, stiffness = (structure.matrix(law).toarray() for law in ("inertia", "viscous", "elastic"))
+    mass, damping, stiffness = (structure.matrix(law).toarray() for law in ("mass", "damping", "stiffness"))
     lines = np.arange(1, 121)
     omega = 2 * np.pi * RATE / SAMPLES * lines
     spectrum = np.zeros((len(lines), 6), dtype=complex)

@@ -39,7 +39,7 @@ def record(rng: np.random.Generator) -> ModalRecord:
         ),
     ]
     structure = Structure(mesh.nodes, sets, held)
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=6)
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=6)
     shapes = structure.selection(SENSORS).toarray().T @ found.mode_shapes
     shapes = shapes / np.abs(shapes).max(axis=0) + SHAPE_ERROR * rng.standard_normal((len(SENSORS), 6))
     frequency = found.frequency * (1 + FREQUENCY_ERROR * rng.standard_normal(6))

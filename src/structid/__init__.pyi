@@ -97,6 +97,7 @@ from structid.prediction.changes import Remove as Remove
 from structid.prediction.changes import Scale as Scale
 from structid.prediction.predict import predict as predict
 from structid.prediction.predict import predict_change as predict_change
+from structid.prediction.quantities import Extremes as Extremes
 from structid.prediction.quantities import Frf as Frf
 from structid.prediction.quantities import History as History
 from structid.prediction.quantities import Maxima as Maxima
@@ -105,6 +106,7 @@ from structid.prediction.quantities import RootMeanSquare as RootMeanSquare
 from structid.prediction.quantities import Spectrum as Spectrum
 from structid.prediction.quantities import support_acceleration as support_acceleration
 from structid.prediction.state_space import state_space as state_space
+from structid.prediction.tuned_damper import tune_damper as tune_damper
 from structid.prediction.virtual_sensing import UnknownForces as UnknownForces
 from structid.prediction.virtual_sensing import sense as sense
 from structid.records import CsvLayout as CsvLayout

@@ -2,7 +2,9 @@
 
 import csv
 import json
+import shutil
 
+import h5py
 import numpy as np
 import pytest
 from scipy.io import loadmat
@@ -12,7 +14,7 @@ import structid as sid
 from structid.cli import app as cli
 from structid.fem.importers import read_matrices
 from structid.modal.formats.files import read_modes
-from study_cases import write_chain
+from study_cases import RIGID, rigid_record, write_chain
 
 RUN = CliRunner()
 
@@ -108,6 +110,12 @@ def test_export_writes_state_equations_and_matrices(results, tmp_path):
     assert (done.exit_code, done.stdout.count(".op4")) == (0, 1)
 
 
+def test_two_contents_do_not_go_into_one_file(results, tmp_path):
+    done = invoke("export", results, "--mode-shapes", tmp_path / "a.pch", "--matrices", tmp_path / "a.pch", "--force")
+    assert (done.exit_code, "give each a file of its own" in done.stderr) == (2, True)
+    assert not list(tmp_path.iterdir())
+
+
 def test_export_writes_elements_and_modes(results, tmp_path):
     files = [tmp_path / name for name in ("chain.csv", "chain.uff")]
     done = invoke("export", results, "--mesh", files[0], "--mode-shapes", files[1], "--modes", 2)
@@ -123,6 +131,60 @@ def test_export_writes_elements_and_modes(results, tmp_path):
     np.testing.assert_allclose(
         read_modes(files[1]).frequency, [mode["frequency_hz"] for mode in identified["modes"][:2]], rtol=1e-5
     )
+
+
+def test_results_of_another_version_are_refused_by_every_command(results, tmp_path):
+    shutil.copytree(results.parent, tmp_path / "v")
+    folder = tmp_path / "v" / results.name
+    calls = (["export"], ["export", "--mesh", tmp_path / "m.vtu"], ["predict", "--out", tmp_path / "p"])
+    for damage, words in (
+        (
+            lambda file: file.attrs.__setitem__("format", "structid estimate 2"),
+            "another version of structid (structid estimate 2",
+        ),
+        (lambda file: file.attrs.__delitem__("format"), "another version of structid (none"),
+    ):
+        with h5py.File(folder / "estimate.h5", "a") as file:
+            damage(file)
+        for name, *rest in calls:
+            done = invoke(name, folder, *rest)
+            assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
+    shutil.copy(results / "estimate.h5", folder)
+    with h5py.File(folder / "estimate.h5", "a") as file:
+        del file["parameters/initial"]
+    done = invoke("export", folder, "--mesh", tmp_path / "m.vtu")
+    assert (done.exit_code, "holds no initial values; identify again" in done.stderr) == (2, True)
+    assert not (tmp_path / "m.vtu").exists()
+
+
+def test_a_model_that_the_data_do_not_determine_is_refused(tmp_path):
+    study = write_chain(tmp_path, RIGID, rigid_record())
+    assert invoke("identify", study, "--out", tmp_path / "out", "--no-report").exit_code == 1
+    for arguments in (["export"], ["export", "--matrices", tmp_path / "m.op4"], ["predict", "--out", tmp_path / "p"]):
+        name, *rest = arguments
+        done = invoke(name, tmp_path / "out", *rest)
+        assert (done.exit_code, "do not determine mass[mass 2], mass[mass 3]" in done.stderr) == (2, True), done.stderr
+    assert not list(tmp_path.glob("m.*"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--support", "1X", "--support", "2X", "--support", "3X"], "nothing of the changed structure can move"),
+        (["--support", "9X"], "9X"),
+        (["--remove", "deck"], "no element set 'deck'"),
+        (["--sensors", "2X", "--loads", "1Y"], "1Y+ is not part of the structure"),
+    ],
+)
+def test_a_change_that_leaves_nothing_is_named(results, tmp_path, arguments, words):
+    done = invoke("predict", results, *arguments, "--out", tmp_path / "p")
+    assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
+
+
+def test_modes_are_compared_where_a_mass_is_taken_out(results, tmp_path):
+    done = invoke("predict", results, "--remove", "mass 3", "--draws", 60, "--out", tmp_path / "p", "--no-report")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert len(json.loads((tmp_path / "p" / "prediction.json").read_text())["modes"]) == 2
 
 
 def test_sense_writes_motion_and_forces(results, tmp_path):
@@ -144,3 +206,58 @@ def test_sense_writes_motion_and_forces(results, tmp_path):
         "sense", results, tmp_path / "record.h5", "--wanted", "2X", "--unknown", "2X", "--out", tmp_path / "t"
     )
     assert (done.exit_code, "`correlation_time` must be given" in done.stderr) == (2, True)
+
+
+def test_predict_under_a_pulse_and_under_noise(results, tmp_path):
+    done = invoke(
+        "predict", results, "--sensors", "2X", "--half-sine", "5,0.05@3X", "--duration", 2, "--sampling-rate", 200, "--draws", 60,
+        "--modes", 2, "--lines", 10, "--motion", "displacement", "--out", tmp_path / "a",
+    )  # fmt: skip
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "half-sine of 0.05 s, 5 N, at 3X+" in done.stdout
+    told = json.loads((tmp_path / "a" / "prediction.json").read_text())
+    [largest] = told["maxima"]
+    assert largest["unit"] == "m"
+    quantiles = list(largest["value"]["quantiles"].values())
+    assert quantiles == sorted(quantiles)
+    assert quantiles[0] < largest["value"]["value"] < quantiles[-1]
+    (tmp_path / "wind.csv").write_text("Hz,N^2/Hz\n0.5,2.0\n12,1.0\n", encoding="utf-8")
+    done = invoke(
+        "predict", results, "--sensors", "2X", "--noise", f"{tmp_path}/wind.csv@3X", "--duration", 60, "--draws", 60, "--modes", 2,
+        "--lines", 400, "--out", tmp_path / "b",
+    )  # fmt: skip
+    assert (done.exit_code, done.stderr) == (0, "")
+    told = json.loads((tmp_path / "b" / "prediction.json").read_text())
+    [mean], [most] = told["root_mean_square"], told["largest"]
+    assert 2.5 < most["value"]["value"] / mean["value"]["value"] < 4.5
+    assert len(np.genfromtxt(tmp_path / "b" / "spectrum.csv", delimiter=",", names=True)) == 400
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--half-sine", "5,0.05@3X"], "`duration` must be given with `half_sine`"),
+        (["--half-sine", "5@3X", "--duration", 1, "--sampling-rate", 100], "`half_sine` must be size, width and a place"),
+        (["--sine", "5,40@3X", "--duration", 1, "--sampling-rate", 100], "`sampling_rate` must be at least 320 Hz"),
+        (["--noise", "3X", "--duration", 1], "`noise` must be a table and a place"),
+        (["--noise", "none.csv@3X", "--duration", 1], "none.csv"),
+        (["--sine", "5,1@3X", "--history", "a.csv", "--duration", 1], "give one of history, half_sine and sine"),
+        (["--sensors", "M[mass 1:1@1]"], "no set of bars or beams"),
+        (["--half-sine", "5,0.1@3X", "--duration", 1, "--sampling-rate", 100, "--relative"], "no input is a base"),
+    ],
+)  # fmt: skip
+def test_predict_names_loads_that_cannot_be(results, tmp_path, arguments, words):
+    sensors = [] if "--sensors" in arguments else ["--sensors", "2X"]
+    done = invoke("predict", results, *sensors, *arguments, "--draws", 50, "--out", tmp_path / "p")
+    assert (done.exit_code, words in done.stderr) == (2, True), done.stderr
+    assert not (tmp_path / "p").exists()
+
+
+def test_predict_tunes_a_damper(results, tmp_path):
+    done = invoke("predict", results, "--tune-damper", "0.2@3X", "--draws", 60, "--modes", 2, "--out", tmp_path / "p")
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "tuned mass damper of 0.2 kg" in done.stdout
+    told = json.loads((tmp_path / "p" / "prediction.json").read_text())["tuned_damper"]
+    assert told["largest_receptance"] < told["largest_receptance_before"]
+    done = invoke("predict", results, "--tune-damper", "3X", "--out", tmp_path / "q")
+    assert (done.exit_code, "`tune_damper` must be a mass in kg and a place" in done.stderr) == (2, True)

@@ -200,7 +200,7 @@ def written_modes(folder: Path, gains: dict[str, float] | None = None, error: fl
     """The study with its first five modes, errors 0.1 % of frequencies and 1 % of shapes, `error` times as large as stated."""
     path, channels = written(folder), ["2X", "3X", "4X", "4Y", "5X", "5Y"]
     structure = load_study(path).setups[0].structure
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"))
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"))
     frequency, n = found.frequency[:5], 5
     shapes = structure.selection(parse_dofs(channels)).T @ found.mode_shapes[:, :n]
     shapes = shapes / np.abs(shapes).max(axis=0)

@@ -433,7 +433,7 @@ def test_damping_of_all_sets_is_tried_as_viscous_at_once(trial):
     }
     damping, stiffness, mass = (
         changed.setups[0].structure.matrix(law, changed.setups[0].structure.values).toarray()
-        for law in ("viscous", "elastic", "inertia")
+        for law in ("damping", "stiffness", "mass")
     )
     omega = 2 * np.pi * every.frequency
     rotations = [

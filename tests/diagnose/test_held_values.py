@@ -180,7 +180,7 @@ def test_what_the_values_rest_on_is_in_the_results(tmp_path):
     ready, result = building(tmp_path, 1)
     found, _ = diagnose_study(ready, result)
     assert found.diagnosis.judgement.verdict == "sound"
-    summary = estimate_summary(found)["held_values"]
+    summary = estimate_summary(found)["fixed_values"]
     assert [one["name"] for one in summary] == ["mass[floors]", "mass[roof]", "stiffness[upper]"]
     assert set(summary[0]["percent_per_percent"]) == set(TRUTH)
     assert resting_words(found.diagnosis.sensitivities).startswith("fixed values matter: with mass[floors] 1 %")

@@ -19,7 +19,7 @@ def cantilever(n):
     """Mass and stiffness of a clamped beam of n elements, all its properties 1."""
     beam = Beam("beam", [[i, i + 1] for i in range(n)], 1.0, 1.0)
     structure = Structure({i: i / n for i in range(n + 1)}, [beam], ["0Y", "0RZ"])
-    return structure.matrix("inertia"), structure.matrix("elastic")
+    return structure.matrix("mass"), structure.matrix("stiffness")
 
 
 def test_damping_ratios_of_a_single_mass():
@@ -79,7 +79,7 @@ def grid_of_plates(n):
     corners = np.stack([first, first + n + 1, first + n + 2, first + 1], axis=1)
     plate = Plate("plate", corners, 70e9, 2700.0, 2e-3, poisson=0.3)
     structure = Structure(points, [plate], [], active=["Z", "RX", "RY"])
-    return structure.matrix("inertia"), structure.matrix("elastic")
+    return structure.matrix("mass"), structure.matrix("stiffness")
 
 
 def test_shift_goes_down_to_the_lowest_eigenvalues_of_a_fine_mesh():
@@ -103,10 +103,10 @@ def test_modes_of_equal_parts_are_all_found(name, monkeypatch):
     lines = [[s + i, s + i + 1] for s in starts for i in range(n)]
     points = {s + i: i / n for s in starts for i in range(n + 1)}
     structure = Structure(points, [Beam("beam", lines, 1.0, 1.0)], [], active=["Y", "RZ"])
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=30)
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=30)
     assert (found.frequency[:20] <= 1e-3).all()
     assert 2 * np.pi * found.frequency[20:] == pytest.approx(np.full(10, 22.37329), rel=1e-5)
-    gram = found.mode_shapes.T @ (structure.matrix("inertia") @ found.mode_shapes)
+    gram = found.mode_shapes.T @ (structure.matrix("mass") @ found.mode_shapes)
     assert gram == pytest.approx(np.eye(30), abs=1e-8)
 
 
@@ -194,7 +194,7 @@ def test_low_modes_of_nodes_close_together_are_exact(gap):
     """Two nodes 0.01 to 1 mm apart in a beam of 1 m: assembled matrices alone give f1 up to 5 % off."""
     points = [0.0, 0.25, 0.5, 0.5 + gap, 0.75, 1.0]
     structure = supported_beam(points, ["0Y", "5Y"])
-    mass, stiffness = structure.matrix("inertia"), structure.matrix("elastic")
+    mass, stiffness = structure.matrix("mass"), structure.matrix("stiffness")
     found = modes(mass, stiffness, strains=partial(structure.strain_operator, structure.values))
     exact = np.sqrt(exact_first_eigenvalue(points)) / (2 * np.pi)
     assert found.frequency[0] == pytest.approx(exact, rel=1e-8)
@@ -210,9 +210,9 @@ def test_low_modes_of_nodes_close_together_are_exact(gap):
 def test_free_beams_with_close_nodes_have_their_elastic_modes(gap):
     structure = supported_beam([0.0, 0.2, 0.4, 0.4 + gap, 0.6, 0.8, 1.0], [])
     even = supported_beam([0.0, 0.2, 0.4, 0.6, 0.8, 1.0], [])
-    matrices = [structure.matrix(law) for law in ("inertia", "elastic")]
+    matrices = [structure.matrix(kind) for kind in ("mass", "stiffness")]
     found = modes(*matrices, strains=partial(structure.strain_operator, structure.values))
-    coarse = modes(even.matrix("inertia"), even.matrix("elastic"))
+    coarse = modes(even.matrix("mass"), even.matrix("stiffness"))
     assert found.frequency[2] == pytest.approx(coarse.frequency[2], rel=2e-4)
     assert found.frequency[2] < coarse.frequency[2]  # more freedom is softer
     assert (found.frequency[:2] <= 1e-5).all()
@@ -222,7 +222,7 @@ def test_low_modes_of_matrices_alone_are_as_exact_as_these():
     """Nodes 0.3 mm apart, no strains: the dense eigenvalue problem would be 1e-3 off, the matrix is 1e-6."""
     points = [0.0, 0.25, 0.5, 0.5003, 0.75, 1.0]
     structure = supported_beam(points, ["0Y", "5Y"])
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"))
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"))
     exact = np.sqrt(exact_first_eigenvalue(points)) / (2 * np.pi)
     assert abs(found.frequency[0] / exact - 1) <= min(found.rounding[0], 1e-5)
 
@@ -231,8 +231,8 @@ def test_a_thousand_elements_are_no_worse_than_ten():
     """Strains keep 11 digits of what the matrix loses 4 of."""
     structure = supported_beam([i / 1000 for i in range(1001)], ["0Y", "0RZ"])
     found = modes(
-        structure.matrix("inertia"),
-        structure.matrix("elastic"),
+        structure.matrix("mass"),
+        structure.matrix("stiffness"),
         n_modes=3,
         strains=partial(structure.strain_operator, structure.values),
     )

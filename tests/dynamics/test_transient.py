@@ -51,7 +51,7 @@ def test_damped_mass_has_its_closed_form():
 def free_beam():
     beam = Beam("beam", [[0, 1], [1, 2]], [2.0, 1.0], [3.0, 5.0], mass_damping=[0.3, 0.1], stiffness_damping=[0.0, 0.2])
     structure = Structure({0: 0.0, 1: 1.0, 2: 2.0}, [beam])
-    return [structure.matrix(law) for law in ("inertia", "elastic", "viscous")]
+    return [structure.matrix(kind) for kind in ("mass", "stiffness", "damping")]
 
 
 def integrated(mass, stiffness, damping, force, time):

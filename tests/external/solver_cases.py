@@ -141,7 +141,7 @@ PLATE_SENSORS = tuple(map(parse_dof, ("5Z", "10Z", "15Z", "3Z", "8Z", "13Z", "5Y
 
 def plate_record(structure: Structure, path: Path, n_modes: int = 6, rng: np.random.Generator | None = None) -> None:
     """Modes of `structure` at nine sensors as a record; with 0.1 % and 1 % of noise where there is a generator."""
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=n_modes)
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=n_modes)
     shapes = structure.selection(PLATE_SENSORS).toarray().T @ found.mode_shapes
     shapes = shapes / np.abs(shapes).max(axis=0)
     frequency = found.frequency

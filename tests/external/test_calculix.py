@@ -145,7 +145,7 @@ def test_calculix_matrices_are_read_whole_or_not_at_all(tmp_path):
     folder = next(one.parent for one in tmp_path.glob("study.runs/*/run.json") if _is_nominal(one))
     own = own_plate(tmp_path, 2.1e11, 0.7e11)
     item = read_matrix(folder / "plate.sti")
-    full = own.matrix("elastic").toarray()
+    full = own.matrix("stiffness").toarray()
     order = [own.dofs.index(dof) for dof in _dofs(item)]
     np.testing.assert_allclose(item.matrix.toarray(), full[np.ix_(order, order)], atol=1e-10 * abs(full).max())
     for name in ("plate.sti", "plate.mas"):
@@ -179,7 +179,7 @@ def test_calculix_modes_are_read_whole_or_not_at_all(tmp_path):
     own = own_plate(tmp_path, 2.1e11, 0.7e11)
     from structid.dynamics.normal_modes import modes
 
-    true, found = modes(own.matrix("inertia"), own.matrix("elastic"), n_modes=8), read_shapes(source)
+    true, found = modes(own.matrix("mass"), own.matrix("stiffness"), n_modes=8), read_shapes(source)
     np.testing.assert_allclose(found.frequency, true.frequency, rtol=1e-8)
     rows = {(int(node), int(c)): row for row, (node, c) in zip(found.values, found.dofs, strict=True)}
     shapes = np.array([rows[dof.node, dof.axis + 1] for dof in own.dofs])

@@ -92,7 +92,7 @@ def test_matrices_and_modes_of_a_beam_give_the_moduli_of_the_solver_itself(tmp_p
     structure = read_structure(root.inner("structure"), files)
     values = structure.values.copy()
     values[:2] = 1.9e11, 0.77e11
-    found = modes(structure.matrix("inertia", values), structure.matrix("elastic", values), n_modes=6)
+    found = modes(structure.matrix("mass", values), structure.matrix("stiffness", values), n_modes=6)
     channels = tuple(map(parse_dof, SENSORS))
     shapes = structure.selection(channels).toarray().T @ found.mode_shapes
     record = ModalRecord(found.frequency, np.full(6, np.nan), shapes / np.abs(shapes).max(axis=0), channels)
@@ -131,7 +131,7 @@ def test_the_matrices_are_those_of_structids_own_beams(tmp_path):
         )
     ]
     own = Structure(nodes, sets, ["1X", "1Y", "1Z", "1RX", "1RY", "1RZ"])
-    full, given = own.matrix("elastic").toarray(), structure.matrix("elastic").toarray()
+    full, given = own.matrix("stiffness").toarray(), structure.matrix("stiffness").toarray()
     order = [own.dofs.index(dof) for dof in structure.dofs]
     np.testing.assert_allclose(given, full[np.ix_(order, order)], atol=1e-9 * abs(full).max())
 

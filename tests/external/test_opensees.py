@@ -64,7 +64,7 @@ def own_beams(first, second):
 @needs_opensees
 def test_the_recipe_gives_the_matrices_of_structids_own_beams_and_their_moduli(tmp_path):
     own = own_beams(*TRUE.values())
-    found = modes(own.matrix("inertia"), own.matrix("elastic"), n_modes=5)
+    found = modes(own.matrix("mass"), own.matrix("stiffness"), n_modes=5)
     channels = tuple(map(parse_dof, SENSORS))
     shapes = own.selection(channels).toarray().T @ found.mode_shapes
     record = ModalRecord(found.frequency, np.full(5, np.nan), shapes / np.abs(shapes).max(axis=0), channels)
@@ -82,7 +82,7 @@ def test_the_recipe_gives_the_matrices_of_structids_own_beams_and_their_moduli(t
     values = json.loads((run / "run.json").read_text())["values"]
     own = own_beams(values["E1"], values["E2"])
     order = [own.dofs.index(dof) for dof in rows]
-    for file, law in (("frame_k.npy", "elastic"), ("frame_m.npy", "inertia")):
-        expected = own.matrix(law).toarray()[np.ix_(order, order)]
+    for file, kind in (("frame_k.npy", "stiffness"), ("frame_m.npy", "mass")):
+        expected = own.matrix(kind).toarray()[np.ix_(order, order)]
         given = read_matrix(run / file).matrix.toarray()
         np.testing.assert_allclose(given, expected, atol=1e-12 * abs(expected).max())

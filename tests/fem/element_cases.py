@@ -221,7 +221,7 @@ def keeps_symmetry(case: Case, folder: Path) -> None:
     """Matrices are symmetric and positive semidefinite."""
     parts = [(part, part.blocks.assemble(np.ones(part.blocks.n_elements))) for part in case.structure.contributions]
     alone = [matrix for part, matrix in parts if part.scale is None]
-    for found in (*alone, *(case.structure.matrix(law) for law in {part.law for part, _ in parts})):
+    for found in (*alone, *(case.structure.matrix(law) for law in {part.matrix_kind for part, _ in parts})):
         matrix = found.toarray()
         assert np.abs(matrix - matrix.T).max() <= 1e-13 * np.abs(matrix).max()
         assert np.linalg.eigvalsh(matrix).min() >= -1e-12 * np.abs(matrix).max()
@@ -231,7 +231,7 @@ def resists_no_rigid_motion(case: Case, folder: Path) -> None:
     """Stiffness does not notice rigid motions, but where the ground holds it."""
     structure = case.structure
     motions = rigid_motions(structure)[:, : 6 if case.turns else 3]
-    stiffness = structure.matrix("elastic").toarray()
+    stiffness = structure.matrix("stiffness").toarray()
     force = np.abs(stiffness @ motions).max(initial=0.0)
     free = force <= 1e-11 * np.abs(stiffness).max(initial=0.0) * np.abs(motions).max(initial=0.0)
     assert free == (case.name != "to the ground")
@@ -244,7 +244,7 @@ def carries_its_mass(case: Case, folder: Path) -> None:
     for axis in range(3):
         motion = np.array([float(d.axis == axis) for d in structure.dofs])
         if motion.any() and case.mass:
-            assert motion @ (structure.matrix("inertia") @ motion) == pytest.approx(case.mass, rel=1e-12)
+            assert motion @ (structure.matrix("mass") @ motion) == pytest.approx(case.mass, rel=1e-12)
 
 
 def follows_its_values(case: Case, folder: Path) -> None:
@@ -258,7 +258,7 @@ def follows_its_values(case: Case, folder: Path) -> None:
         if name in own:
             values[own[name].values] = changed
             assert own[name].term.unit
-        for law in {part.law for part in made.contributions}:
+        for law in {part.matrix_kind for part in made.contributions}:
             expected = made.matrix(law).toarray()
             assert base.matrix(law, values).toarray() == pytest.approx(
                 expected, rel=1e-12, abs=1e-14 * np.abs(expected).max()
@@ -272,7 +272,7 @@ def damps_as_its_name_says(case: Case, folder: Path) -> None:
         others = {other: 0.0 for other in own if other.endswith("damping")}
         weights = own.get("mass", own.get("density"))
         made = case.made(replace(case.element, **{**others, name: weights}))
-        damping, mass = made.matrix("viscous"), made.matrix("inertia")
+        damping, mass = made.matrix("damping"), made.matrix("mass")
         assert damping.nnz
         for axis in range(3):
             motion = np.array([float(d.axis == axis) for d in made.dofs])
@@ -314,7 +314,7 @@ def travels(case: Case, folder: Path) -> None:
 
 
 def same(first: Structure, second: Structure) -> bool:
-    laws = {part.law for part in first.contributions}
+    laws = {part.matrix_kind for part in first.contributions}
     return first.dofs == second.dofs and all(
         np.array_equal(first.matrix(law).toarray(), second.matrix(law).toarray()) for law in laws
     )

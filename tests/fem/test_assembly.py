@@ -14,7 +14,7 @@ from structid.fem.matrices.blocks import index_kind
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from mesh_cases import solid
 
-LAWS = ("inertia", "viscous", "elastic", "structural")
+LAWS = ("mass", "damping", "stiffness", "structural_damping")
 
 
 def frame():
@@ -48,7 +48,7 @@ def test_entries_of_every_law_equal_the_sum_of_element_matrices(name):
     structure = CASES[name]()
     at, n = assembly(structure), structure.n_dofs
     values = structure.values * np.random.default_rng(0).uniform(0.5, 2.0, len(structure.values))
-    for law, row in zip(at.laws, at.data(values), strict=True):
+    for law, row in zip(at.matrix_kinds, at.data(values), strict=True):
         own = sparse.csc_array((row, at.indices, at.indptr), (n, n)).toarray()
         exact = structure.matrix(law, values).toarray() if law in LAWS else 0.0
         assert own == pytest.approx(exact, rel=1e-13, abs=1e-13 * np.abs(own).max(initial=0.0))
@@ -82,11 +82,11 @@ def test_zeros_of_sparse_element_matrices_are_no_entries():
 def test_full_element_matrices_are_not_copied():
     structure = solid((6, 2, 2), (1.0, 1.0, 1.0), 3)  # the first of three groups has degrees of freedom that are held
     shared = {
-        part.law: np.shares_memory(entries.data, part.blocks.local)
+        part.matrix_kind: np.shares_memory(entries.data, part.blocks.local)
         for part, entries in zip(structure.contributions, assembly(structure).maps, strict=True)
         if part.blocks.dofs.min() >= 0
     }
-    assert shared == {"inertia": False, "elastic": True, "structural": True}  # mass has zeros between directions
+    assert shared == {"mass": False, "stiffness": True, "structural_damping": True}  # mass has zeros between directions
 
 
 def test_indices_widen_where_they_must():

@@ -25,7 +25,7 @@ def pinned(tension, count=16, **more):
 
 
 def frequencies(structure, count=5):
-    mass, stiffness = (structure.matrix(law) for law in ("inertia", "elastic"))
+    mass, stiffness = (structure.matrix(law) for law in ("mass", "stiffness"))
     return modes(mass, stiffness, n_modes=count).frequency
 
 
@@ -40,8 +40,8 @@ def test_a_pinned_beam_has_the_frequencies_of_a_beam_in_tension(tension):
 def test_the_frequency_is_zero_at_the_buckling_load_and_not_before():
     """The matrix's own critical force, from its eigenvalues, is Euler's to 1e-5: of sixteen cubics, above it."""
     with_unit, without = pinned(1.0), pinned(0.0)
-    geometric = (with_unit.matrix("elastic") - without.matrix("elastic")).toarray()
-    critical = 1 / linalg.eigh(geometric, without.matrix("elastic").toarray(), eigvals_only=True)[-1]
+    geometric = (with_unit.matrix("stiffness") - without.matrix("stiffness")).toarray()
+    critical = 1 / linalg.eigh(geometric, without.matrix("stiffness").toarray(), eigvals_only=True)[-1]
     assert 1.0 < critical / EULER < 1 + 1e-5
     assert frequencies(pinned(-critical))[0] < 1e-3 * frequencies(without)[0]
     assert frequencies(pinned(-0.999 * critical))[0] == pytest.approx(
@@ -51,8 +51,8 @@ def test_the_frequency_is_zero_at_the_buckling_load_and_not_before():
 
 def test_the_matrix_is_that_of_przemieniecki_and_of_a_beam_that_shears_the_integral_of_its_slopes():
     nodes, h = {0: 0.0, 1: 1.7}, 1.7
-    plain = Structure(nodes, [Beam("b", [[0, 1]], 1.0, 3.0, axial_force=1.0)]).matrix("elastic")
-    bare = Structure(nodes, [Beam("b", [[0, 1]], 1.0, 3.0)]).matrix("elastic")
+    plain = Structure(nodes, [Beam("b", [[0, 1]], 1.0, 3.0, axial_force=1.0)]).matrix("stiffness")
+    bare = Structure(nodes, [Beam("b", [[0, 1]], 1.0, 3.0)]).matrix("stiffness")
     book = np.array([[36, 3 * h, -36, 3 * h], [3 * h, 4 * h**2, -3 * h, -(h**2)],
                      [-36, -3 * h, 36, -3 * h], [3 * h, -(h**2), -3 * h, 4 * h**2]]) / (30 * h)  # fmt: skip
     np.testing.assert_allclose((plain - bare).toarray(), book, atol=1e-12)
@@ -68,7 +68,7 @@ def test_the_matrix_is_that_of_przemieniecki_and_of_a_beam_that_shears_the_integ
     ]
     made = [
         Structure(nodes, [Beam("b", [[0, 1]], 1.0, bending, shear_stiffness=shear, axial_force=force)]).matrix(
-            "elastic"
+            "stiffness"
         )
         for force in (1.0, 0.0)
     ]
@@ -87,7 +87,7 @@ def test_a_chain_of_bars_is_a_string_and_has_no_motion_sideways_without_tension(
     found = frequencies(string(tension), 4)
     exact = np.repeat(np.arange(1, 3), 2) * np.sqrt(tension / MASS) / (2 * LENGTH)
     np.testing.assert_allclose(found, exact, rtol=0.02)
-    stretched = string(tension).matrix("elastic") - string(0.0).matrix("elastic")
+    stretched = string(tension).matrix("stiffness") - string(0.0).matrix("stiffness")
     along = np.tile([0.6, 0.0, 0.8], count - 1)
     assert np.abs(stretched @ along).max() < 1e-9 * tension
 
@@ -119,13 +119,13 @@ def test_the_force_is_a_linear_parameter_of_either_sign_without_loss():
     assert unknown.units == ("N",)
     assert unknown.transforms.kinds == ("linear",)
     values = [unknown.values(np.array([force])) for force in (-1e3, 2e3, 5e3)]
-    first, second, third = (structure.matrix("elastic", one) for one in values)
+    first, second, third = (structure.matrix("stiffness", one) for one in values)
     assert abs((third - first) - 2 * (second - first)).max() < 1e-6
     lossless = Structure(
         structure.nodes, [Beam("tie", structure.elements[0].nodes, MASS, EI, loss_factor=0.02)], fixed=["0Y", "6Y"]
     )
     np.testing.assert_allclose(
-        structure.matrix("structural").toarray(), lossless.matrix("structural").toarray(), rtol=1e-12
+        structure.matrix("structural_damping").toarray(), lossless.matrix("structural_damping").toarray(), rtol=1e-12
     )
     both = parameters(structure, [Unknown("stiffness", "tie")])
     assert both.names == ("stiffness[tie]",)
@@ -153,7 +153,7 @@ def test_a_held_force_has_the_tolerance_of_stiffnesses_and_one_of_its_own():
         (lambda: pinned(np.nan), "must be finite"),
         (lambda: pinned([1.0, 2.0]), "one number or 16"),
         (
-            lambda: Structure({0: 0.0, 1: 1.0}, [Bar("b", [[0, 1]], 1.0, 1.0, axial_force=1.0)]).matrix("elastic"),
+            lambda: Structure({0: 0.0, 1: 1.0}, [Bar("b", [[0, 1]], 1.0, 1.0, axial_force=1.0)]).matrix("stiffness"),
             "plane or in space",
         ),
     ],

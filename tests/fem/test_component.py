@@ -1,4 +1,4 @@
-"""Components: the textbook's reduction, its laws, what it leaves to the rest of the structure, and what is refused."""
+"""Components: the textbook's reduction, its kinds, what it leaves to the rest of the structure, and what is refused."""
 
 import pickle
 from dataclasses import replace
@@ -35,7 +35,7 @@ from structid.identification.fits.truncation import frf_truncation, modes_trunca
 from structid.planning.options import resolved
 from structid.unknowns import penalty
 
-LAWS = ("inertia", "viscous", "elastic", "structural")
+LAWS = ("mass", "damping", "stiffness", "structural_damping")
 WAYS = ("Z", "RX", "RY")
 
 
@@ -58,11 +58,11 @@ def plate(
 
 
 def matrices(structure: Structure) -> dict[str, np.ndarray]:
-    return {law: structure.matrix(law).toarray() for law in LAWS}
+    return {kind: structure.matrix(kind).toarray() for kind in LAWS}
 
 
 def receptance(structure: Structure, outputs, inputs, frequency, values=None) -> np.ndarray:
-    m, c, k, h = (structure.matrix(law, values).toarray() for law in LAWS)
+    m, c, k, h = (structure.matrix(kind, values).toarray() for kind in LAWS)
     s, f = structure.selection(parse(outputs)).toarray(), structure.selection(parse(inputs)).toarray()
     w = 2 * np.pi * np.atleast_1d(frequency)
     return np.array([s.T @ np.linalg.solve(k + 1j * h + 1j * x * c - x**2 * m, f) for x in w])
@@ -79,11 +79,11 @@ def apart(one: np.ndarray, other: np.ndarray) -> float:
 def test_it_is_the_reduction_of_the_textbook():
     """Craig and Bampton's basis with the static answer to inertia, dense and in coordinates of its own."""
     found, whole = plate(150.0), plate(None)
-    m, c, k, h = (matrices(whole)[law] for law in LAWS)
+    m, c, k, h = (matrices(whole)[kind] for kind in LAWS)
     border = [whole.dofs.index(dof) for dof in parse(["1Z", "6Z", "25Z"])]
     inside = np.setdiff1d(np.arange(whole.n_dofs), border)
     at, bt = np.ix_(inside, inside), np.ix_(inside, border)
-    springs = plate(None).matrix("elastic", np.where(["legs" not in p for p in labels(whole)], 0.0, whole.values))
+    springs = plate(None).matrix("stiffness", np.where(["legs" not in p for p in labels(whole)], 0.0, whole.values))
     own = k - springs.toarray()
     constraint = -np.linalg.solve(own[at], own[bt])
     squares, shapes = linalg.eigh(own[at], m[at])
@@ -98,7 +98,7 @@ def test_it_is_the_reduction_of_the_textbook():
     assert found.reductions[0].n_modes == kept.shape[1] > 3
     small = [basis.T @ a @ basis for a in (m, c, k, h)]
     expected = np.sqrt(linalg.eigh(small[2], small[0], eigvals_only=True)) / (2 * np.pi)
-    assert modes(found.matrix("inertia"), found.matrix("elastic")).frequency == pytest.approx(expected, rel=1e-8)
+    assert modes(found.matrix("mass"), found.matrix("stiffness")).frequency == pytest.approx(expected, rel=1e-8)
     s = basis.T @ whole.selection(parse(["15Z", "16RX", "1Z"])).toarray()
     f = basis.T @ whole.selection(parse(["22Z"])).toarray()
     lines = np.array([5.0, 31.0, 90.0])
@@ -127,9 +127,9 @@ def test_its_mass_and_rigid_motions_stay_and_its_frequencies_come_from_above():
         assert np.abs(matrix - matrix.T).max() <= 1e-12 * max(np.abs(matrix).max(), 1e-300)
         assert np.linalg.eigvalsh(matrix).min() >= -1e-9 * np.abs(matrix).max()
     values = np.where([label.endswith("[legs]") for label in labels(found)], 0.0, found.values)
-    loose = linalg.eigh(found.matrix("elastic", values).toarray(), found.matrix("inertia").toarray(), eigvals_only=True)
+    loose = linalg.eigh(found.matrix("stiffness", values).toarray(), found.matrix("mass").toarray(), eigvals_only=True)
     assert np.abs(loose[:3]).max() < 1e-7 * loose[3]  # heave, pitch and roll
-    few, many = (modes(s.matrix("inertia"), s.matrix("elastic"), n_modes=12).frequency for s in (found, whole))
+    few, many = (modes(s.matrix("mass"), s.matrix("stiffness"), n_modes=12).frequency for s in (found, whole))
     assert (few >= many * (1 - 1e-9)).all()
     assert few[:6] == pytest.approx(many[:6], rel=1e-5)
 
@@ -160,8 +160,8 @@ def test_unreduced_has_the_same_properties_and_all_degrees_of_freedom():
     again = found.unreduced
     assert labels(again) == labels(found)
     assert again.n_dofs == whole.n_dofs
-    for law in LAWS:
-        one, other = again.matrix(law).toarray(), whole.matrix(law).toarray()
+    for kind in LAWS:
+        one, other = again.matrix(kind).toarray(), whole.matrix(kind).toarray()
         assert np.abs(one - other).max() <= 1e-12 * max(np.abs(other).max(), 1e-300)
     assert "not reduced" in again.reductions[0].words
 
@@ -193,16 +193,16 @@ def test_several_loss_factors_are_one_factor_that_goes_with_the_stiffness():
     for name, factor in (("stiffness[panel]", 2.0), ("structural_damping[panel]", 3.0)):
         values[labels(found).index(name)] = factor
     whole = plate(None, loss=0.05)
-    for law, factor in (("elastic", 2.0), ("structural", 6.0)):
+    for kind, factor in (("stiffness", 2.0), ("structural_damping", 6.0)):
         own = whole.values.copy()
         legs = np.array([label.endswith("[legs]") for label in labels(whole)])
-        expected = factor * whole.matrix(law, np.where(legs, 0.0, own)).toarray()
+        expected = factor * whole.matrix(kind, np.where(legs, 0.0, own)).toarray()
         panel = values.copy()
         panel[[i for i, label in enumerate(labels(found)) if label.endswith("[legs]")]] = 0.0
         one = np.sort(
-            linalg.eigh(found.matrix(law, panel).toarray(), found.matrix("inertia").toarray(), eigvals_only=True)
+            linalg.eigh(found.matrix(kind, panel).toarray(), found.matrix("mass").toarray(), eigvals_only=True)
         )
-        other = np.sort(linalg.eigh(expected, whole.matrix("inertia").toarray(), eigvals_only=True))
+        other = np.sort(linalg.eigh(expected, whole.matrix("mass").toarray(), eigvals_only=True))
         assert one[6:] == pytest.approx(other[6:], rel=1e-6)
 
 
@@ -229,7 +229,7 @@ def test_an_interface_that_does_not_hold_it_serves_too():
     whole = Structure(nodes, [left, right, spring], active=WAYS)
     found = replace(whole, components=(Component("panel", ["left", "right"], 300.0),))
     values = [
-        linalg.eigh(s.matrix("elastic").toarray(), s.matrix("inertia").toarray(), eigvals_only=True)
+        linalg.eigh(s.matrix("stiffness").toarray(), s.matrix("mass").toarray(), eigvals_only=True)
         for s in (found, whole)
     ]
     assert np.abs(values[0][:2]).max() < 1e-7 * values[1][2]
@@ -324,7 +324,7 @@ def test_matrices_of_another_code_are_a_component_too():
     whole = plate(None)
     panel = Structure(whole.nodes, whole.elements[:2], active=WAYS)
     group = MatrixGroup(
-        "imported", panel.dofs, mass=panel.matrix("inertia"), stiffness=panel.matrix("elastic"), loss_factor=0.01
+        "imported", panel.dofs, mass=panel.matrix("mass"), stiffness=panel.matrix("stiffness"), loss_factor=0.01
     )
     made = Structure(whole.nodes, [group, whole.elements[2]], active=WAYS)
     found = replace(made, components=(Component("panel", "imported", 200.0),))
@@ -335,7 +335,7 @@ def test_matrices_of_another_code_are_a_component_too():
 def test_two_components_meet_at_their_interface():
     whole = plate(None)
     found = replace(whole, components=(Component("a", "left", 800.0), Component("b", "right", 800.0)))
-    small, large = (modes(s.matrix("inertia"), s.matrix("elastic"), n_modes=8).frequency for s in (found, whole))
+    small, large = (modes(s.matrix("mass"), s.matrix("stiffness"), n_modes=8).frequency for s in (found, whole))
     assert small == pytest.approx(large, rel=1e-4)
 
 
@@ -420,7 +420,7 @@ def test_what_truncation_changes_is_told_with_a_remedy_where_it_is_much():
     assert much.error <= worst.max() * 1.001
     assert np.isclose(much.error, worst, rtol=1e-4).any()
     told = modes_truncation(few, few.values, 60.0)
-    pair = [modes(s.matrix("inertia"), s.matrix("elastic"), n_modes=20).frequency for s in (few, whole)]
+    pair = [modes(s.matrix("mass"), s.matrix("stiffness"), n_modes=20).frequency for s in (few, whole)]
     inside = np.flatnonzero(pair[0] <= 60.0)
     assert told.error == pytest.approx((pair[0][inside] / pair[1][inside] - 1).max(), rel=1e-3)
     assert modes_truncation(few, few.values, 500.0).words == modes_truncation(few, few.values, 70.0).words

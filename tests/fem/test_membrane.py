@@ -30,27 +30,27 @@ def test_matrices_are_those_of_scikit_fem():
     mass = skfem.asm(skfem.BilinearForm(lambda u, v, _: 2.0 * u * v), basis).toarray()
     stiffness = skfem.asm(skfem.BilinearForm(lambda u, v, _: 3.0 * dot(grad(u), grad(v))), basis).toarray()
     structure = structure_of(points, triangles)
-    assert structure.matrix("inertia").toarray() == pytest.approx(mass, abs=1e-14)
-    assert structure.matrix("elastic").toarray() == pytest.approx(stiffness, abs=1e-12)
+    assert structure.matrix("mass").toarray() == pytest.approx(mass, abs=1e-14)
+    assert structure.matrix("stiffness").toarray() == pytest.approx(stiffness, abs=1e-12)
 
 
 def test_each_triangle_has_a_weight_of_its_own():
     points, triangles = scattered()
     mass, tension = RNG.uniform(1, 2, (2, len(triangles)))
     structure = structure_of(points, triangles, mass=mass, tension=tension)
-    for law, values, unit in (("inertia", mass, {"tension": 0.0}), ("elastic", tension, {"mass": 0.0})):
+    for kind, values, unit in (("mass", mass, {"tension": 0.0}), ("stiffness", tension, {"mass": 0.0})):
         total = sum(
-            value * structure_of(points, triangles, **({"mass": e, "tension": e} | unit)).matrix(law).toarray()
+            value * structure_of(points, triangles, **({"mass": e, "tension": e} | unit)).matrix(kind).toarray()
             for value, e in zip(values, np.eye(len(triangles)), strict=True)
         )
-        assert structure.matrix(law).toarray() == pytest.approx(total, abs=1e-13)
+        assert structure.matrix(kind).toarray() == pytest.approx(total, abs=1e-13)
 
 
 @pytest.mark.parametrize("lumped", [False, True])
 def test_matrices_keep_the_laws_of_every_element(lumped):
     points, triangles = scattered()
     structure = structure_of(points, triangles, lumped=lumped, mass_damping=0.5)
-    mass, stiffness = structure.matrix("inertia").toarray(), structure.matrix("elastic").toarray()
+    mass, stiffness = structure.matrix("mass").toarray(), structure.matrix("stiffness").toarray()
     area = structure_of(points, triangles, mass=1.0).mass_of()
     assert structure.mass_of() == pytest.approx(2.0 * area, rel=1e-13)
     assert np.abs(stiffness @ np.ones(len(points))).max() <= 1e-12
@@ -59,13 +59,13 @@ def test_matrices_keep_the_laws_of_every_element(lumped):
     assert np.linalg.eigvalsh(mass).min() > 0
     assert np.linalg.eigvalsh(stiffness)[1] > 1e-3
     assert (np.count_nonzero(mass - np.diag(np.diag(mass))) == 0) == lumped
-    assert structure.matrix("viscous").toarray() == pytest.approx(0.25 * mass, rel=1e-13)
+    assert structure.matrix("damping").toarray() == pytest.approx(0.25 * mass, rel=1e-13)
 
 
 def test_lumped_mass_is_the_row_sum_of_the_consistent_mass():
     points, triangles = scattered()
-    consistent = structure_of(points, triangles).matrix("inertia").toarray()
-    lumped = structure_of(points, triangles, lumped=True).matrix("inertia").toarray()
+    consistent = structure_of(points, triangles).matrix("mass").toarray()
+    lumped = structure_of(points, triangles, lumped=True).matrix("mass").toarray()
     assert np.diag(lumped) == pytest.approx(consistent.sum(axis=1), rel=1e-13)
 
 
@@ -85,7 +85,7 @@ def test_frequencies_of_a_square_converge_to_the_continuum_from_one_side(lumped,
     errors = []
     for n in (2, 3):
         structure = square(n, lumped=lumped)
-        found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=4).frequency
+        found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=4).frequency
         errors.append(2 * np.pi * found / exact - 1)
     assert (side * errors[1] > 0).all()
     assert errors[0] / errors[1] == pytest.approx(np.full(4, 4.0), rel=0.1)
@@ -95,8 +95,8 @@ def test_frequencies_of_a_square_converge_to_the_continuum_from_one_side(lumped,
 def test_loss_factor_weighs_the_tension():
     points, triangles = scattered()
     structure = structure_of(points, triangles, loss_factor=0.02)
-    expected = 0.02 * structure.matrix("elastic").toarray()
-    assert structure.matrix("structural").toarray() == pytest.approx(expected, rel=1e-13)
+    expected = 0.02 * structure.matrix("stiffness").toarray()
+    assert structure.matrix("structural_damping").toarray() == pytest.approx(expected, rel=1e-13)
 
 
 def test_nodes_in_space_and_in_the_plane_give_one_membrane():
@@ -105,8 +105,8 @@ def test_nodes_in_space_and_in_the_plane_give_one_membrane():
     flat, lifted = structure_of(points, triangles), structure_of(space, triangles)
     assert flat.dofs == lifted.dofs
     assert {dof.direction for dof in flat.dofs} == {"Z"}
-    for law in ("inertia", "elastic"):
-        assert flat.matrix(law).toarray() == pytest.approx(lifted.matrix(law).toarray(), abs=1e-14)
+    for kind in ("mass", "stiffness"):
+        assert flat.matrix(kind).toarray() == pytest.approx(lifted.matrix(kind).toarray(), abs=1e-14)
 
 
 def test_point_mass_rides_on_a_membrane_in_two_dimensions():

@@ -44,7 +44,7 @@ def strip(**options):
 
 def textbook(structure, ratio, values=None):
     """M Phi (2 zeta Omega) Phi' M."""
-    mass, stiffness = (structure.matrix(law, values).toarray() for law in ("inertia", "elastic"))
+    mass, stiffness = (structure.matrix(kind, values).toarray() for kind in ("mass", "stiffness"))
     squares, shapes = linalg.eigh(stiffness, mass)
     return mass @ shapes @ np.diag(2 * ratio * np.sqrt(np.maximum(squares, 0))) @ shapes.T @ mass
 
@@ -106,11 +106,11 @@ def test_rigid_bodies_and_massless_motions_are_not_damped():
     for rigid in (turn, shift):
         assert np.abs(damping @ rigid).max() < 1e-6 * np.abs(damping).max()
     frame = beam(mass=0.0)
-    massless = np.diag(frame.matrix("inertia").toarray()) == 0
+    massless = np.diag(frame.matrix("mass").toarray()) == 0
     assert massless.sum() == 7
     assert np.abs(damping_of(frame)[massless]).max() < 1e-6 * np.abs(damping_of(frame)).max()
     # as without them: the massless motions eliminated
-    mass, stiffness = (frame.matrix(law).toarray() for law in ("inertia", "elastic"))
+    mass, stiffness = (frame.matrix(kind).toarray() for kind in ("mass", "stiffness"))
     follow = -np.linalg.solve(stiffness[np.ix_(massless, massless)], stiffness[np.ix_(massless, ~massless)])
     held = stiffness[np.ix_(~massless, ~massless)] + stiffness[np.ix_(~massless, massless)] @ follow
     squares, shapes = linalg.eigh(held, mass[np.ix_(~massless, ~massless)])
@@ -130,7 +130,7 @@ def test_what_modal_damping_cannot_be_of_is_named(monkeypatch):
     sets = [PointMass("m", [1, 2], [1.0, 0.0]), Spring("k", "1X", stiffness=1.0)]
     loose = Structure({1: 0.0, 2: 1.0}, sets, active=["X"], damping_ratio=0.01)
     with pytest.raises(SingularModelError, match="mass or stiffness in every motion"):
-        loose.matrix("viscous")
+        loose.matrix("damping")
     base = Base("table", "0Y")
     with pytest.raises(InputError, match="base 'table' drives the structure, and modal damping"):
         beam(bases=[base]).release_supports((base,))

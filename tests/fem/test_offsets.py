@@ -45,7 +45,7 @@ def carried(nodes, arms, made, names):
         motion = np.vstack([lever, np.eye(3, 6, 3)])
         at = 6 * names.index(dof.node)
         carry[row, at : at + 6] = motion[DIRECTIONS.index(dof.direction)]
-    return [carry.T @ alone.matrix(law).toarray() @ carry for law in ("inertia", "elastic")]
+    return [carry.T @ alone.matrix(law).toarray() @ carry for law in ("mass", "stiffness")]
 
 
 def matrices(mesh, kind, elements):
@@ -59,7 +59,7 @@ def matrices(mesh, kind, elements):
         key=lambda i: (structure.dofs[i].node, DIRECTIONS.index(structure.dofs[i].direction)),
     )
     assert len(structure.dofs) == 6 * len(names)
-    return names, [structure.matrix(law).toarray()[np.ix_(order, order)] for law in ("inertia", "elastic")]
+    return names, [structure.matrix(law).toarray()[np.ix_(order, order)] for law in ("mass", "stiffness")]
 
 
 def shell(nodes):

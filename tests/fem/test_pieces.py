@@ -54,8 +54,8 @@ def test_pieces_are_those_of_a_finer_mesh(case, pieces):
     long = Structure(finer, sets, ["1X"], active=active)
     assert short.n_dofs == long.n_dofs
     assert short.mass_of() == pytest.approx(long.mass_of(), rel=1e-12)
-    for law in ("inertia", "elastic", "viscous", "structural"):
-        found, made = (np.linalg.eigvalsh(s.matrix(law).toarray()) for s in (short, long))
+    for kind in ("mass", "stiffness", "damping", "structural_damping"):
+        found, made = (np.linalg.eigvalsh(s.matrix(kind).toarray()) for s in (short, long))
         assert found == pytest.approx(made, rel=1e-9, abs=1e-12 * np.abs(made).max(initial=0.0))
 
 
@@ -77,14 +77,14 @@ def test_pieces_turn_between_ends_that_active_keeps_from_turning(end, active, be
     nodes = {i: tip * i / 4 for i in range(5)}
     hand = Structure(nodes, [beam([[i, i + 1] for i in range(4)])], held, active=bent)
     assert cut.n_dofs == hand.n_dofs
-    found, made = (modes(one.matrix("inertia"), one.matrix("elastic")).frequency for one in (cut, hand))
+    found, made = (modes(one.matrix("mass"), one.matrix("stiffness")).frequency for one in (cut, hand))
     assert found == pytest.approx(made, rel=1e-8)
 
 
 def test_a_beam_in_pieces_has_the_frequencies_of_the_continuous_one():
     """Cantilever of one element, (beta L)^2 = 3.516015, 22.03449, 61.69721."""
     structure = Structure({0: 0.0, 1: 1.0}, [Beam("beam", [0, 1], 1.0, 1.0)], ["0Y", "0RZ"], subdivide=20)
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=3)
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=3)
     assert 2 * np.pi * found.frequency == pytest.approx([3.516015, 22.03449, 61.69721], rel=2e-5)
 
 
@@ -124,7 +124,7 @@ def test_bars_whose_pieces_nothing_holds_sideways_stay_whole():
     assert cut.n_dofs == hand.n_dofs
     fixed = (*MAST_FIXED, "9RZ")  # an end that no bending stiffness holds
     found, made = (
-        modes(one.matrix("inertia"), one.matrix("elastic")).frequency
+        modes(one.matrix("mass"), one.matrix("stiffness")).frequency
         for one in (Structure(s.nodes, s.elements, fixed, subdivide=s.subdivide) for s in (cut, hand))
     )
     assert found == pytest.approx(made, rel=1e-8)

@@ -28,14 +28,14 @@ def timoshenko(ei: float, ga: float, length: float) -> np.ndarray:
 
 def test_the_element_is_that_of_the_textbook():
     line = Structure({1: 0.0, 2: L}, [Beam("e", [1, 2], 1.0, EI, shear_stiffness=GA)])
-    assert line.matrix("elastic").toarray() == pytest.approx(timoshenko(EI, GA, L), rel=1e-12)
+    assert line.matrix("stiffness").toarray() == pytest.approx(timoshenko(EI, GA, L), rel=1e-12)
     values = line.values.copy()
     for item in line.properties:
         if item.term.property == "shear_stiffness":
             values[item.values] = 3.0
         if item.term.property == "bending_stiffness":
             values[item.values] = 7.0
-    assert line.matrix("elastic", values).toarray() == pytest.approx(timoshenko(7.0, 3.0, L), rel=1e-12)
+    assert line.matrix("stiffness", values).toarray() == pytest.approx(timoshenko(7.0, 3.0, L), rel=1e-12)
 
 
 def test_both_planes_of_a_space_beam_shear_on_their_own():
@@ -43,7 +43,7 @@ def test_both_planes_of_a_space_beam_shear_on_their_own():
     made = SpaceBeam("e", [1, 2], 1.0, 3.0, 5.0, 7.0, 11.0, shear_stiffness_y=20.0, shear_stiffness_z=40.0)
     fixed = [f"1{d}" for d in ("X", "Y", "Z", "RX", "RY", "RZ")]
     structure = Structure({1: (0.0, 0.0, 0.0), 2: (L, 0.0, 0.0)}, [made], fixed)
-    flexibility = np.diag(np.linalg.inv(structure.matrix("elastic").toarray()))
+    flexibility = np.diag(np.linalg.inv(structure.matrix("stiffness").toarray()))
     expected = [L**3 / (3 * 5.0) + L / 20.0, L**3 / (3 * 3.0) + L / 40.0]
     assert flexibility[1:3] == pytest.approx(expected, rel=1e-12)
     assert flexibility[4:] == pytest.approx([L / 3.0, L / 5.0], rel=1e-12)
@@ -54,7 +54,7 @@ def test_both_planes_of_a_space_beam_shear_on_their_own():
 
 
 def frequencies(structure: Structure, n: int) -> np.ndarray:
-    return modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=n).frequency
+    return modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=n).frequency
 
 
 def deep(fixed: list[str], pieces: int) -> Structure:
@@ -94,8 +94,8 @@ def test_deep_beams_have_the_frequencies_of_timoshenko(fixed, unknown_at_start, 
 def test_stiff_in_shear_is_euler_bernoulli():
     stiff, plain = (Beam("e", [1, 2], 3.0, EI, shear_stiffness=ga, rotary_inertia=0.2) for ga in (1e17 * EI, None))
     pair = [Structure({1: 0.0, 2: L}, [beam], ["1Y", "1RZ"], subdivide=8) for beam in (stiff, plain)]
-    for law in ("inertia", "elastic"):
-        made, expected = (one.matrix(law).toarray() for one in pair)
+    for kind in ("mass", "stiffness"):
+        made, expected = (one.matrix(kind).toarray() for one in pair)
         assert np.abs(made - expected).max() <= 1e-12 * np.abs(expected).max()
     assert frequencies(pair[0], 6) == pytest.approx(frequencies(pair[1], 6), rel=1e-10)
 
@@ -105,7 +105,7 @@ def test_thin_beams_do_not_lock(ratio):
     """One element gives the tip deflection L^3 / 3 EI + L / GA at any slenderness, and a patch its uniform curvature."""
     beam = Beam("e", [[1, 2], [2, 3]], 1.0, EI, shear_stiffness=GA / ratio)
     structure = Structure({1: 0.0, 2: 0.3 * L, 3: L}, [beam], ["1Y", "1RZ"])
-    flexibility = np.linalg.inv(structure.matrix("elastic").toarray())
+    flexibility = np.linalg.inv(structure.matrix("stiffness").toarray())
     assert flexibility[2, 2] == pytest.approx(L**3 / (3 * EI) + L * ratio / GA, rel=1e-9)
     place = [0.3 * L, L]
     assert flexibility[:, 3] == pytest.approx(np.ravel([[x**2 / (2 * EI), x / EI] for x in place]), rel=1e-9)
@@ -213,5 +213,5 @@ def test_methods_that_are_linear_in_the_parameters_refuse_bending_beside_shear()
 def test_a_common_factor_on_all_stiffnesses_scales_shear_too():
     structure = portal(2)
     unknown = parameters(structure, [Unknown("stiffness", ["up", "along"], factor=True)])
-    doubled = structure.matrix("elastic", unknown.values(np.array([2.0]))).toarray()
-    assert doubled == pytest.approx(2 * structure.matrix("elastic").toarray(), rel=1e-12)
+    doubled = structure.matrix("stiffness", unknown.values(np.array([2.0]))).toarray()
+    assert doubled == pytest.approx(2 * structure.matrix("stiffness").toarray(), rel=1e-12)

@@ -9,7 +9,7 @@ from structid import FrfRecord, InputError, Structure, Unknown, parameters
 from structid.dynamics.normal_modes import modes
 from structid.fem import Shell
 from structid.fem.elements.cells.drilling_membrane import drilling_stiffness
-from structid.fem.elements.cells.elastic import plane_law
+from structid.fem.elements.cells.elastic import plane_elasticity
 from structid.forward.frf.response import response
 from structid.forward.sensitive import weight_slope
 
@@ -61,7 +61,7 @@ def test_a_distorted_patch_in_any_rotation_holds_every_constant_strain_and_curva
     structure = shell_on(turned(flat), table, thickness=THICK)
     moved, rotated, energy = constant_field(flat, state)
     field = on_dofs(structure, np.transpose(moved), np.transpose(rotated))
-    forces = structure.matrix("elastic") @ field
+    forces = structure.matrix("stiffness") @ field
     inside = np.all((flat > 1e-9) & (flat < [2 - 1e-9, 1 - 1e-9]), axis=1)
     inner = np.array([inside[dof.node - 1] for dof in structure.dofs])
     assert inner.sum() == 36
@@ -84,7 +84,7 @@ def tube(kind, shape, radius, length):
 def test_shells_keep_rigid_motion_and_mass(kind):
     points, table = tube(kind, (3, 8), 0.3, 1.0)
     structure = shell_on(points @ TURN.T + PLACE, table)
-    mass, stiffness = structure.matrix("inertia").toarray(), structure.matrix("elastic").toarray()
+    mass, stiffness = structure.matrix("mass").toarray(), structure.matrix("stiffness").toarray()
     assert np.abs(stiffness - stiffness.T).max() <= 1e-15 * np.abs(stiffness).max()
     eigenvalues = np.linalg.eigvalsh(stiffness)
     assert (np.abs(eigenvalues) <= 1e-12 * eigenvalues[-1]).sum() == 6
@@ -106,7 +106,7 @@ def test_the_rotary_inertia_of_a_turning_plate_is_that_of_a_solid():
     o, one = np.zeros_like(x), np.ones_like(x)
     field = on_dofs(structure, np.transpose((o, o, y)), np.transpose((one, o, o)))
     exact = RHO * 0.1 * 2.0 * (1.0 / 3 + 0.1**2 / 12)  # about the side y = 0 of the middle surface
-    assert field @ structure.matrix("inertia") @ field == pytest.approx(exact, rel=1e-12)
+    assert field @ structure.matrix("mass") @ field == pytest.approx(exact, rel=1e-12)
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.45])
@@ -114,7 +114,7 @@ def test_the_rotary_inertia_of_a_turning_plate_is_that_of_a_solid():
 def test_bending_in_the_plane_is_exact_at_any_aspect_ratio(poisson, aspect):
     """Felippa (2003): the bending ratio of the optimal triangle is 1 at every aspect ratio."""
     x, y = (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [aspect / 2, 0.5]).T
-    corners, law = np.column_stack([x, y])[None], plane_law(poisson, False)
+    corners, law = np.column_stack([x, y])[None], plane_elasticity(poisson, False)
     field = np.column_stack([x * y, -(x**2 + poisson * y**2) / 2, -x]).ravel()
     exact = aspect / 12
     assert field @ drilling_stiffness(corners, law, poisson)[0] @ field == pytest.approx(exact, rel=1e-10)
@@ -144,7 +144,7 @@ def moved_by(structure, load):
     for key, value in load.items():
         if key in names:
             force[names[key]] += value
-    solved = spsolve(structure.matrix("elastic").tocsc(), force)
+    solved = spsolve(structure.matrix("stiffness").tocsc(), force)
     return {key: solved[k] for key, k in names.items()}
 
 
@@ -243,7 +243,7 @@ def test_a_clamped_square_in_a_turned_plane_has_the_frequencies_of_leissa(kind):
         rim = np.flatnonzero(np.any((flat < 1e-9) | (flat > 1 - 1e-9), axis=1))
         held = [f"{n + 1}{d}" for n in rim for d in ("X", "Y", "Z", "RX", "RY", "RZ")]
         structure = shell_on(turned(flat), table, held, thickness=0.002)
-        found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=4).frequency
+        found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=4).frequency
         unit = np.sqrt(E * 0.002**2 / 12 / (1 - NU**2) / RHO) / (2 * np.pi)
         errors.append(np.abs(found / unit / [35.992, 73.413, 73.413, 108.27] - 1).max())
     assert errors[1] <= 0.03
@@ -254,7 +254,7 @@ def test_a_free_ring_has_the_frequencies_of_its_theory():
     """Love (1927), art. 293: omega^2 = E I / (rho A R^4) n^2 (n^2 - 1)^2 / (n^2 + 1) in the plane, n = 2, 3."""
     points, table = tube("quad", (2, 48), 0.3, 0.05)
     structure = shell_on(points, table, poisson=0.0)
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=20).frequency
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=20).frequency
     for n in (2, 3):
         exact = np.sqrt(E * T**2 / 12 / RHO / 0.3**4 * n**2 * (n**2 - 1) ** 2 / (n**2 + 1)) / (2 * np.pi)
         near = np.sort(np.abs(found / exact - 1))[:2]
@@ -266,7 +266,7 @@ def test_a_slender_tube_bends_like_a_beam():
     points, table = tube("quad", (16, 16), radius, length)
     held = [f"{n + 1}{d}" for n in np.flatnonzero(points[:, 0] < 1e-9) for d in ("X", "Y", "Z", "RX", "RY", "RZ")]
     structure = shell_on(points, table, held)
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=3).frequency
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=3).frequency
     beam = 1.8751041**2 / (2 * np.pi * length**2) * np.sqrt(E * radius**2 / 2 / RHO)
     assert found[:2] == pytest.approx([beam, beam], rel=0.015)
 
@@ -279,12 +279,12 @@ def test_thickness_enters_stretching_bending_mass_and_rotary_inertia_with_its_ow
     one, other = (shell_on(points, table, thickness=t, **given) for t in (thick, thicker))
     values = np.array(one.values)
     values[next(p.values for p in one.properties if p.term.property == "thickness")] = thicker
-    for law in ("inertia", "elastic", "structural", "viscous"):
+    for law in ("mass", "stiffness", "structural_damping", "damping"):
         wanted = other.matrix(law).toarray()
         assert np.abs(one.matrix(law, values).toarray() - wanted).max() <= 1e-13 * np.abs(wanted).max()
     assert one.mass_of(values) == pytest.approx(other.mass_of(), rel=1e-13)
-    for law in ("inertia", "elastic", "structural", "viscous"):
-        assert {p.scale.exponents[0] for p in one.contributions if p.law == law} == {1, 3}
+    for law in ("mass", "stiffness", "structural_damping", "damping"):
+        assert {p.scale.exponents[0] for p in one.contributions if p.matrix_kind == law} == {1, 3}
 
 
 def test_derivatives_of_weights_mass_and_responses_are_differences():

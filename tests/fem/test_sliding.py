@@ -25,7 +25,7 @@ from structid.forward import ModalProblem, ModalSettings
 from structid.forward.frf.response import response
 from structid.forward.sensitive import require_linear_weights
 
-LAWS = ("inertia", "elastic", "viscous", "structural")
+LAWS = ("mass", "stiffness", "damping", "structural_damping")
 UNIT = np.array([0.6, 0.0, 0.8])
 
 
@@ -79,7 +79,7 @@ def test_two_ends_of_one_space_beam_slide():
         return Structure(nodes, [beam], ["1X", "1Y", "1Z", "1RX", "1RY", "1RZ"], subdivide=2, sliding=sliding)
 
     drawn, there = made(1.0, 2.0), made(1.3, 1.9, ())
-    for law in ("inertia", "elastic"):
+    for law in ("mass", "stiffness"):
         expected = there.matrix(law).toarray()
         # the place of node 3 is measured from node 2 where that was drawn
         found = drawn.matrix(law, moved(drawn, node2=1.3, node3=0.9)).toarray()
@@ -111,7 +111,7 @@ def beam_on_a_roller(place: float) -> Structure:
 
 def two_frequencies(place: float) -> np.ndarray:
     structure = beam_on_a_roller(place)
-    return modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=2).frequency
+    return modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=2).frequency
 
 
 def roller_problem(frequency: np.ndarray, start: float = 1.0, error: float = 1e-3) -> ModalProblem:

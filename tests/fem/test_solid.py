@@ -49,7 +49,7 @@ def test_a_patch_holds_every_constant_strain(kind, formulation):
     points, table = distorted(kind)
     d = points.shape[1]
     structure = structure_of(kind, points, table, formulation)
-    stiffness = structure.matrix("elastic")
+    stiffness = structure.matrix("stiffness")
     inner = on_dofs(structure, np.tile(inside(points)[:, None], d)).astype(bool)
     volume = np.prod(np.ptp(points, axis=0)) * (T if d == 2 else 1.0)
     rng = np.random.default_rng(3)
@@ -76,7 +76,7 @@ def test_matrices_keep_rigid_motion_and_mass(kind):
     points, table = distorted(kind)
     d = points.shape[1]
     structure = structure_of(kind, points, table, "incompatible")
-    stiffness, mass = structure.matrix("elastic").toarray(), structure.matrix("inertia").toarray()
+    stiffness, mass = structure.matrix("stiffness").toarray(), structure.matrix("mass").toarray()
     eigenvalues = np.linalg.eigvalsh(stiffness)
     assert (np.abs(eigenvalues) <= 1e-10 * eigenvalues[-1]).sum() == (3 if d == 2 else 6)
     assert np.abs(stiffness - stiffness.T).max() <= 1e-15 * np.abs(stiffness).max()
@@ -104,7 +104,7 @@ def test_plain_matrices_are_those_of_scikit_fem(kind):
     stiffness = scale * linear_elasticity(*lame_parameters(E, NU)).assemble(basis)
     mass = scale * RHO * skfem.BilinearForm(lambda u, v, _: dot(u, v)).assemble(basis)
     place = np.array([basis.nodal_dofs[dof.axis, dof.node - 1] for dof in structure.dofs])
-    for own, other in (("elastic", stiffness), ("inertia", mass)):
+    for own, other in (("stiffness", stiffness), ("mass", mass)):
         dense = other.toarray()[np.ix_(place, place)]
         assert np.abs(structure.matrix(own).toarray() - dense).max() <= 1e-12 * np.abs(dense).max()
 
@@ -127,7 +127,7 @@ def test_a_slender_block_bends_like_a_beam(kind, shape, bound):
     structure = structure_of(kind, points, table, "incompatible")
     held = [f"{n + 1}{d}" for n in np.flatnonzero(points[:, 0] < 1e-9) for d in "XYZ"]
     structure = Structure(structure.nodes, structure.elements, held)
-    first = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=1).frequency[0]
+    first = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=1).frequency[0]
     beam = 1.8751041**2 / (2 * np.pi) * size[2] / np.sqrt(12) * np.sqrt(E / RHO)
     assert first == pytest.approx(beam, rel=bound)
 
@@ -143,7 +143,7 @@ def test_incompatible_quads_bend_exactly_where_plain_ones_lock():
         load = np.zeros(structure.n_dofs)
         for node, sign in zip(right.values(), (-1, 1), strict=True):  # a couple of forces along x
             load[[str(d) for d in structure.dofs].index(f"{node}X+")] = sign * 100.0
-        moved = np.linalg.solve(structure.matrix("elastic").toarray(), load)
+        moved = np.linalg.solve(structure.matrix("stiffness").toarray(), load)
         tips[formulation] = moved[[str(d) for d in structure.dofs].index(f"{right[0]}Y+")]
     moment, inertia = 100.0 * 0.1, T * 0.1**3 / 12
     exact = moment / (2 * E * inertia)
@@ -159,7 +159,7 @@ def test_mean_dilatation_does_not_lock_where_volume_is_kept():
         for poisson in (0.3, 0.4999):
             made = structure_of("quad", points, table, formulation, poisson=poisson, state="strain")
             free = Structure(made.nodes, made.elements, held)
-            found[formulation, poisson] = modes(free.matrix("inertia"), free.matrix("elastic"), n_modes=1).frequency[0]
+            found[formulation, poisson] = modes(free.matrix("mass"), free.matrix("stiffness"), n_modes=1).frequency[0]
     assert found["full", 0.4999] > 2 * found["full", 0.3]
     assert found["mean_dilatation", 0.4999] < 1.2 * found["mean_dilatation", 0.3]
 
@@ -171,7 +171,7 @@ def test_cell_types_mix_in_one_set():
     structure = Structure({i + 1: p for i, p in enumerate(points)}, [Plane("cells", rows, E, RHO, T, NU)])
     assert structure.mass_of() == pytest.approx(RHO * 2.0 * T, rel=1e-12)
     field = on_dofs(structure, points * [1.0, 0.0])
-    assert field @ structure.matrix("elastic") @ field == pytest.approx(E / (1 - NU**2) * 2.0 * T, rel=1e-12)
+    assert field @ structure.matrix("stiffness") @ field == pytest.approx(E / (1 - NU**2) * 2.0 * T, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -218,13 +218,13 @@ def test_tilted_planes_are_refused():
 def test_hexahedra_are_those_of_another_code_and_split_its_matrix_in_two():
     mesh = np.load(SIERRA / "mesh_and_reference_modes.npz")
     place = mesh["dof_of_node_xyz_zero_based"]
-    total = dict.fromkeys(("elastic", "inertia"), sparse.csc_array((place.size, place.size)))
+    total = dict.fromkeys(("stiffness", "mass"), sparse.csc_array((place.size, place.size)))
     for block in ("hex_block1", "hex_block2"):
         cells = Solid(block, mesh[block], 70.33e9, 2704.327, 0.33)
         structure = Structure(dict(enumerate(mesh["xyz_m"], 1)), [cells])
         rows = np.array([place[dof.node - 1, dof.axis] for dof in structure.dofs])
         spread = sparse.csc_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), (place.size, len(rows)))
         total = {law: matrix + spread @ structure.matrix(law) @ spread.T for law, matrix in total.items()}
-    for law, name, bound in (("elastic", "Kaa_lower.npz", 1e-13), ("inertia", "Maa_lower.npz", 1e-6)):
+    for law, name, bound in (("stiffness", "Kaa_lower.npz", 1e-13), ("mass", "Maa_lower.npz", 1e-6)):
         stored = sparse.load_npz(SIERRA / name)
         assert abs(sparse.tril(total[law]) - stored).max() <= bound * abs(stored).max()  # the density has seven digits

@@ -86,3 +86,41 @@ def test_elements_of_a_users_own_belong_to_no_element_set(tmp_path):
 @pytest.mark.parametrize("keyword", ["MASS ADJUST", "MODEL CHANGE"])
 def test_keywords_that_change_masses_are_listed(tmp_path, keyword):
     assert part_of(read(tmp_path, PANEL + f"*{keyword}, ELSET=S\n5.\n", ".inp"), keyword).obstacle
+
+
+@pytest.mark.parametrize(
+    "head, obstacle",
+    [
+        ("SOL 103\nCEND\nBEGIN BULK\n", "case control asks for no set of MPC (`MPC = ...`)"),
+        ("SOL 103\nCEND\nMPC = 7\nBEGIN BULK\n", ""),
+        ("SOL 103\nCEND\nSUBCASE 1\n  MPC=7\nBEGIN BULK\n", ""),
+        ("BEGIN BULK\n", ""),
+        ("", ""),
+    ],
+)
+def test_constraints_that_case_control_does_not_ask_for_are_none(tmp_path, head, obstacle):
+    mesh = read(tmp_path, f"{head}{GRIDS}MPC,7,2,1,1.,1,1,-1.\n")
+    assert part_of(mesh, "MPC").obstacle == obstacle
+
+
+@pytest.mark.parametrize(
+    "cards, kind, why",
+    [
+        (", COMPLEX STIFFNESS\n2\n100.,5.", "SPRING", "its stiffness has a loss"),
+        ("\n2\n100.,10.\n200.,20.", "SPRING", "its values depend on frequency, temperature or fields"),
+        (
+            ", DEPENDENCIES=1\n2\n100.,,,1.\n200.,,,2.",
+            "SPRING",
+            "its values depend on frequency, temperature or fields",
+        ),
+        ("\n2\n100.", "SPRING", ""),
+        ("\n2\n100.\n*BEAM ADDED INERTIA\n2.", "BEAM ADDED INERTIA", "mass along beams; add it to the density"),
+        ("\n2\n100.\n*FOUNDATION\nS,F1,1e5", "FOUNDATION", "elastic foundations"),
+    ],
+)
+def test_springs_of_tables_and_masses_along_beams_are_listed(tmp_path, cards, kind, why):
+    text = f"{PANEL}*ELEMENT,TYPE=SPRING1,ELSET=K\n9,2\n*SPRING,ELSET=K{cards}\n"
+    part = part_of(read(tmp_path, text, ".inp"), kind)
+    assert part.obstacle == why
+    if not why:
+        assert [spring.stiffness for spring in part.springs] == [100.0]

@@ -12,7 +12,7 @@ def moved(structure, seed=0, n=60, rate=20.0, loads=(0, 3)):
     rng = np.random.default_rng(seed)
     where = np.eye(structure.n_dofs)[:, [i % structure.n_dofs for i in loads]]
     signals = rng.standard_normal((n, len(loads)))
-    matrices = [structure.matrix(law) for law in ("inertia", "elastic", "viscous")]
+    matrices = [structure.matrix(kind) for kind in ("mass", "stiffness", "damping")]
     found = sampled_transient(*matrices[:2], where, signals, rate, matrices[2])
     return Motion(found.time, signals @ where.T, found.acceleration, found.velocity, found.displacement)
 

@@ -64,7 +64,7 @@ def partitioned(structure: Structure, moved: list[str], frequency: np.ndarray, s
     found = []
     for f in frequency:
         s = 2j * np.pi * f
-        m, c, k, h = (free.matrix(law).toarray() for law in ("inertia", "viscous", "elastic", "structural"))
+        m, c, k, h = (free.matrix(law).toarray() for law in ("mass", "damping", "stiffness", "structural_damping"))
         z = s**2 * m + s * c + k + 1j * h
         found.append(-np.linalg.solve(z[np.ix_(own, own)], z[np.ix_(own, drive)].sum(axis=1))[reads])
     return np.array(found)
@@ -167,7 +167,7 @@ def shaken(structure: Structure, rate: float, n_times: int, rng: np.random.Gener
     """
     lines = np.fft.rfftfreq(3 * n_times, 1 / rate)
     ground = np.exp(2j * np.pi * rng.random(len(lines))) * ((lines < 0.4 * rate) & (lines > 0))
-    m, c, k = (structure.matrix(law).toarray() for law in ("inertia", "viscous", "elastic"))
+    m, c, k = (structure.matrix(law).toarray() for law in ("mass", "damping", "stiffness"))
     s = 2j * np.pi * lines[:, None, None]
     relative = np.linalg.solve(s**2 * m + s * c + k, np.tile(-m.sum(axis=1)[:, None], (len(lines), 1, 1)))[..., 0]
     spectra = ground[:, None] * np.column_stack([np.ones(len(lines)), 1 + s[..., 0] ** 2 * relative])
@@ -287,7 +287,7 @@ def integrated(structure: Structure, record: TimeRecord, hold: str) -> np.ndarra
     held = [codes.index(str(dof.unsigned)[:-1]) for dof in structure.fixed]
     own = [i for i in range(len(codes)) if i not in held]
     drive = [codes.index("100X"), codes.index("0X")]
-    m, c, k = (free.matrix(law).toarray() for law in ("inertia", "viscous", "elastic"))
+    m, c, k = (free.matrix(law).toarray() for law in ("mass", "damping", "stiffness"))
     inverse = np.linalg.inv(m[np.ix_(own, own)])
     n, step = len(own), 1 / record.sampling_rate
     given = record.values[:, -2:]
@@ -371,7 +371,7 @@ def test_gradient_of_output_error_is_that_of_its_misfit(initial, noise):
 
 def shaken_from_rest(structure: Structure, ground: np.ndarray, rate: float) -> np.ndarray:
     """Accelerations of the floors of a shear building: z moves with the ground, M z'' + C z' + K z = -M 1 a."""
-    m, c, k = (structure.matrix(law).toarray() for law in ("inertia", "viscous", "elastic"))
+    m, c, k = (structure.matrix(law).toarray() for law in ("mass", "damping", "stiffness"))
     n, eye = len(m), np.eye(len(m))
     state = np.block([[0 * eye, eye], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
     entry = np.concatenate([np.zeros(n), -np.ones(n)])[:, None]

@@ -56,7 +56,7 @@ def test_response_at_complex_s_equals_the_dense_inverse(kind):
     decay = np.array([0.3, 0.05, 2.0])
     here = replace(record(np.array([0.5, 1.0, 7.0]), kind=kind), decay=decay)
     found = response(structure, truth, here).values_at(truth.start)[:, 0, 0]
-    matrices = [structure.matrix(law).toarray() for law in ("inertia", "viscous", "elastic", "structural")]
+    matrices = [structure.matrix(law).toarray() for law in ("mass", "damping", "stiffness", "structural_damping")]
     tip = structure.selection(parse_dofs(["3Y+"])).toarray()[:, 0]
     power = {"receptance": 0, "mobility": 1, "accelerance": 2}[kind]
     for value, s in zip(found, decay + 1j * np.array([0.5, 1.0, 7.0]), strict=True):
@@ -106,11 +106,11 @@ def test_plans_come_from_far_first_where_the_start_error_is_given():
     assert near[0][0][0].startswith("bounded residual")
     assert near[-1][0][0].startswith("smoothed FRFs")
     assert far[0][0][0].startswith("smoothed FRFs")
-    first, second = far[0][0][1].unknowns.held, far[1][0][1].unknowns.held
+    first, second = far[0][0][1].unknowns.free_prior, far[1][0][1].unknowns.free_prior
     np.testing.assert_allclose(second[1], 0.5 * first[1])
     # log parameters: masses and stiffnesses 0.4, damping at least 1
     np.testing.assert_allclose(first[1], [0.4] * 6 + [1.0] * 3)
-    assert tightened(far[0], 2.0)[0][1].unknowns.held[1][0] == pytest.approx(0.8)
+    assert tightened(far[0], 2.0)[0][1].unknowns.free_prior[1][0] == pytest.approx(0.8)
 
 
 def test_held_start_leaves_parameters_with_a_prior_of_their_own():

@@ -11,7 +11,7 @@ from structid.forward.frf.response import ResponseCache, response
 from structid.forward.frf.solvers.dense import DenseOrSparseSolver
 from structid.records.record import DERIVATIVES
 
-LAWS = ("inertia", "viscous", "elastic", "structural")
+LAWS = ("mass", "damping", "stiffness", "structural_damping")
 
 
 def column(n=6, viscous=0.0, friction=(), record_kind="accelerance", n_lines=400):

@@ -52,9 +52,9 @@ def test_stages_add_lines_from_the_lowest_and_the_last_is_free():
     for stage in stages[:-1]:
         assert stage.record.frequency == pytest.approx(problem.record.frequency[: len(stage.record.frequency)])
         assert stage.model_error == 0.1
-        assert stage.unknowns.held[0] == pytest.approx(problem.theta_start)
-        assert stage.unknowns.held[1] == pytest.approx(0.3 * np.ones(12))
-    assert stages[-1].unknowns.held is None
+        assert stage.unknowns.free_prior[0] == pytest.approx(problem.theta_start)
+        assert stage.unknowns.free_prior[1] == pytest.approx(0.3 * np.ones(12))
+    assert stages[-1].unknowns.free_prior is None
     assert stages[-1].model_error == 0.0
     assert {stage.form for stage in stages} == {"pole_free"}
 
@@ -72,7 +72,7 @@ def test_it_comes_first_for_few_lines_and_not_at_all_for_many():
     theta = few.theta_start + 0.1
     plans = few.continuation_paths()
     assert len(plans) == 1 + len(few.schedules())
-    assert plans[0](theta)[0][1].unknowns.held[0] == pytest.approx(theta)
+    assert plans[0](theta)[0][1].unknowns.free_prior[0] == pytest.approx(theta)
     assert not any(callable(way) for way in many.continuation_paths())
     assert len(many.continuation_paths()) == len(many.schedules())
 

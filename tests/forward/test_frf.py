@@ -86,8 +86,8 @@ def dense_frf(structure, made, record, sliding):
             matrix = sum(
                 part.blocks.take(np.array([e])).assemble(np.array([w])).toarray() for e, w in enumerate(weights)
             )
-            law = {"inertia": -(omega**2), "viscous": 1j * omega, "elastic": 1.0, "structural": 1j}
-            z += matrix * (law[part.law] if part.law in law else 1j / sliding[line])
+            law = {"mass": -(omega**2), "damping": 1j * omega, "stiffness": 1.0, "structural_damping": 1j}
+            z += matrix * (law[part.matrix_kind] if part.matrix_kind in law else 1j / sliding[line])
         result[line] = (1j * omega) ** power * sensors.T @ np.linalg.inv(z) @ loads
     return result
 
@@ -152,19 +152,19 @@ def test_sparse_factorization_and_matrix_groups_equal_the_dense_path():
         structure, [Unknown("bending_stiffness", "beam:1-40"), Unknown("bending_stiffness", "beam:41-80")]
     )
     values, derivative = response(structure, made, record).derivatives_at(made.start)
-    laws = {law: structure.matrix(law).toarray() for law in ("inertia", "viscous", "elastic", "structural")}
+    laws = {law: structure.matrix(law).toarray() for law in ("mass", "damping", "stiffness", "structural_damping")}
     for line, omega in enumerate(record.omega):
-        z = laws["elastic"] + 1j * laws["structural"] + 1j * omega * laws["viscous"] - omega**2 * laws["inertia"]
+        z = laws["stiffness"] + 1j * laws["structural_damping"] + 1j * omega * laws["damping"] - omega**2 * laws["mass"]
         loads, sensors = structure.selection(record.inputs).toarray(), structure.selection(record.outputs).toarray()
         expected = sensors.T @ np.linalg.solve(z, loads)
         # clamped beam of 80 elements: condition of z about 1e10, so 1e-16 of rounding shows as 1e-6 at most
         assert np.abs(values[line] - expected).max() <= 1e-6 * np.abs(expected).max()
     half = [np.r_[np.full(40, 10.0), np.zeros(40)], np.r_[np.zeros(40), np.full(40, 10.0)]]
-    bending = next(p for p in structure.contributions if p.law == "elastic")
+    bending = next(p for p in structure.contributions if p.matrix_kind == "stiffness")
     groups = {
         name: {"stiffness": bending.blocks.assemble(w), "loss_factor": 0.02} for name, w in zip("ab", half, strict=True)
     }
-    groups["rest"] = {"mass": structure.matrix("inertia"), "damping": structure.matrix("viscous")}
+    groups["rest"] = {"mass": structure.matrix("mass"), "damping": structure.matrix("damping")}
     imported = from_matrices(groups, structure.dofs)
     scaled = parameters(imported, [Unknown("stiffness", "a"), Unknown("stiffness", "b")])
     same, slope = response(imported, scaled, record).derivatives_at(scaled.start)

@@ -35,15 +35,15 @@ def test_rows_equal_the_textbook():
     fit = instrumental_fit(structure, unknown, record, BY_INSTRUMENTS)
     regressors, right = dense_rows(fit.equations, fit.equations.fields(fit.motion))
     parts = [record.values[:, 3 * i : 3 * i + 3] for i in range(3)]
-    laws = ("inertia", "viscous", "elastic")
+    kinds = ("mass", "damping", "stiffness")
     for j in range(9):
         column = unknown.design[:, [j]].toarray()[:, 0]
-        expected = sum(x @ structure.matrix(law, column).toarray() for law, x in zip(laws, parts, strict=True))
+        expected = sum(x @ structure.matrix(kind, column).toarray() for kind, x in zip(kinds, parts, strict=True))
         assert regressors[:, :, j] == pytest.approx(expected, abs=1e-12)
     assert right[:, 0] == pytest.approx(record.values[:, 9])
     total = np.diag([record.variance[9], 0, 0])
-    for i, law in enumerate(laws):
-        matrix = structure.matrix(law, unknown.values(unknown.start)).toarray()
+    for i, kind in enumerate(kinds):
+        matrix = structure.matrix(kind, unknown.values(unknown.start)).toarray()
         total = total + matrix @ np.diag(record.variance[3 * i : 3 * i + 3]) @ matrix.T
     rows = fit.rows(unknown.start)
     whitened = rows.regressors.reshape(12, 3, 9)

@@ -24,7 +24,7 @@ from mesh_cases import empty_record, solid
 
 FREQUENCY = np.linspace(40.0, 2000.0, 6)
 SHAPES = {"plate": ((8, 5), (2.0, 1.0)), "block": ((4, 3, 2), (1.5, 1.0, 1.0))}
-LAWS = ("inertia", "viscous", "elastic", "structural")
+LAWS = ("mass", "damping", "stiffness", "structural_damping")
 
 
 def model(shape="plate", n_sensors=5, n_loads=2, each=True, loss=0.02, **options):
@@ -46,7 +46,12 @@ def dense_values(structure, made, record, physical):
     loads, sensors = (structure.selection(d).toarray() for d in (record.inputs, record.outputs))
     found = []
     for s in 2j * np.pi * record.frequency:
-        z = s**2 * matrices["inertia"] + s * matrices["viscous"] + matrices["elastic"] + 1j * matrices["structural"]
+        z = (
+            s**2 * matrices["mass"]
+            + s * matrices["damping"]
+            + matrices["stiffness"]
+            + 1j * matrices["structural_damping"]
+        )
         found.append(sensors.T @ np.linalg.solve(z, loads.astype(complex)))
     return np.array(found)
 
@@ -93,7 +98,7 @@ def test_sensor_gram_by_lines_equals_dense():
     sensors = structure.selection(record.outputs).toarray()
     matrices = {law: structure.matrix(law, made.values(made.start)).toarray() for law in LAWS}
     s = 2j * np.pi * record.frequency[2]
-    y = np.linalg.solve(s**2 * matrices["inertia"] + matrices["elastic"] + 1j * matrices["structural"], sensors)
+    y = np.linalg.solve(s**2 * matrices["mass"] + matrices["stiffness"] + 1j * matrices["structural_damping"], sensors)
     assert at.sensor_gram(made.start)[2] == pytest.approx(y.T @ y.conj(), rel=1e-8)
 
 
@@ -358,7 +363,7 @@ def test_products_on_groups_of_matrices_equal_those_with_the_jacobian():
         alone = sid.Structure(blocks.nodes, [element], blocks.fixed, active=blocks.active)
         place = np.array([blocks.dofs.index(dof) for dof in alone.dofs])
         wide = {}
-        for key, law in (("mass", "inertia"), ("stiffness", "elastic")):
+        for key, law in (("mass", "mass"), ("stiffness", "stiffness")):
             wide[key] = np.zeros((blocks.n_dofs, blocks.n_dofs))
             wide[key][np.ix_(place, place)] = alone.matrix(law).toarray()
         groups[name] = {**wide, "loss_factor": 0.02}

@@ -298,7 +298,7 @@ def test_what_is_odd_in_its_frfs_is_said():
 
 
 def identified(seed: int, component_noise: float = 0.0, is_stated: bool = False, own=FREQUENCY):
-    """Errors in standard deviations of three stiffnesses, 30 % off at the start, and the estimate; held values are exact."""
+    """Errors in standard deviations of three stiffnesses, 30 % off at the start, and the estimate; fixed values are exact."""
     rng = np.random.default_rng(seed)
     record = asked(outputs=("1Y", "3Y", "4Y"), kind="accelerance")
     true = beam_on_machine()

@@ -21,7 +21,7 @@ def chain():
 
 def problem(change=1.0, **settings):
     structure = chain()
-    model = modes(*(structure.matrix(law) for law in ("inertia", "elastic", "viscous", "structural")))
+    model = modes(*(structure.matrix(kind) for kind in ("mass", "stiffness", "damping", "structural_damping")))
     std = np.concatenate([0.01 * model.frequency, 0.1 * model.damping_ratio])
     shapes = model.mode_shapes / np.abs(model.mode_shapes).max(axis=0)
     record = ModalRecord(

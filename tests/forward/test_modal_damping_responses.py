@@ -51,7 +51,7 @@ def sought(structure, **damping):
 
 def dense_receptance(structure, values, frequency):
     """By modes, one after another, (n_lines, n_dofs, n_dofs)."""
-    mass, stiffness = (structure.matrix(law, values).toarray() for law in ("inertia", "elastic"))
+    mass, stiffness = (structure.matrix(law, values).toarray() for law in ("mass", "stiffness"))
     squares, shapes = linalg.eigh(stiffness, mass)
     omega = 2 * np.pi * frequency[:, None]
     gain = 1 / (squares - omega**2 + 2j * values[-1] * omega * np.sqrt(squares))
@@ -113,7 +113,7 @@ def test_histories_are_sums_over_modes_and_their_derivatives_differences():
     structure = chain()
     made = sought(structure)
     record = excited(structure, made)
-    mass, stiffness = (structure.matrix(law).toarray() for law in ("inertia", "elastic"))
+    mass, stiffness = (structure.matrix(law).toarray() for law in ("mass", "stiffness"))
     squares, shapes = linalg.eigh(stiffness, mass)
     moved = np.zeros(len(record.values))
     for square, shape in zip(squares, shapes.T, strict=True):

@@ -64,8 +64,8 @@ def beam(n=8):
 
 def measured(structure, values, channels, count, rng=None, frequency_error=1e-3, shape_error=1e-2):
     """The first modes of the model at `channels`, with noise where `rng` is given."""
-    laws = ("inertia", "elastic", "viscous", "structural")
-    found = modes(*(structure.matrix(law, values) for law in laws))
+    kinds = ("mass", "stiffness", "damping", "structural_damping")
+    found = modes(*(structure.matrix(kind, values) for kind in kinds))
     from structid.core.dof import parse_dofs
 
     shapes = structure.selection(parse_dofs(channels)).T @ found.mode_shapes[:, :count]

@@ -99,7 +99,7 @@ def test_unequal_instants_serve_where_everything_is_measured():
     made = recorded_motion(structure, record())
     some = made.at([0, 3, 4, 11, 30])
     assert some.n_times == 5
-    mass, stiffness = (structure.matrix(law).toarray() for law in ("inertia", "elastic"))
+    mass, stiffness = (structure.matrix(kind).toarray() for kind in ("mass", "stiffness"))
     exact = replace(some, force=some.acceleration @ mass + some.displacement @ stiffness)
     unknown = parameters(
         structure,

@@ -74,10 +74,10 @@ def test_groups_ties_factors_and_known_properties_go_where_they_belong():
 
 def dense_equations(structure, unknown, motion):
     """B and c as the textbook has them: dM/dp a + dC/dp v + dK/dp w, all samples one under another."""
-    laws = (("inertia", motion.acceleration), ("viscous", motion.velocity), ("elastic", motion.displacement))
+    kinds = (("mass", motion.acceleration), ("damping", motion.velocity), ("stiffness", motion.displacement))
 
     def force(values):
-        return sum(field @ structure.matrix(law, values).toarray() for law, field in laws).ravel()
+        return sum(field @ structure.matrix(kind, values).toarray() for kind, field in kinds).ravel()
 
     columns = [force(unknown.design[:, [p]].toarray()[:, 0]) for p in range(unknown.n_params)]
     return np.stack(columns, axis=1), motion.force.ravel() - force(unknown.offset)
@@ -153,8 +153,8 @@ def test_one_sample_one_chunk_and_the_whole_record_give_the_same(one_block, monk
 def test_matrix_groups_of_another_code_are_identified():
     structure = cantilever()
     groups = {
-        "a": {"mass": structure.matrix("inertia"), "stiffness": 0.3 * structure.matrix("elastic")},
-        "b": {"stiffness": 0.7 * structure.matrix("elastic") + np.eye(8), "damping": structure.matrix("viscous")},
+        "a": {"mass": structure.matrix("mass"), "stiffness": 0.3 * structure.matrix("stiffness")},
+        "b": {"stiffness": 0.7 * structure.matrix("stiffness") + np.eye(8), "damping": structure.matrix("damping")},
     }
     imported = from_matrices(groups, [str(d) for d in structure.dofs])
     unknown = parameters(
@@ -169,7 +169,7 @@ def test_record_gives_the_same_as_motion_and_integration_comes_close():
     beam = Beam("beam", [[0, 1], [1, 2]], [1.3, 1.9], [7.0, 19.0])
     structure = Structure({0: 0.0, 1: 1.0, 2: 2.0}, [beam], ["0Y", "0RZ"])
     unknown = parameters(structure, EVERYTHING[:2])
-    mass, stiffness = structure.matrix("inertia"), structure.matrix("elastic")
+    mass, stiffness = structure.matrix("mass"), structure.matrix("stiffness")
     highest = 2 * np.pi * modes(mass, stiffness).frequency[-1]
     rate = highest / np.sqrt(12 * 2e-3)
     time = np.arange(1000) / rate
@@ -281,8 +281,8 @@ def test_free_motion_is_enough_where_something_is_known():
     """Free vibration with one known mass: the scale comes from it."""
     structure = cantilever()
     motion = moved(structure)
-    exact = motion.acceleration @ structure.matrix("inertia") + motion.velocity @ structure.matrix("viscous")
-    w = -np.linalg.solve(structure.matrix("elastic").toarray(), exact.T).T
+    exact = motion.acceleration @ structure.matrix("mass") + motion.velocity @ structure.matrix("damping")
+    w = -np.linalg.solve(structure.matrix("stiffness").toarray(), exact.T).T
     free = Motion(motion.time, np.zeros((60, 8)), motion.acceleration, motion.velocity, w)
     unknown = parameters(structure, [Unknown("mass", "beam:2-4", each=True), *EVERYTHING[1:]])
     assert identify_motion(structure, unknown, free).values == pytest.approx(unknown.start, rel=1e-8)

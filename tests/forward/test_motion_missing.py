@@ -27,7 +27,7 @@ def rigid(noise=0.0):
     w = np.stack([np.sin(time), np.cos(2 * time)], axis=1) @ modes
     a = np.stack([-np.sin(time), -4 * np.cos(2 * time)], axis=1) @ modes
     rng = np.random.default_rng(0)
-    return structure, Motion(time, a @ structure.matrix("inertia"), a, None, w + noise * rng.standard_normal(w.shape))
+    return structure, Motion(time, a @ structure.matrix("mass"), a, None, w + noise * rng.standard_normal(w.shape))
 
 
 def test_rigid_body_motion_gives_masses_and_says_what_stiffness_needs():

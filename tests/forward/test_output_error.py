@@ -20,7 +20,7 @@ FREE = TimeOptions(initial="unknown")
 
 
 def matrices(structure):
-    return [structure.matrix(law).toarray() for law in ("inertia", "viscous", "elastic")]
+    return [structure.matrix(law).toarray() for law in ("mass", "damping", "stiffness")]
 
 
 def textbook(structure, force, where, step, hold, start):

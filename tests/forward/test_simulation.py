@@ -30,7 +30,7 @@ def test_friction_is_in_balance_with_the_motion_it_allows():
     """At every line Z(|x|) x = f with |x| the motion itself: friction force i r x/|x| has magnitude r."""
     structure, unknown = chain(0.3)
     record = simulated_record(structure, unknown, LIKE)
-    mass, stiffness, loss = (structure.matrix(law).toarray() for law in ("inertia", "elastic", "structural"))
+    mass, stiffness, loss = (structure.matrix(kind).toarray() for kind in ("mass", "stiffness", "structural_damping"))
     for omega, x in zip(record.omega, record.values[:, :, 0], strict=True):
         force = (stiffness + 1j * loss - omega**2 * mass) @ x + np.array([0.3j * x[0] / abs(x[0]), 0.0])
         assert force == pytest.approx(np.array([1.0, 0.0]), abs=1e-8)

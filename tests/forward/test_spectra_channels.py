@@ -36,7 +36,7 @@ def test_the_likelihood_with_errors_of_channels_is_that_of_the_textbook(decay):
     problem = with_polarities(spectra_with(EVERY, decay, order=2), [-1.0])
     structure, spectra = problem.structure, problem.spectra
     values = problem.parameters.values(problem.parameters.start)
-    mass, damping, stiffness = (structure.matrix(law, values).toarray() for law in ("inertia", "viscous", "elastic"))
+    mass, damping, stiffness = (structure.matrix(law, values).toarray() for law in ("mass", "damping", "stiffness"))
     load, pick = (structure.selection(dofs).toarray() for dofs in (spectra.inputs, spectra.outputs))
     rows, right = [], []
     for line, s in enumerate(spectra.laplace):

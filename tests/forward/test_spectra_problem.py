@@ -61,7 +61,7 @@ def test_spectra_residual_is_the_textbook_likelihood(decay):
     problem = SpectraProblem(structure, unknown, finite_spectra(noisy, band=(0.3, 8.0), decay=decay), order=2)
     spectra = problem.spectra
     values = unknown.values(unknown.start)
-    mass, damping, stiffness = (structure.matrix(law, values).toarray() for law in ("inertia", "viscous", "elastic"))
+    mass, damping, stiffness = (structure.matrix(kind, values).toarray() for kind in ("mass", "damping", "stiffness"))
     load = structure.selection(spectra.inputs).toarray()
     pick = structure.selection(spectra.outputs).toarray()
     rows, right = [], []

@@ -92,7 +92,7 @@ def test_covariance_of_the_rows_equals_that_of_draws():
     options = TimeOptions(method="weak", window=0.2, windows=2, drift=1)
     form = weak_form(structure, unknown, record, options)
 
-    laws = [structure.matrix(law).toarray() for law in ("inertia", "viscous", "elastic")]
+    laws = [structure.matrix(law).toarray() for law in ("mass", "damping", "stiffness")]
     fields, columns = [], []
     for t in range(32):
         for channel in range(4):

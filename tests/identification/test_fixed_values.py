@@ -1,4 +1,4 @@
-"""Held values that are wrong by their tolerance: derivatives, intervals, verdicts and changes between two states.
+"""Fixed values that are wrong by their tolerance: derivatives, intervals, verdicts and changes between two states.
 
 Records are simulated by the matrices of this file, a chain of four masses on springs and dashpots.
 """
@@ -201,7 +201,7 @@ def test_records_share_what_is_held_and_have_a_calibration_each():
     assert fixed.tolerance[fixed.names.index("calibration[record 2]")] == 0.02
     assert (
         found.assumption
-        == "± includes 1 % of held masses and stiffnesses, 10 % of held dampings, 2 % of the calibration"
+        == "± includes 1 % of fixed masses and stiffnesses, 10 % of fixed dampings, 2 % of the calibration"
     )
 
 
@@ -258,7 +258,7 @@ def test_as_many_values_as_parameters_test_nothing():
     found = sid.identify_together([setup], sid.IdentifyOptions(wide_starts=0))
     judgement = judged(found)
     assert judgement.verdict == "untested"
-    assert judgement.words.startswith("Untested: the data have no more values than the model has parameters (4)")
+    assert judgement.words.startswith("Untested: the data are 4 values for 4 parameters, and a wrong model fits")
     assert found.estimate.goodness.misfit_words == "no degree of freedom is left to test the model"
 
 
@@ -288,7 +288,7 @@ def test_combinations_that_priors_alone_determine_are_told_from_what_the_data_sa
     found = sid.identify_together([sid.ModalSetup(structure, sid.parameters(structure, unknown), alone)])
     assert found.estimate.identifiability.rank == 2
     judgement = judged(found)
-    assert judgement.verdict == "approximate"
+    assert judgement.verdict == "untested"
     assert "priors, not the data, determine" in judgement.words
     assert "(the data determine 2 of 4 combinations)" in judgement.words
 
@@ -315,3 +315,52 @@ def test_squares_of_held_values_are_a_part_of_what_the_residual_is_tested_by():
     assert goodness.residual_tests.chi_square_per_dof == pytest.approx(goodness.least_per_dof)
     assert goodness.chi_square_per_dof > 2 * goodness.least_per_dof
     assert judged(found).verdict == "sound"
+
+
+def few_modes(n_modes: int, prior_std: float | None) -> sid.ModalSetup:
+    """Frequencies alone of the first modes, with all four springs unknown and, where it is stated, a prior of the first."""
+    alone = replace(
+        modes(), frequency=modes().frequency[:n_modes], damping_ratio=np.full(n_modes, np.nan),
+        mode_shapes=np.full((3, n_modes), np.nan), shape_std=None,
+        covariance=independent_errors(np.concatenate([1e-3 * modes().frequency[:n_modes], np.full(n_modes, np.nan)])),
+    )  # fmt: skip
+    prior = None if prior_std is None else sid.Prior(SPRING[0], prior_std * SPRING[0])
+    sought = [sid.Unknown("stiffness", f"k{i}", prior=prior if i == 1 else None) for i in range(1, N + 1)]
+    return sid.ModalSetup(chain(), sid.parameters(chain(), sought), alone)
+
+
+def test_where_priors_choose_among_sets_of_values_the_answer_is_untested_and_all_are_listed():
+    free, chosen = (sid.identify_together([few_modes(N, std)]) for std in (None, 0.02))
+    assert judged(free).verdict == "undetermined"
+    judgement = judged(chosen)
+    assert judgement.verdict == "untested"
+    assert "of which priors choose the first" in judgement.words
+    assert chosen.alternatives.values[0] == pytest.approx(SPRING, rel=0.01)
+    rest, listed = (np.sort(one.alternatives.values[:, 0]) for one in (free, chosen))
+    assert listed == pytest.approx(rest, rel=0.02)  # those that priors rule out as well
+
+
+def test_a_prior_that_is_no_datum_leaves_few_data_untested():
+    """Three frequencies and a prior are four values for four springs; a known spring leaves three, which one test more is."""
+    judgement = judged(sid.identify_together([few_modes(3, 0.1)]))
+    assert judgement.verdict in ("untested", "undetermined")
+    goodness = sid.identify_together([few_modes(N, 1e-4)]).estimate.goodness
+    assert goodness.n_values == N
+    assert goodness.test_freedom == pytest.approx(
+        1.0, abs=0.02
+    )  # all but known: the data test three springs by four values
+    assert sid.identify_together([few_modes(N, 10.0)]).estimate.goodness.test_freedom < 0.05
+
+
+def test_a_second_order_effect_is_that_of_tolerances_and_not_of_other_errors():
+    """A fifth mass that the model lacks asks for held values far beyond their tolerances: their way is no effect of these."""
+    heavy = (np.array(MASS) * [1.0, 1.25, 1.0, 1.0], SPRING, DASHPOT)
+    record = measured(heavy, 1.0, np.random.default_rng(8))
+    unknown = sid.parameters(chain(), SOUGHT)
+    fixed = sid.identify(chain(), unknown, record, sid.IdentifyOptions(tolerances=TOLERANCES)).estimate.fixed
+    way = float(fixed.asked @ fixed.asked)
+    assert way > 4 * len(fixed.asked)
+    estimate = sid.identify(chain(), unknown, record, sid.IdentifyOptions(tolerances=TOLERANCES)).estimate
+    within = unknown.transforms.physical(fixed.theta)
+    left = estimate.values * np.log(estimate.values / within) + fixed.slope @ (fixed.asked * fixed.tolerance)
+    assert fixed.second_order == pytest.approx(left * len(fixed.asked) / way, rel=1e-6)

@@ -39,7 +39,7 @@ def record(structure, seed=3, n=1200):
     force = np.outer(shaken, [np.cos(ANGLE), -np.sin(ANGLE)])
     unknown = sid.parameters(structure, [sid.Unknown("mass", "floors", each=True)])
     at = unknown.values(unknown.start)
-    mass, damping, stiffness = (structure.matrix(law, at) for law in ("inertia", "viscous", "elastic"))
+    mass, damping, stiffness = (structure.matrix(law, at) for law in ("mass", "damping", "stiffness"))
     loads = structure.selection(LOADS).toarray()
     motion = sid.sampled_transient(mass, stiffness, loads, force, RATE, damping)
     sensors = ("2X", "3X", "2Y", "3Y")

@@ -54,7 +54,7 @@ def test_what_a_mode_may_be_off_by_is_the_deviation_of_measured_modes_where_that
     assert f"{worst / 1e-4:.2g} times the deviation that is stated of measured modes" in found.words
     exact = CANTILEVER[: len(found.error)] ** 2 / (2 * np.pi)
     finer = cantilever(6, found.needed)
-    off = modes(finer.matrix("inertia"), finer.matrix("elastic")).frequency[: len(exact)] / exact - 1
+    off = modes(finer.matrix("mass"), finer.matrix("stiffness")).frequency[: len(exact)] / exact - 1
     assert abs(off).max() < 1e-4
 
 
@@ -68,7 +68,7 @@ def test_the_pieces_asked_for_are_enough_and_hardly_more_than_needed():
 
     def off(subdivide):
         finer = cantilever(3, subdivide)
-        return abs(modes(finer.matrix("inertia"), finer.matrix("elastic")).frequency[:3] / exact - 1).max()
+        return abs(modes(finer.matrix("mass"), finer.matrix("stiffness")).frequency[:3] / exact - 1).max()
 
     assert found.tolerance == pytest.approx(0.001)  # a tenth of 1 %
     assert off(found.needed) < found.tolerance
@@ -221,7 +221,7 @@ def test_split_solids_fill_the_same_space_and_are_held_alike(kind):
     energy = []
     for one, values in ((structure, structure.values), (finer.structure, finer.values)):
         u = np.array([one.nodes[d.node][0] if d.direction == "X" else 0.0 for d in one.dofs])
-        energy.append(u @ one.matrix("elastic", values) @ u)
+        energy.append(u @ one.matrix("stiffness", values) @ u)
     assert energy[1] == pytest.approx(energy[0], rel=1e-9)
 
 
@@ -248,7 +248,7 @@ def test_split_cells_keep_base_and_damping_ratio_of_all_modes():
     )
     found = refined(whole, np.append(whole.values[:-1], 0.03), 2, 10**6)
     assert found.structure.bases == whole.bases
-    matrices = (found.structure.matrix(law, found.values) for law in ("inertia", "elastic", "viscous"))
+    matrices = (found.structure.matrix(law, found.values) for law in ("mass", "stiffness", "damping"))
     assert modes(*matrices).damping_ratio[:4] == pytest.approx(0.03, rel=1e-6)
 
 

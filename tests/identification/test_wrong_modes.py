@@ -18,7 +18,7 @@ def measured(coupling):
     own = chain()
     beside = Spring("beside", ["1X", "2X"], ["3X", "4X"], stiffness=coupling)
     true = Structure(own.nodes, [*own.elements, beside], own.fixed, active=["X"])
-    squares, shapes = linalg.eigh(true.matrix("elastic").toarray(), true.matrix("inertia").toarray())
+    squares, shapes = linalg.eigh(true.matrix("stiffness").toarray(), true.matrix("mass").toarray())
     frequency = np.sqrt(squares) / (2 * np.pi)
     shapes = shapes / shapes[np.abs(shapes).argmax(axis=0), np.arange(4)]
     covariance = np.diag(np.r_[1e-3 * frequency, np.full(4, 1e-3)] ** 2)

@@ -33,7 +33,7 @@ def averaged(n, seed, lines=60, noise=0.03, heavier=1.0):
     [third] = [p for p in structure.properties if p.label == "mass[m3]"]
     values[third.values] *= heavier
     frequency = np.linspace(0.5, 10.0, lines)
-    own = [structure.matrix(law, values).toarray() for law in ("inertia", "viscous", "elastic")]
+    own = [structure.matrix(law, values).toarray() for law in ("mass", "damping", "stiffness")]
     stiffness = [own[2] - w**2 * own[0] + 1j * w * own[1] for w in 2 * np.pi * frequency]
     h = np.linalg.inv(np.array(stiffness))[:, [0, 2], 1:2]
 

@@ -293,7 +293,7 @@ CORNERS = ((0.0, 0.0), (4.0, 0.0), (4.0, 5.0), (0.0, 5.0))
 
 def excited(structure, n_modes, sensors, n_periods=15, at=0):
     """Record of the lowest modes at `sensors` after an impulse at one of them, and the modes."""
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=n_modes)
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=n_modes)
     omega = 2 * np.pi * found.frequency
     shapes = structure.selection(sensors).T @ found.mode_shapes
     step = 0.07 / omega[-1]

@@ -9,7 +9,7 @@ from modal_cases import ambient_chain, chain_modes, decay
 from structid import ModalRecord
 from structid.modal import ModalOptions, modal_identification
 from structid.modal.method import ModalIdentification
-from structid.modal.poles.poles import modal_phase_deviation
+from structid.modal.poles.poles import Poles, modal_phase_deviation
 from structid.modal.poles.stabilization import Cluster, mode_probability
 from structid.modal.spectral.peaks import unexplained_peaks
 from structid.modal.survey.rates import joined
@@ -76,6 +76,24 @@ def test_two_looks_keep_the_surer_of_a_mode_that_both_have():
     np.testing.assert_allclose(both.modes.frequency_std, [0.01, 0.01, 0.02])
     filtered = joined(look([0.01, 0.05, 0.02]), look([0.02, 0.01, 0.06]), 5.0, 5.2)
     np.testing.assert_allclose(filtered.modes.frequency_std, [0.01, 0.01, 0.06])
+
+
+def test_a_likely_mode_that_one_look_lost_is_taken_from_the_other():
+    """The slow look lost the mode at 2 Hz; the fast one has a pole of noise at 3 Hz besides, in few orders."""
+
+    def look(frequency, spread):
+        s = 2 * np.pi * np.array(frequency) * (-0.01 + 1j)
+        shapes = np.linalg.qr(np.random.default_rng(0).standard_normal((4, 4)))[0][:, : len(s)]
+        sweep = tuple(Poles(s, shapes, 2 * k + 8) for k in range(10))
+        every = [
+            Cluster(np.arange(10), np.full(10, i), np.full(10, f), np.full(10, 0.01), 0, 1.0, away, 0.5, 1.0)
+            for i, (f, away) in enumerate(zip(frequency, spread, strict=True))
+        ]
+        modes = ModalRecord(frequency, [0.01] * len(s), shapes, ["1X", "2X", "3X", "4X"], np.eye(2 * len(s)) * 1e-4)
+        return ModalIdentification(modes, "pencil", sweep, tuple(every))
+
+    both = joined(look([1.0, 5.5], [1e-3, 1e-3]), look([1.0, 2.0, 3.0, 5.5], [1e-3, 1e-3, 1.0, 1e-3]), 5.0, 8.0)
+    np.testing.assert_allclose(both.modes.frequency, [1.0, 2.0, 5.5])
 
 
 def test_modes_of_a_free_decay_that_die_out_are_no_tones():

@@ -15,12 +15,14 @@ from structid import InputError
 from structid.cli.app import app
 from structid.core.dof import parse_dofs
 from structid.core.errors import SingularModelError
+from structid.forward.frf.response import response
 from structid.planning.plan import PlanOptions, plan
 from structid.records.formats import read_record, write_record
 from structid.reproduce.chapter_4.cantilever import CASE_2, GRID, TIP, Reading, cantilever, in_rad_per_s
 from structid.reproduce.chapter_4.noise import Noise, noisy_record
 from structid.study.schema.plan import load_plan, planned
 from structid.unknowns.priors import priors_of
+from structid.unknowns.tolerances import EXACT, Tolerances
 from study_cases import CHAIN, RIGID, chain_record, replaced, write_chain
 
 DEFLECTIONS = parse_dofs([f"{n}Y" for n in range(1, 7)])
@@ -584,6 +586,39 @@ def test_mechanism_is_told(tmp_path):
     text = replaced('first = "1X"\nstiffness = 1200.0', 'first = "1X"\nstiffness = 0.0', WITHOUT_RECORD)
     with pytest.raises((SingularModelError, InputError), match=r"chain.toml, line"):
         planned(load_plan(written(tmp_path, text + "[plan]\nband = [0.0, 12.0]\n")))
+
+
+def test_tolerances_add_what_they_add_to_an_identification():
+    """K S K' of a plan is that of an identification of the same lines whose record is the model's own."""
+    masses = [sid.PointMass(f"m{i}", [i], mass=2.0 + i) for i in (1, 2)]
+    springs = [
+        sid.Spring(f"k{i}", f"{i}X", second=f"{i - 1}X" if i > 1 else None, stiffness=3e4, loss_factor=0.04)
+        for i in (1, 2)
+    ]
+    structure = sid.Structure({1: 0.0, 2: 1.0}, [*masses, *springs], active=["X"])
+    unknown = sid.parameters(structure, [sid.Unknown("stiffness", "k1"), sid.Unknown("mass", "m2")])
+    frequency, tolerances = (
+        np.linspace(5.0, 35.0, 60),
+        Tolerances(mass=0.02, stiffness=0.01, damping=0.2, calibration=0.005),
+    )
+    options = PlanOptions(frequency, ["1X", "2X"], ["2X"], n_sensors=2, relative_noise=0.01, absolute_noise=0.001)
+    planned_test = sid.plan(structure, unknown, options, tolerances)
+    blank = sid.FrfRecord(frequency, np.zeros((60, 2, 1), dtype=complex), ["1X", "2X"], ["2X"], "accelerance")
+    values = response(structure, unknown, blank).values_at(unknown.start)
+    record = replace(blank, values=values, variance=np.abs(0.01 * values) ** 2 + 0.001**2)
+    found = sid.identify(structure, unknown, record, sid.IdentifyOptions(tolerances=tolerances)).estimate
+    added = np.linalg.norm(found.fixed.changes, axis=1) / unknown.start
+    assert planned_test.chosen.of_tolerances == pytest.approx(added, rel=1e-3)
+    assert planned_test.chosen.std == pytest.approx(found.std_noise / unknown.start, rel=1e-3)
+    assert planned_test.chosen.std_with_tolerances == pytest.approx(found.std / unknown.start, rel=1e-3)
+    assert (
+        planned_test.assumption
+        == "2 % of fixed masses, 1 % of fixed stiffnesses, 20 % of fixed dampings, 0.5 % of the calibration"
+    )
+    exact = sid.plan(structure, unknown, options, EXACT).chosen
+    assert not exact.of_tolerances.any()
+    half = replace(options, n_frequencies=60)  # all of the lines, by their own sums
+    assert sid.plan(structure, unknown, half, tolerances).frequencies.of_tolerances == pytest.approx(added, rel=1e-3)
 
 
 # ---- the page that explains it

@@ -21,8 +21,8 @@ def sides_of(structure):
 
 
 def dense_receptance(structure, frequency):
-    laws = ("inertia", "viscous", "elastic", "structural")
-    m, c, k, h = (structure.matrix(law).toarray() for law in laws)
+    kinds = ("mass", "damping", "stiffness", "structural_damping")
+    m, c, k, h = (structure.matrix(kind).toarray() for kind in kinds)
     out, into = (side.toarray() for side in (sides_of(structure).outputs, sides_of(structure).inputs))
     w = 2 * np.pi * frequency
     return np.stack([out.T @ np.linalg.solve(k + 1j * h + 1j * x * c - x**2 * m, into) for x in w])
@@ -64,7 +64,7 @@ def test_histories_are_exact_for_straight_loads(fixed, derivatives):
     basis = reduction_basis(structure, [structure.values], sides, 1.0, 5000.0)  # all modes
     reduced = reduce_structure(structure, structure.values, basis, sides)
     loads = 0.1 * np.random.default_rng(0).standard_normal((400, 2)).cumsum(axis=0)
-    m, c, k = (structure.matrix(law).toarray() for law in ("inertia", "viscous", "elastic"))
+    m, c, k = (structure.matrix(kind).toarray() for kind in ("mass", "damping", "stiffness"))
     exact = sampled_transient(m, k, sides.inputs.toarray(), loads, 400.0, c)
     exact = (exact.displacement, exact.velocity, exact.acceleration)[derivatives] @ sides.outputs.toarray()
     found = simulate_history(sum_over_poles(reduced, reduced.damping).combined([derivatives]), loads, 400.0)

@@ -78,9 +78,9 @@ def test_changes_are_those_of_the_matrices(change, matrices):
     parameters = sid.parameters(structure, [sid.Unknown("stiffness", "between", each=True)])
     changed, moved = changed_model(structure, parameters, [change])
     values, (mass, (a, b, c)) = moved.values(parameters.start), matrices
-    assert changed.matrix("inertia", values).toarray() == pytest.approx(mass)
+    assert changed.matrix("mass", values).toarray() == pytest.approx(mass)
     stiffness = [[a + b, -b, 0], [-b, b + c, -c], [0, -c, c]]
-    assert changed.matrix("elastic", values).toarray() == pytest.approx(np.array(stiffness))
+    assert changed.matrix("stiffness", values).toarray() == pytest.approx(np.array(stiffness))
 
 
 def test_a_support_and_a_set_taken_out():
@@ -88,8 +88,8 @@ def test_a_support_and_a_set_taken_out():
     parameters = sid.parameters(structure, [sid.Unknown("stiffness", "between", each=True)])
     held, moved = changed_model(structure, parameters, [sid.AddSupport("2X"), sid.Remove("c")])
     assert [str(dof.unsigned) for dof in held.dofs] == ["1X+", "3X+"]
-    assert held.matrix("elastic", moved.values(parameters.start)).toarray() == pytest.approx(np.diag([7e3, 2e3]))
-    assert held.matrix("viscous", moved.values(parameters.start)).nnz == 0
+    assert held.matrix("stiffness", moved.values(parameters.start)).toarray() == pytest.approx(np.diag([7e3, 2e3]))
+    assert held.matrix("damping", moved.values(parameters.start)).nnz == 0
 
 
 def test_a_tuned_mass_damper_lowers_its_resonance_as_den_hartog_says():
@@ -111,6 +111,29 @@ def test_errors_of_both_states_cancel_in_a_change():
     found = sid.predict_change(make_oscillator(0.02), sid.NaturalModes(1), [sid.AddMass(1, 0.1)], n_draws=400)
     assert found.difference.std[0, 0] == pytest.approx(abs(found.difference.values[0, 0]) * 0.01, rel=0.2)
     assert found.before.std[0, 0] > 30 * found.difference.std[0, 0]
+
+
+def test_modes_are_followed_by_their_shapes_where_a_change_adds_one_or_takes_one_away():
+    structure = make_chain()
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "between", each=True)])
+    model = identified_model(structure, parameters, parameters.start, np.diag([30.0, 20.0]) ** 2)
+    k = np.array([[4e3 + 3e3, -3e3, 0], [-3e3, 5e3, -2e3], [0, -2e3, 2e3]])
+    mass = np.array([2.0, 3.0, 1.5])
+    before = np.sqrt(np.linalg.eigvalsh(k / np.sqrt(np.outer(mass, mass)))) / (2 * np.pi)
+    damper = sid.AddTunedMassDamper("3X", 0.05, before[1], 0.05)
+    own = 0.05 * (2 * np.pi * before[1]) ** 2
+    wider = np.pad(k, ((0, 1), (0, 1)))
+    wider[2:, 2:] += own * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    four = np.append(mass, 0.05)
+    after = np.sqrt(np.linalg.eigvalsh(wider / np.sqrt(np.outer(four, four)))) / (2 * np.pi)
+    found = sid.predict_change(model, sid.NaturalModes(8), [damper], n_draws=50)
+    assert found.before.values[:, 0] == pytest.approx(before)
+    assert found.after.values[[0, 2], 0] == pytest.approx(after[[0, 3]])  # the second has become two
+    assert min(abs(found.after.values[1, 0] - after[1:3])) < 1e-6
+    assert np.abs(found.difference.values[[0, 2], 0]).max() < 0.05
+    held = sid.predict_change(model, sid.NaturalModes(8), [sid.AddSupport("1X")], n_draws=50)
+    pair = np.sqrt(np.linalg.eigvalsh(k[1:, 1:] / np.sqrt(np.outer(mass[1:], mass[1:])))) / (2 * np.pi)
+    assert sorted(held.after.values[:, 0]) == pytest.approx(pair)
 
 
 def test_root_mean_square_under_white_noise():

@@ -77,7 +77,7 @@ def test_moved_supports_are_those_of_a_large_mass(supports):
     fixed = ["0RZ"] if ties else ["0Y", "0RZ"]
     loose = sid.Structure(structure.nodes, parts, fixed=fixed, ties=ties)
     a, dofs = shaking(), [str(dof) for dof in loose.dofs]
-    m, k, c = (loose.matrix(law).toarray() for law in ("inertia", "elastic", "viscous"))
+    m, k, c = (loose.matrix(law).toarray() for law in ("mass", "stiffness", "damping"))
     push = heavy * np.array([[float(dof == "6Y+")] for dof in dofs])
     exact = sampled_transient(m, k, push, a, RATE, c)
     outputs = ["2Y", "4RZ", "5Y"]

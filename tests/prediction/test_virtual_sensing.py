@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import linalg
+from scipy import linalg, signal
 
 import structid as sid
 from structid.core.errors import InputError, NoAnswerError
@@ -63,17 +63,19 @@ def test_smoothed_motion_is_that_of_a_batch_estimate():
     y = measured(states, rng, std)
     record = sid.TimeRecord(RATE, y, ["1X"], ["acceleration"], variance=np.array([std**2]))
     unknown = sid.UnknownForces(["2X"], CORRELATION, FORCE)
-    found = sid.sense(make_model(), record, ["2X"], "displacement", unknown, n_draws=0)
+    found = sid.sense(make_model(), record, ["2X"], "displacement", unknown, n_draws=0, is_filtered=False)
     powers = [np.eye(5)]
     for _ in range(n - 1):
         powers.append(step @ powers[-1])
-    lag = [power @ stationary for power in powers]
-    whole = np.block([[lag[i - j] if i >= j else lag[j - i].T for j in range(n)] for i in range(n)])
+    lag, apart = np.array(powers) @ stationary, np.subtract.outer(np.arange(n), np.arange(n))
+    blocks = lag[np.abs(apart)]
+    blocks[apart < 0] = np.swapaxes(blocks[apart < 0], 1, 2)
+    whole = np.swapaxes(blocks, 1, 2).reshape(5 * n, 5 * n)
     a, _ = system()
     read = np.kron(np.eye(n), a[2:3])
     cross = whole @ read.T
-    batch = cross @ np.linalg.solve(read @ cross + std**2 * np.eye(n), y[:, 0])
-    left = whole - cross @ np.linalg.solve(read @ cross + std**2 * np.eye(n), cross.T)
+    gain = np.linalg.solve(read @ cross + std**2 * np.eye(n), cross.T).T
+    batch, left = gain @ y[:, 0], whole - gain @ cross.T
     inner = slice(170, 190)
     for value, deviation, state in ((found.values, found.std, 1), (found.forces, found.force_std, 4)):
         exact = batch.reshape(n, 5)[inner, state]
@@ -87,7 +89,7 @@ def test_deviations_are_those_of_the_errors_and_the_sensor_left_out_agrees():
     y = np.hstack([measured(states, rng, 0.3), states[:, [1]] + 1e-4 * rng.standard_normal((4000, 1))])
     record = sid.TimeRecord(RATE, y, ["1X", "2X"], ["acceleration", "displacement"], variance=np.array([0.09, 1e-8]))
     unknown = sid.UnknownForces(["2X"], CORRELATION)
-    found = sid.sense(make_model(), record, ["1X"], "velocity", unknown, ["2X"], n_draws=0)
+    found = sid.sense(make_model(), record, ["1X"], "velocity", unknown, ["2X"], n_draws=0, is_filtered=False)
     assert found.prior_std == pytest.approx(FORCE, rel=0.15)
     z = (found.values[:, 0] - states[:, 2]) / found.std[:, 0]
     assert np.sqrt((z[200:] ** 2).mean()) == pytest.approx(1.0, abs=0.12)
@@ -124,3 +126,109 @@ def test_what_cannot_be_told_is_named():
         sid.sense(make_model(), record, ["2X"], leave_out=["2X"])
     with pytest.raises(InputError, match="`correlation_time` must be greater than 0"):
         sid.UnknownForces(["2X"], 0.0)
+
+
+def test_an_element_is_sensed_as_the_differences_of_its_ends():
+    """The force in the bar between the masses is k (u2 - u1) + c (v2 - v1), with the deviation that the smoother has for it."""
+    parts = [
+        sid.PointMass("m", [1, 2], mass=[2.0, 1.0]),
+        sid.Bar("k", [[1, 2]], mass=0.0, axial_stiffness=900.0, stiffness_damping=4.0),
+        sid.Spring("foot", "1X", stiffness=2e3),
+        sid.Dashpot("air", "1X", viscous_damping=6.0),
+    ]
+    structure = sid.Structure({1: 0.0, 2: 1.0}, parts, active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("axial_stiffness", "k")])
+    model = identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+    states, _, _, rng = simulate(1500, 5)
+    record = sid.TimeRecord(RATE, measured(states, rng, 0.3), ["1X"], ["acceleration"], variance=np.array([0.09]))
+    unknown = sid.UnknownForces(["2X"], CORRELATION, FORCE)
+    found = sid.sense(model, record, ["N[k:1@1]"], unknown=unknown, n_draws=0, is_filtered=False)
+    force = 900 * (states[:, 1] - states[:, 0]) + 4 * (states[:, 3] - states[:, 2])
+    z = (found.values[:, 0] - force) / found.std[:, 0]
+    assert np.sqrt((z[200:] ** 2).mean()) == pytest.approx(1.0, abs=0.15)
+    with pytest.raises(InputError, match="is not linear in the motion"):
+        sid.sense(model, record, ["von_mises[k:1@top]"], unknown=unknown)
+
+
+def test_a_record_that_was_filtered_has_no_force_above_half_its_rate():
+    """Simulated at 16 times the rate and decimated: deviations of accelerations are too wide without the filter."""
+    factor, n = 16, 2400
+    a, _ = system()
+    step, fade = linalg.expm(a[:4, :4] / RATE / factor), np.exp(-1 / RATE / factor / CORRELATION)
+    held = linalg.solve(a[:4, :4], (step - np.eye(4))[:, [3]])[:, 0]
+    rng = np.random.default_rng(6)
+    force = signal.lfilter([1.0], [1.0, -fade], FORCE * np.sqrt(1 - fade**2) * rng.standard_normal(n * factor))
+    state, states = np.zeros(4), np.zeros((n * factor, 4))
+    for k in range(n * factor - 1):
+        state = step @ state + held * force[k]
+        states[k + 1] = state
+    acceleration = states @ a[2:4, :4].T + np.outer(force, [0.0, 1.0])
+    acceleration = signal.decimate(acceleration, factor, ftype="fir", axis=0)
+    y = acceleration[:, [0]] + 0.05 * rng.standard_normal((n, 1))
+    record = sid.TimeRecord(RATE, y, ["1X"], ["acceleration"], variance=np.array([0.05**2]))
+    unknown = sid.UnknownForces(["2X"], CORRELATION, FORCE)
+    z = []
+    for is_filtered in (True, False):
+        found = sid.sense(make_model(), record, ["2X"], "acceleration", unknown, n_draws=0, is_filtered=is_filtered)
+        z.append(float(np.sqrt((((found.values - acceleration[:, [1]]) / found.std)[300:] ** 2).mean())))
+    assert 0.7 < z[0] < 1.3
+    assert z[1] < 0.8 * z[0]
+
+
+def test_combinations_of_forces_that_move_no_sensor_are_named():
+    """Two forces of the same place up to sign: their difference cannot be told, each of them a little."""
+    states, _, _, rng = simulate(400, 7)
+    y = np.hstack([measured(states, rng, 0.3), states[:, [3]] + 0.01 * rng.standard_normal((400, 1))])
+    record = sid.TimeRecord(RATE, y, ["1X", "2X"], ["acceleration", "velocity"], variance=np.array([0.09, 1e-4]))
+    sets = [
+        *make_model().structure.elements,
+        sid.PointMass("light", [3], mass=1e-6),
+        sid.Spring("stiff", "3X", "2X", stiffness=1e7),
+    ]
+    structure = sid.Structure({1: 0.0, 2: 1.0, 3: 2.0}, sets, active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
+    model = identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+    found = sid.sense(model, record, ["1X"], unknown=sid.UnknownForces(["2X", "3X"], CORRELATION, FORCE), n_draws=0)
+    assert any("1 2X - 1 3X" in words or "1 3X - 1 2X" in words or "- 1 2X + 1 3X" in words for words in found.words), (
+        found.words
+    )
+
+
+def free_record(quantity="displacement", values=None, variance=1e-6):
+    rng = np.random.default_rng(8)
+    table = rng.standard_normal((300, 1)).cumsum(axis=0) if values is None else values
+    return sid.TimeRecord(RATE, table, ["1X"], [quantity], variance=None if variance is None else np.array([variance]))
+
+
+def test_free_structures_are_sensed_from_a_displacement_without_a_stated_force():
+    """Two masses, then one that has nothing but its rigid motion; the likeliest force is of the size that moved it."""
+    found = sid.sense(make_model(free=True), free_record(), ["2X"], unknown=sid.UnknownForces(["1X"], 0.1), n_draws=0)
+    assert np.isfinite(found.std).all()
+    parts = [sid.PointMass("m", [1], mass=2.0)]
+    structure = sid.Structure({1: 0.0}, parts, active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("mass", "m")])
+    model = identified_model(structure, parameters, parameters.start, np.zeros((1, 1)))
+    rng = np.random.default_rng(9)
+    force = FORCE * signal.lfilter([1.0], [1.0, -0.8], 0.6 * rng.standard_normal((600, 1)), axis=0)
+    motion = sid.predict(model, sid.History(["1X"], ["1X"], force, RATE, "displacement"), n_draws=50).values
+    record = free_record(values=motion + 1e-4 * rng.standard_normal(motion.shape), variance=1e-8)
+    found = sid.sense(model, record, ["1X"], unknown=sid.UnknownForces(["1X"], 0.09), n_draws=0)
+    assert np.isfinite(found.values).all()
+    assert found.prior_std == pytest.approx(FORCE, rel=0.5)
+    assert found.values[:, 0] == pytest.approx(motion[:, 0], abs=1e-3)
+
+
+def test_records_that_cannot_be_used_are_named():
+    silent = sid.TimeRecord(RATE, np.ones((50, 1)), ["1X"], ["acceleration"])
+    with pytest.raises(InputError, match="sensor 1X\\+ states no noise and reads a constant"):
+        sid.sense(make_model(), silent, ["2X"], unknown=sid.UnknownForces(["2X"], 0.1))
+    with pytest.raises(InputError, match="has a noise of 0"):
+        sid.sense(
+            make_model(), free_record("acceleration", variance=0.0), ["2X"], unknown=sid.UnknownForces(["2X"], 0.1)
+        )
+    with pytest.raises(InputError, match="`dofs` of unknown forces must name"):
+        sid.UnknownForces([], 0.1)
+    values = np.random.default_rng(0).standard_normal((50, 2))
+    record = sid.TimeRecord(RATE, values, ["2X", "1X"], ["force", "acceleration"], variance=np.array([0.0, 1.0]))
+    with pytest.raises(InputError, match="`leave_out` names 2X\\+, a force of the record"):
+        sid.sense(make_model(), record, ["2X"], leave_out=["2X"])

@@ -6,7 +6,7 @@ stacked, so that the parameters stay real.
 
 import numpy as np
 
-LAWS = ("inertia", "viscous", "elastic", "structural")
+LAWS = ("mass", "damping", "stiffness", "structural_damping")
 
 
 class ArrowSystem:
@@ -18,19 +18,19 @@ class ArrowSystem:
         self.hidden = [i for i in range(structure.n_dofs) if i not in self.sensors]
         self.load = structure.selection(record.inputs).toarray()[:, 0]
         values = unknown.values(unknown.start)
-        at = {law: structure.matrix(law, values).toarray() for law in LAWS}
+        at = {kind: structure.matrix(kind, values).toarray() for kind in LAWS}
         units = np.eye(unknown.n_params)
         moved = [unknown.values(unknown.start + unit) for unit in units]
         self.matrices = at
-        self.slopes = {law: np.array([structure.matrix(law, v).toarray() - at[law] for v in moved]) for law in LAWS}
+        self.slopes = {kind: np.array([structure.matrix(kind, v).toarray() - at[kind] for v in moved]) for kind in LAWS}
 
     def dynamic_stiffness(self, omega, matrices):
-        undamped = matrices["elastic"] - omega**2 * matrices["inertia"]
-        return undamped + 1j * (omega * matrices["viscous"] + matrices["structural"])
+        undamped = matrices["stiffness"] - omega**2 * matrices["mass"]
+        return undamped + 1j * (omega * matrices["damping"] + matrices["structural_damping"])
 
     def system(self):
         """A and d of Eqs. (4.23) and (4.24), complex."""
-        n_hidden, n_params = len(self.hidden), len(self.slopes["inertia"])
+        n_hidden, n_params = len(self.hidden), len(self.slopes["mass"])
         rows, right = [], []
         for e, omega in enumerate(self.record.omega):
             z = self.dynamic_stiffness(omega, self.matrices)
@@ -45,7 +45,7 @@ class ArrowSystem:
     def step(self):
         """Least-squares correction of the parameters."""
         matrix, right = self.system()
-        n_params = len(self.slopes["inertia"])
+        n_params = len(self.slopes["mass"])
         if not matrix.imag.any() and not right.imag.any():
             return np.linalg.lstsq(matrix.real, right.real, rcond=None)[0][:n_params]
         real, other = matrix[:, :n_params], matrix[:, n_params:]

@@ -28,7 +28,7 @@ def benchmark():
 def matrices(benchmark, case):
     frame = benchmark.frame(case)
     rows = [frame.dofs.index(parse_dof(f"{10 * f + 10}{d}")) for f in range(1, 5) for d in ("X", "Y", "RZ")]
-    return [frame.matrix(law, frame.values).toarray()[np.ix_(rows, rows)] for law in ("inertia", "elastic")]
+    return [frame.matrix(kind, frame.values).toarray()[np.ix_(rows, rows)] for kind in ("mass", "stiffness")]
 
 
 def test_the_frame_has_the_frequencies_that_were_published(benchmark):

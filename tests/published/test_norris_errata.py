@@ -32,9 +32,9 @@ def integral(first, second):
 
 def test_eq_2_4_modes_are_orthogonal_with_the_mass_as_weight():
     structure = beam(ACTUAL)
-    mass = structure.matrix("inertia")
-    shapes = modes(mass, structure.matrix("elastic")).mode_shapes
-    unit = beam(np.concatenate([np.ones(6), ACTUAL[6:]])).matrix("inertia")
+    mass = structure.matrix("mass")
+    shapes = modes(mass, structure.matrix("stiffness")).mode_shapes
+    unit = beam(np.concatenate([np.ones(6), ACTUAL[6:]])).matrix("mass")
     assert shapes.T @ (mass @ shapes) == pytest.approx(np.eye(12), abs=1e-10)
     printed = shapes.T @ (unit @ shapes)
     size = np.sqrt(np.outer(np.diag(printed), np.diag(printed)))
@@ -66,7 +66,9 @@ def test_eq_3_21_columns_are_the_printed_ones():
     """a_1 and a_2 from accelerations, a_29 and a_30 from displacements, with 15 elements of length 1."""
     structure = beam(np.ones(30), fixed=())
     motion = np.random.default_rng(3).standard_normal(32)
-    inertia, elastic = (next(c for c in structure.contributions if c.law == law) for law in ("inertia", "elastic"))
+    inertia, elastic = (
+        next(c for c in structure.contributions if c.matrix_kind == kind) for kind in ("mass", "stiffness")
+    )
     by_mass, by_stiffness = columns(inertia.blocks, motion), columns(elastic.blocks, motion)
     for column, matrix, first in (
         (by_mass[:, 0], np.array(PHI_M) / 420, 0),
@@ -82,7 +84,7 @@ def test_eq_3_21_columns_are_the_printed_ones():
 def test_after_eq_3_15_columns_vanish_for_rigid_motion():
     """a_r = K_r w is 0 in rigid motion, not merely orthogonal to w."""
     structure = beam(np.concatenate([ACTUAL, ACTUAL]), fixed=())
-    elastic = next(c for c in structure.contributions if c.law == "elastic")
+    elastic = next(c for c in structure.contributions if c.matrix_kind == "stiffness")
     x = np.array([float(dof.node) for dof in structure.dofs])
     turning = np.array([dof.is_rotation for dof in structure.dofs])
     rigid = np.where(turning, 0.3, 2.0 + 0.3 * x)
@@ -95,7 +97,7 @@ def test_table_3_1_mass_is_per_length():
     """Phi_M carries h: an element of length 2 with m = 3 weighs 6."""
     element = Structure({0: 0.0, 1: 2.0}, [Beam("beam", [[0, 1]], 3.0, 1.0)])
     along = np.array([float(not dof.is_rotation) for dof in element.dofs])
-    assert along @ (element.matrix("inertia") @ along) == pytest.approx(6.0)
+    assert along @ (element.matrix("mass") @ along) == pytest.approx(6.0)
 
 
 def record_at(values, outputs, frequency, fixed=("0Y", "0RZ"), load="6Y+"):
@@ -205,7 +207,7 @@ def test_highest_order_that_counts_as_natural():
     reaches (r pi / L)^4: no function has to satisfy the condition of order p.
     """
     pinned = beam(np.ones(40), ("0Y", "20Y"))
-    found = modes(pinned.matrix("inertia"), pinned.matrix("elastic"))
+    found = modes(pinned.matrix("mass"), pinned.matrix("stiffness"))
     assert 2 * np.pi * found.frequency[:3] == pytest.approx(
         (np.arange(1, 4) * np.pi / 20) ** 2, rel=5e-5
     )  # element error

@@ -72,7 +72,7 @@ def test_chapter_3_identifies_it_from_its_motion(case):
     rng = np.random.default_rng(6)
     where = np.eye(structure.n_dofs)[:, [0, structure.n_dofs // 2]]
     signals = 100.0 * rng.standard_normal((80, 2))
-    matrices = [structure.matrix(law) for law in ("inertia", "elastic", "viscous")]
+    matrices = [structure.matrix(kind) for kind in ("mass", "stiffness", "damping")]
     moved = sampled_transient(*matrices[:2], where, signals, 100.0, matrices[2])
     motion = Motion(moved.time, signals @ where.T, moved.acceleration, moved.velocity, moved.displacement)
     found = identify_motion(structure, truth, motion)

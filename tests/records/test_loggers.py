@@ -244,3 +244,39 @@ def test_text_of_labview_that_says_something_else_is_refused(tmp_path, old, new,
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(FileError, match=words):
         read_record(path, options("lvm"))
+
+
+def test_channels_of_labview_that_start_at_other_times_are_brought_together(tmp_path):
+    from datetime import datetime
+
+    from nptdms import ChannelObject, TdmsWriter
+
+    path = tmp_path / "a.tdms"
+    clock = {"wf_increment": 0.01, "unit_string": "N"}
+    starts = {"1X": datetime(2026, 1, 1, 12, 0, 0), "2X": datetime(2026, 1, 1, 12, 0, 0, 300000)}
+    with TdmsWriter(str(path)) as writer:
+        writer.write_segment([
+            ChannelObject("T", name, np.arange(100.0), clock | {"wf_start_time": start}) for name, start in starts.items()
+        ])  # fmt: skip
+    record = read_record(path)
+    assert record.start == pytest.approx(0.3)
+    np.testing.assert_array_equal(record.values, np.stack([np.arange(30.0, 100), np.arange(70.0)], axis=1))
+
+
+def test_text_of_labview_in_ms_and_with_times_that_its_head_contradicts(tmp_path):
+    path = whole("lvm", tmp_path)
+    text = path.read_text()
+    head = "X_Dimension\tTime\tTime\tTime\n"
+    path.write_text(text.replace(head, f"{head}X_Unit_Label\tms\tms\tms\n"))
+    record = read_record(path, options("lvm"))
+    assert (record.sampling_rate, record.start) == pytest.approx((1e3 * RATE, 0.25e-3))
+    lines = text.replace("X_Columns\tNo", "X_Columns\tOne").splitlines()
+    rows = len(lines) - len(VALUES)
+    for step, is_refused in ((1 / RATE, False), (2 / RATE, True)):
+        timed = [f"{k * step:.6f}".replace(".", ",") + line for k, line in enumerate(lines[rows:])]
+        path.write_text("\n".join([*lines[:rows], *timed, ""]))
+        if is_refused:
+            with pytest.raises(FileError, match="its X_Value column runs in steps of"):
+                read_record(path, options("lvm"))
+        else:
+            assert read_record(path, options("lvm")).sampling_rate == pytest.approx(RATE)

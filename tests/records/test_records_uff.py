@@ -289,3 +289,56 @@ def test_elements_draw_the_geometry_where_no_trace_lines_are(tmp_path):
     geometry = read_geometry(tmp_path / "a.unv")
     assert sorted(geometry.lines) == [(1, 2), (1, 3), (2, 3), (3, 4)]
     assert geometry.nodes[3] == (1.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "names, is_refused",
+    [
+        (("wing", "wing", "body"), True),  # 12 of the wing and 12 of the body
+        (("wing", "wing", "wing"), False),
+        (("12+Z", "13+Z", "12+X"), False),  # labels of channels
+        (("wing", "wing", "NONE"), False),
+        (("", "", ""), False),
+    ],
+)
+def test_a_node_number_of_two_components_is_refused(tmp_path, rng, names, is_refused):
+    places = [(12, 3), (13, 3), (12, 1)]
+    sets = [
+        function(place, (0, 0), rng.normal(size=10), 1, denominator=0, rsp_ent_name=name, ref_ent_name="NONE")
+        for place, name in zip(places, names, strict=True)
+    ]
+    path = write(tmp_path / "a.uff", [units(), *sets])
+    if is_refused:
+        with pytest.raises(FileError, match="node 12 stands beside the names wing and body"):
+            read_record(path)
+        path_options = ReadOptions(columns="1,2,3", channels="12Z,13Z,112X")
+        assert [str(dof) for dof in read_record(path, path_options).channels] == ["12Z+", "13Z+", "112X+"]
+    else:
+        assert [str(dof) for dof in read_record(path).channels] == ["12Z+", "13Z+", "12X+"]
+
+
+@pytest.mark.parametrize(
+    "weighting, window, words",
+    [
+        (0, 0, ""),
+        (0, 1, ""),
+        (0, 4, "an exponential window lies on 1 function"),
+        (0, 6, "1 function"),
+        (1, 0, "A weighting"),
+    ],
+)
+def test_what_a_dataset_says_of_window_and_weighting_is_used(tmp_path, values, weighting, window, words):
+    path = write(tmp_path / "a.uff", [units(), *frfs(values)[:2]])
+    reals = f"{0.0:15.7E}" * 4
+    qualifiers = [
+        f"{1:12d}" + f"{0:12d}" * 5, f"{weighting:6d}{window:6d}" + f"{0:6d}" * 10, *[f"{reals}{3.0:15.7E}"] * 3, "", "NONE",
+    ]  # fmt: skip
+    path.write_text(path.read_text() + "\n".join(["    -1", "  1858", *qualifiers, "    -1", ""]))
+    if weighting:
+        with pytest.raises(FileError, match="function 2 has A weighting"):
+            read_record(path)
+        assert len(read_record(path, ReadOptions(columns="1")).inputs) == 1
+    else:
+        source = read_record(path).source
+        assert words in source
+        assert ("window" in source) == bool(words)

@@ -105,3 +105,95 @@ def test_uneven_times_of_mdf_are_resampled_on_request(tmp_path):
     record = read_record(path, ReadOptions(resample="spline"))
     even = np.linspace(time[0], time[-1], 400)
     assert record.values[5:-5, 0] == pytest.approx(GRAVITY * np.sin(2 * np.pi * 7 * even)[5:-5], abs=2e-4)
+
+
+def save(path, fields):
+    """Write nested `fields` to an NPZ (of the first level), MAT or HDF5 file."""
+    if path.suffix == ".npz":
+        np.savez(path, **fields)
+    elif path.suffix == ".mat":
+        from scipy.io import savemat
+
+        savemat(path, fields)
+    else:
+        with h5py.File(path, "w") as file:
+
+            def store(group, level):
+                for name, value in level.items():
+                    if isinstance(value, dict):
+                        store(group.create_group(name), value)
+                    else:
+                        group[name] = value
+
+            store(file, fields)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".h5"])
+@pytest.mark.parametrize(
+    "beside, words",
+    [
+        ({"units": "g"}, "units says 'g' beside array 'acc'"),
+        ({"Unit": "mV"}, "Unit says 'mV' beside array 'acc'"),
+        ({"units": "m/s^2"}, ""),
+        ({"fs": 50.0}, "fs says 50 samples a second"),
+        ({"SampleRate": 100.0}, ""),
+        ({"dt": 0.02}, "dt says 50 samples a second"),
+        ({"dt": 0.01}, ""),
+        ({"t": np.arange(50) / 50}, "t says 50 samples a second"),
+        ({"Time": np.arange(50)[:, None] / 100}, ""),
+        ({"time": np.arange(50) * 10.0}, ""),  # ms
+        ({"note": "g", "factor": 50.0}, ""),
+    ],
+)
+def test_what_stands_beside_an_array_is_not_contradicted_in_silence(tmp_path, suffix, beside, words):
+    path = save(tmp_path / f"a{suffix}", {"acc": HISTORY, **beside})
+    options = {"array": "acc", "sampling_rate": 100.0, "channels": "1X,2X"}
+    if words:
+        with pytest.raises(InputError, match=words):
+            read_record(path, ReadOptions(**options, quantities="acceleration"))
+    else:
+        assert read_record(path, ReadOptions(**options, quantities="acceleration")).values == pytest.approx(HISTORY)
+    if "nit" in next(iter(beside)):  # a unit that is given is the user's word
+        assert read_record(path, ReadOptions(**options, units="g")).values == pytest.approx(HISTORY * GRAVITY)
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".h5"])
+def test_structs_of_test_software_are_not_contradicted_in_silence(tmp_path, suffix):
+    struct = {
+        "x_values": {"start_value": 0.0, "increment": 0.02},
+        "y_values": {"values": HISTORY, "quantity": {"label": "g"}},
+    }
+    path = save(tmp_path / f"a{suffix}", {"Signal": struct, "Other": {"units": "mm", "fs": 7.0}})
+    array = "Signal.y_values.values" if suffix == ".mat" else "Signal/y_values/values"
+    given = {"array": array, "channels": "1X,2X"}
+    with pytest.raises(InputError, match="increment says 50 samples a second"):
+        read_record(path, ReadOptions(**given, sampling_rate=100.0, units="g"))
+    with pytest.raises(InputError, match="label says 'g' beside array"):
+        read_record(path, ReadOptions(**given, sampling_rate=50.0, quantities="acceleration"))
+    assert read_record(path, ReadOptions(**given, sampling_rate=50.0, units="g")).sampling_rate == 50.0
+
+
+def test_attributes_of_the_array_and_the_file_are_not_contradicted_in_silence(tmp_path):
+    given = {"sampling_rate": 100.0, "channels": "1X,2X"}
+    path = stored(tmp_path / "a.h5", unit="g")
+    record = read_record(path, ReadOptions(**given, quantities="acceleration"))
+    assert record.values == pytest.approx(HISTORY * GRAVITY)
+    with pytest.raises(InputError, match="unit of acceleration, but `quantities` says velocity"):
+        read_record(path, ReadOptions(**given, quantities="velocity"))
+    with pytest.raises(InputError, match="wf_increment says 50 samples"):
+        read_record(stored(tmp_path / "b.h5", wf_increment=0.02), ReadOptions(**given, units="g"))
+    with pytest.raises(InputError, match=r"stored scaled: test/acc@scale_factor is 0.001"):
+        read_record(stored(tmp_path / "c.h5", scale_factor=0.001), ReadOptions(**given, units="g"))
+    with h5py.File(path, "a") as file:
+        file.attrs["Sampling rate"] = 50.0
+    with pytest.raises(InputError, match=r"@Sampling rate says 50 samples"):
+        read_record(path, ReadOptions(**given))
+
+
+def test_units_beside_frequency_responses_are_not_contradicted_in_silence(tmp_path):
+    path = save(tmp_path / "a.mat", {"h": FRF, "f": np.arange(1.0, 51.0), "units": "g/lbf"})
+    given = {"array": "h", "frequency_array": "f", "outputs": "1X", "inputs": "1X"}
+    with pytest.raises(InputError, match="units says 'g/lbf' beside array 'h', and `kind` alone"):
+        read_record(path, ReadOptions(**given, kind="accelerance"))
+    assert read_record(path, ReadOptions(**given, unit="g/N")).values[:, 0, 0] == pytest.approx(FRF[:, 0] * GRAVITY)

@@ -7,7 +7,7 @@ import numpy as np
 
 from structid import TimeRecord
 from structid.identification.setups.time import TimeFit
-from structid.study.schema.records.time import TimeSource
+from structid.study.schema.records.histories import TimeSource
 
 
 def test_absolute_and_relative_noise_add_as_variances():

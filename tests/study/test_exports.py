@@ -18,6 +18,8 @@ from structid.fem.meshes import read_mesh
 from structid.modal.formats.files import read_modes
 from structid.modal.formats.printed import ModeFileOptions
 from structid.prediction.identified_model import identified_model
+from structid.prediction.predict import predict
+from structid.prediction.quantities import NaturalModes
 from structid.study.results.stored_model import ParameterSpread
 from structid.study.run.exports.matrices import export_matrices, matrix_files
 from structid.study.run.exports.mesh import export_mesh
@@ -101,6 +103,7 @@ def test_grid_read_by_meshio_has_every_element_with_its_change(model, tmp_path):
     np.testing.assert_allclose(data["bending_stiffness_y significance"][2:4], 0.1 / STD, rtol=1e-12)
     assert (data["mass [kg/m]"][2], data["mass [kg]"][6]) == (8.0, 3.0)
     np.testing.assert_allclose(data["stiffness [N/m]"][4], 1.3e7)
+    assert "mass_damping [N s/m^4]" not in data  # 0 throughout, and not sought
     np.testing.assert_allclose(data["stiffness significance"][4], 0.3 / STD)
     np.testing.assert_allclose(data["density [kg/m^3]"][5], 2700.0)
     computed = model_modes(identified, 4)
@@ -157,6 +160,9 @@ def test_modes_read_by_pyuff_and_from_the_columns_of_a_punch_file(model, tmp_pat
                 value
             )
     np.testing.assert_array_equal(complete["frequency_hz"], computed.frequency)
+    drawn = predict(identified, NaturalModes(5), n_draws=150).std[:, 0]
+    np.testing.assert_allclose(complete["frequency_std_hz"], drawn, rtol=0.25)
+    np.testing.assert_allclose(np.sqrt(np.diag(table.covariance))[:5], complete["frequency_std_hz"])
     again = read_modes(tmp_path / "table.pch", ModeFileOptions(length_unit="m"))
     np.testing.assert_allclose(again.frequency, computed.frequency, rtol=1e-7)
     assert len(again.channels) > 3 * 13

@@ -74,7 +74,7 @@ def study(files, group, matrices=BESIDE, total="", second=""):
 
 
 def matrices_of(structure: Structure):
-    return structure.matrix("inertia").toarray(), structure.matrix("elastic").toarray()
+    return structure.matrix("mass").toarray(), structure.matrix("stiffness").toarray()
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_several_files_are_summed_and_groups_of_elements_taken_apart(files):
     values = read.structure.values.copy()
     np.testing.assert_array_equal(matrices_of(read.structure)[1], (spring + SECOND)[:2, :2])
     values[[p.values.start for p in read.structure.properties if p.label == "stiffness[rest]"]] = 0.0
-    np.testing.assert_array_equal(read.structure.matrix("elastic", values).toarray(), spring[:2, :2])
+    np.testing.assert_array_equal(read.structure.matrix("stiffness", values).toarray(), spring[:2, :2])
 
 
 def test_degrees_of_freedom_that_a_file_holds_are_fixed_though_they_have_mass(files):
@@ -122,7 +122,9 @@ def test_two_exports_make_a_group(files):
     group = 'mass = { path = "model.op4", matrix = "MAA" }\nstiffness = "soft.op4"'
     second = '[[structure.matrix_group]]\nname = "upper"\nstiffness = { base = "soft.op4", changed = "stiff.op4", factor = 3.0 }'
     read = study(files, group, second=second)
-    upper = next(part for part in read.structure.contributions if part.law == "elastic" and part.value.start > 1)
+    upper = next(
+        part for part in read.structure.contributions if part.matrix_kind == "stiffness" and part.value.start > 1
+    )
     np.testing.assert_allclose(upper.blocks.assemble(np.ones(1)).toarray(), SECOND[:2, :2], atol=1e-15)
 
 

@@ -101,7 +101,7 @@ def everything_measured() -> TimeRecord:
     """Displacement, velocity and acceleration of all four masses, with noise, and the force."""
     structure = chain()
     values = unknowns(structure).values(unknowns(structure).start)
-    mass, damping, stiffness = (structure.matrix(law, values) for law in ("inertia", "viscous", "elastic"))
+    mass, damping, stiffness = (structure.matrix(law, values) for law in ("mass", "damping", "stiffness"))
     rng = np.random.default_rng(4)
     force = rng.standard_normal((400, 1))
     motion = sampled_transient(mass, stiffness, np.eye(4)[:, 3:], force, RATE, damping)

@@ -362,9 +362,9 @@ def matrices(tmp_path):
 def test_matrices_from_files_make_the_structure_and_are_inputs(matrices):
     study = load_study(write_chain(matrices, MATRICES))
     structure: Structure = study.structure
-    np.testing.assert_array_equal(structure.matrix("inertia").toarray(), MASS[:2, :2])
-    np.testing.assert_array_equal(structure.matrix("elastic").toarray(), STIFFNESS[:2, :2])
-    np.testing.assert_allclose(structure.matrix("viscous").toarray(), 0.1 * STIFFNESS[:2, :2], rtol=1e-15)
+    np.testing.assert_array_equal(structure.matrix("mass").toarray(), MASS[:2, :2])
+    np.testing.assert_array_equal(structure.matrix("stiffness").toarray(), STIFFNESS[:2, :2])
+    np.testing.assert_allclose(structure.matrix("damping").toarray(), 0.1 * STIFFNESS[:2, :2], rtol=1e-15)
     assert list(study.digests) == ["chain.toml", "dofs.txt", "M.npz", "K.mtx", "C.npy", "frf.npz"]
 
 

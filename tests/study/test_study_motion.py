@@ -54,7 +54,7 @@ def written(folder, noise=0.01, text=STUDY, n=50, still=False):
     acceleration, displacement = rng.standard_normal((2, n, structure.n_dofs))
     if still:
         displacement[:] = 0
-    mass, stiffness = (structure.matrix(law).toarray() for law in ("inertia", "elastic"))
+    mass, stiffness = (structure.matrix(law).toarray() for law in ("mass", "stiffness"))
     force = acceleration @ mass + displacement @ stiffness
     force += noise * rng.standard_normal(force.shape)
     values = np.concatenate([acceleration, displacement, force], axis=1)

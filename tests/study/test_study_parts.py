@@ -184,7 +184,7 @@ def test_elements_in_pieces_keep_their_numbers_parameters_and_joints(tmp_path):
     assert study.structure.n_dofs == finer.structure.n_dofs == 4 * 3 * 3 + 1
     assert len(study.structure.elements[0].nodes) == 4
     physical = np.array([500.0, 300.0])
-    for law in ("inertia", "elastic", "structural"):
+    for law in ("mass", "stiffness", "structural_damping"):
         found, made = (
             np.linalg.eigvalsh(s.structure.matrix(law, s.parameters.values(physical)).toarray()) for s in (study, finer)
         )

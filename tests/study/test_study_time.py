@@ -108,7 +108,7 @@ def sampled_record(sensors=SENSORS, noise=0.01):
     """Accelerations from rest under a force that runs straight between its samples, 300 of them."""
     structure = chain()
     values = unknowns(structure).values(unknowns(structure).start)
-    mass, damping, stiffness = (structure.matrix(law, values) for law in ("inertia", "viscous", "elastic"))
+    mass, damping, stiffness = (structure.matrix(kind, values) for kind in ("mass", "damping", "stiffness"))
     rng = np.random.default_rng(2)
     force = rng.standard_normal(300)
     load = np.array([[0.0], [0.0], [0.0], [1.0]])

@@ -10,11 +10,14 @@ import signal
 import tomllib
 import zipfile
 
+import numpy as np
 import psutil
 import pytest
 from app_cases import ROOT, STOREYS, filling_disk, require_workbench, served, write_ambient, write_beam_record
 from browser_cases import accessible, eventually, shown, step
 
+from structid.records import TimeRecord
+from structid.records.formats import write_record
 from structid.study.templates import TEMPLATES, template_with, write_study
 
 require_workbench()
@@ -69,6 +72,7 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.get_by_text("data and priors determine every parameter").wait_for()
         text = (folder / "beam.toml").read_text(encoding="utf-8")
         assert "[record.sensors]\n101Y = { node = 3, direction = [0.0, 1.0, 0.0] }" in text
+        page.locator("#resonances td").first.wait_for()
         shown(page, screens, "3_structure")
         accessible(page, "structure")
 
@@ -104,6 +108,13 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         )
         assert low == pytest.approx(2 + 0.1 * 138, abs=4)
         assert high == pytest.approx(2 + 0.8 * 138, abs=4)
+        page.get_by_label("model at its start values").check()
+        eventually(
+            page,
+            lambda: page.evaluate(
+                "document.querySelector('#responses').data.some((one) => one.name?.endsWith(', model'))"
+            ),
+        )
         shown(page, screens, "4_records")
         accessible(page, "records")
 
@@ -195,6 +206,10 @@ def test_a_table_of_a_laboratory_and_a_table_of_modes_become_records(page, scree
         lab.get_by_role("button", name="Read it so").click()
         page.get_by_text("skip rows: 1,5 is no number").wait_for()
         lab.get_by_label("skip rows").fill("1")
+        first = lab.locator(".preview tr")
+        assert first.nth(0).get_attribute("class") == "skipped"
+        assert first.nth(1).locator("td").all_inner_texts() == ["Zeit", "Kraft", "Weg"]
+        assert first.nth(1).get_attribute("class") == "header"
         lab.get_by_label("footer rows").fill("1")
         lab.get_by_label("decimal").select_option("comma")
         lab.get_by_label("columns", exact=True).fill("Kraft, Weg")
@@ -711,3 +726,34 @@ def test_a_name_in_a_shipped_run_is_a_text_and_a_page_of_results_fetches_nothing
         told = page.frame_locator("iframe.report").locator("#told")
         eventually(page, lambda: told.inner_text() != "")
         assert "no fetch" in told.inner_text()
+
+
+@pytest.mark.long
+def test_segments_that_leak_are_lengthened_or_the_histories_fitted_by_a_click(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    rng = np.random.default_rng(2)
+    force, motion = rng.standard_normal((2, 60000))
+    signals = np.stack([motion + np.convolve(force, [0.3, 0.2], "same"), force], axis=1)
+    record = TimeRecord(500.0, signals, ("5Y+", "5Y+"), ("acceleration", "force"))
+    write_record(tmp_path / "hammer.npz", record)
+    text = study.read_text(encoding="utf-8").replace("loss_factor = 0.01", "loss_factor = 0.1")
+    page.set_default_timeout(60_000)
+    study.write_text(f'{text}\n[record]\npath = "hammer.npz"\n[record.frf]\nsegment_length = 256\n', encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#structure/beam.toml")
+        page.locator("#leaking").wait_for()
+        shown(page, screens, "leaking")
+        accessible(page, "leaking")
+        button = page.get_by_role("button", name=re.compile("Take segments of"))
+        needed = int(re.search(r"\d+", button.inner_text())[0])
+        button.click()
+        eventually(
+            page, lambda: tomllib.loads(study.read_text("utf-8"))["record"]["frf"]["segment_length"] == needed > 256
+        )
+        study.write_text(study.read_text("utf-8").replace(str(needed), "256"), encoding="utf-8")
+        page.get_by_label("noise of the channels").fill("2")
+        page.get_by_role("button", name="Fit the histories themselves").click()
+        wanted = {"fit": "spectra", "relative_noise": 0.02}
+        eventually(page, lambda: tomllib.loads(study.read_text("utf-8"))["record"].get("time") == wanted)
+        eventually(page, lambda: page.locator("#leaking").count() == 0)
+        page.locator("#checked", has_text=re.compile("determine every parameter")).wait_for()

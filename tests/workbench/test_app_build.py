@@ -75,7 +75,7 @@ def cell(page, label: str):
 
 def test_a_portal_frame_is_built_by_keyboard_and_says_what_is_wrong_in_its_place(page, screens, tmp_path):
     study = tmp_path / "portal_frame.toml"
-    page.set_default_timeout(60_000)
+    page.set_default_timeout(30_000)
     with served(tmp_path) as bench:
         page.goto(bench.address)
         page.get_by_label("Template").select_option("build")
@@ -166,3 +166,68 @@ def test_the_editor_offers_what_the_element_types_declare():
     assert required["spring"] == ["name", "first", "stiffness"]
     assert {key["name"]: key["unit"] for key in kinds["beam"]}["bending_stiffness"] == "N m^2"
     assert "nodes" not in {key["name"] for key in kinds["spring"]}
+
+
+def test_the_same_frame_is_drawn_by_mouse_and_its_nodes_are_dragged(page, screens, tmp_path):
+    study = tmp_path / "portal_frame.toml"
+    page.set_default_timeout(30_000)
+    with served(tmp_path) as bench:
+        page.goto(bench.address)
+        page.get_by_label("Template").select_option("build")
+        cell(page, "File").fill("portal_frame")
+        page.get_by_role("button", name="Make the study").click()
+        page.wait_for_selector("[data-step=build] .cells")
+
+        def at(x: float, y: float) -> dict[str, float]:
+            """Point of the picture at a place of the structure, once it is drawn."""
+            page.wait_for_timeout(60)
+            point = page.evaluate("([x, y]) => document.querySelector('canvas.under').scene.project([x, y, 0])", [x, y])
+            return {"x": point[0], "y": point[1]}
+
+        def click(x: float, y: float) -> None:
+            page.locator("canvas.under").click(position=at(x, y))
+
+        page.get_by_role("button", name="Add nodes").click()
+        for k, (x, y) in enumerate(((0, 0), (0, 3.0), (1.5, 2.5), (4, 3), (4, 0))):
+            click(x + 0.1, y - 0.1)  # the grid takes it
+            page.get_by_label(f"Y of node {k + 1}", exact=True).wait_for()
+        start, end = at(1.5, 2.5), at(2, 3)
+        page.get_by_role("button", name="Choose and move").click()
+        box = page.locator("canvas.under").bounding_box()
+        page.mouse.move(box["x"] + start["x"], box["y"] + start["y"])
+        page.mouse.down()
+        page.mouse.move(box["x"] + end["x"], box["y"] + end["y"], steps=4)
+        page.get_by_text("node 3: 2, 3 m").wait_for()
+        page.mouse.up()
+        eventually(page, lambda: "3 = [2.0, 3.0]" in study.read_text(encoding="utf-8"))
+
+        page.get_by_role("button", name="Add elements").click()
+        for x, y in ((0, 0), (0, 3)):
+            click(x, y)
+        page.locator("canvas.under").press("Escape")
+        for x, y in ((4, 0), (4, 3)):
+            click(x, y)
+        assert cell(page, "elements of the new beam").input_value() == "1-2, 5-4"
+        section = page.locator("#table-beam")
+        section.get_by_text("Values from material and cross-section").click()
+        section.get_by_label("Cross-section").select_option("IPE 200")
+        section.get_by_role("button", name="Take its values").click()
+        section.get_by_role("button", name="Add", exact=True).click()
+        page.get_by_label("name of beams", exact=True).wait_for()
+        page.locator("canvas.under").press("Escape")
+        page.get_by_label("elements go into").select_option("beams")
+        click(0, 3)
+        click(2, 3)
+        eventually(page, lambda: "[2, 3]" in study.read_text(encoding="utf-8"))
+        click(0, 3)  # the chain goes on from where it was
+        page.get_by_text("element 3-2 is there already").wait_for()
+        page.get_by_role("button", name=re.compile("^Undo")).click()
+        eventually(page, lambda: "[2, 3]" not in study.read_text(encoding="utf-8"))
+        shown(page, screens, "build_mouse")
+        accessible(page, "build by mouse")
+    made, hand = (tomllib.loads(text)["structure"] for text in (study.read_text(encoding="utf-8"), BY_HAND))
+    assert made["nodes"] == hand["nodes"]
+    assert made["active"] == hand["active"]
+    assert made["beam"][0]["nodes"] == hand["beam"][0]["nodes"]
+    assert made["beam"][0]["mass"] == pytest.approx(hand["beam"][0]["mass"], rel=5e-3)  # IPE 200 as printed
+    assert made["beam"][0]["bending_stiffness"] == pytest.approx(hand["beam"][0]["bending_stiffness"], rel=5e-3)

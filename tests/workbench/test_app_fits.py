@@ -24,6 +24,13 @@ def test_channels_come_the_worst_first_with_what_was_measured_and_fitted(tmp_pat
     write_results(result, tmp_path / "out")
     found = json.loads(called("fits", str(tmp_path), {"results": "out"}))
     fit = result.identification.fits[0]
+    modelled = json.loads(called("modelled", str(tmp_path), {"study": "chain.toml"}))
+    assert [one["name"] for one in modelled["channels"]] == [
+        f"{output} / {load}" for output in fit.problem.record.outputs for load in fit.problem.record.inputs
+    ]
+    initial = np.abs(fit.predicted_initial).reshape(len(fit.predicted_initial), -1)
+    for k, one in enumerate(modelled["channels"]):
+        np.testing.assert_allclose(row(one["magnitude"]), initial[:, k], rtol=1e-6)
     errors = [one["error"] for one in found["channels"]]
     assert errors == sorted(errors, reverse=True)
     worst = result.view.ranked_channels[0]

@@ -19,7 +19,10 @@ from app_cases import ENVIRONMENT, ROOT, require_workbench, served, write_beam_r
 
 require_workbench()
 
+from structid.core.errors import InputError  # noqa: E402
 from structid.study.templates import TEMPLATES, template_with, write_study  # noqa: E402
+from structid.workbench.folder import opened  # noqa: E402
+from structid.workbench.runs import Runs  # noqa: E402
 
 _PATIENCE = 240.0
 
@@ -220,3 +223,35 @@ def test_a_worker_that_is_killed_is_begun_anew(tmp_path):
         found = [bench.get("channels", study="study.toml") for _ in range(2)]
         assert found[-1][0] == 200
         assert {one["name"] for one in found[-1][1]["channels"]} == {"2Y+", "3Y+", "4Y+"}
+
+
+def test_the_first_lines_of_a_table_are_shown_as_they_stand(open_folder):
+    folder, bench = open_folder
+    (folder / "lab.csv").write_bytes("Träger 12\nZeit;Kraft\n0,1;2\n".encode("cp1252") * 9)
+    assert bench.post("lines", {"record": "lab.csv", "encoding": "cp1252"}) == (
+        200,
+        {"lines": ["Träger 12", "Zeit;Kraft", "0,1;2"] * 4},
+    )
+    status, answer = bench.post("lines", {"record": "lab.csv", "encoding": "klingon"})
+    assert (status, answer["error"]) == (422, "there is no encoding 'klingon'; write utf-8, cp1252 or utf-16")
+    assert bench.post("lines", {"record": "../lab.csv"})[0] == 403
+
+
+def test_the_time_for_causes_goes_to_the_command(folder, monkeypatch):
+    """The page's time limit and its wish to search on are options of the command that the run executes."""
+    commands = []
+    real = subprocess.Popen
+
+    def recorded(command, **given):
+        commands.append(command)
+        return real([sys.executable, "-c", ""], **given)
+
+    monkeypatch.setattr("structid.workbench.runs.subprocess.Popen", recorded)
+    runs = Runs(opened(folder))
+    runs.start("beam.toml", "a")
+    runs.start("beam.toml", "b", seconds=90.0, explain=True)
+    assert not {"--seconds", "--explain"} & set(commands[0])
+    assert commands[1][-3:] == ["--seconds", "90", "--explain"]
+    with pytest.raises(InputError, match="at least 0 s"):
+        runs.start("beam.toml", "c", seconds=-1.0)
+    assert len(commands) == 2

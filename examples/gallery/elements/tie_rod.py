@@ -45,5 +45,5 @@ print(f"of the frequencies alone: ± {found.estimate.std_noise[0]:.3g} N")
 euler = np.pi**2 * 3e3 / LENGTH**2
 for part in (0.0, 0.5, 0.9, 0.99):
     column = rod(-part * euler)
-    lowest = modes(column.matrix("inertia"), column.matrix("elastic"), n_modes=1).frequency[0]
+    lowest = modes(column.matrix("mass"), column.matrix("stiffness"), n_modes=1).frequency[0]
     print(f"{part:4.2f} of {euler:.1f} N: {lowest:.4f} Hz")

@@ -26,7 +26,14 @@ class FileError(InputError):
 
 
 class StoredSpectraError(FileError):
-    """A file holds spectra of motion, which are no record of frequency responses or histories; see `read_spectrum`."""
+    """A file holds spectra or correlation functions of motion, which are no record of frequency responses or histories.
+
+    `kind` is ``spectrum`` or ``correlation``: see `read_spectrum`, `read_correlation`.
+    """
+
+    def __init__(self, message: str, kind: str) -> None:
+        super().__init__(message)
+        self.kind = kind
 
 
 class NoLinesError(InputError):

@@ -38,6 +38,7 @@ from structid.diagnose.verdict import (
     data_disagreements,
     fits_noise,
     is_sound,
+    is_untested,
     judged,
     noise_ratio,
     not_found,
@@ -146,6 +147,8 @@ def diagnose(
         if not explain and (explain is False or not is_clear(sensitivities)):
             return _diagnose_sound(model, identification, sensitivities, work, apart, is_asked=explain is None)
     if any(one.warning for one in identification.truncations) and not explain:
+        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
+    if is_untested(identification) and not explain:
         return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
     ratio = noise_ratio(identification)
     if ratio is not None and ratio != 1.0 and not explain:

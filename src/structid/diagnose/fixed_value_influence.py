@@ -35,9 +35,9 @@ class FixedValueSensitivity:
     parameters : tuple of str
         Those that it moves.
     influence : (n_params,) float array
-        Relative change of each parameter over that of the held value.
+        Relative change of each parameter over that of the fixed value.
     distance : (n_params,) float array
-        Change of each parameter, in its standard deviations, where the held value is 1 % larger.
+        Change of each parameter, in its standard deviations, where the fixed value is 1 % larger.
     pull, pull_std : float
         By what part of itself the record would change it were it free as well, and the deviation of that; NaN where the
         record does not tell.
@@ -118,7 +118,7 @@ def resting_words(held: Sequence[FixedValueSensitivity]) -> str:
 
 
 def is_clear(held: Sequence[FixedValueSensitivity]) -> bool:
-    """Whether a held value is doubted so much that all that may be wrong is to be looked through."""
+    """True if a fixed value is doubted so much that all that may be wrong is to be looked through."""
     return any(one.is_doubted(len(held), CLEAR_DOUBT_RISK) for one in held)
 
 
@@ -132,7 +132,7 @@ def influences(
 ) -> tuple[FixedValueSensitivity, ...]:
     """Sensitivity of the parameters to each fixed value, and what the residual asks of it: a score test of each alone.
 
-    With J_p of the parameters, J_q of a held value, both by relative changes, and r the residual: the parameters follow by
+    With J_p of the parameters, J_q of a fixed value, both by relative changes, and r the residual: the parameters follow by
     -(J_p' J_p)^-1 J_p' J_q; what J_q has off J_p, w, would have q change by -w'r / w'w, with deviation `scale` / |w|.
 
     Parameters
@@ -141,7 +141,7 @@ def influences(
         Whitened, by relative changes, the parameters first.
     residual : (n_rows,) float array
     parameters, names : sequence of str
-        Of the parameters, and of the held values.
+        Of the parameters, and of the fixed values.
     std : (n_params,) float array
         Standard deviations of the parameters, in parts of them.
     scale : float

@@ -141,17 +141,17 @@ class ModifiedModel:
 
     @property
     def is_large(self) -> bool:
-        """Whether only changes of its records are looked at."""
+        """True if only changes of its records are looked at."""
         return any(setup.structure.n_dofs > MOST_DOFS for setup in self.setups)
 
     @property
     def is_small(self) -> bool:
-        """Whether a linear look beside a change takes little."""
+        """True if a linear look beside a change takes little."""
         return are_small(self.setups)
 
     @property
     def is_of_modes(self) -> bool:
-        """Whether all records are of modes."""
+        """True if all records are of modes."""
         return all(isinstance(problem, ModalProblem) for problem in self.problems)
 
     def smoothed(self, levels: Sequence[float] = LEVELS) -> list[tuple[float, JointProblem]]:
@@ -251,7 +251,7 @@ def base_model(model: TestedModel, problems: Sequence[RecordProblem], theta: Flo
 
 
 def are_small(setups: Sequence[AnySetup]) -> bool:
-    """Whether all models are small enough that linear looks take little."""
+    """True if all models are small enough that linear looks take little."""
     return all(setup.structure.n_dofs <= DENSE_UP_TO for setup in setups)
 
 

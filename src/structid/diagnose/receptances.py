@@ -89,7 +89,8 @@ class Receptances:
     def stiffness_of(self, structure: Structure) -> ComplexArray:
         """The dynamic stiffness Z of `structure`, which has the same properties, (n_lines, n_dofs, n_dofs)."""
         inertia, viscous, elastic, structural = (
-            structure.matrix(law, self.values).toarray() for law in ("inertia", "viscous", "elastic", "structural")
+            structure.matrix(matrix_kind, self.values).toarray()
+            for matrix_kind in ("mass", "damping", "stiffness", "structural_damping")
         )
         s = self.laplace[:, None, None]
         found: ComplexArray = s**2 * inertia + s * viscous + elastic + 1j * structural
@@ -196,7 +197,7 @@ class Receptances:
 
     @cached_property
     def _follow(self) -> FloatArray:
-        """How free degrees of freedom move all, (n_codes, n_dofs)."""
+        """Matrix from the motion of the free degrees of freedom to that of all, (n_codes, n_dofs)."""
         return np.asarray(self.structure.numbering.matrix.toarray())
 
 

@@ -185,15 +185,15 @@ def _is_no_gain(base: Fitted, found: Fitted) -> bool:
 
 
 def reuse_equivalent_fit(base: Fitted, item: tuple[Task, Near | Item, Fit], tools: Tools) -> Fit:
-    """The fit of another change where it has the same misfit with this one; otherwise this one's own fit.
+    """The fit of a candidate, taken from an equivalent candidate if the misfit is the same there; else a fit of its own.
 
-    At mirrored places of a symmetric structure changes answer alike.
+    Changes at mirrored positions of a symmetric structure have the same fit.
 
     Parameters
     ----------
     base : Fitted
     item : (task, item, dict)
-        `fit_near` or `fit_fully`, what it takes, and what it gave of the other change.
+        `fit_near` or `fit_fully`, its argument (candidate, strength), and its result for the equivalent candidate.
     tools : Tools
     """
     task, (candidate, strength, *_), first = item

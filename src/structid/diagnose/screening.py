@@ -327,14 +327,15 @@ def _family(candidate: Candidate, held_nodes: Collection[int]) -> str:
 
 
 def _is_certain(candidate: Candidate, certain: Collection[Hashable]) -> bool:
-    """Whether a change is fitted whatever a linear look at a fit says."""
+    """True if a change is fitted whatever a linear look at a fit says."""
     return isinstance(candidate, SwappedLoads) or candidate.key in certain
 
 
 def _by_modes(base: Fitted, rows: Sequence[Screened], work: Work, name: str, budget: SearchBudget) -> list[Screened]:
-    """Candidates sorted by the misfit of measured modes after a linear step; the first few keep their place.
+    """Candidates sorted by the misfit of measured modes after one linear step of a fit; the first few keep their rank.
 
-    Modes weigh a change quite unlike the FRFs that they make up: where those promise a tenth, four fifths may go.
+    FRFs computed from the modes weigh a change otherwise than the modes do: it may remove a tenth of the one misfit and four
+    fifths of the other.
     """
     left = np.array(
         _left_by_step(base, [(row.candidate, row.strength) for row in rows], work, f"{name}, of modes", budget)

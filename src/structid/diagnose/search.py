@@ -145,12 +145,12 @@ def search_causes(base: Fitted, work: Work = ALONE, budget: SearchBudget = UNLIM
 
 
 def _is_clear(explanation: Explanation) -> bool:
-    """Whether one change removes much of the misfit."""
+    """True if one change removes much of the misfit."""
     return bool(explanation.causes) and explanation.causes[0].misfit < CLEAR * explanation.base.misfit
 
 
 def _is_far(fitted: Fitted) -> bool:
-    """Whether the misfit is beyond what intervals may carry."""
+    """True if the misfit is beyond what intervals may carry."""
     return fitted.misfit > FAR_BEYOND * max(fitted.modified.target.n_data - n_parameters(fitted.modified), 1)
 
 
@@ -630,5 +630,5 @@ def _stands_out(base: Fitted, one: Fitted, tried: int) -> bool:
 
 
 def is_misfit(fitted: Fitted) -> bool:
-    """Whether a fit leaves more than noise and the tolerances of fixed values make by chance."""
+    """True if a fit leaves more than noise and the tolerances of fixed values make by chance."""
     return fitted.is_beyond if fitted.least is not None else is_beyond_noise(fitted)

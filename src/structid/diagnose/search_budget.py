@@ -121,7 +121,7 @@ class SearchBudget:
 
     @property
     def is_limited(self) -> bool:
-        """Whether a search may end before all is tried."""
+        """True if a search may end before all is tried."""
         return bool(np.isfinite(self.effort) or np.isfinite(self.seconds))
 
     @property
@@ -138,7 +138,7 @@ class SearchBudget:
 
     @property
     def is_left(self) -> bool:
-        """Whether anything is left."""
+        """True if anything is left."""
         return self.allows(NOTHING)
 
     def part(self, fraction: float, reserve: float = 0.0) -> SearchBudget:

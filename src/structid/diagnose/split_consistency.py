@@ -54,7 +54,7 @@ class Disagreement:
 
     @property
     def is_gross(self) -> bool:
-        """Whether the value differs manifold, far beyond its uncertainty: no interval of the answer covers both."""
+        """True if the value differs manifold, far beyond its uncertainty: no interval of the answer covers both."""
         low, high = sorted(np.abs(self.values))
         return bool(high > _MANIFOLD * low and self.distance > _FAR_APART)
 
@@ -142,7 +142,7 @@ def _fitted(parts: _Parts, item: tuple[int, FloatArray], tools: Tools) -> _Fit:
 
 
 def is_damping(name: str) -> bool:
-    """Whether a parameter is one of damping, which small errors of a model carry off first."""
+    """True if a parameter is one of damping, which small errors of a model carry off first."""
     prop = name.partition("[")[0]
     return "damping" in prop or prop in ("loss_factor", "friction_force", "window_decay")
 

@@ -82,7 +82,7 @@ def rename_channels(record: Tables, changes: dict[str, str]) -> None:
 
 
 def is_declaration_of(entry: Tables, name: str, prop: str) -> bool:
-    """Whether an unknown is this property of elements of a set; ``stiffness`` stands for that of springs and others."""
+    """True if an unknown is this property of elements of a set; ``stiffness`` stands for that of springs and others."""
     is_property = entry["property"] in (prop, "stiffness") if "stiffness" in prop else entry["property"] == prop
     return is_property and any(text == name or text.rpartition(":")[0] == name for text in as_list(entry["elements"]))
 

@@ -164,7 +164,7 @@ class ModelDraft:
         ]
 
     def is_kept(self, number: int) -> bool:
-        """Whether the record at a position of the model is still there."""
+        """True if the record at a position of the model is still there."""
         return any(record.setup is self.model.setups[number] for record in self.records)
 
     @property

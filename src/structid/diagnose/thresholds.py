@@ -23,6 +23,9 @@ FAR_BEYOND = 9.0
 #: Part of the responses, and of shapes, that the errors must be for a large misfit (root mean square); of frequencies a
 #: tenth.
 LARGE_ERROR = 0.02
+#: Degrees of freedom that data must have beyond those that parameters take from them, or they test nothing: 1 to rounding, which
+#: one value more than there are parameters leaves.
+LEAST_FREEDOM = 0.99
 #: Degrees of freedom below which a residual hardly tests a model: chi-square then scatters by a third of itself.
 FEW_FREEDOMS = 15
 #: Part of a misfit that one change removes from where on it is the cause, if it leaves noise alone.

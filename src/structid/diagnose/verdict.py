@@ -22,6 +22,7 @@ from structid.diagnose.thresholds import (
     GROSSLY_CONTRADICTING_PART,
     HALF_BANDWIDTHS_OFF,
     LARGE_ERROR,
+    LEAST_FREEDOM,
     LOCAL_MISFIT,
     MATTERS,
     MOST_OF_MISFIT,
@@ -228,19 +229,27 @@ def fits_noise(identification: Identification) -> bool:
 
 
 def _is_within_tolerances(identification: Identification) -> bool:
-    """True where held values within their tolerances leave no more misfit than noise does, so that no resonance is missed."""
+    """True where fixed values within their tolerances leave no more misfit than noise does, so that no resonance is missed."""
     estimate = identification.estimate
     is_beyond = estimate.fixed is not None and bool(estimate.fixed.beyond)
     return np.isfinite(estimate.goodness.least_chi_square) and estimate.covariance_basis == "noise" and not is_beyond
 
 
+def is_untested(identification: Identification) -> bool:
+    """True where the data have no more values than they determine parameters by, so that any model fits."""
+    goodness = identification.estimate.goodness
+    is_without_freedom = not goodness.degrees_of_freedom > 0 or goodness.test_freedom < LEAST_FREEDOM
+    is_fitting = identification.estimate.covariance_basis == "noise"
+    return identification.target is not None and is_fitting and is_without_freedom
+
+
 def is_sound(identification: Identification) -> bool:
-    """Whether nothing speaks against model, record and search."""
+    """True if nothing speaks against model, record and search."""
     return _is_unforced(identification) and fits_noise(identification)
 
 
 def _is_quiet(identification: Identification) -> bool:
-    """Whether nothing speaks against model, record and search but noise that is stated too large."""
+    """True if nothing speaks against model, record and search but noise that is stated too large."""
     return _is_unforced(identification) and _is_below_noise(identification)
 
 
@@ -399,8 +408,7 @@ def _judged(
     estimate = identification.estimate
     if identification.alternatives is not None:
         return _several(identification.alternatives)
-    is_untested = not estimate.goodness.degrees_of_freedom > 0 and estimate.covariance_basis == "noise"
-    if identification.target is not None and is_untested and not causes:
+    if is_untested(identification) and not causes:
         return _untested(identification)
     if (
         estimate.spread.disagreement is not None
@@ -424,10 +432,9 @@ def _judged(
     )
     rank, n_free = estimate.identifiability.rank, estimate.identifiability.n_free
     if by_priors:
-        open_ones = f" (the data determine {rank} of {n_free} combinations)" if rank < n_free else ""
         words = (
             "Approximate: the model explains the record to within its noise, but priors, not the data, determine"
-            f" {join_words(by_priors, 4)}{open_ones}: the record cannot test what they say."
+            f" {join_words(by_priors, 4)}{_open_combinations(identification)}: the record cannot test what they say."
         )
         return Judgement("approximate", words, (words,))
     if is_sound(identification) and not causes:
@@ -441,7 +448,8 @@ def _judged(
             return Judgement("sound", words)
         words = f"{words} other parameter; {at_bound}." if at_bound else f"{words} parameter."
         if estimate.goodness.degrees_of_freedom < FEW_FREEDOMS:
-            values, parameters = plural(estimate.goodness.n_data, "value"), plural(len(estimate.names), "parameter")
+            counted = estimate.goodness.n_values or estimate.goodness.n_data
+            values, parameters = plural(counted, "value"), plural(len(estimate.names), "parameter")
             words += f" But {values} hardly test {parameters}: a wrong model may fit as well."
         return Judgement("sound", words)
     away = tuple(ran_away_words(estimate, index) for index in identification.ran_away)
@@ -568,18 +576,29 @@ def find_moving_change(changes: Sequence[Cause]) -> tuple[Cause, ParameterShift]
 
 def _several(sets: Alternatives) -> Judgement:
     """The verdict where several sets of values fit the data equally well."""
-    words = f"Undetermined: {sets.words}. Measure that, or give a prior."
-    return Judgement("undetermined", words, (sets.words, sets.search_words))
+    if sets.chosen_by_priors:
+        return Judgement("untested", f"Untested: {sets.words}.", (sets.words, sets.search_words))
+    return Judgement("undetermined", f"Undetermined: {sets.words}.", (sets.words, sets.search_words))
 
 
 def _untested(identification: Identification) -> Judgement:
     """The verdict where there are no more data than parameters, so that any model fits."""
-    estimate = identification.estimate
-    words = (
-        f"Untested: the data have no more values than the model has parameters ({len(estimate.names)}): a wrong one fits as well."
-        " Measure more, or tie or fix parameters."
-    )
+    estimate, goodness = identification.estimate, identification.estimate.goodness
+    parameters = plural(len(estimate.names), "parameter")
+    size = f"{plural(goodness.n_values, 'value')} for" if goodness.n_values else "no more values than"
+    held, by_priors = "", _by_priors(identification)
+    if by_priors:
+        held = f"; priors, not the data, determine {join_words(by_priors, 4)}{_open_combinations(identification)}"
+    elif np.isfinite(identification.priors.std).any():
+        held = "; priors choose among the values that fit"
+    words = f"Untested: the data are {size} {parameters}{held}, and a wrong model fits as well."
     return Judgement("untested", words, (estimate.message,))
+
+
+def _open_combinations(identification: Identification) -> str:
+    """How many combinations of parameters the data determine, in brackets; "" where these are all."""
+    rank, n_free = identification.estimate.identifiability.rank, identification.estimate.identifiability.n_free
+    return f" (the data determine {rank} of {n_free} combinations)" if rank < n_free else ""
 
 
 def _by_priors(identification: Identification) -> list[str]:
@@ -634,7 +653,7 @@ def _misfit_words(identification: Identification) -> str:
 
 
 def _is_below_noise(identification: Identification) -> bool:
-    """Whether what the model misses is less than the noise that is stated."""
+    """True if what the model misses is less than the noise that is stated."""
     return not identification.missed and identification.estimate.goodness.least_per_dof <= 1 / SHOWN_RATIO**2
 
 

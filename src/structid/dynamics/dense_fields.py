@@ -23,7 +23,7 @@ _CHECKED = np.array([[1.0, -1.0], [-1.0, 1.0]])
 
 @dataclass(frozen=True, eq=False)
 class DenseFields:
-    """X with Z X = loads, Z = sum over laws of coefficient times matrix, at every line.
+    """X with Z X = loads, Z = the sum of coefficient times matrix, at every line.
 
     Lines that are many enough are summed over the poles of the structure (`modal_fields`), and what friction does to
     them is added: it acts by one force a contact, so the fields change by products with the fields of those forces
@@ -31,7 +31,7 @@ class DenseFields:
 
     Attributes
     ----------
-    matrices : (n_laws, n_dofs, n_dofs) float array
+    matrices : (n_matrices, n_dofs, n_dofs) float array
         Mass, viscous damping, stiffness, structural damping, then one of rank one for each contact with friction.
     laplace : (n_lines,) complex array
         s, 1/s.
@@ -53,7 +53,7 @@ class DenseFields:
 
         Parameters
         ----------
-        coefficients : (n_lines, n_laws) complex array
+        coefficients : (n_lines, n_matrices) complex array
             Weight of each matrix at each line: s^2, s, 1, i, and that of friction, which may differ from line to line.
         loads : (n_chosen,) int array
         reader : (n_read, n_dofs) float array, optional
@@ -65,11 +65,11 @@ class DenseFields:
             If Z cannot be factorized at one of the lines.
         """
         n_lines, n_dofs, n_loads = len(self.laplace), self.matrices.shape[1], self.loads.shape[1]
-        laws = _BASIC + np.flatnonzero(coefficients[:, _BASIC:].any(axis=0))
-        both = np.concatenate([np.eye(n_dofs) if reader is None else reader, self._contacts[:, laws - _BASIC].T])
-        modal = self.modal and self.modal.read(both, np.concatenate([loads, n_loads + laws - _BASIC]))
-        n_read, n_chosen = len(both) - len(laws), len(loads)
-        step = max(1, _CHUNK_ENTRIES // (n_dofs * (n_dofs if modal is None else n_chosen + len(laws))))
+        frictions = _BASIC + np.flatnonzero(coefficients[:, _BASIC:].any(axis=0))
+        both = np.concatenate([np.eye(n_dofs) if reader is None else reader, self._contacts[:, frictions - _BASIC].T])
+        modal = self.modal and self.modal.read(both, np.concatenate([loads, n_loads + frictions - _BASIC]))
+        n_read, n_chosen = len(both) - len(frictions), len(loads)
+        step = max(1, _CHUNK_ENTRIES // (n_dofs * (n_dofs if modal is None else n_chosen + len(frictions))))
         for first in range(0, n_lines, step):
             lines = np.arange(first, min(first + step, n_lines))
             part = slice(first, first + len(lines))
@@ -77,9 +77,9 @@ class DenseFields:
                 yield part, self._solve_lines(lines, coefficients, loads, reader)
                 continue
             found = whole = modal.at(part)
-            if len(laws):
+            if len(frictions):
                 free = np.ascontiguousarray(whole[:, :n_read, :n_chosen])
-                slip = self._friction_forces(whole[:, n_read:], coefficients[part], laws)
+                slip = self._friction_forces(whole[:, n_read:], coefficients[part], frictions)
                 found = free - whole[:, :n_read, n_chosen:] @ slip
                 is_lost = _squares(free) > MOST_SMALLER**2 * _squares(found)
                 if is_lost.any():
@@ -105,17 +105,17 @@ class DenseFields:
                 directions[:, contact] = matrix[:, dof] / np.sqrt(abs(matrix[dof, dof]))
         return directions
 
-    def _friction_forces(self, motion: ComplexArray, coefficients: ComplexArray, laws: IntArray) -> NumberArray:
+    def _friction_forces(self, motion: ComplexArray, coefficients: ComplexArray, frictions: IntArray) -> NumberArray:
         """Friction forces, (n_lines, n_contacts, n_loads), from the motion of the contacts without friction.
 
         `motion` is (n_lines, n_contacts, n_loads + n_contacts): under the loads, then under unit forces at the
-        contacts. `coefficients` weigh the matrices at each line; `laws` are the indices of those of the contacts.
+        contacts. `coefficients` weigh the matrices at each line; `frictions` are the indices of those of the contacts.
         """
-        sign = np.sign(np.trace(self.matrices[laws], axis1=1, axis2=2))
-        factors = (coefficients[:, laws] * sign)[:, :, None]
-        n_loads = motion.shape[2] - len(laws)
+        sign = np.sign(np.trace(self.matrices[frictions], axis1=1, axis2=2))
+        factors = (coefficients[:, frictions] * sign)[:, :, None]
+        n_loads = motion.shape[2] - len(frictions)
         return solve_small_systems(
-            np.eye(len(laws)) + factors * motion[:, :, n_loads:], factors * motion[:, :, :n_loads]
+            np.eye(len(frictions)) + factors * motion[:, :, n_loads:], factors * motion[:, :, :n_loads]
         )
 
     def _solve_lines(

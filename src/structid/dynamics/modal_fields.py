@@ -53,7 +53,7 @@ class ModalFields:
 
 
 def worthwhile(n_lines: int, n_dofs: int, damped: bool) -> bool:
-    """Whether so many lines are worth an eigenvalue problem of the structure, which viscous damping makes twice as large."""
+    """True if so many lines are worth an eigenvalue problem of the structure, which viscous damping makes twice as large."""
     return n_lines >= _LEAST + (_EACH_DAMPED if damped else _EACH) * n_dofs
 
 

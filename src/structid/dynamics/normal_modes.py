@@ -350,7 +350,7 @@ def _dense_modes(mass: FloatArray, stiffness: FloatArray) -> tuple[FloatArray, F
 
 
 def _is_definite(mass: FloatArray) -> bool:
-    """Whether no combination of degrees of freedom is without mass, rounding apart."""
+    """True if no combination of degrees of freedom is without mass, rounding apart."""
     try:
         pivots = np.diag(linalg.cholesky(mass, lower=True)) ** 2
     except linalg.LinAlgError:

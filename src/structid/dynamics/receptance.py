@@ -33,9 +33,9 @@ class DynamicStiffness:
     ----------
     analysis : Analysis
         Of the pattern.
-    data : (n_laws, n_entries) float array
+    data : (n_matrices, n_entries) float array
         Entries of each matrix.
-    coefficients : (n_frequencies, n_laws) complex array
+    coefficients : (n_frequencies, n_matrices) complex array
         How each enters.
     frequency : (n_frequencies,) float array
         Hz; for messages.
@@ -53,17 +53,17 @@ class DynamicStiffness:
         Stiffness and structural damping merge into one row where all elements have the same loss factor.
         """
         rows: list[tuple[FloatArray, ComplexArray]] = []
-        for law, row in enumerate(self.data):
+        for matrix_index, row in enumerate(self.data):
             largest = int(np.abs(row).argmax())
             if row[largest] == 0:
                 continue
             for index, (other, factor) in enumerate(rows):
                 scale = row[largest] / other[largest] if other[largest] else 0.0
                 if scale and np.abs(row - scale * other).max() <= _SAME * abs(row[largest]):
-                    rows[index] = other, factor + scale * self.coefficients[:, law]
+                    rows[index] = other, factor + scale * self.coefficients[:, matrix_index]
                     break
             else:
-                rows.append((row, self.coefficients[:, law].astype(np.complex128)))
+                rows.append((row, self.coefficients[:, matrix_index].astype(np.complex128)))
         return tuple(rows)
 
     def entries(self, line: int, is_damped: bool = True) -> NumberArray:

@@ -79,7 +79,7 @@ def solved_modes(name: str, solver: Solver, out: ModesOut, units: Units, work: W
     frequency = ", ".join(f"{f:.5g}" for f in shapes.frequency[: small.n_modes])
     fact = f"solver: {run_words(steps.counts)}; modes at {frequency} Hz, {len(shapes.dofs)} degrees of freedom; {steps.words}"
     ties = (small.tie,) if small.tie.dependents else ()
-    return SolvedModes(solver, model, ties, small.held, steps.counts, (fact,), centre, units, out, small.n_modes)
+    return SolvedModes(solver, model, ties, small.constrained, steps.counts, (fact,), centre, units, out, small.n_modes)
 
 
 def _frequency_change(centre: Shapes, run: Shapes, point: Point) -> float:

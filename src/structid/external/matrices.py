@@ -98,8 +98,8 @@ def solved_matrices(
     constrained = {
         dof
         for item in next(iter(matrices_of_run.values())).values()
-        if item.held is not None
-        for dof in dofs_of(item.held)
+        if item.constrained is not None
+        for dof in dofs_of(item.constrained)
     }
     model = SolverModel(name, dofs, tuple(parts), model_parameters(solver, polynomials.references))
     nominal_values = solver.deck.nominal

@@ -26,8 +26,7 @@ from structid.fem.elements.element import (
     element,
 )
 
-#: How matrices enter the dynamic stiffness, and what they are called.
-LAWS = {"mass": "inertia", "damping": "viscous", "stiffness": "elastic"}
+#: The kind of property that a factor on a matrix is.
 _KINDS: dict[str, Kind] = {"mass": "mass", "damping": "viscous_damping", "stiffness": "stiffness"}
 
 
@@ -106,7 +105,7 @@ class SolverModel(ElementSet):
                     np.zeros((1, 0, 0)),
                     whole=whole,
                     powers=powers,
-                    law=LAWS[part.matrix_of],
+                    matrix_kind=part.matrix_of,
                     reduced=bool(self.own_modes),
                 )
             )

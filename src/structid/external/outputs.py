@@ -73,7 +73,7 @@ class MatricesOut:
                         f"{file.path}: {item.name!r} has {item.matrix.shape[0]} rows and `dofs` names {len(table)}; correct"
                         " `dofs`"
                     )
-                item = ImportedMatrix(item.name, item.matrix, table, held=item.held)
+                item = ImportedMatrix(item.name, item.matrix, table, constrained=item.constrained)
             matrices[key] = item
         return matrices
 

@@ -200,7 +200,7 @@ def run_once(solver: Solver, values: Mapping[str, float], tools: Tools) -> str:
 
 
 def _is_done(place: Path) -> bool:
-    """Whether the run whose folder this is has ended whole."""
+    """True if the run whose folder this is has ended whole."""
     return (place / _DONE).is_file()
 
 
@@ -322,5 +322,5 @@ def point_words(point: Mapping[str, float]) -> str:
 
 
 def run_words(counts: RunCounts) -> str:
-    """How many runs there were."""
+    """A sentence on the number of runs: made anew, and taken from earlier ones."""
     return f"{counts.kept + counts.made} runs, {counts.kept} of them kept from before"

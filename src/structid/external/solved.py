@@ -59,7 +59,7 @@ class Solved(ABC):
     model : ElementSet
         The element set.
     ties : tuple of ShapeTie
-    held : tuple of Dof
+    constrained : tuple of Dof
     counts : RunCounts
     facts : tuple of str
         What was found, for the reader.
@@ -71,7 +71,7 @@ class Solved(ABC):
     solver: Solver
     model: ElementSet
     ties: tuple[ShapeTie, ...]
-    held: tuple[Dof, ...]
+    constrained: tuple[Dof, ...]
     counts: RunCounts
     facts: tuple[str, ...]
     at: Mapping[str, float]
@@ -80,13 +80,13 @@ class Solved(ABC):
     @property
     def nodes(self) -> tuple[int, ...]:
         """Labels of all nodes of the solver."""
-        followers = [dof.node for dof in (*self.held, *(dof for tie in self.ties for dof in tie.dependents))]
+        followers = [dof.node for dof in (*self.constrained, *(dof for tie in self.ties for dof in tie.dependents))]
         return tuple(sorted({*self.model.nodes.ravel().tolist(), *followers}))
 
     @property
     @abstractmethod
     def is_exact(self) -> bool:
-        """Whether it holds at all values; else it is to be made again about the answer."""
+        """True if it holds at all values; else it is to be made again about the answer."""
 
     @abstractmethod
     def checked(self, values: Point, work: Work) -> Checked:

@@ -66,7 +66,7 @@ class Tangent:
     mass, stiffness : mapping of Powers to (n, n) float array
         Coefficients of powers of the changes of parameters from the centre; () at the centre.
     tie : ShapeTie
-    held : tuple of Dof
+    constrained : tuple of Dof
         That no mode moves.
     n_modes : int
         Modes of the solver that it has.
@@ -76,7 +76,7 @@ class Tangent:
     mass: Mapping[Powers, FloatArray]
     stiffness: Mapping[Powers, FloatArray]
     tie: ShapeTie
-    held: tuple[Dof, ...]
+    constrained: tuple[Dof, ...]
     n_modes: int
 
 
@@ -141,8 +141,8 @@ def tangent(name: str, centre: Shapes, differences: Sequence[Pair[Shapes]]) -> T
                 table[(one.name, power),] = to_masters.T @ row @ to_masters
     masters = tuple(dofs[i] for i in chosen)
     tie = ShapeTie(name, tuple(dofs[i] for i in others), masters, basis[others] @ to_masters)
-    held = tuple(Dof(int(node), DIRECTIONS[component - 1]) for node, component in centre.dofs[~moved].tolist())
-    return Tangent(masters, _symmetric(mass), _symmetric(stiffness), tie, held, n_modes)
+    constrained = tuple(Dof(int(node), DIRECTIONS[component - 1]) for node, component in centre.dofs[~moved].tolist())
+    return Tangent(masters, _symmetric(mass), _symmetric(stiffness), tie, constrained, n_modes)
 
 
 def _count_common_modes(centre: Shapes, runs: Sequence[Shapes], n_moved: int) -> int:

@@ -17,7 +17,7 @@ from structid.dynamics.factorization import SingularMatrixError, factorizer
 from structid.dynamics.normal_modes import modes
 from structid.fem.elements import MatrixGroup
 from structid.fem.elements.element import ElementMatrixTerm, Power, Term, dof_code, dof_of_code, joined_codes
-from structid.fem.matrices.contribution import Property, weighed
+from structid.fem.matrices.contribution import MATRIX_KINDS, Property, weighed
 from structid.fem.numbering import Numbering, free_blocks
 from structid.fem.supports import Equations, Following
 
@@ -256,7 +256,7 @@ def _interface_codes(component: Component, codes: IntArray, equations: Equations
 def _nominal_matrices(
     component: Component, terms: Mapping[str, tuple[Term, ...]], codes: IntArray
 ) -> dict[str, sparse.csc_array]:
-    """Matrices of a component by law (inertia, viscous, elastic, structural) at nominal values, (n_codes, n_codes) each."""
+    """Matrices of a component by kind at nominal values, (n_codes, n_codes) each."""
     properties, start = [], 0
     for name, several in terms.items():
         for term in several:
@@ -270,11 +270,9 @@ def _nominal_matrices(
                 )
     values = np.concatenate([item.term.values for item in properties])
     numbering = Numbering(codes, sparse.eye_array(len(codes), format="csr"), tuple(codes.tolist()))
-    matrices = dict.fromkeys(
-        ("inertia", "viscous", "elastic", "structural"), sparse.csc_array((len(codes), len(codes)))
-    )
+    matrices = dict.fromkeys(MATRIX_KINDS, sparse.csc_array((len(codes), len(codes))))
     for part in weighed(properties, partial(free_blocks, numbering), {}):
-        matrices[part.law] = matrices[part.law] + part.blocks.assemble(part.weights(values))
+        matrices[part.matrix_kind] = matrices[part.matrix_kind] + part.blocks.assemble(part.weights(values))
     return matrices
 
 
@@ -282,22 +280,23 @@ def _as_matrix_group(
     component: Component, codes: IntArray, matrices: Mapping[str, sparse.csc_array]
 ) -> tuple[MatrixGroup, tuple[Term, ...]]:
     """The component as a group of matrices with one factor each, and its terms."""
-    stiffness, structural = matrices["elastic"], matrices["structural"]
+    stiffness, structural = matrices["stiffness"], matrices["structural_damping"]
     largest = abs(stiffness).max()
     largest_entry = np.unravel_index(abs(stiffness).argmax(), stiffness.shape)
     loss = float(structural[largest_entry] / stiffness[largest_entry]) if largest > 0 else 0.0
     is_one = abs(structural - loss * stiffness).max() <= _SAME_LOSS * loss * largest
-    parts = {
-        key: matrices[law] if matrices[law].nnz else None
-        for key, law in (("mass", "inertia"), ("stiffness", "elastic"), ("damping", "viscous"))
-    }
+    parts = {kind: matrices[kind] if matrices[kind].nnz else None for kind in ("mass", "stiffness", "damping")}
     dofs = tuple(dof_of_code(code) for code in codes.tolist())
     group = MatrixGroup(component.name, dofs, **parts, loss_factor=loss if is_one else 0.0)
     terms = group.terms({}, joined_codes([]))
     if is_one:
         return group, terms
     matrix_term = ElementMatrixTerm(
-        codes[None], np.zeros((1, 0, 0)), whole=structural, law="structural", powers=(Power("stiffness", 1.0, 1),)
+        codes[None],
+        np.zeros((1, 0, 0)),
+        whole=structural,
+        matrix_kind="structural_damping",
+        powers=(Power("stiffness", 1.0, 1),),
     )
     undamped = [term for term in terms if term.kind != "loss_factor"]
     return group, (*undamped, Term("structural_damping", "parameter", "1", np.ones(1), [matrix_term]))
@@ -315,7 +314,7 @@ def _reduction_basis(
     M_ib), where Psi = -K_ii^-1 K_ib. Motions without force are among the modes; K_ii then has a small shift, which
     changes Psi by these motions alone.
     """
-    stiffness, mass = matrices["elastic"], matrices["inertia"]
+    stiffness, mass = matrices["stiffness"], matrices["mass"]
     stiffness_inside, mass_inside = (sparse.csc_array(matrix[inside][:, inside]) for matrix in (stiffness, mass))
     stiffness_coupling, mass_coupling = (matrix[inside][:, border].toarray() for matrix in (stiffness, mass))
     shapes, is_loose = _modes_up_to_limit(component, mass_inside, stiffness_inside)

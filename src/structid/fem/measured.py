@@ -106,7 +106,7 @@ class MeasuredComponent:
 
     @property
     def words(self) -> str:
-        """What it is called in messages."""
+        """Name of the component in messages."""
         return f"measured component {self.name!r}" + (f" ({self.source})" if self.source else "")
 
     def receptance_at(self, frequency: FloatArray) -> ComplexArray:

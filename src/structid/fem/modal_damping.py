@@ -55,7 +55,7 @@ class ModalState:
 
     @cached_property
     def shares(self) -> dict[str, FloatArray]:
-        """Factors, by law, on changes of M and K between two modes that give the change of the geometric mean M # K.
+        """Factors, by kind of matrix, on changes of M and K between two modes that give the change of the geometric mean M # K.
 
         Arrays (n_dofs, n_dofs) in modal coordinates.
         """
@@ -65,8 +65,8 @@ class ModalState:
         is_positive = sums > _NOTHING * np.outer(size, size)
         sums = np.where(is_positive, sums, 1.0)
         return {
-            "inertia": np.where(is_positive, np.outer(self.stiff, self.stiff) / sums, 0.0),
-            "elastic": np.where(is_positive, np.outer(self.heavy, self.heavy) / sums, 0.0),
+            "mass": np.where(is_positive, np.outer(self.stiff, self.stiff) / sums, 0.0),
+            "stiffness": np.where(is_positive, np.outer(self.heavy, self.heavy) / sums, 0.0),
         }
 
     @cached_property
@@ -137,7 +137,7 @@ class ModalDamping(Factor):
                 span = slice(change.indptr[column], change.indptr[column + 1])
                 if span.start < span.stop:
                     matrix = part.blocks.take(change.indices[span]).assemble(change.data[span])
-                    total += state.shares[part.law] * (state.shapes.T @ (matrix @ state.shapes))
+                    total += state.shares[part.matrix_kind] * (state.shapes.T @ (matrix @ state.shapes))
             row[:] = 2 * (state.duals @ total @ state.duals.T)[self.rows, self.columns]
         indices = np.tile(np.arange(len(self.rows)), len(touched)), np.repeat(touched, len(self.rows))
         return sparse.coo_array((rows.ravel(), indices), (len(self.rows), design.shape[1])).tocsr()
@@ -152,7 +152,7 @@ class ModalDamping(Factor):
 
     def _solve_modes(self, values: FloatArray) -> ModalState:
         """The modes at these property values; `SingularModelError` if a motion has neither mass nor stiffness."""
-        mass, stiffness = (self._dense_matrix(law, values) for law in ("inertia", "elastic"))
+        mass, stiffness = (self._dense_matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness"))
         has_mass = np.diag(mass) > 0
         scaling = float((np.diag(stiffness)[has_mass] / np.diag(mass)[has_mass]).min(initial=np.inf))
         scaling = scaling if 0 < scaling < np.inf else 1.0
@@ -168,11 +168,11 @@ class ModalDamping(Factor):
         heavy, stiff = (np.sqrt(np.where(square > _NOTHING, square, 0.0)) for square in squares)
         return ModalState(shapes, scaled_sum @ shapes, heavy, stiff * np.sqrt(scaling))
 
-    def _dense_matrix(self, law: str, values: FloatArray) -> FloatArray:
-        """Dense sum of the contributions of one law (inertia or elastic) at these property values, (n_dofs, n_dofs)."""
+    def _dense_matrix(self, matrix_kind: str, values: FloatArray) -> FloatArray:
+        """Dense mass or stiffness matrix of the contributions at these property values, (n_dofs, n_dofs)."""
         total = np.zeros(self._shape)
         for part in self.parts:
-            if part.law == law:
+            if part.matrix_kind == matrix_kind:
                 total += part.blocks.assemble(part.weights(values)).toarray()
         return total
 
@@ -209,8 +209,8 @@ def modal_damping(parts: Sequence[Contribution], place: int, n_values: int, n_do
     InputError
         If the structure is too large, or has neither mass nor stiffness.
     """
-    own = tuple(part for part in parts if part.law in ("inertia", "elastic"))
-    if {part.law for part in own} != {"inertia", "elastic"}:
+    own = tuple(part for part in parts if part.matrix_kind in ("mass", "stiffness"))
+    if {part.matrix_kind for part in own} != {"mass", "stiffness"}:
         raise InputError(
             "modal damping needs masses and stiffnesses; leave `damping_ratio` out, or add what is missing"
         )
@@ -225,4 +225,4 @@ def modal_damping(parts: Sequence[Contribution], place: int, n_values: int, n_do
     local = np.where((rows == columns)[:, None, None], [[1.0, 0.0], [0.0, 0.0]], [[0.0, 1.0], [1.0, 0.0]])
     dofs = np.stack([rows, np.where(rows == columns, -1, columns)], axis=1)
     value = np.broadcast_to(np.int64(place), rows.shape)
-    return Contribution("viscous", Blocks(dofs, local, n_dofs), value, scale=damping)
+    return Contribution("damping", Blocks(dofs, local, n_dofs), value, scale=damping)

@@ -19,7 +19,7 @@ from structid.fem.elements import ElementSet, MatrixGroup
 from structid.fem.elements.element import TRANSLATIONS, dof_code, dof_of_code, joined_codes
 from structid.fem.elements.matrix_group import GroupMatrices
 from structid.fem.matrices.blocks import Pattern, pattern
-from structid.fem.matrices.contribution import Contribution, Property, rigid_mass, weighed
+from structid.fem.matrices.contribution import MATRIX_KINDS, Contribution, Property, rigid_mass, weighed
 from structid.fem.matrices.strains import strain_operator
 from structid.fem.measured import MeasuredComponent
 from structid.fem.modal_damping import ALL_MODES, damping_term, modal_damping
@@ -161,12 +161,12 @@ class Structure(Shown, StructurePlots):
 
     @property
     def has_matrices(self) -> bool:
-        """Whether its elements have masses and stiffnesses; else its responses alone are known."""
+        """True if its elements have masses and stiffnesses; else its responses alone are known."""
         return all(element.has_matrices for element in self.elements)
 
     @property
     def has_modes(self) -> bool:
-        """Whether its matrices are all there is of it, hence modes, and responses at any frequency."""
+        """True if its matrices are all there is of it, hence modes, and responses at any frequency."""
         return self.has_matrices and not self.measured
 
     def require_modes(
@@ -361,20 +361,27 @@ class Structure(Shown, StructurePlots):
         """Made once, so that what was found of one serves all records."""
         return {}
 
-    def matrix(self, law: str, values: FloatArray | None = None) -> sparse.csc_array:
-        """Sum of the element matrices that enter by `law`, (n_dofs, n_dofs).
+    def matrix(self, kind: str, values: FloatArray | None = None) -> sparse.csc_array:
+        """Mass, damping, stiffness or structural damping matrix on the free degrees of freedom, (n_dofs, n_dofs).
 
         Parameters
         ----------
-        law : {"inertia", "viscous", "elastic", "structural"}
+        kind : {"mass", "damping", "stiffness", "structural_damping"}
             Mass matrix, viscous damping, stiffness, and imaginary part of the complex stiffness.
         values : (n_values,) float array, optional
             Property values; the nominal ones by default.
+
+        Raises
+        ------
+        InputError
+            If there is no such matrix.
         """
+        if kind not in MATRIX_KINDS and not kind.startswith("friction:"):
+            raise InputError(f"`kind` must be one of {', '.join(MATRIX_KINDS)}, got {kind!r}")
         given = self.values if values is None else values
-        own = [part for part in self.contributions if part.law == law]
+        own = [part for part in self.contributions if part.matrix_kind == kind]
         if own and self.n_dofs <= _SMALL:
-            return self._pattern(law).summed(np.concatenate([part.weights(given) for part in own]))
+            return self._pattern(kind).summed(np.concatenate([part.weights(given) for part in own]))
         total = sparse.csc_array((self.n_dofs, self.n_dofs))
         for part in own:
             total = total + part.blocks.assemble(part.weights(given))
@@ -387,23 +394,23 @@ class Structure(Shown, StructurePlots):
         """
         return strain_operator(self.contributions, values, self.n_dofs)
 
-    def dense_matrices(self, laws: Sequence[str], values: FloatArray) -> FloatArray:
-        """`matrix` for each of several laws as dense arrays, (n_laws, n_dofs, n_dofs), at the property `values`."""
-        matrices = np.zeros((len(laws), self.n_dofs, self.n_dofs))
-        for matrix, law in zip(matrices, laws, strict=True):
-            weights = [part.weights(values) for part in self.contributions if part.law == law]
+    def dense_matrices(self, kinds: Sequence[str], values: FloatArray) -> FloatArray:
+        """Matrices of several `kinds` as dense arrays, (n_kinds, n_dofs, n_dofs), at the property `values`; see `matrix`."""
+        matrices = np.zeros((len(kinds), self.n_dofs, self.n_dofs))
+        for matrix, kind in zip(matrices, kinds, strict=True):
+            weights = [part.weights(values) for part in self.contributions if part.matrix_kind == kind]
             if weights:
-                matrix[:] = self._pattern(law).dense(np.concatenate(weights))
+                matrix[:] = self._pattern(kind).dense(np.concatenate(weights))
         return matrices
 
-    def _pattern(self, law: str) -> Pattern:
-        if law not in self._patterns:
-            self._patterns[law] = pattern([part.blocks for part in self.contributions if part.law == law])
-        return self._patterns[law]
+    def _pattern(self, kind: str) -> Pattern:
+        if kind not in self._patterns:
+            self._patterns[kind] = pattern([part.blocks for part in self.contributions if part.matrix_kind == kind])
+        return self._patterns[kind]
 
     @cached_property
     def _patterns(self) -> dict[str, Pattern]:
-        """Where the entries of element matrices go, by law; of small models, whose matrices are made thousands of times."""
+        """Where the entries of element matrices go, by kind of matrix; for small models, whose matrices are made many times."""
         return {}
 
     def selection(self, dofs: Iterable[Dof]) -> sparse.csc_array:

@@ -193,7 +193,7 @@ class Base:
             raise InputError(f'base {name!r} has no support; name what moves, as in `supports = ["1X", "2X"]`')
 
     def moves(self, dof: Dof) -> bool:
-        """Whether `dof` is one of its supports."""
+        """True if `dof` is one of its supports."""
         return any(own.unsigned == dof.unsigned for own in self.supports)
 
     @property

@@ -41,10 +41,11 @@ def hdf5_datasets(path: Path) -> dict[str, Dataset]:
     }
 
 
-def hdf5_units(path: Path) -> dict[str, tuple[str, ...]]:
-    """Units that attributes of datasets state (``unit``, ``units``, in any case), one for all or one a channel, by their paths."""
+def hdf5_attributes(path: Path) -> dict[str, np.ndarray | tuple[str, ...]]:
+    """Attributes that are texts or a few numbers, by ``path@name``: of datasets, groups, and of the file, whose path is empty."""
     with _hdf5_errors(path):
-        return {name: tuple(map(str, texts)) for name, texts in read_in_child(path, "hdf5_units").items()}
+        entries = read_in_child(path, "hdf5_attributes")
+    return {name: value if isinstance(value, np.ndarray) else tuple(map(str, value)) for name, value in entries.items()}
 
 
 def hdf5_fields(path: Path, names: Iterable[str]) -> dict[str, Field]:

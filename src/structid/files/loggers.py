@@ -11,7 +11,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,6 +78,8 @@ def _make_channel(
 
 #: Distance of a sample from an even clock, in parts of a step, above which the times are kept.
 _EVEN = 1e-3
+#: Relative distance of the steps of the printed times of an LVM file, which are rounded, from that of its head.
+_LVM_STEPS = 0.02
 
 
 def _is_series(values: np.ndarray) -> bool:
@@ -101,6 +103,8 @@ def _read_tdms(path: str) -> Iterator[Channel]:
         groups = file.groups()
         cut = file.file_status.incomplete_final_segment
         several = sum(bool(group.channels()) for group in groups) > 1
+        starts = [_tdms_start(channel) for group in groups for channel in group.channels()]
+        first = min((start for start in starts if start is not None), default=np.datetime64(0, "us"))
         for group in groups:
             for channel in group.channels():
                 properties = channel.properties
@@ -109,14 +113,23 @@ def _read_tdms(path: str) -> Iterator[Channel]:
                     continue
                 to_seconds = parse_time_unit(properties.get("wf_xunit_string") or "s")
                 step = to_seconds * float(properties.get("wf_increment") or 0.0)
+                start = _tdms_start(channel)
+                later = 0.0 if start is None else float((start - first) / np.timedelta64(1, "us")) * 1e-6
                 yield _make_channel(
                     f"{group.name}/{channel.name}" if several else channel.name,
                     properties.get("unit_string") or properties.get("NI_UnitDescription"),
                     values,
                     1 / step if step > 0 else 0.0,
-                    to_seconds * float(properties.get("wf_start_offset") or 0.0),
+                    later + to_seconds * float(properties.get("wf_start_offset") or 0.0),
                     note="the file ends within its last segment: the copy, or the logger, broke off" if cut else "",
                 )
+
+
+def _tdms_start(channel: Any) -> np.datetime64 | None:
+    """The time of day at which a channel with a clock of its own starts; None where it does not say."""
+    start = channel.properties.get("wf_start_time")
+    has_clock = float(channel.properties.get("wf_increment") or 0.0) > 0
+    return start.astype("datetime64[us]") if has_clock and isinstance(start, np.datetime64) else None
 
 
 def _read_mdf(path: str) -> Iterator[Channel]:
@@ -217,9 +230,18 @@ def _read_lvm(path: str) -> Iterator[Channel]:
         )
     units = [*segment.get("Y_Unit_Label", []), *[""] * count]
     steps, starts = ([_decimal(text, comma) for text in segment[key][:count]] for key in ("Delta_X", "X0"))
+    of_x = [text.strip() for text in segment.get("X_Unit_Label", [])[:count]]
+    scales = [parse_time_unit(text) if text else 1.0 for text in [*of_x, *[""] * count][:count]]
+    times = [row[0] for row in rows] if file.get("X_Columns", ["One"])[0].strip() == "One" else []
     for j in range(count):
-        rate = 1 / steps[j] if steps[j] > 0 else 0.0
-        yield _make_channel(names[j], units[j].strip(), values[:, j], rate, starts[j])
+        step = steps[j] * scales[j]
+        if len(times) > 1 and all(text.strip() for text in (times[0], times[-1])) and step > 0:
+            printed = (_decimal(times[-1], comma) - _decimal(times[0], comma)) * scales[j] / (len(times) - 1)
+            if abs(printed / step - 1) > _LVM_STEPS:
+                raise ValueError(f"its X_Value column runs in steps of {printed:g} s, and its head says {step:g} s")
+        yield _make_channel(
+            names[j], units[j].strip(), values[:, j], 1 / step if step > 0 else 0.0, starts[j] * scales[j]
+        )
 
 
 def _decimal(text: str, comma: bool) -> float:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # it starts without them
     from structid.core.json_types import Entry, Plain
 
 _DENSEST = 1032  # bytes that deflate can make of one
+_MOST_ENTRIES = 4096  # of an attribute that is kept
 _HEADROOM = 2**30
 
 
@@ -78,24 +79,25 @@ def hdf5_shapes(path: str) -> dict[str, Entry]:
     return found
 
 
-def hdf5_units(path: str) -> dict[str, Entry]:
-    """Units that attributes of datasets state, one text or one for each channel, by the path of the dataset."""
+def hdf5_attributes(path: str) -> dict[str, Entry]:
+    """Attributes of datasets, groups and the file itself that are texts or a few numbers, by ``path@name``."""
     import h5py
 
     found: dict[str, Entry] = {}
 
     def note(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        for key in item.attrs if isinstance(item, h5py.Dataset) else ():
-            if key.lower() in ("unit", "units") and name not in found:
-                texts = [
-                    t.decode("utf-8", "replace") if isinstance(t, bytes) else t
-                    for t in np.ravel(item.attrs[key]).tolist()
-                ]
-                if texts and all(isinstance(text, str) for text in texts):
-                    found[name] = texts
+        for key in item.attrs:
+            value = item.attrs[key]
+            entries = np.ravel(value).tolist() if np.size(value) <= _MOST_ENTRIES else []
+            texts = [t.decode("utf-8", "replace") if isinstance(t, bytes) else t for t in entries]
+            if texts and all(isinstance(text, str) for text in texts):
+                found[f"{name}@{key}"] = texts
+            elif texts and np.asarray(value).dtype.kind in "fiu":
+                found[f"{name}@{key}"] = np.ravel(value)
 
     with h5py.File(path, "r") as file:
         _require_own_links(file)
+        note("", file)
         file.visititems(note)
     return found
 
@@ -279,7 +281,7 @@ def logger(path: str, kind: str) -> Entry:
 
 READERS: dict[str, Callable[..., Entry]] = {
     reader.__name__: reader
-    for reader in (hdf5_shapes, hdf5_units, hdf5_fields, hdf5_part, matlab, matlab_73, ansys, logger)
+    for reader in (hdf5_shapes, hdf5_attributes, hdf5_fields, hdf5_part, matlab, matlab_73, ansys, logger)
 }
 
 

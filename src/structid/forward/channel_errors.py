@@ -160,7 +160,7 @@ class ChannelErrors(NamedUnknowns):
 
 
 def _places(own: tuple[Dof, ...], others: tuple[Dof, ...]) -> list[int]:
-    """Where each of `others` is among `own`, whatever its sense; -1 where it is not."""
+    """Index in `own` of each of `others`, whatever its sense; -1 where there is none."""
     places = {dof.unsigned: i for i, dof in enumerate(own)}
     return [places.get(dof.unsigned, -1) for dof in others]
 

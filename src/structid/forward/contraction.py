@@ -186,7 +186,7 @@ class DenseForces:
     dofs, parameters : (n_forces,) int arrays
         Degree of freedom and parameter of each force.
     maps : tuple of (int, int array, (n, n_dofs) float array)
-        For each law with such forces: the law, which of the forces, and the map from a field to them.
+        For each matrix with such forces: its index, which of the forces, and the map from a field to them.
     n_params : int
     """
 
@@ -223,9 +223,9 @@ class DenseForces:
         n_lines, n_dofs, n_x = x.shape
         flat = np.ascontiguousarray(np.moveaxis(x, 1, 0), np.complex128).reshape(n_dofs, -1).view(np.float64)
         total = np.zeros((len(self.dofs), n_lines, n_x), dtype=np.complex128)
-        for law, chosen, matrix in self.maps:
+        for matrix_kind, chosen, matrix in self.maps:
             own = (matrix @ flat).view(np.complex128).reshape(-1, n_lines, n_x)
-            own *= coefficients[:, law, None]
+            own *= coefficients[:, matrix_kind, None]
             total[chosen] += own
         return total
 
@@ -260,13 +260,13 @@ class DenseSlopes:
             slopes += [self.structure.contributions[member].slope(values, k) for k in used]
         stacked, n_dofs = np.concatenate(slopes), self.structure.n_dofs
         maps = tuple(
-            (law, chosen, (operator @ stacked).reshape(-1, n_dofs))
-            for (law, chosen, _), operator in zip(self.forces.maps, self.operators, strict=True)
+            (matrix_kind, chosen, (operator @ stacked).reshape(-1, n_dofs))
+            for (matrix_kind, chosen, _), operator in zip(self.forces.maps, self.operators, strict=True)
         )
         return replace(self.forces, maps=maps)
 
 
-def dense_slopes(structure: Structure, laws: Sequence[str], design: sparse.sparray) -> DenseSlopes:
+def dense_slopes(structure: Structure, matrix_kinds: Sequence[str], design: sparse.sparray) -> DenseSlopes:
     """Derivatives of dense system matrices by parameters that change values through `design` (n_values, n_params)."""
     table, n_dofs, members = sparse.csr_array(design), structure.n_dofs, structure.contributions
     n_weights = sum(item.blocks.n_elements for item in members)
@@ -292,7 +292,7 @@ def dense_slopes(structure: Structure, laws: Sequence[str], design: sparse.sparr
         first = own.stop
     none: IntArray = np.zeros(0, dtype=np.int64)
     pieces: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
-    row, column, weight, value = _weighed_entries(members, laws, n_dofs)
+    row, column, weight, value = _weighed_entries(members, matrix_kinds, n_dofs)
     for of_value, of_slope in zip(values, slopes, strict=True):
         known = of_value[weight] >= 0
         entries = row[known], column[known], weight[known], value[known]
@@ -300,28 +300,28 @@ def dense_slopes(structure: Structure, laws: Sequence[str], design: sparse.sparr
         pieces += [(key, at, of_slope[which], own) for key, at, which, own in _joined(entries, own_rows, n_dofs)]
     key, at, slope, change = (np.concatenate(arrays) for arrays in zip(*pieces, strict=True))
     pattern, maps, operators = np.unique(key), [], []
-    for law_number in np.unique(at // n_dofs).tolist():
-        mine = at // n_dofs == law_number
+    for matrix_index in np.unique(at // n_dofs).tolist():
+        mine = at // n_dofs == matrix_index
         rows, place_of = np.unique(key[mine], return_inverse=True)
         shape = (len(rows) * n_dofs, n_slopes)
         entry = place_of * n_dofs + at[mine] % n_dofs
         operators.append(sparse.coo_array((change[mine], (entry, slope[mine])), shape).tocsr())
-        maps.append((law_number, np.searchsorted(pattern, rows), np.zeros((0, n_dofs))))
+        maps.append((matrix_index, np.searchsorted(pattern, rows), np.zeros((0, n_dofs))))
     forces = DenseForces(pattern % n_dofs, pattern // n_dofs, tuple(maps), table.shape[1])
     return DenseSlopes(structure, tuple(slots), forces, tuple(operators))
 
 
 def _weighed_entries(
-    members: Sequence[Contribution], laws: Sequence[str], n_dofs: int
+    members: Sequence[Contribution], matrix_kinds: Sequence[str], n_dofs: int
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
-    """All entries of element matrices: row, column plus `n_dofs` times the number of the law, number of the weight, value."""
+    """All entries of element matrices: row, column plus `n_dofs` times the index of the matrix, index of the weight, value."""
     known = {id(item.blocks): item.blocks.entries() for item in members}
     none: IntArray = np.zeros(0, dtype=np.int64)
     found: list[tuple[IntArray, IntArray, IntArray, FloatArray]] = [(none, none, none, np.zeros(0))]
     first = 0
     for item in members:
         row, column, element, value = known[id(item.blocks)]
-        found.append((row, laws.index(item.law) * n_dofs + column, first + element, value))
+        found.append((row, matrix_kinds.index(item.matrix_kind) * n_dofs + column, first + element, value))
         first += item.blocks.n_elements
     row, column, weight, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
     return row, column, weight, value

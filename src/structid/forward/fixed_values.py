@@ -39,21 +39,21 @@ def with_fixed_values(
         What the record is called.
     """
     if problem.structure.has_matrices:
-        held = fixed_properties(problem.structure, problem.parameters, tolerances)
-        problem = problem.with_parameters(append_fixed_factors(problem.parameters, held))
+        fixed = fixed_properties(problem.structure, problem.parameters, tolerances)
+        problem = problem.with_parameters(append_fixed_factors(problem.parameters, fixed))
     gain = tolerances.calibration if calibration is None else calibration
     if gain == 0 or problem.measured_responses is None:
         return problem
     return problem.with_channels(_with_gain(problem, problem.measured_responses, gain, record))
 
 
-def append_fixed_factors(parameters: Parameters, held: tuple[FixedProperty, ...]) -> Parameters:
-    """The parameters followed by a factor on each held property."""
-    columns = relative_sensitivities(parameters.offset, held)
-    factors = _unit_factors(*([getattr(item, name) for item in held] for name in ("label", "kind", "tolerance")))
+def append_fixed_factors(parameters: Parameters, fixed: tuple[FixedProperty, ...]) -> Parameters:
+    """The parameters followed by a factor on each fixed property."""
+    columns = relative_sensitivities(parameters.offset, fixed)
+    factors = _unit_factors(*([getattr(item, name) for item in fixed] for name in ("label", "kind", "tolerance")))
     return replace(
         _append_unknowns(parameters, factors),
-        elements=(*parameters.elements, *((item.element,) for item in held)),
+        elements=(*parameters.elements, *((item.element,) for item in fixed)),
         offset=locked(np.where(columns.any(axis=1), 0.0, parameters.offset)),
         design=sparse.csc_array(sparse.hstack([parameters.design, sparse.csc_array(columns)])),
     )
@@ -82,7 +82,7 @@ def _unit_factors(names: Sequence[str], kinds: Sequence[str], tolerances: Sequen
         transforms=Transforms(kept_positive, locked(np.zeros(n)), locked(np.full(n, np.inf))),
         priors=no_priors(n),
         scale=locked(np.zeros(n)),
-        held=(np.zeros(n), np.array(tolerances, dtype=np.float64)),
+        free_prior=(np.zeros(n), np.array(tolerances, dtype=np.float64)),
     )
 
 

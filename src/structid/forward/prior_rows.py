@@ -8,12 +8,14 @@ from scipy import sparse
 from structid.core.arrays import FloatArray
 from structid.inversion.linearization import Linearization
 from structid.unknowns.named_unknowns import NamedUnknowns
-from structid.unknowns.priors import held_rows
+from structid.unknowns.priors import free_prior_rows
 
 
 def residual_with_priors(unknowns: NamedUnknowns, theta: FloatArray, data: FloatArray) -> FloatArray:
     """Whitened `data` rows, then the residuals of all priors at the free variables `theta`, (n_residuals,)."""
-    return np.concatenate([data, unknowns.prior_residual(unknowns.physical(theta)), held_rows(unknowns.held, theta)[1]])
+    return np.concatenate(
+        [data, unknowns.prior_residual(unknowns.physical(theta)), free_prior_rows(unknowns.free_prior, theta)[1]]
+    )
 
 
 def linearization_with_priors(
@@ -33,7 +35,7 @@ def linearization_with_priors(
         See `Linearization`.
     """
     residual, rows = unknowns.prior_rows(unknowns.physical(theta))
-    members, free_residual, weights = held_rows(unknowns.held, theta)
+    members, free_residual, weights = free_prior_rows(unknowns.free_prior, theta)
     free_rows = np.zeros((len(members), len(theta)))
     free_rows[np.arange(len(members)), members] = weights
     jacobian = np.concatenate([change, rows * unknowns.slope(theta), free_rows])
@@ -43,7 +45,7 @@ def linearization_with_priors(
 def sparse_prior_rows(unknowns: NamedUnknowns, theta: FloatArray) -> tuple[FloatArray, sparse.csr_array]:
     """Residual (n_priors,) of all priors and its derivative with respect to the free variables, sparse (n_priors, n_params)."""
     residual, rows = unknowns.sparse_prior_rows(unknowns.physical(theta))
-    members, free_residual, weights = held_rows(unknowns.held, theta)
+    members, free_residual, weights = free_prior_rows(unknowns.free_prior, theta)
     free_rows = sparse.csr_array((weights, (np.arange(len(members)), members)), (len(members), len(theta)))
     scaled = rows @ sparse.diags_array(unknowns.slope(theta))
     return np.concatenate([residual, free_residual]), sparse.csr_array(sparse.vstack([scaled, free_rows]))

@@ -158,10 +158,10 @@ class RecordProblem(Problem):
         return self.with_parts((self.parameters, channels))
 
     def with_free_prior(self, mean: FloatArray, std: FloatArray) -> Self:
-        """A copy with a Gaussian prior on its free variables, (n_params,) each; see `NamedUnknowns.held`."""
+        """A copy with a Gaussian prior on its free variables, (n_params,) each; see `NamedUnknowns.free_prior`."""
         ends = np.cumsum([part.n_params for part in self.parts])[:-1]
         priors = zip(self.parts, np.split(mean, ends), np.split(std, ends), strict=True)
-        return self.with_parts([replace(part, held=(m, s)) for part, m, s in priors])
+        return self.with_parts([replace(part, free_prior=(m, s)) for part, m, s in priors])
 
     def with_lines(self, keep: IntArray) -> Self:
         """A copy on some of its lines, to measure their cost; the whole where the problem has no such part."""

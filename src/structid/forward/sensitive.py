@@ -46,13 +46,13 @@ def require_linear_weights(structure: Structure, unknown: Parameters) -> None:
             )
 
 
-def require_laws_in_time(structure: Structure, unknown: Parameters) -> None:
+def require_matrices_in_time(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` if the structure has friction or loss factors, which have no linear equation in time."""
     touched = (np.diff(unknown.design.tocsr().indptr) > 0) | (unknown.offset != 0)
     for part in structure.contributions:
-        if part.law.startswith("friction:") and touched[part.value].any():
+        if part.matrix_kind.startswith("friction:") and touched[part.value].any():
             raise InputError(
-                f"friction {part.law.removeprefix('friction:')!r} is not linear in the motion; take it out, or identify it"
+                f"friction {part.matrix_kind.removeprefix('friction:')!r} is not linear in the motion; take it out, or identify it"
                 " from FRFs with `identify`"
             )
         if part.factor is not None and touched[part.factor].any():
@@ -64,7 +64,7 @@ def require_laws_in_time(structure: Structure, unknown: Parameters) -> None:
 
 @dataclass(frozen=True, eq=False)
 class SensitiveElements:
-    """Elements of one family of blocks whose weights depend on the parameters, and in which laws they appear."""
+    """Elements of one family of blocks whose weights depend on the parameters, and the matrices in which they appear."""
 
     blocks: ElementMatrices
     rows: IntArray
@@ -92,7 +92,7 @@ def sensitive_elements(structure: Structure, unknown: Parameters) -> tuple[Sensi
 
 @dataclass(frozen=True, eq=False)
 class WeightedParts:
-    """All element matrices that the parameters weigh, and by which laws they enter.
+    """All element matrices that the parameters weigh, and the matrices to which they add.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class WeightedParts:
     members : tuple of (int, (n_elements,) int array)
         For each part: a contribution of the structure that has its matrices, and which of its elements they are.
     uses : tuple of tuples of (str, float)
-        For each kind of part: the laws by which it enters, each with a number that multiplies it.
+        For each kind of part: the matrices to which it adds, each with a number that multiplies it.
     variable : tuple of float arrays
         Of the slopes what may change with the values of the parameters.
     """
@@ -135,7 +135,7 @@ def weighted_elements(
     """Weighted element matrices of the system at `physical` parameters (n_params,), with their derivatives.
 
     A loss factor that is one number in all elements of a family, and no parameter, is a multiple of their stiffness:
-    the two laws then share one part. Parts that enter alike are of one kind.
+    the two matrices then share one part. Parts that enter alike are of one kind.
     """
     weights, design = unknown.values(physical), unknown.design.tocsr()
     counts = np.diff(design.indptr)
@@ -157,7 +157,7 @@ def weighted_elements(
                 found[key] = (group.blocks, sparse.csr_array(slope[group.rows]), [])
                 members.append((member, group.rows))
                 variable += [] if simple else [found[key][1].data]
-            found[key][2].append((item.law, float(factor[0]) if simple else 1.0))
+            found[key][2].append((item.matrix_kind, float(factor[0]) if simple else 1.0))
     kinds = {uses: kind for kind, uses in enumerate(dict.fromkeys(tuple(uses) for _, _, uses in found.values()))}
     parts = tuple(WeightedElements(blocks, slope, kinds[tuple(uses)]) for blocks, slope, uses in found.values())
     return WeightedParts(parts, tuple(members), tuple(kinds), tuple(variable))

@@ -68,6 +68,8 @@ class Alternatives:
         What was measured, in words.
     deciding : DecidingMeasurement or None
         None where the structure has no modes of its own.
+    chosen_by_priors : bool
+        Whether they fit the data alone, and priors choose the first.
     """
 
     names: tuple[str, ...]
@@ -78,6 +80,7 @@ class Alternatives:
     is_exhaustive: bool
     measured: str
     deciding: DecidingMeasurement | None
+    chosen_by_priors: bool = False
 
     def __len__(self) -> int:
         return len(self.values)
@@ -86,8 +89,12 @@ class Alternatives:
     def words(self) -> str:
         """A clause with the number of sets and the measurement that would decide among them."""
         least = "" if self.is_exhaustive else "at least "
-        decides = "" if self.deciding is None else f"; what would decide: {self.deciding.words}"
-        return f"{self.measured} alone allow {least}{len(self)} sets of values, which fit equally well{decides}"
+        which = "of which priors choose the first" if self.chosen_by_priors else "which fit equally well"
+        if self.deciding is None:
+            decides = "" if self.chosen_by_priors else "; give a prior, or measure more"
+        else:
+            decides = f"; what would decide: {self.deciding.words}"
+        return f"{self.measured} alone allow {least}{len(self)} sets of values, {which}{decides}"
 
     @property
     def search_words(self) -> str:
@@ -98,11 +105,26 @@ class Alternatives:
         return f"{total}; there may be more: raise `wide_starts` to look for them"
 
 
-def alternatives(found: Estimate, problems: Sequence[RecordProblem]) -> Alternatives | None:
-    """The sets of values that fit the data equally well; None where there is only one."""
-    fitting = [answer for answer in found.search.answers if answer.fits]
+def alternatives(
+    found: Estimate, problems: Sequence[RecordProblem], without_priors: Estimate | None = None
+) -> Alternatives | None:
+    """The sets of values that fit the data equally well; None where there is only one.
+
+    Parameters
+    ----------
+    found : Estimate
+        The first set.
+    problems : sequence of RecordProblem
+    without_priors : Estimate, optional
+        From the data alone, where priors choose among several sets.
+    """
+    by_priors = without_priors is not None and found.search.n_fitting < 2
+    searched = without_priors if by_priors and without_priors is not None else found
+    fitting = [answer for answer in searched.search.answers if answer.fits]
     if len(fitting) < 2:
         return None
+    if by_priors:
+        fitting.sort(key=lambda answer: _relative_distance(answer.values, found.values))
     start = np.asarray(found.initial)
     others = sorted(fitting[1:], key=lambda answer: _relative_distance(answer.values, start))
     values = np.array([found.values, *(answer.values for answer in others)])
@@ -112,7 +134,8 @@ def alternatives(found: Estimate, problems: Sequence[RecordProblem]) -> Alternat
         values=locked(values),
         cost=locked([answer.cost for answer in (fitting[0], *others)]),
         n_searches=tuple(answer.n_searches for answer in (fitting[0], *others)),
-        is_exhaustive=found.search.is_exhaustive,
+        is_exhaustive=searched.search.is_exhaustive,
+        chosen_by_priors=by_priors,
         measured=_measured_words(problems),
         deciding=deciding_measurement(found.names, values, problems[0]),
     )

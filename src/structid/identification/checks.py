@@ -81,7 +81,8 @@ def require_sound_model(structure: Structure, values: FloatArray, lowest: float)
     if structure.n_dofs > _DENSE_UP_TO or not structure.has_matrices:
         return
     mass, stiffness, viscous, structural = (
-        structure.matrix(law, values).toarray() for law in ("inertia", "elastic", "viscous", "structural")
+        structure.matrix(matrix_kind, values).toarray()
+        for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")
     )
     if not all(np.isfinite(matrix).all() for matrix in (mass, stiffness, viscous, structural)):
         raise SingularModelError(

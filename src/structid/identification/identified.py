@@ -22,7 +22,7 @@ from structid.identification.fits.resonances import Resonance
 from structid.identification.fits.truncation import Truncation
 from structid.identification.joint_problem import indices_of
 from structid.identification.options import IdentifyOptions
-from structid.identification.regularizing import Held
+from structid.identification.regularizing import AppliedRegularization
 from structid.identification.setups.setup import AnySetup
 from structid.identification.varying import Varied
 from structid.inversion import Estimate, Problem
@@ -48,7 +48,7 @@ class PriorSummary:
     share : (n_params,) float array or None
         Part of each parameter's variance that stems from priors and regularization instead of data; None of a
         matrix-free search.
-    regularizations : tuple of Held
+    regularizations : tuple of AppliedRegularization
         Regularizations and their strengths.
     varied : tuple of Varied
         Parameters that differ from record to record, and by how much.
@@ -57,7 +57,7 @@ class PriorSummary:
     mean: FloatArray
     std: FloatArray
     share: FloatArray | None = None
-    regularizations: tuple[Held, ...] = ()
+    regularizations: tuple[AppliedRegularization, ...] = ()
     varied: tuple[Varied, ...] = ()
 
 

@@ -140,13 +140,13 @@ def identify_together(
     warnings += [f"{ran_away_words(found, index)}; {remedy}" for index in away]
     warnings += [] if scale_free is None else [scale_free.words]
     warnings += unused_damping(problems, found.names, found.kinds, found.identified)
-    warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.held, share)]
+    warnings += [*estimate_warnings(found), *regularization_warnings(problems, found, answer.regularizations, share)]
     mass, std = total_mass(problems[0], found, chosen.direction, freed[0] if freed else None)
     priors = PriorSummary(
         mean=first_values(found.names, problems, lambda part: part.priors.mean),
         std=first_values(found.names, problems, lambda part: part.priors.std),
         share=share,
-        regularizations=answer.held,
+        regularizations=answer.regularizations,
         varied=answer.varied,
     )
     return Identification(
@@ -170,7 +170,7 @@ def identify_together(
         freed=freed,
         setups=tuple(setups),
         options=chosen,
-        alternatives=alternatives(found, problems),
+        alternatives=alternatives(found, problems, answer.without_priors),
     )
 
 
@@ -224,9 +224,9 @@ def mass_deviation(
     covariance : Covariance
         Of the parameters, with what `fixed` adds.
     held : mapping of str to float
-        Change of the mass for a relative change of each held value, kg.
+        Change of the mass for a relative change of each fixed value, kg.
     fixed : FixedValueInfluence or None
-        None where all held values are exact.
+        None where all fixed values are exact.
     """
     variance = float(covariance.variance(row)[0])
     if fixed is not None:

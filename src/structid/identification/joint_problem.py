@@ -156,7 +156,9 @@ def freed_problems(
 
 def tolerances_of(freed: Sequence[RecordProblem]) -> dict[str, float]:
     """Tolerances of the fixed values among the unknowns of `freed` problems, by the names of these unknowns."""
-    held = [(part.names, part.held[1].tolist()) for one in freed for part in one.parts if part.held is not None]
+    held = [
+        (part.names, part.free_prior[1].tolist()) for one in freed for part in one.parts if part.free_prior is not None
+    ]
     pairs = [pair for names, deviations in held for pair in zip(names, deviations, strict=True)]
     return {name: float(std) for name, std in pairs if name.startswith(FIXED)}
 

@@ -44,7 +44,7 @@ class MeshPieces:
 
     @property
     def is_enough(self) -> bool:
-        """Whether the mesh is known to move no value by more than `MOVED`."""
+        """True if the mesh is known to move no value by more than `MOVED`."""
         return self.moved < MOVED
 
     @property

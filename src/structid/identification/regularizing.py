@@ -39,7 +39,7 @@ _SMOOTHING = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class AppliedRegularization:
     """A regularization with the strength that was used.
 
     Attributes
@@ -85,7 +85,7 @@ class Regularized:
     Attributes
     ----------
     problems : tuple of RecordProblem
-    held : tuple of Held
+    regularizations : tuple of AppliedRegularization
     theta : FloatArray or None
         Free variables from which the search best goes on; None where it begins anew.
     scatters : mapping of str to FoundScatter
@@ -93,7 +93,7 @@ class Regularized:
     """
 
     problems: tuple[RecordProblem, ...]
-    held: tuple[Held, ...] = ()
+    regularizations: tuple[AppliedRegularization, ...] = ()
     theta: FloatArray | None = None
     scatters: Mapping[str, FoundScatter] = field(default_factory=dict)
 
@@ -163,29 +163,32 @@ def _by_draws(
     """The regularized problems of a matrix-free search, their strengths settled by draws; see `settled_strengths`."""
     terms, unit = options.regularization, unit_penalties(problems, options.regularization)
 
-    def held_by(strengths: Sequence[float]) -> tuple[RecordProblem, ...]:
+    def regularized_problems(strengths: Sequence[float]) -> tuple[RecordProblem, ...]:
         return coupled(problems, [c.scaled(s) for c, s in zip(unit, strengths, strict=True)])
 
     def made(strengths: Sequence[float]) -> Problem:
-        return joint_problem(held_by(strengths))
+        return joint_problem(regularized_problems(strengths))
 
     given = tuple(term.given for term in terms)
-    unheld = made([1.0] * len(terms))
-    differences = [_differences(coupling, len(unheld.names)) for coupling in unit]
-    theta = np.asarray(unheld.theta_start)
-    strengths = balanced_strengths(unheld, theta, differences, given)
+    unregularized = made([1.0] * len(terms))
+    differences = [_differences(coupling, len(unregularized.names)) for coupling in unit]
+    theta = np.asarray(unregularized.theta_start)
+    strengths = balanced_strengths(unregularized, theta, differences, given)
     if None not in given:
-        held = [_held(term, part.target, s, True) for term, part, s in zip(terms, unit, strengths, strict=True)]
-        return Regularized(held_by(strengths), tuple(held))
+        regularizations = [
+            _applied_regularization(term, part.target, s, True)
+            for term, part, s in zip(terms, unit, strengths, strict=True)
+        ]
+        return Regularized(regularized_problems(strengths), tuple(regularizations))
     if options.pole_free_start:
-        theta = _staged(held_by(strengths), method, theta, progress, work)
+        theta = _staged(regularized_problems(strengths), method, theta, progress, work)
     told = named(progress, "strength of smoothness")
     found = settled_strengths(made, differences, given, strengths, theta, options.seed, told, work.minimize)
-    held = [
-        _held(term, part.target, s, found.converged, count)
+    regularizations = [
+        _applied_regularization(term, part.target, s, found.converged, count)
         for term, part, s, count in zip(terms, unit, found.strengths, found.determined, strict=True)
     ]
-    return Regularized(held_by(found.strengths), tuple(held), found.theta)
+    return Regularized(regularized_problems(found.strengths), tuple(regularizations), found.theta)
 
 
 def _by_local_models(
@@ -200,11 +203,11 @@ def _by_local_models(
     search = _Search(begun, tuple(options.regularization), method, work)
     theta = np.array(search.problem.theta_start)
     if options.pole_free_start:
-        theta = _staged(search.held_by(begun, search.start), method, theta, progress, work)
+        theta = _staged(search.regularized_problems(begun, search.start), method, theta, progress, work)
     found = settled(search.refit, search.model, search.choose, theta, search.start)
     n_terms = len(search.terms)
-    held = tuple(
-        _held(term, part.residual, strength, found.converged)
+    regularizations = tuple(
+        _applied_regularization(term, part.residual, strength, found.converged)
         for term, part, strength in zip(
             search.terms, found.model.penalties[:n_terms], found.strengths[:n_terms], strict=True
         )
@@ -213,7 +216,7 @@ def _by_local_models(
         one.name: found_scatter(_folded(found.model, [k], found.strengths), [float(found.strengths[k])], 0)
         for k, one in enumerate(search.scatters, n_terms)
     }
-    return Regularized(search.held_by(problems, found.strengths), held, scatters=scatters)
+    return Regularized(search.regularized_problems(problems, found.strengths), regularizations, scatters=scatters)
 
 
 def _staged(
@@ -231,18 +234,18 @@ def _differences(coupling: Coupling, n_params: int) -> Differences:
     return Differences(sparse.csr_array(wide.matrix), wide.residual, lambda physical: wide.sparse_rows(physical)[1])
 
 
-def _held(
+def _applied_regularization(
     term: Regularization,
     rest: FloatArray,
     strength: FloatArray | float,
     converged: bool,
     determined: float = float("nan"),
-) -> Held:
+) -> AppliedRegularization:
     """The term with its strength as it was used; `rest` (n_rows,) is what its rows come to at the end."""
     strengths = locked(np.array(np.broadcast_to(strength, rest.shape)))
     n_free = int((np.abs(rest) > _SMOOTHING).sum()) if term.is_sparse else None
     settled = converged or (term.rule == "given" and not term.is_sparse)
-    return Held(term_name(term), term.rule, strengths, n_free, settled, determined)
+    return AppliedRegularization(term_name(term), term.rule, strengths, n_free, settled, determined)
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +290,9 @@ class _Search:
         terms = [at.balance(k) if t.is_sparse or t.given is None else t.given for k, t in enumerate(self.terms)]
         return (*terms, *(one.std**-2 for one in self.scatters))
 
-    def held_by(self, problems: Sequence[RecordProblem], strengths: Strengths) -> tuple[RecordProblem, ...]:
+    def regularized_problems(
+        self, problems: Sequence[RecordProblem], strengths: Strengths
+    ) -> tuple[RecordProblem, ...]:
         """Problems with the regularization terms and scatters at these strengths."""
         n_terms = len(self.terms)
         pairs = zip(self.scatters, strengths[n_terms:], strict=True)
@@ -295,7 +300,7 @@ class _Search:
         return coupled(made, [c.scaled(s) for c, s in zip(self.unit, strengths[:n_terms], strict=True)])
 
     def with_strengths(self, strengths: Strengths) -> Problem:
-        return joint_problem(self.held_by(self.problems, strengths))
+        return joint_problem(self.regularized_problems(self.problems, strengths))
 
     def refit(self, strengths: Strengths, theta: FloatArray) -> FloatArray:
         return self.work.minimize(self.with_strengths(strengths), self.method, theta).theta
@@ -360,10 +365,13 @@ def shares(problem: Problem | None, found: Estimate) -> FloatArray | None:
 
 
 def regularization_warnings(
-    problems: Sequence[RecordProblem], found: Estimate, held: Sequence[Held], share: FloatArray | None
+    problems: Sequence[RecordProblem],
+    found: Estimate,
+    regularizations: Sequence[AppliedRegularization],
+    share: FloatArray | None,
 ) -> tuple[str, ...]:
     """Warnings on the regularizations, and on parameters that owe more than half of their variance to priors."""
-    warnings = [item.words for item in held]
+    warnings = [item.words for item in regularizations]
     owing = [] if share is None else [name for name, part in zip(found.names, share, strict=True) if part > 0.5]
     if owing:
         sources = [coupling.name for p in problems for coupling in p.parameters.couplings]

@@ -24,7 +24,7 @@ from structid.identification.joint_problem import (
     joint_schedules,
 )
 from structid.identification.options import IdentifyOptions
-from structid.identification.regularizing import Held, regularized, takes_matrix_free
+from structid.identification.regularizing import AppliedRegularization, regularized, takes_matrix_free
 from structid.identification.setups.setup import AnySetup
 from structid.identification.varying import Varied, varied, widened_estimate
 from structid.inversion import Estimate, MatrixFree, Method, Problem, Search, Status
@@ -56,17 +56,20 @@ class Answer:
         Of each record, with the polarities that were found.
     target : Problem or None
         The problem that was solved, if one of many rows.
-    held : tuple of Held
+    regularizations : tuple of AppliedRegularization
         The regularizations as they were used.
     varied : tuple of Varied
         What differs from record to record.
+    without_priors : Estimate or None
+        From the data alone, where these are too few to test what priors choose.
     """
 
     estimate: Estimate
     problems: tuple[RecordProblem, ...]
     target: Problem | None
-    held: tuple[Held, ...]
+    regularizations: tuple[AppliedRegularization, ...]
     varied: tuple[Varied, ...] = ()
+    without_priors: Estimate | None = None
 
 
 def answered(
@@ -140,7 +143,20 @@ def answered(
     best, problems = reweighted(*searched(regular.problems, found), found_near)
     differing = varied(problems, best, regular.scatters)
     best = widened_estimate(best, tuple(regular.scatters.values()))
-    return Answer(best, problems, joint_problem(problems), regular.held, differing)
+    is_chosen = wide and best.goodness.test_freedom < 1 and not options.regularization and not regular.scatters
+    unforced = _without_priors(problems, best, method, search, work) if is_chosen else None
+    return Answer(best, problems, joint_problem(problems), regular.regularizations, differing, unforced)
+
+
+def _without_priors(
+    problems: Sequence[RecordProblem], best: Estimate, method: Method, search: Search, work: Work
+) -> Estimate | None:
+    """The estimate from the data alone, searched from wide starts about that with priors; None where there are no priors."""
+    if not any(problem.parameters.has_priors for problem in problems):
+        return None
+    bare = tuple(problem.with_parameters(problem.parameters.without_priors()) for problem in problems)
+    wide = replace(search, start=best.theta, wide_problem=partial(_keeping_order, bare))
+    return estimate(joint_problem(bare), method, (), wide, work=work)
 
 
 def wide_starts(problems: Sequence[RecordProblem]) -> int:

@@ -4,8 +4,7 @@ from structid.inversion.diagnostics.identifiability import Direction, Identifiab
 from structid.inversion.diagnostics.residual_tests import ResidualTests, residual_tests
 from structid.inversion.estimate import Estimate, Status, estimate
 from structid.inversion.intervals.bootstrap import Bootstrap, bootstrap, bootstrap_repeats
-from structid.inversion.intervals.export import to_arviz
-from structid.inversion.intervals.intervals import Intervals, intervals
+from structid.inversion.intervals.intervals import Intervals, intervals, to_arviz
 from structid.inversion.intervals.profile import Profile, profile, profiles
 from structid.inversion.intervals.sampling import Samples, sample
 from structid.inversion.linearization import Linearization, OperatorLinearization

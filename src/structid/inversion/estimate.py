@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: Probability of a larger chi-square below which the residual is looked at with held values free within their tolerances.
+#: Probability of a larger chi-square below which the residual is looked at with fixed values free within their tolerances.
 _DOUBTFUL = 0.3
 
 
@@ -129,6 +129,11 @@ class Goodness:
         free within their tolerances where noise alone does not explain the other.
     expected_per_dof : float
         Chi-square per degree of freedom where all is right: 1, and more where few averages tell the noise.
+    n_values : int
+        Independent data values: `n_data` but for those that solve for quantities of the record alone. 0 where they are not counted.
+    test_freedom : float
+        What `n_values` have beyond the degrees of freedom that parameters take from them: below 1, the data test nothing. Infinite
+        where they are not counted.
     least_chi_square : float
         The smallest chi-square with fixed values within their tolerances, their squares included; NaN where noise explains
         `chi_square`.
@@ -141,6 +146,8 @@ class Goodness:
     residual_tests: ResidualTests | None = None
     expected_per_dof: float = 1.0
     least_chi_square: float = float("nan")
+    n_values: int = 0
+    test_freedom: float = float("inf")
 
     @property
     def misfit(self) -> float:
@@ -569,7 +576,7 @@ def estimate(
     accepted: list[tuple[Minimum, FloatArray]] = []
 
     def refit(minimum: Minimum) -> FitWithinTolerances | None:
-        """Refit of a misfitting minimum with held values free within their tolerances; None where it is not needed."""
+        """Refit of a misfitting minimum with fixed values free within their tolerances; None where it is not needed."""
         if sampled is None or not chosen.misfits(searched, minimum, misfit_probability):
             return None
         if id(minimum) not in refits:
@@ -577,7 +584,7 @@ def estimate(
         return refits[id(minimum)]
 
     def fits(minimum: Minimum) -> bool:
-        """True if the data allow `minimum`, with held values free within tolerances, and it is a new answer."""
+        """True if the data allow `minimum`, with fixed values free within tolerances, and it is a new answer."""
         within = refit(minimum)
         if within is None:
             is_fitting, end = not chosen.misfits(searched, minimum, misfit_probability), minimum.theta
@@ -585,7 +592,7 @@ def estimate(
             is_fitting, end = not within.misfits(misfit_probability), within.parameters
         if is_fitting and any(ends_at_other(searched, minimum, end, *one) for one in accepted):
             return (
-                False  # free within their tolerances, held values only let the search go on to an answer that is known
+                False  # free within their tolerances, fixed values only let the search go on to an answer that is known
             )
         if is_fitting:
             accepted.append((minimum, end))
@@ -625,6 +632,8 @@ def estimate(
         residual_tests=tests,
         expected_per_dof=expected_per_row(problem),
         least_chi_square=np.nan if within is None else within.chi_square,
+        n_values=(n_values := problem.n_data - best.linearization.n_eliminated),
+        test_freedom=n_values - uncertainty.taken if np.isfinite(uncertainty.taken) else np.inf,
     )
     searches = SearchRecord(
         n_iterations=n_iterations,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,11 @@ from structid.inversion.diagnostics.residual_tests import misses_noise
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
 
-#: What the names of held values begin with where they are unknowns beside those that are sought.
+#: What the names of fixed values begin with where they are unknowns beside those that are sought.
 FIXED = "fixed "
 #: What the last column of `FixedValueInfluence.changes` is owed to.
 SECOND_ORDER = "second order"
-#: What held values are called, by their kinds.
+#: What fixed values are called, by their kinds.
 _CALLED = {
     "masses": ("mass", "rotary_inertia"),
     "stiffnesses": ("stiffness", "thickness"),
@@ -38,14 +39,15 @@ class FixedValueInfluence:
     tolerance : (n_fixed,) float array
         Standard deviation of each, in parts of its value.
     slope : (n_params, n_fixed) float array
-        Change of each parameter, physical units, per relative change of each held value: K = -(J'J + P)^-1 J'J_h.
+        Change of each parameter, physical units, per relative change of each fixed value: K = -(J'J + P)^-1 J'J_h.
     asked : (n_fixed,) float array
         Where each would be, in tolerances, with all of them free within their tolerances; zeros where noise explains the residual.
     theta : (n_params,) float array
         Free variables of the parameters there; those of the answer where noise explains the residual.
     second_order : (n_params,) float array
-        What `slope` leaves of the way between the two fits, physical units: large where held values move resonances by as much as
-        these are wide.
+        What `slope` leaves of the way between the two fits, physical units: large where fixed values move resonances by as much as
+        these are wide. It goes with the square of that way, and is that of a way as long as tolerances make it: where other errors
+        of the model ask for more, they do not count as tolerances.
 
     References
     ----------
@@ -63,7 +65,7 @@ class FixedValueInfluence:
 
     @property
     def changes(self) -> FloatArray:
-        """Change of each parameter for one tolerance of each held value, then `second_order`: physical, (n_params, n_fixed + 1)."""
+        """Changes of parameters for one tolerance of each fixed value, then `second_order`: physical, (n_params, n_fixed + 1)."""
         return np.column_stack([self.slope * self.tolerance, self.second_order])
 
     @property
@@ -78,26 +80,32 @@ class FixedValueInfluence:
 
     @property
     def beyond(self) -> tuple[int, ...]:
-        """Positions of the held values that the data would have farther off than tolerances leave by chance, the farthest first."""
+        """Positions of the fixed values that the data put farther off than tolerances leave by chance, the farthest first."""
         limit = limit_of(len(self.asked))
         order = np.argsort(-np.abs(self.asked))
         return tuple(int(i) for i in order if abs(self.asked[i]) > limit)
 
     @property
     def words(self) -> str:
-        """Tolerances of held values in words, such as ``1 % of held masses and stiffnesses``."""
-        held: dict[str, list[str]] = {}
-        for what, kinds in _CALLED.items():
-            own = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind in kinds})
-            if own:
-                held.setdefault(_size(own), []).append(what)
-        said = [f"{size} of held {' and '.join(what)}" for size, what in held.items()]
-        gains = sorted({float(t) for t, kind in zip(self.tolerance, self.kinds, strict=True) if kind == "gain"})
-        return ", ".join([*said, *([f"{_size(gains)} of the calibration"] if gains else [])])
+        """Tolerances of fixed values in words, such as ``1 % of fixed masses and stiffnesses``."""
+        return tolerance_words(self.kinds, self.tolerance.tolist())
+
+
+def tolerance_words(kinds: Sequence[str], tolerances: Sequence[float]) -> str:
+    """Tolerances of fixed values of these kinds in words, such as ``1 % of fixed masses and stiffnesses``."""
+    kinds_of_size: dict[str, list[str]] = {}
+    pairs = list(zip(kinds, tolerances, strict=True))
+    for what, several in _CALLED.items():
+        sizes = sorted({tolerance for kind, tolerance in pairs if kind in several})
+        if sizes:
+            kinds_of_size.setdefault(_size(sizes), []).append(what)
+    said = [f"{size} of fixed {' and '.join(what)}" for size, what in kinds_of_size.items()]
+    gains = sorted({tolerance for kind, tolerance in pairs if kind == "gain"})
+    return ", ".join([*said, *([f"{_size(gains)} of the calibration"] if gains else [])])
 
 
 def limit_of(count: int, probability: float = 1e-3) -> float:
-    """Tolerances beyond which any of `count` held values is off with no more than this probability (Bonferroni)."""
+    """Tolerances beyond which any of `count` fixed values is off with no more than this probability (Bonferroni)."""
     return float(special.ndtri(1 - probability / (2 * max(count, 1))))
 
 
@@ -108,16 +116,16 @@ def _size(parts: list[float]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class FitWithinTolerances:
-    """A fit with every held value free within its tolerance.
+    """A fit with every fixed value free within its tolerance.
 
     Attributes
     ----------
     problem : Problem
-        With the held values among its unknowns.
+        With the fixed values among its unknowns.
     theta : (n_params + n_fixed,) float array
     at : Linearization
     asked : (n_fixed,) float array
-        Logarithm of each held value over what the model has, in tolerances.
+        Logarithm of each fixed value over what the model has, in tolerances.
     parameters : (n_params,) float array
         Free variables of the parameters alone.
     """
@@ -130,12 +138,12 @@ class FitWithinTolerances:
 
     @property
     def chi_square(self) -> float:
-        """Sum of squares of the data, and of the held values in tolerances."""
+        """Sum of squares of the data, and of the fixed values in tolerances."""
         data = self.at.residual[: self.problem.n_data]
         return float(data @ data + self.asked @ self.asked)
 
     def misfits(self, probability: float) -> bool:
-        """True if misfit or error of a held value is less probable than this, given noise and tolerances."""
+        """True if misfit or error of a fixed value is less probable than this, given noise and tolerances."""
         if np.abs(self.asked).max() > limit_of(len(self.asked), probability):
             return True
         scale, freedom = chi_square_law(self.problem, self.theta, self.at)
@@ -165,7 +173,7 @@ class FixedColumns:
     within: FitWithinTolerances | None
 
     def influence(self, theta: FloatArray, at: Linearization, slope: FloatArray) -> FixedValueInfluence:
-        """Change of the parameters per relative change of each held value; NaN for undetermined parameters.
+        """Change of the parameters per relative change of each fixed value; NaN for undetermined parameters.
 
         Parameters
         ----------
@@ -183,7 +191,8 @@ class FixedColumns:
         within = self.within
         asked = np.zeros(len(self.names)) if within is None else within.asked
         free = theta if within is None else within.parameters
-        second_order = (theta - free + changes @ (asked * self.tolerance)) * slope
+        likely = min(1.0, len(asked) / max(float(asked @ asked), 1.0))
+        second_order = likely * (theta - free + changes @ (asked * self.tolerance)) * slope
         return FixedValueInfluence(
             self.names, self.kinds, self.tolerance, changes * slope[:, None], asked, free, second_order
         )

@@ -20,6 +20,8 @@ from structid.inversion.fixed_values import FixedColumns, FixedValueInfluence
 from structid.inversion.linearization import Linearization
 from structid.inversion.problem import Problem
 
+#: Singular values, with unit columns, below this part of the largest are of directions that nothing determines.
+_SEEN = 1e-10
 #: Combinations of parameters, one a row.
 Rows: TypeAlias = "FloatArray | sparse.csr_array"
 
@@ -193,7 +195,7 @@ class Spread:
 
     @property
     def uncertainty(self) -> Covariance:
-        """Covariance of the parameters from the data with the tolerances of held values added."""
+        """Covariance of the parameters from the data with the tolerances of fixed values added."""
         data = self.of_data
         if self.fixed is None or not data.has_matrix:
             return data
@@ -251,12 +253,15 @@ class Uncertainty:
         Degrees of freedom of chi-square.
     words : tuple of str
         How it was found, or why a parameter is refused.
+    taken : float
+        Degrees of freedom that the parameters take from the data: fewer than there are parameters where priors hold some of them.
     """
 
     spread: Spread
     carried: np.ndarray
     freedom: float
     words: tuple[str, ...]
+    taken: float = float("nan")
 
     @property
     def misfit(self) -> bool:
@@ -323,7 +328,24 @@ def dense_uncertainty(
         disagreement=disagreement,
         fixed=None if fixed is None else fixed.influence(theta, at, slope),
     )
-    return Uncertainty(spread=spread, carried=at_start, freedom=freedom, words=(refusal,))
+    return Uncertainty(
+        spread=spread,
+        carried=at_start,
+        freedom=freedom,
+        words=(refusal,),
+        taken=effective_parameters(at, problem.n_data),
+    )
+
+
+def effective_parameters(at: Linearization, n_data: int) -> float:
+    """Degrees of freedom that the parameters take from `n_data` data rows: tr(J_d (J'J)^-1 J_d').
+
+    The rank of J where nothing else is known; less where rows of priors hold some combinations (Hoerl and Kennard 1970).
+    """
+    scale = np.linalg.norm(at.jacobian, axis=0)
+    columns, singular, _ = np.linalg.svd(at.jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)
+    sound = singular > _SEEN * singular.max(initial=0.0)
+    return float((columns[:n_data, sound] ** 2).sum())
 
 
 def basis(misfit: bool) -> str:

@@ -14,12 +14,15 @@ from structid.modal.frf.lscf_modes import lscf
 from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord
 from structid.modal.spectral.bayesian_fft import bayesian_fft
+from structid.modal.spectral.efdd import efdd
 from structid.modal.spectral.fdd import fdd
+from structid.modal.subspace.stored_correlations import correlation_modes
 from structid.modal.subspace.subspace_modes import SUBSPACE_METHODS, subspace_modes
 from structid.records import FrfRecord, TimeRecord
+from structid.records.correlation import CorrelationRecord
 from structid.records.spectrum import SpectrumRecord
 
-Records = TimeRecord | Sequence[TimeRecord] | FrfRecord | SpectrumRecord
+Records = TimeRecord | Sequence[TimeRecord] | FrfRecord | SpectrumRecord | CorrelationRecord
 
 
 @dataclass(frozen=True)
@@ -37,8 +40,15 @@ METHODS: dict[str, Method] = {
     "bayesian_fft": Method(bayesian_fft),
     "lscf": Method(lscf, of_frfs=True),
 }
+#: Methods of records that another program averaged, the default first.
+_OF_SPECTRA: dict[str, Callable[..., ModalIdentification]] = {"efdd": efdd, "fdd": fdd}
+_OF_CORRELATIONS: dict[str, Callable[..., ModalIdentification]] = {
+    "ssi_cov": correlation_modes,
+    "efdd": efdd,
+    "fdd": fdd,
+}
 _GONE = {
-    "efdd": "bayesian_fft, whose errors and intervals are better, in close modes too; or fdd for a first look",
+    "efdd": "bayesian_fft, whose errors and intervals are better, in close modes too; efdd is for stored spectra alone",
     "era": "pencil, which is ERA with data correlations, ends with maximum likelihood and has half the error",
     "era_dc": "pencil, which is the same",
     "itd": "pencil, which has half the error and needs no more",
@@ -53,13 +63,14 @@ def identify_modes(
 
     Parameters
     ----------
-    records : TimeRecord, sequence of them, FrfRecord or SpectrumRecord
+    records : TimeRecord, sequence of them, FrfRecord, SpectrumRecord or CorrelationRecord
         Any mixture of displacement, velocity and acceleration; forces are left out. Channels, quantities and
         sampling rates agree between records. Records excited in different ways separate repeated modes.
     method : str, optional
         By default ``pencil`` for time records, which serves free and ambient motion alike, and ``lscf`` for FRFs.
         ``ssi_cov`` and ``ssi_data`` are for ambient motion, and ``fdd`` (no damping) and ``bayesian_fft`` for its
-        spectra. A `SpectrumRecord` takes ``fdd``.
+        spectra. A `SpectrumRecord` takes ``efdd`` (its default) or ``fdd``, a `CorrelationRecord` ``ssi_cov`` (its
+        default), ``efdd`` or ``fdd``.
     options : ModalOptions, optional
     **settings
         Fields of `ModalOptions` in place of `options`, as in ``orders=[4]``.
@@ -106,10 +117,14 @@ def modal_identification(
     """Modes of records by the given `method`, with poles of all model orders and their clusters."""
     options = options or ModalOptions()
     of_frfs = isinstance(records, FrfRecord)
-    if isinstance(records, SpectrumRecord):
-        if method not in (None, "fdd"):
-            raise InputError(f"`method` must be fdd for stored spectra, got {method!r}, which needs histories or FRFs")
-        return fdd(records, options)
+    if isinstance(records, SpectrumRecord | CorrelationRecord):
+        is_spectra = isinstance(records, SpectrumRecord)
+        methods, words = (_OF_SPECTRA, "spectra") if is_spectra else (_OF_CORRELATIONS, "correlation functions")
+        if method is not None and method not in methods:
+            raise InputError(
+                f"`method` must be {' or '.join(methods)} for stored {words}, got {method!r}, which needs histories or FRFs"
+            )
+        return methods[method or next(iter(methods))](records, options)
     if method is None:
         method = next(name for name, known in METHODS.items() if known.of_frfs == of_frfs)
     if method in _GONE:

@@ -11,9 +11,11 @@ from structid.core.arrays import ComplexArray, FloatArray, evenly_spaced_indices
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.fem import Friction, Structure
+from structid.forward.fixed_values import append_fixed_factors
 from structid.forward.frf.response import response
 from structid.identification.checks import require_sound_model
 from structid.identification.fits.model_modes import structure_modes
+from structid.inversion.covariance import inverse_information
 from structid.inversion.diagnostics.design import (
     effective_independence,
     exchanged,
@@ -26,11 +28,13 @@ from structid.inversion.diagnostics.design import (
     relative_std,
 )
 from structid.inversion.diagnostics.identifiability import identifiability
+from structid.inversion.fixed_values import tolerance_words
 from structid.planning.options import positions, resolved, wanted_parameters
 from structid.planning.planned import Enough, Plan, PlannedTest, PlanOptions
 from structid.records import FrfRecord
 from structid.records.record import FrfKind
 from structid.unknowns import Parameters
+from structid.unknowns.tolerances import FixedProperty, Tolerances, fixed_properties
 
 __all__ = ["Enough", "Plan", "PlanOptions", "PlannedTest", "plan"]
 
@@ -43,7 +47,7 @@ _LARGEST_BYTES = 1_500_000_000
 _ROUNDING = 1e-9
 
 
-def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Plan:
+def plan(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances | None = None) -> Plan:
     """The most informative sensors, loads and lines of a test, with the predicted accuracy of each parameter.
 
     The information of a test is the sum over its lines, sensors and loads of what each value tells of the relative
@@ -57,6 +61,9 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Pla
     unknown : Parameters
         Their priors count as information.
     options : PlanOptions
+    tolerances : Tolerances, optional
+        Of the values that the model holds and of the calibration: what they add to each deviation stands beside it. The choice is
+        by noise.
 
     Raises
     ------
@@ -84,7 +91,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Pla
     """
     options = resolved(structure, unknown, options)
     require_sound_model(structure, unknown.values(unknown.start), float(min(options.frequency)))
-    ground = _ground(structure, unknown, options)
+    ground = _ground(structure, unknown, options, tolerances or Tolerances())
     sensors, loads = _best_sensors_and_loads(ground)
     chosen = _at_all_lines(ground, "chosen", sensors, loads)
     installed = None
@@ -93,7 +100,8 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Pla
         installed = _at_all_lines(ground, "installed", positions(options.installed_sensors, options.sensors), there)
     everything = _at_all_lines(ground, "all candidates", range(len(options.sensors)), range(len(options.loads)))
     needs_lines = options.n_frequencies is not None or options.target is not None
-    lines = line_roots(ground.candidates, sensors, loads) if needs_lines else None
+    lines, by_line = line_roots(ground.candidates, sensors, loads) if needs_lines else (None, None)
+    ground = replace(ground, by_line=by_line)
     best, spread = _best_lines(ground, chosen, lines, options.n_frequencies)
     return Plan(
         structure=structure,
@@ -110,6 +118,7 @@ def plan(structure: Structure, unknown: Parameters, options: PlanOptions) -> Pla
         next_sensors=_next_sensors(ground, installed or chosen),
         enough=None if lines is None or options.target is None else _smallest_sufficient(ground, chosen, loads, lines),
         identifiability=identifiability(ground.rows(sensors, loads), unknown.start, unknown.names),
+        assumption=tolerance_words(ground.candidates.held_kinds, ground.candidates.tolerance.tolist()),
     )
 
 
@@ -126,6 +135,10 @@ class _Ground:
     prior : (n_priors, n_params) float array
         Rows of the priors, by relative parameters.
     of_interest : (n_params,) bool array
+    cross : (n_sensors, n_loads, n_params, n_held) float array
+        J'J_h of each pair, J by relative parameters and J_h by relative fixed values.
+    by_line : (n_lines, n_params, n_held) float array or None
+        The same of each line with the chosen sensors and loads.
     """
 
     candidates: Candidates
@@ -133,6 +146,17 @@ class _Ground:
     pairs: FloatArray
     prior: FloatArray
     of_interest: np.ndarray
+    cross: FloatArray
+    by_line: FloatArray | None = None
+
+    def deviations(self, rows: FloatArray, cross: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Relative standard deviations (n_params,) from noise, and from tolerances: K S K' with K = -(J'J + P)^-1 J'J_h."""
+        known = np.vstack([rows, self.prior])
+        bread = inverse_information(known)
+        seen = np.isfinite(np.diag(bread))
+        changes = np.zeros(cross.shape)
+        changes[seen] = bread[np.ix_(seen, seen)] @ cross[seen] * self.candidates.tolerance
+        return relative_std(known), np.linalg.norm(changes, axis=1)
 
     @property
     def known(self) -> FloatArray:
@@ -156,7 +180,9 @@ class _Ground:
         return information_root(rows)
 
 
-def _ground(structure: Structure, unknown: Parameters, options: PlanOptions) -> _Ground:
+def _ground(structure: Structure, unknown: Parameters, options: PlanOptions, tolerances: Tolerances) -> _Ground:
+    """Rows of information of every pair of sensor and load, and of the priors, at the nominal values of `structure`."""
+    held = fixed_properties(structure, unknown, tolerances) if structure.has_matrices else ()
     candidates = Candidates(
         structure,
         unknown,
@@ -166,9 +192,12 @@ def _ground(structure: Structure, unknown: Parameters, options: PlanOptions) -> 
         options.kind,
         options.relative_noise,
         options.absolute_noise,
+        held,
+        tolerances.calibration,
     )
     prior = unknown.prior_rows(unknown.start)[1] * candidates.scale
-    return _Ground(candidates, options, pair_roots(candidates), prior, wanted_parameters(unknown, options.of_interest))
+    pairs, cross = pair_roots(candidates)
+    return _Ground(candidates, options, pairs, prior, wanted_parameters(unknown, options.of_interest), cross)
 
 
 def _best_sensors_and_loads(ground: _Ground) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -222,7 +251,8 @@ def _at_all_lines(
 ) -> PlannedTest:
     """The test with these sensors and loads at every line."""
     options = ground.options
-    std = relative_std(np.vstack([ground.rows(sensors, loads), ground.prior]))
+    cross = ground.cross[np.ix_(list(sensors), list(loads))].sum(axis=(0, 1))
+    std, of_tolerances = ground.deviations(ground.rows(sensors, loads), cross)
     return PlannedTest(
         label,
         tuple(options.sensors[s] for s in sensors),
@@ -230,6 +260,7 @@ def _at_all_lines(
         ground.candidates.frequency,
         std,
         ground.of_interest,
+        of_tolerances,
     )
 
 
@@ -238,8 +269,10 @@ def _at_lines(
 ) -> PlannedTest:
     """`test` at some of its lines."""
     index = sorted(chosen)
-    std = relative_std(np.vstack([lines[index].reshape(-1, lines.shape[-1]), ground.prior]))
-    return replace(test, label=label, frequency=ground.candidates.frequency[index], std=std)
+    cross = np.zeros(ground.cross.shape[2:]) if ground.by_line is None else ground.by_line[index].sum(axis=0)
+    std, of_tolerances = ground.deviations(lines[index].reshape(-1, lines.shape[-1]), cross)
+    frequency = ground.candidates.frequency[index]
+    return replace(test, label=label, frequency=frequency, std=std, of_tolerances=of_tolerances)
 
 
 def _best_lines(
@@ -319,6 +352,10 @@ class Candidates:
     relative_noise, absolute_noise : float
         Standard deviation of the complex noise: a part of each value's magnitude, and in the SI unit of `kind`,
         added in quadrature.
+    held : tuple of FixedProperty
+        What the model holds within a tolerance.
+    calibration : float
+        Tolerance of the common gain.
     """
 
     structure: Structure
@@ -329,6 +366,18 @@ class Candidates:
     kind: FrfKind
     relative_noise: float
     absolute_noise: float
+    held: tuple[FixedProperty, ...] = ()
+    calibration: float = 0.0
+
+    @property
+    def tolerance(self) -> FloatArray:
+        """Tolerances of the fixed values and, where it has one, of the gain, (n_held,)."""
+        return np.array([item.tolerance for item in self.held] + [self.calibration] * (self.calibration > 0))
+
+    @property
+    def held_kinds(self) -> tuple[str, ...]:
+        """Kinds of what `tolerance` is of."""
+        return (*(item.kind for item in self.held), *(("gain",) if self.calibration > 0 else ()))
 
     @property
     def scale(self) -> FloatArray:
@@ -337,9 +386,10 @@ class Candidates:
         return np.where(start > 0, start, 1.0)
 
 
-def pair_roots(given: Candidates) -> FloatArray:
-    """Triangular R with R'R the information of one sensor under one load over all lines, (n_sensors, n_loads, n_params, n_params).
+def pair_roots(given: Candidates) -> tuple[FloatArray, FloatArray]:
+    """Triangular R with R'R the information of one sensor under one load over all lines, and J'J_h of it with fixed values.
 
+    They are (n_sensors, n_loads, n_params, n_params) and (n_sensors, n_loads, n_params, n_held).
     Lines are processed in chunks, and each chunk is merged into the triangles before the next is computed.
 
     Raises
@@ -347,37 +397,47 @@ def pair_roots(given: Candidates) -> FloatArray:
     InputError
         If there are so many pairs that their triangles do not fit in memory.
     """
-    n_params = given.parameters.n_params
-    size = 8 * len(given.sensors) * len(given.loads) * n_params**2
+    n_params, n_held = given.parameters.n_params, len(given.tolerance)
+    size = 8 * len(given.sensors) * len(given.loads) * n_params * (n_params + n_held)
     if size > _LARGEST_BYTES:
         raise InputError(
             f"{len(given.sensors)} sensors times {len(given.loads)} loads with {n_params} parameters are too many"
             f" candidates ({size / 1e9:.1f} GB); name fewer in `sensors` and `loads`"
         )
     roots = np.zeros((len(given.sensors), len(given.loads), n_params, n_params))
+    cross = np.zeros((len(given.sensors), len(given.loads), n_params, n_held))
     for loads, _, rows in _row_chunks(given, range(len(given.sensors)), range(len(given.loads))):
         n_lines = rows.shape[0]
-        by_pair = np.moveaxis(rows, 0, 2).reshape(*rows.shape[1:3], n_lines * 2, n_params)
-        stacked = np.concatenate([roots[:, loads], by_pair], axis=2)
+        by_pair = np.moveaxis(rows, 0, 2).reshape(*rows.shape[1:3], n_lines * 2, n_params + n_held)
+        stacked = np.concatenate([roots[:, loads], by_pair[..., :n_params]], axis=2)
         roots[:, loads] = np.linalg.qr(stacked, mode="r")
-    return roots
+        cross[:, loads] += np.swapaxes(by_pair[..., :n_params], 2, 3) @ by_pair[..., n_params:]
+    return roots, cross
 
 
-def line_roots(given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...]) -> FloatArray:
-    """R with R'R the information of each line from the given sensors and loads (indices), (n_lines, n_rows, n_params)."""
+def line_roots(given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """R with R'R the information of each line from the given sensors and loads (indices), and J'J_h of it with fixed values.
+
+    They are (n_lines, n_rows, n_params) and (n_lines, n_params, n_held).
+    """
     n_params, n_lines = given.parameters.n_params, len(given.frequency)
     parts: dict[int, list[FloatArray]] = {}
     for _, lines, rows in _row_chunks(given, sensors, loads):
-        parts.setdefault(lines.start, []).append(rows.reshape(rows.shape[0], -1, n_params))
-    roots = [information_root(np.concatenate(blocks, axis=1)) for _, blocks in sorted(parts.items())]
-    return np.concatenate(roots).reshape(n_lines, -1, n_params)
+        parts.setdefault(lines.start, []).append(rows.reshape(rows.shape[0], -1, rows.shape[-1]))
+    whole = [np.concatenate(blocks, axis=1) for _, blocks in sorted(parts.items())]
+    roots = [information_root(rows[..., :n_params]) for rows in whole]
+    cross = [np.swapaxes(rows[..., :n_params], 1, 2) @ rows[..., n_params:] for rows in whole]
+    return np.concatenate(roots).reshape(n_lines, -1, n_params), np.concatenate(cross)
 
 
 def _row_chunks(
     given: Candidates, sensors: range | tuple[int, ...], loads: range | tuple[int, ...]
 ) -> Iterator[tuple[slice, slice, FloatArray]]:
-    """Chunks of whitened sensitivities: slice of `loads`, slice of lines, rows (n_lines, n_sensors, n_loads, 2, n_params)."""
-    n_params, n_dofs = given.parameters.n_params, given.structure.n_dofs
+    """Chunks of whitened sensitivities: slice of `loads`, slice of lines, rows (n_lines, n_sensors, n_loads, 2, n_columns).
+
+    Columns are those of the parameters, then of the fixed values.
+    """
+    n_params, n_dofs = given.parameters.n_params + len(given.tolerance), given.structure.n_dofs
     has_friction = any(isinstance(element, Friction) for element in given.structure.elements)
     per_load = 16 * len(sensors) * n_params
     group = 1 if has_friction else max(1, _CHUNK_BYTES // max(per_load, 1))
@@ -394,8 +454,9 @@ def _row_chunks(
 def _whitened_sensitivities(
     given: Candidates, sensors: tuple[int, ...], loads: tuple[int, ...], lines: slice
 ) -> FloatArray:
-    """Derivatives of the FRFs by relative parameter changes, divided by the noise, (n_lines, n_sensors, n_loads, 2, n_params).
+    """Derivatives of the FRFs by relative changes, divided by the noise, (n_lines, n_sensors, n_loads, 2, n_columns).
 
+    The last axis has the parameters, the fixed properties and the common gain, where it has a tolerance.
     The fourth axis has the real and the imaginary part; `sensors` and `loads` are indices of candidates.
     """
     frequency = given.frequency[lines]
@@ -406,11 +467,15 @@ def _whitened_sensitivities(
         tuple(given.loads[i] for i in loads),
         given.kind,
     )
-    values, derivative = response(given.structure, given.parameters, record).derivatives_at(given.parameters.start)
+    parameters = append_fixed_factors(given.parameters, given.held) if given.held else given.parameters
+    values, derivative = response(given.structure, parameters, record).derivatives_at(parameters.start)
     std = _noise_deviation(given, values)
     # a value that nothing moves, at rest on the path of every load, has no noise either and tells nothing
     weight = np.divide(1.0, std, out=np.zeros_like(std), where=std > 0)
-    rows = derivative * given.scale * weight[..., None]
+    scaled = derivative * np.concatenate([given.scale, np.ones(len(given.held))])
+    if given.calibration > 0:
+        scaled = np.concatenate([scaled, values[..., None]], axis=-1)
+    rows = scaled * weight[..., None]
     return np.stack([rows.real, rows.imag], axis=3)
 
 

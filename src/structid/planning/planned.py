@@ -78,6 +78,9 @@ class PlannedTest:
         Predicted relative standard deviation of each parameter, priors included: the Cramer-Rao bound at the initial
         values; NaN where it is not determined.
     of_interest : (n_params,) bool array
+    of_tolerances : (n_params,) float array
+        Relative standard deviation that the tolerances of fixed values and of the calibration give each parameter besides, which
+        neither more lines nor more averages lessen; zeros where all is exact.
     """
 
     label: str
@@ -86,6 +89,18 @@ class PlannedTest:
     frequency: FloatArray
     std: FloatArray
     of_interest: np.ndarray
+    of_tolerances: FloatArray
+
+    @property
+    def std_with_tolerances(self) -> FloatArray:
+        """Relative standard deviation of each parameter from noise and tolerances, (n_params,)."""
+        return np.hypot(self.std, self.of_tolerances)
+
+    @property
+    def worst_with_tolerances(self) -> float:
+        """The largest `std_with_tolerances` of a parameter of interest; infinite where one is not determined."""
+        worst = float(np.max(self.std_with_tolerances[self.of_interest]))
+        return worst if np.isfinite(worst) else np.inf
 
     @property
     def worst(self) -> int:
@@ -110,7 +125,7 @@ class PlannedTest:
 
     @property
     def determined(self) -> bool:
-        """Whether every parameter of interest is."""
+        """True if every parameter of interest is."""
         return self.worst_std <= 1
 
 
@@ -168,7 +183,7 @@ class PlannedTests:
 
     @property
     def determined(self) -> bool:
-        """Whether all candidates together determine every parameter of interest to better than its own size."""
+        """True if all candidates together determine every parameter of interest to better than its own size."""
         return self.everything.determined
 
     @property
@@ -192,6 +207,8 @@ class Plan(PlannedTests):
     enough : Enough or None
     identifiability : Identifiability
         Rank, undetermined directions and collinear groups of the chosen test, from its data alone.
+    assumption : str
+        The tolerances that `PlannedTest.of_tolerances` are owed to, in words; "" where all that is held is taken as exact.
     """
 
     structure: Structure
@@ -199,6 +216,7 @@ class Plan(PlannedTests):
     options: PlanOptions
     enough: Enough | None
     identifiability: Identifiability
+    assumption: str = ""
 
     @property
     def is_undamped(self) -> bool:
@@ -206,7 +224,10 @@ class Plan(PlannedTests):
         if not self.structure.has_matrices:
             return False
         values = self.parameters.values(self.parameters.start)
-        return not any(self.structure.matrix(law, values).count_nonzero() for law in ("viscous", "structural"))
+        return not any(
+            self.structure.matrix(matrix_kind, values).count_nonzero()
+            for matrix_kind in ("damping", "structural_damping")
+        )
 
     @property
     def undetermined(self) -> tuple[str, ...]:

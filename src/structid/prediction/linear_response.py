@@ -173,9 +173,9 @@ def _with_supports(
         return np.asarray(inner @ motion + (whole @ support).toarray()[free])
 
     def quasi_static(values: FloatArray) -> FloatArray:
-        stiffness = sparse.csc_array(plain.matrix("elastic", values[same_values]))
+        stiffness = sparse.csc_array(plain.matrix("stiffness", values[same_values]))
         stiffness.sort_indices()
-        pulled = columns_at(values, "elastic", np.zeros((len(free), len(bases))))
+        pulled = columns_at(values, "stiffness", np.zeros((len(free), len(bases))))
         if not stiffness.diagonal().all():
             _refuse_loose(structure, bases)
         solver = factorizer().analyse(stiffness.indices, stiffness.indptr).factor(stiffness.data)
@@ -186,11 +186,11 @@ def _with_supports(
 
     values_of = [parameters.values(each) for each in points]
     statics = [quasi_static(values) for values in values_of]
-    pushes = columns_at(values_of[0], "inertia", statics[0])
+    pushes = columns_at(values_of[0], "mass", statics[0])
     inner_rows = found.rows(values_of[0])[free, :]
     sides = Sides(inner_rows, sparse.csc_array(sparse.hstack([loads, sparse.csc_array(pushes)])))
     basis = reduction_basis(structure, values_of, sides, *band)
-    basis = extend_basis(basis, np.hstack(statics), plain.matrix("inertia", values_of[0][same_values]))
+    basis = extend_basis(basis, np.hstack(statics), plain.matrix("mass", values_of[0][same_values]))
     everything = sparse.csc_array(sparse.eye_array(len(free)))
 
     def poles_at(physical: FloatArray) -> PoleSum:
@@ -199,10 +199,10 @@ def _with_supports(
         if reduced.is_rigid.any():
             _refuse_loose(structure, bases)
         motions, rows = reduced.outputs, found.rows(values)
-        rest = motions.T @ columns_at(values, "elastic", statics[0])
+        rest = motions.T @ columns_at(values, "stiffness", statics[0])
         static = statics[0] - motions @ (rest / (reduced.omega**2)[:, None])
-        by_acceleration = -motions.T @ columns_at(values, "inertia", static)
-        by_speed = -motions.T @ columns_at(values, "viscous", static)
+        by_acceleration = -motions.T @ columns_at(values, "mass", static)
+        by_speed = -motions.T @ columns_at(values, "damping", static)
         read = replace(
             reduced, outputs=rows[free, :].T @ motions, inputs=np.hstack([reduced.inputs, by_acceleration, by_speed])
         )

@@ -94,20 +94,21 @@ class ModelError:
         self,
         draws: ComplexArray,
         frequency: FloatArray,
-        kind: FrfKind | None,
+        kind: FrfKind,
+        is_motion: np.ndarray,
         nominal: ComplexArray,
         rng: np.random.Generator,
     ) -> ComplexArray:
         """FRFs (n_draws, n_frequencies, n_outputs, n_inputs) with random errors, whose size `nominal` FRFs give.
 
-        `kind` is None of forces and stresses, which are missed by the same part of their own size as motions.
+        Outputs that are no motion (n_outputs,), such as stresses, are missed by the same part of their own size.
         """
         part, size = (np.interp(frequency, self.frequency, each) for each in (self.part, self.size))
-        order = None if kind is None else DERIVATIVES[kind] - DERIVATIVES[self.kind]
-        size = np.zeros_like(size) if order is None else size * (2 * np.pi * frequency) ** order
+        size = size * (2 * np.pi * frequency) ** (DERIVATIVES[kind] - DERIVATIVES[self.kind])
+        at_sensors = size[:, None, None] * is_motion[:, None]
         count = _sum_nearby(np.ones(len(frequency)))[:, None, None]
         own = np.sqrt(_sum_nearby(np.abs(nominal) ** 2) / count)
-        std = part[:, None, None] * np.maximum(own, size[:, None, None])
+        std = part[:, None, None] * np.maximum(own, at_sensors)
         noise = rng.standard_normal(draws.shape) + 1j * rng.standard_normal(draws.shape)
         return np.asarray(draws + noise * (std / np.sqrt(2)))
 

@@ -20,19 +20,41 @@ class PredictOptions:
     Parameters
     ----------
     sensors : str
-        Degrees of freedom whose motion is predicted, with commas between: `401X+,12Z`.
+        What is predicted, with commas between: degrees of freedom, `401X+,12Z`; forces at the ends of bars and beams,
+        `M[deck:3@12]`; strains and stresses of their fibres, `stress[deck:3@12 y=0.05 E=2.1e11]`; stresses of plates and shells,
+        `von_mises[plate:17@top]`.
     loads : str
-        Degrees of freedom at which unit forces act, with commas between; those of the measured record by default.
+        Degrees of freedom at which unit forces act, with commas between; those of the measured record by default. A support moves
+        by unit acceleration.
     kind : str
-        Of the FRFs: receptance, mobility or accelerance.
+        Of the FRFs: receptance, mobility or accelerance; transmissibility where supports move.
     band : tuple of float, optional
         Lowest and highest frequency, Hz; the fitted band by default.
     lines : int
         Number of frequencies.
     history : Path, optional
-        File of measured or designed forces, as a record: the motion that they cause from rest is predicted too.
+        File of measured or designed loads, as a record: what they cause from rest is predicted too. Forces act; accelerations and
+        displacements at supports move these.
+    half_sine : str
+        A half-sine pulse as size, width in s and place, `500,0.01@12Y`: N, or m/s^2 at a support.
+    sine : str
+        A sine from rest as size, Hz and place, `500,12@12Y`.
+    noise : str
+        Stationary noise as a table of Hz and one-sided density (N^2/Hz) and a place, `wind.csv@12Y`: spectra, root mean squares and
+        the largest within the duration are predicted.
+    duration : float, optional
+        s, of a half-sine, sine or noise.
+    sampling_rate : float, optional
+        Samples per second of a half-sine or sine.
+    supports : str
+        Which supports move with one that does, where the study has no base: all in its direction together, or it alone.
+    relative : bool
+        Motion of a history against supports that move, in place of absolute motion.
     motion : str
-        Of that history: displacement, velocity or acceleration.
+        Of histories: displacement, velocity or acceleration; of spectra that of `kind`.
+    tune_damper : str
+        Mass and place of a tuned mass damper whose frequency and damping are sought, `800@40X`: those with which the largest
+        response there is smallest over the uncertainty. It is then added as a change.
     modes : int
         Number of natural modes.
     draws : int
@@ -43,11 +65,19 @@ class PredictOptions:
 
     sensors: str = ""
     loads: str = ""
-    kind: Literal["receptance", "mobility", "accelerance"] = "accelerance"
+    kind: Literal["receptance", "mobility", "accelerance", "transmissibility"] = "accelerance"
     band: tuple[float, float] | None = None
     lines: Annotated[int, Limits(least=2)] = 400
     history: Path | None = None
+    half_sine: str = ""
+    sine: str = ""
+    noise: str = ""
+    duration: Annotated[float, Limits(above=0)] | None = None
+    sampling_rate: Annotated[float, Limits(above=0)] | None = None
+    supports: Literal["together", "alone"] = "together"
+    relative: bool = False
     motion: str = "acceleration"
+    tune_damper: str = ""
     modes: Annotated[int, Limits(least=1)] = 8
     draws: Annotated[int, Limits(least=50)] = N_DRAWS
     seed: int = 0
@@ -57,6 +87,18 @@ class PredictOptions:
         require_declared(self)
         if self.band is not None and not 0 < self.band[0] < self.band[1]:
             raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {self.band}", "band")
+        loads = [name for name in ("history", "half_sine", "sine") if getattr(self, name)]
+        if len(loads) > 1:
+            raise InputError(f"give one of history, half_sine and sine, got {' and '.join(loads)}", loads[1])
+        needed = {
+            "half_sine": ("duration", "sampling_rate"),
+            "sine": ("duration", "sampling_rate"),
+            "noise": ("duration",),
+        }
+        for name, others in needed.items():
+            for other in others if getattr(self, name) else ():
+                if getattr(self, other) is None:
+                    raise InputError(f"`{other}` must be given with `{name}`", other)
 
 
 @dataclass(frozen=True)
@@ -66,7 +108,7 @@ class SenseOptions:
     Parameters
     ----------
     wanted : str
-        Degrees of freedom whose motion is wanted, with commas between.
+        Degrees of freedom whose motion is wanted, and forces and stresses of elements as for `structid predict`, by commas.
     motion : str
         displacement, velocity or acceleration.
     unknown : str
@@ -79,6 +121,8 @@ class SenseOptions:
         Sensors that are not used but compared, with commas between.
     draws : int
         Models within the uncertainty.
+    unfiltered : bool
+        Take the record as one that no filter against aliasing went over, as simulated ones; measured ones are filtered.
     """
 
     wanted: str = ""
@@ -87,7 +131,8 @@ class SenseOptions:
     correlation_time: float | None = None
     force_std: float | None = None
     leave_out: str = ""
-    draws: int = 20
+    draws: Annotated[int, Limits(least=0)] = 20
+    unfiltered: bool = False
 
     def __post_init__(self) -> None:
         """Raise `InputError` where unknown forces are named without a correlation time."""

@@ -21,7 +21,7 @@ _ABOVE = 2.0
 _NEW = 1e-8
 #: omega^2 of a rigid body's motion, in parts of the largest, and its damping, in parts of 2 omega of that.
 _RIGID = 1e-9
-_MATRICES = ("inertia", "viscous", "elastic", "structural")
+_MATRICES = ("mass", "damping", "stiffness", "structural_damping")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,9 @@ def reduce_structure(structure: Structure, values: FloatArray, basis: FloatArray
         If a motion of the basis has neither mass nor stiffness.
     """
     plain, ratio = _without_modal_damping(structure, values)
-    mass, damping, stiffness, structural = (basis.T @ (plain.matrix(law, values) @ basis) for law in _MATRICES)
+    mass, damping, stiffness, structural = (
+        basis.T @ (plain.matrix(matrix_kind, values) @ basis) for matrix_kind in _MATRICES
+    )
     try:
         eigenvalues, turn = linalg.eigh(stiffness, mass)
     except linalg.LinAlgError as error:
@@ -118,7 +120,7 @@ def reduction_basis(
     both = sparse.hstack([sides.inputs, sides.outputs]).tocsc()
     for number, point in enumerate(values):
         plain, _ = _without_modal_damping(structure, point)
-        mass, stiffness = plain.matrix("inertia", point), plain.matrix("elastic", point)
+        mass, stiffness = plain.matrix("mass", point), plain.matrix("stiffness", point)
         n_modes = None if structure.n_dofs <= 600 else 20
         shapes = modes(mass, stiffness, n_modes=n_modes)
         while n_modes is not None and shapes.frequency[-1] < _ABOVE * highest and n_modes < structure.n_dofs - 2:
@@ -129,7 +131,7 @@ def reduction_basis(
             for shift in (lowest, highest):
                 shifted = sparse.csc_array(stiffness - (2 * np.pi * shift) ** 2 * mass)
                 columns.append(_solve(shifted, both.toarray()))
-    return _independent(np.hstack(columns), plain.matrix("inertia", values[0]))
+    return _independent(np.hstack(columns), plain.matrix("mass", values[0]))
 
 
 def extend_basis(basis: FloatArray, columns: FloatArray, mass: sparse.csc_array) -> FloatArray:

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.core.arrays import FloatArray, NumberArray
+from structid.core.arrays import FloatArray, NumberArray, locked
 from structid.core.display import Overview, Shown, format_number
+from structid.core.dof import Dof
 from structid.core.errors import InputError, SingularModelError
 from structid.fem import Structure
 from structid.identification.identified import Identification
@@ -16,7 +17,7 @@ from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.model_error import ModelError
 from structid.prediction.options import N_DRAWS
-from structid.prediction.quantities import Evaluator, Frf, Quantity
+from structid.prediction.quantities import Evaluator, Frf, NaturalModes, Quantity, comparable_modes
 from structid.unknowns import Parameters
 
 LEVEL = 0.95
@@ -42,6 +43,8 @@ class Prediction(Shown):
         Random models behind the band.
     words : str
         What the band includes.
+    draws : (n_draws, ...) array, optional
+        The quantity by each of the random models, which are its distribution; not kept along axes of time and frequency.
     """
 
     quantity: Quantity
@@ -51,6 +54,7 @@ class Prediction(Shown):
     std: FloatArray
     n_draws: int
     words: str
+    draws: NumberArray | None = None
 
     def overview(self) -> Overview:
         """A line with the shape of the quantity and the median width of its 95 % band."""
@@ -92,7 +96,7 @@ def predict(
     ----------
     source : Identification or IdentifiedModel
     quantity : Quantity
-        `Frf`, `History`, `Maxima`, `Spectrum`, `RootMeanSquare` or `NaturalModes`.
+        `Frf`, `History`, `Maxima`, `Spectrum`, `RootMeanSquare`, `Extremes` or `NaturalModes`.
     n_draws : int
         Random models within the uncertainty from which the band is made.
     seed : int
@@ -114,9 +118,23 @@ def predict(
     >>> found = sid.run_study("frame.toml").identification  # doctest: +SKIP
     >>> sid.predict(found, sid.Frf(["401X+"], ["103X+"], np.linspace(20, 150, 500)))  # doctest: +SKIP
     """
-    model, error = _model_and_error(source, model_error)
-    nominal, draws = _drawn(model, model.structure, model.parameters, quantity, n_draws, seed)
-    return _band(model, quantity, nominal, draws, error, seed)
+    return predict_together(source, [quantity], n_draws, seed, model_error)[0]
+
+
+def predict_together(
+    source: Identification | IdentifiedModel,
+    quantities: Sequence[Quantity],
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+    model_error: ModelError | None = None,
+) -> list[Prediction]:
+    """Predictions of several quantities by the same random models: a history and its `Maxima` are computed once.
+
+    The arguments are those of `predict`.
+    """
+    model, error = model_and_error(source, model_error)
+    drawn = _draw_all(model, model.structure, model.parameters, quantities, n_draws, seed)
+    return [_band(model, each, *values, error, seed) for each, values in zip(quantities, drawn, strict=True)]
 
 
 def predict_change(
@@ -129,6 +147,9 @@ def predict_change(
 ) -> PredictedChange:
     """A quantity before and after changes of the structure, and the difference with its 95 % band.
 
+    Modes after the changes are those that are most like the ones before, in their order, also where a damper adds a mode or a
+    support takes one away.
+
     Parameters
     ----------
     source : Identification or IdentifiedModel
@@ -140,20 +161,42 @@ def predict_change(
     model_error : ModelError, optional
         See `predict`; the difference is without it, since a change does not change what the model misses.
     """
-    model, error = _model_and_error(source, model_error)
+    return predict_changes(source, [quantity], changes, n_draws, seed, model_error)[0]
+
+
+def predict_changes(
+    source: Identification | IdentifiedModel,
+    quantities: Sequence[Quantity],
+    changes: Sequence[Change],
+    n_draws: int = N_DRAWS,
+    seed: int = 0,
+    model_error: ModelError | None = None,
+) -> list[PredictedChange]:
+    """Several quantities before and after changes, by the same random models; the arguments are those of `predict_change`."""
+    model, error = model_and_error(source, model_error)
     changed, parameters = changed_model(model.structure, model.parameters, changes)
-    before, drawn_before = _drawn(model, model.structure, model.parameters, quantity, n_draws, seed)
-    after, drawn_after = _drawn(model, changed, parameters, quantity, n_draws, seed)
-    sizes = [np.abs(each) if np.iscomplexobj(each) else each for each in (before, after, drawn_before, drawn_after)]
-    difference = _band(model, quantity, sizes[1] - sizes[0], sizes[3] - sizes[2], None, seed)
-    return PredictedChange(
-        _band(model, quantity, before, drawn_before, error, seed),
-        _band(replace(model, structure=changed), quantity, after, drawn_after, error, seed),
-        difference,
-    )
+    wanted, followed = list(quantities), list(quantities)
+    for i, quantity in enumerate(quantities):
+        if isinstance(quantity, NaturalModes):
+            after_values = parameters.values(model.physical)
+            pair = comparable_modes(quantity, (model.structure, model.values), (changed, after_values))
+            wanted[i], followed[i] = pair
+    all_before = _draw_all(model, model.structure, model.parameters, wanted, n_draws, seed)
+    all_after = _draw_all(model, changed, parameters, followed, n_draws, seed)
+    found = []
+    for quantity, before, after in zip(wanted, all_before, all_after, strict=True):
+        sizes = [np.abs(each) if np.iscomplexobj(each) else each for each in (*before, *after)]
+        found.append(
+            PredictedChange(
+                _band(model, quantity, *before, error, seed),
+                _band(replace(model, structure=changed), quantity, *after, error, seed),
+                _band(model, quantity, sizes[2] - sizes[0], sizes[3] - sizes[1], None, seed),
+            )
+        )
+    return found
 
 
-def _model_and_error(
+def model_and_error(
     source: Identification | IdentifiedModel, model_error: ModelError | None
 ) -> tuple[IdentifiedModel, ModelError | None]:
     """The model of an identification with the error of its fitted FRFs; a given model as it is."""
@@ -166,16 +209,32 @@ def _model_and_error(
     return model_of(source), model_error
 
 
-def _drawn(
-    model: IdentifiedModel, structure: Structure, parameters: Parameters, quantity: Quantity, n_draws: int, seed: int
-) -> tuple[NumberArray, NumberArray]:
-    """The quantity by the identified model, and by each of the random models, (n_draws, ...)."""
+def _draw_all(
+    model: IdentifiedModel,
+    structure: Structure,
+    parameters: Parameters,
+    quantities: Sequence[Quantity],
+    n_draws: int,
+    seed: int,
+) -> list[tuple[NumberArray, NumberArray]]:
+    """Each quantity by the identified model, and by each of the random models, (n_draws, ...)."""
     if n_draws < _FEWEST:
         raise InputError(f"`n_draws` must be at least {_FEWEST} for a 95 % band, got {n_draws}")
-    evaluate = quantity.evaluator(structure, parameters, _points(model))
-    nominal = evaluate(model.physical)
-    drawn = [_evaluated(evaluate, each) for each in model.draw_parameters(n_draws, np.random.default_rng(seed))]
-    return nominal, np.stack(drawn)
+    physical = model.draw_parameters(n_draws, np.random.default_rng(seed))
+    computed: dict[int, tuple[NumberArray, NumberArray]] = {}
+    for quantity in quantities:
+        base: Quantity = getattr(quantity, "base", quantity)
+        if id(base) not in computed:
+            evaluate = base.evaluator(structure, parameters, parameter_points(model))
+            nominal = evaluate(model.physical)
+            computed[id(base)] = nominal, np.stack([_evaluated(evaluate, each) for each in physical])
+    found = []
+    for quantity in quantities:
+        nominal, draws = computed[id(getattr(quantity, "base", quantity))]
+        if (derived := getattr(quantity, "derived", None)) is not None:
+            nominal, draws = derived(nominal), np.stack([derived(each) for each in draws])
+        found.append((nominal, draws))
+    return found
 
 
 def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
@@ -187,7 +246,7 @@ def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:
         ) from error
 
 
-def _points(model: IdentifiedModel) -> list[FloatArray]:
+def parameter_points(model: IdentifiedModel) -> list[FloatArray]:
     """The identified parameters, and parameters that are off by one of the largest independent errors each."""
     order = np.argsort(-np.linalg.norm(model.factor, axis=0))[:_MOST_POINTS]
     lines = _OFF * np.eye(model.factor.shape[1])[order]
@@ -207,10 +266,15 @@ def _band(
     words = model.words
     if error is not None and isinstance(quantity, Frf) and np.iscomplexobj(nominal):
         rng = np.random.default_rng(seed + 1)
-        kind = quantity.kind if quantity.is_motion and quantity.kind != "transmissibility" else None
-        draws = error.added_to(draws.astype(complex), quantity.frequency, kind, nominal.astype(complex), rng)
+        has_size = np.array(
+            [isinstance(each, Dof) and quantity.kind != "transmissibility" for each in quantity.outputs]
+        )
+        draws = error.added_to(
+            draws.astype(complex), quantity.frequency, quantity.kind, has_size, nominal.astype(complex), rng
+        )
         words = f"{words}, and {error.words}" if words else error.words
     sizes = np.abs(draws) if np.iscomplexobj(draws) else draws
     low, high = np.quantile(sizes, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
     std = np.sqrt(np.mean(np.abs(draws - nominal) ** 2, axis=0))
-    return Prediction(quantity, nominal, low, high, std, len(draws), words)
+    kept = None if {"time", "frequency"} & set(quantity.axes) else locked(draws)
+    return Prediction(quantity, nominal, low, high, std, len(draws), words, kept)

@@ -8,8 +8,9 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.optimize import linear_sum_assignment
 
-from structid.core.arrays import ComplexArray, FloatArray, NumberArray, require_finite, require_shape
+from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray, require_finite, require_shape
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.core.units import FrfKind
@@ -19,10 +20,15 @@ from structid.fem import Base, Friction, Structure
 from structid.forward.frf.response import Response, response
 from structid.prediction.linear_response import Input, LinearResponse, input_words, linear_response, parse_inputs
 from structid.prediction.poles import simulate_history
-from structid.prediction.recovery import Output, OutputMap, output_map, output_unit, parse_outputs
+from structid.prediction.recovery import Output, OutputMap, is_von_mises, output_map, output_unit, parse_outputs
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES, FRF_UNITS, MOTION_DERIVATIVES, QUANTITY_UNITS
 from structid.unknowns import Parameters
+
+#: Modes beside the wanted ones among which these are looked for.
+_MORE_MODES = 4
+#: Levels, in root mean squares, at which the distribution of a maximum is computed, and how many.
+_MOST_LEVEL, _LEVELS = 12.0, 2401
 
 #: A quantity as a function of physical parameters.
 Evaluator: TypeAlias = Callable[[FloatArray], NumberArray]
@@ -54,7 +60,7 @@ class Frf:
     Parameters
     ----------
     outputs : sequence of Dof, ElementOutput or str
-        Where motion is read, or internal forces and stresses of elements, all in one unit; see `parse_output`.
+        Where motion is read, or internal forces and stresses of elements; see `parse_output`.
     inputs : sequence of Dof, Base or str
         Where unit forces act, or which supports move by unit acceleration.
     frequency : (n_frequencies,) float array
@@ -65,7 +71,7 @@ class Frf:
     Raises
     ------
     InputError
-        If a channel is doubled, the axis does not increase, or units of outputs differ.
+        If a channel is doubled, or the axis does not increase.
     """
 
     outputs: tuple[Output, ...]
@@ -109,7 +115,7 @@ class Frf:
 
     @property
     def is_motion(self) -> bool:
-        """Whether the outputs are motions, not forces or stresses."""
+        """True if the outputs are motions, not forces or stresses."""
         return all(isinstance(each, Dof) for each in self.outputs)
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
@@ -122,7 +128,7 @@ class Frf:
         """
         rows, frf = self.row_evaluator(structure, parameters, points)
         if not rows.is_linear:
-            name = next(str(each) for each in self.outputs if "von_mises" in str(each))
+            name = next(str(each) for each in self.outputs if is_von_mises(each))
             raise InputError(
                 f"{name} has no FRF: it is not linear in the load; predict its spectrum or history, or stress_xx, stress_yy and"
                 " stress_xy"
@@ -161,12 +167,15 @@ class Frf:
         return {"frequency": self.frequency, "output": _words(self.outputs), "input": input_words(self.inputs)}
 
     @property
-    def unit(self) -> str:
-        """SI unit of a translation per force, or of what is read from elements per force or acceleration of supports."""
-        if self.is_motion:
-            return FRF_UNITS[self.kind]
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each output: of a translation per force, or of what is read from an element per force or acceleration."""
         per = "m/s^2" if self.kind == "transmissibility" else "N"
-        return f"({output_unit(self.outputs[0])})/({per})"
+        return tuple(f"({unit})/({per})" if unit else FRF_UNITS[self.kind] for unit in map(output_unit, self.outputs))
+
+    @property
+    def unit(self) -> str:
+        """The units of the outputs, each once."""
+        return _once(self.units)
 
 
 def _by_poles(response_of: LinearResponse, frequency: FloatArray) -> Evaluator:
@@ -202,7 +211,7 @@ class History:
     Parameters
     ----------
     outputs : sequence of Dof, ElementOutput or str
-        Where motion is read, or internal forces and stresses of elements, all in one unit; see `parse_output`.
+        Where motion is read, or internal forces and stresses of elements; see `parse_output`.
     inputs : sequence of Dof, Base or str
         Where forces act, or which supports move.
     loads : (n_times, n_inputs) float array
@@ -278,9 +287,14 @@ class History:
         return {"time": self.time, "output": _words(self.outputs)}
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each output: of a translation, or of what is read from an element."""
+        return tuple(output_unit(output) or QUANTITY_UNITS[self.motion][0] for output in self.outputs)
+
+    @property
     def unit(self) -> str:
-        """SI unit of a translation, or of what is read from elements."""
-        return output_unit(self.outputs[0]) or QUANTITY_UNITS[self.motion][0]
+        """The units of the outputs, each once."""
+        return _once(self.units)
 
 
 def support_acceleration(displacement: FloatArray, sampling_rate: float) -> FloatArray:
@@ -307,21 +321,45 @@ def support_acceleration(displacement: FloatArray, sampling_rate: float) -> Floa
     return np.asarray(spline(np.arange(len(table)) / sampling_rate, 2))
 
 
+class DerivedQuantity(Quantity, Protocol):
+    """A quantity that another one, `base`, says: both come from one computation for each random model."""
+
+    @property
+    def base(self) -> Quantity: ...
+
+    def derived(self, values: NumberArray) -> NumberArray:
+        """The quantity from the values of `base`."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Maxima:
     """The largest absolute value of each output of a history, (n_outputs,)."""
 
     history: History
 
+    @property
+    def base(self) -> History:
+        """The history."""
+        return self.history
+
+    def derived(self, values: NumberArray) -> NumberArray:
+        """Largest magnitudes (n_outputs,) of a history (n_times, n_outputs)."""
+        return np.asarray(np.abs(values).max(axis=0))
+
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """See `Quantity.evaluator`."""
-        motion = self.history.evaluator(structure, parameters, points)
-        return lambda physical: np.abs(motion(physical)).max(axis=0)
+        return _derived_evaluator(self, structure, parameters, points)
 
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
         """See `Quantity.axes`."""
         return {"output": _words(self.history.outputs)}
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Those of the history."""
+        return self.history.units
 
     @property
     def unit(self) -> str:
@@ -331,22 +369,30 @@ class Maxima:
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """One-sided spectral densities of motion under stationary random loads, (n_frequencies, n_outputs).
+    """One-sided spectral densities of motion, forces or stresses under stationary random loads, (n_frequencies, n_outputs).
+
+    Of a von Mises stress it is that of its mean square: a weighted sum of spectra of the components.
 
     Parameters
     ----------
     frf : Frf
-        From the loads to the motion, in the kind of motion that is wanted.
+        From the loads to the outputs, in the kind of motion that is wanted.
     density : (n_frequencies, n_inputs) float array
-        One-sided spectral density of each load, N^2/Hz; loads are independent of one another.
+        One-sided spectral density of each load, N^2/Hz, or of each acceleration of supports, (m/s^2)^2/Hz; loads are independent of
+        one another.
     """
 
     frf: Frf
     density: FloatArray
 
     def __post_init__(self) -> None:
+        """Raise `InputError` unless there is a density of at least 0 for each line and load."""
+        density = np.asarray(self.density, dtype=np.float64)
         n_lines, n_inputs = len(self.frf.frequency), len(self.frf.inputs)
-        require_shape("density", np.asarray(self.density), (n_lines, n_inputs), "one value a line and load")
+        require_shape("density", density, (n_lines, n_inputs), "one value a line and load")
+        if not (np.isfinite(density) & (density >= 0)).all():
+            raise InputError("`density` must be finite and at least 0 everywhere: it is a mean square a hertz")
+        object.__setattr__(self, "density", density)
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """See `Quantity.evaluator`."""
@@ -359,14 +405,20 @@ class Spectrum:
         return {"frequency": self.frf.frequency, "output": _words(self.frf.outputs)}
 
     @property
+    def output_units(self) -> tuple[str, ...]:
+        """SI unit of each output: of a translation, or of what is read from an element."""
+        motion = {"receptance": "displacement", "mobility": "velocity"}.get(self.frf.kind, "acceleration")
+        return tuple(output_unit(output) or QUANTITY_UNITS[motion][0] for output in self.frf.outputs)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Square of the unit of each output per Hz."""
+        return tuple(f"({unit})^2/Hz" for unit in self.output_units)
+
+    @property
     def unit(self) -> str:
-        """Square of the motion, or of what is read from elements, per Hz."""
-        if not self.frf.is_motion:
-            return f"({output_unit(self.frf.outputs[0])})^2/Hz"
-        if self.frf.kind == "transmissibility":
-            return f"({QUANTITY_UNITS['acceleration'][0]})^2/Hz"
-        motion = {"receptance": "displacement", "mobility": "velocity", "accelerance": "acceleration"}[self.frf.kind]
-        return f"({QUANTITY_UNITS[motion][0]})^2/Hz"
+        """The units of the outputs, each once."""
+        return _once(self.units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,10 +427,18 @@ class RootMeanSquare:
 
     spectrum: Spectrum
 
+    @property
+    def base(self) -> Spectrum:
+        """The spectrum."""
+        return self.spectrum
+
+    def derived(self, values: NumberArray) -> NumberArray:
+        """Root mean squares (n_outputs,) of spectral densities (n_frequencies, n_outputs)."""
+        return np.asarray(np.sqrt(np.trapezoid(values.real, self.spectrum.frf.frequency, axis=0)))
+
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """See `Quantity.evaluator`."""
-        density, lines = self.spectrum.evaluator(structure, parameters, points), self.spectrum.frf.frequency
-        return lambda physical: np.sqrt(np.trapezoid(density(physical).real, lines, axis=0))
+        return _derived_evaluator(self, structure, parameters, points)
 
     @property
     def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
@@ -386,9 +446,119 @@ class RootMeanSquare:
         return {"output": _words(self.spectrum.frf.outputs)}
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """Those of the motions."""
+        return self.spectrum.output_units
+
+    @property
     def unit(self) -> str:
-        """That of the motion."""
-        return self.spectrum.unit.removesuffix("^2/Hz").strip("()")
+        """The units of the outputs, each once."""
+        return _once(self.units)
+
+
+@dataclass(frozen=True, eq=False)
+class Extremes:
+    """The largest magnitude of each output of a stationary Gaussian response within a duration, (n_outputs,).
+
+    It is the mean of that maximum, or the value below which it stays with a stated probability.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+        Its lines must be close enough for resonances and reach as far as the response does.
+    duration : float
+        s.
+    probability : float, optional
+        That the maximum stays below; the mean of the maximum by default.
+
+    Raises
+    ------
+    InputError
+        If the duration is not positive, the probability not between 0 and 1, or an output is a von Mises stress, which is not
+        Gaussian.
+
+    References
+    ----------
+    Vanmarcke (1975), J. Appl. Mech. 42, 215-220, for |x| as in Der Kiureghian (1980), Earthq. Eng. Struct. Dyn. 8, 419-435,
+    Eqs. 8 and 9. Mean over root mean square tends to Davenport (1964), Proc. Inst. Civ. Eng. 28, 187-196, in a wide band.
+    """
+
+    spectrum: Spectrum
+    duration: float
+    probability: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check duration, probability and outputs; see the class."""
+        if not (np.isfinite(self.duration) and self.duration > 0):
+            raise InputError(f"`duration` must be greater than 0 s, got {self.duration:g}")
+        if self.probability is not None and not 0 < self.probability < 1:
+            raise InputError(f"`probability` must lie between 0 and 1, got {self.probability:g}")
+        for output in self.spectrum.frf.outputs:
+            if is_von_mises(output):
+                raise InputError(
+                    f"{output} is not Gaussian, so that its spectrum does not say its maximum; take its components"
+                )
+
+    @property
+    def base(self) -> Spectrum:
+        """The spectrum."""
+        return self.spectrum
+
+    def derived(self, values: NumberArray) -> NumberArray:
+        """Largest magnitudes (n_outputs,) from spectral densities (n_frequencies, n_outputs)."""
+        w = 2 * np.pi * self.spectrum.frf.frequency
+        moments = [np.trapezoid(w[:, None] ** k * values.real, w / (2 * np.pi), axis=0) for k in range(3)]
+        return np.array([self._maximum(*each) for each in zip(*(m.tolist() for m in moments), strict=True)])
+
+    def _maximum(self, m0: float, m1: float, m2: float) -> float:
+        """Mean or quantile of the largest magnitude from the first spectral moments; 0 where nothing moves."""
+        if m0 <= 0 or m2 <= 0:
+            return 0.0
+        crossings = self.duration * np.sqrt(m2 / m0) / np.pi
+        narrow = max(1 - m1**2 / (m0 * m2), 0.0) ** 0.6  # delta^1.2
+        level = np.linspace(1e-6, _MOST_LEVEL, _LEVELS)
+        clumped = -np.expm1(-np.sqrt(np.pi / 2) * narrow * level)
+        below = -np.expm1(-(level**2) / 2) * np.exp(-crossings * clumped / np.expm1(level**2 / 2))
+        if self.probability is None:
+            return float(np.sqrt(m0) * np.trapezoid(1 - below, level))
+        return float(np.sqrt(m0) * np.interp(self.probability, below, level))
+
+    def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
+        """See `Quantity.evaluator`."""
+        return _derived_evaluator(self, structure, parameters, points)
+
+    @property
+    def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
+        """See `Quantity.axes`."""
+        return {"output": _words(self.spectrum.frf.outputs)}
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Those of the motions."""
+        return self.spectrum.output_units
+
+    @property
+    def unit(self) -> str:
+        """The units of the outputs, each once."""
+        return _once(self.units)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceModes:
+    """Mode shapes (n_dofs, n_modes) at degrees of freedom, by which modes of another structure are told."""
+
+    dofs: tuple[Dof, ...]
+    mode_shapes: FloatArray
+
+    def order_in(self, structure: Structure, others: FloatArray) -> IntArray:
+        """Columns of the mode shapes `others` of a structure that are most like these modes together, (n_modes,)."""
+        index = {dof: row for row, dof in enumerate(structure.dofs)}
+        shared = [(row, index[dof]) for row, dof in enumerate(self.dofs) if dof in index]
+        own, their = np.array(shared, dtype=np.int64).reshape(-1, 2).T
+        first, second = self.mode_shapes[own], others[their]
+        sizes = np.outer((first**2).sum(axis=0), (second**2).sum(axis=0))  # 0 of a mode in which nothing shared moves
+        alike = np.divide((first.T @ second) ** 2, sizes, out=np.zeros(sizes.shape), where=sizes > 0)
+        return np.asarray(linear_sum_assignment(-alike)[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -396,21 +566,25 @@ class NaturalModes:
     """Frequencies and damping ratios of the lowest modes, (n_modes, 2): Hz, then a number.
 
     Modes of a model within the uncertainty are those that are most like the identified ones, so that none is taken for another
-    where two frequencies cross.
+    where two frequencies cross. With a `reference` the modes are those that are most like its own, in its order.
     """
 
     n_modes: int = 10
+    reference: ReferenceModes | None = None
 
     def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
         """Frequencies and damping ratios (n_modes, 2) as a function of physical parameters."""
         structure.require_modes("modes")
-        first = _structure_modes(structure, parameters.values(points[0]), self.n_modes)
-        mass = structure.matrix("inertia", parameters.values(points[0]))
+        n_modes = self.n_modes if self.reference is None else self.n_modes + _MORE_MODES
+        first = structure_modes(structure, parameters.values(points[0]), n_modes).mode_shapes
+        if self.reference is not None:
+            first = first[:, self.reference.order_in(structure, first)]
+        mass = structure.matrix("mass", parameters.values(points[0]))
 
         def evaluate(physical: FloatArray) -> FloatArray:
             """Frequency and damping ratio of the modes that are most like the identified ones, (n_modes, 2)."""
-            found = _structure_modes(structure, parameters.values(physical), self.n_modes + 4)
-            alike = np.abs(first.mode_shapes.T @ (mass @ found.mode_shapes))
+            found = structure_modes(structure, parameters.values(physical), n_modes + _MORE_MODES)
+            alike = np.abs(first.T @ (mass @ found.mode_shapes))
             order = alike.argmax(axis=1)
             return np.stack([found.frequency[order], found.damping_ratio[order]], axis=1)
 
@@ -430,16 +604,39 @@ class NaturalModes:
         return "Hz, 1"
 
 
-def _structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
+def comparable_modes(
+    quantity: NaturalModes, before: tuple[Structure, FloatArray], after: tuple[Structure, FloatArray]
+) -> tuple[NaturalModes, NaturalModes]:
+    """Modes of a structure before and after a change: as many of both, those after in the order of their likes before.
+
+    Parameters
+    ----------
+    quantity : NaturalModes
+    before, after : (Structure, (n_values,) float array)
+        With the property values.
+    """
+    for structure, _ in (before, after):
+        structure.require_modes("modes")
+    if not after[0].n_dofs:
+        raise InputError(
+            "nothing of the changed structure can move, so that it has no modes; hold or take out less of it"
+        )
+    shapes = structure_modes(*before, quantity.n_modes).mode_shapes
+    n_modes = min(shapes.shape[1], structure_modes(*after, quantity.n_modes).mode_shapes.shape[1])
+    reference = ReferenceModes(before[0].dofs, shapes[:, :n_modes])
+    return NaturalModes(n_modes), NaturalModes(n_modes, reference)
+
+
+def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> Modes:
     """The `n_modes` lowest modes of a structure with the property values (n_values,)."""
     mass, stiffness, damping, loss = (
-        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
+        structure.matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")
     )
     return modes(mass, stiffness, damping, loss, n_modes)
 
 
 def _is_linear(structure: Structure) -> bool:
-    """Whether the matrices of a structure are all there is of it."""
+    """True if the matrices of a structure are all there is of it."""
     return structure.has_modes and not any(isinstance(element, Friction) for element in structure.elements)
 
 
@@ -452,6 +649,24 @@ def _require_linear(structure: Structure, what: str) -> None:
             f"{what} cannot be predicted with the dry friction of {rubbing[0]!r}, which is not linear; predict FRFs, or take the"
             " friction out of the structure"
         )
+
+
+def units_of(quantity: Quantity) -> tuple[str, ...]:
+    """SI unit of each output of a quantity, or of its last axis where it has no outputs."""
+    units = getattr(quantity, "units", None)
+    axes = quantity.axes
+    return tuple(units) if units else (quantity.unit,) * len(axes.get("output", list(axes.values())[-1]))
+
+
+def _derived_evaluator(
+    quantity: DerivedQuantity, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]
+) -> Evaluator:
+    evaluate = quantity.base.evaluator(structure, parameters, points)
+    return lambda physical: quantity.derived(evaluate(physical))
+
+
+def _once(units: Sequence[str]) -> str:
+    return "; ".join(dict.fromkeys(units))
 
 
 def _words(outputs: Sequence[Output]) -> tuple[str, ...]:

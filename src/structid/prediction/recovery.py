@@ -17,7 +17,7 @@ from structid.core.dof import Dof, parse_dof
 from structid.core.errors import InputError
 from structid.fem import Structure
 from structid.fem.elements import ElementSet
-from structid.fem.elements.cells.elastic import plane_law
+from structid.fem.elements.cells.elastic import plane_elasticity
 from structid.fem.elements.element import node_codes
 from structid.fem.elements.plate import ThinSet
 from structid.fem.matrices.blocks import Blocks
@@ -31,7 +31,7 @@ _FORCES = ("N", "V", "VY", "VZ", "T", "M", "MY", "MZ")
 _SURFACES = {"top": 0.5, "middle": 0.0, "bottom": -0.5}
 _STRESSES = ("stress_xx", "stress_yy", "stress_xy", "von_mises")
 #: Matrices that make up the force at the end of an element, by the derivative of motion that they multiply.
-_MATRICES = ("elastic", "viscous", "inertia")
+_MATRICES = ("stiffness", "damping", "mass")
 #: von Mises stress squared is s' A s of the stresses xx, yy and xy.
 VON_MISES = np.array([[1.0, -0.5, 0.0], [-0.5, 1.0, 0.0], [0.0, 0.0, 3.0]])
 _EXAMPLES = "M[deck:3@12], stress[deck:3@12 y=0.05 E=2.1e11] or von_mises[plate:17@top]"
@@ -111,7 +111,7 @@ class SectionForce:
         to_free = structure.numbering.matrix
         terms = []
         for part in structure.element_contributions(self.name):
-            if part.law not in _MATRICES:
+            if part.matrix_kind not in _MATRICES:
                 continue
             blocks = part.blocks
             assert isinstance(blocks, Blocks)  # of lines all matrices are
@@ -119,7 +119,7 @@ class SectionForce:
             force = direction @ blocks.local[row][ends]
             if force.any():
                 column = _over_free(to_free, blocks.dofs[row], force)
-                terms.append(_Term(_MATRICES.index(part.law), column, partial(_element_weight, part, row)))
+                terms.append(_Term(_MATRICES.index(part.matrix_kind), column, partial(_element_weight, part, row)))
         return [terms]
 
 
@@ -239,12 +239,12 @@ class CellStress:
         }
         modulus, thickness = values["youngs_modulus"], values["thickness"]
         height = _SURFACES[self.surface]
-        law = plane_law(element.poisson, strain=False)
+        elasticity = plane_elasticity(element.poisson, strain=False)
         to_free = structure.numbering.matrix
         rows = range(3) if self.component == "von_mises" else [_STRESSES.index(self.component)]
         found = []
         for component in rows:
-            membrane, curvature = (_over_free(to_free, positions, law[component] @ each) for each in strains)
+            membrane, curvature = (_over_free(to_free, positions, elasticity[component] @ each) for each in strains)
             terms = [_Term(0, membrane, lambda v: float(v[modulus]))] if membrane.any() else []
             if height:
                 terms.append(_Term(0, height * curvature, lambda v: float(v[modulus] * v[thickness])))
@@ -298,19 +298,13 @@ def parse_output(text: str | Output) -> Output:
 
 
 def parse_outputs(texts: Sequence[str | Output]) -> tuple[Output, ...]:
-    """Each text of `texts` as an output, see `parse_output`.
+    """Each text of `texts` as an output, see `parse_output`."""
+    return tuple(parse_output(text) for text in texts)
 
-    Raises
-    ------
-    InputError
-        If one cannot be read, or their units differ: motions, forces, moments, stresses and strains are quantities of their own.
-    """
-    outputs = tuple(parse_output(text) for text in texts)
-    units = {output_unit(output): output for output in reversed(outputs)}
-    if len(units) > 1:
-        first, second = list(units.values())[:2]
-        raise InputError(f"{second} and {first} are in different units; predict each kind as a quantity of its own")
-    return outputs
+
+def is_von_mises(output: Output) -> bool:
+    """True if an output is a von Mises stress, which is not linear in the loads."""
+    return isinstance(output, CellStress) and output.component == "von_mises"
 
 
 def output_unit(output: Output) -> str:
@@ -361,7 +355,7 @@ class OutputMap:
 
     @property
     def is_linear(self) -> bool:
-        """Whether no output is a von Mises stress."""
+        """True if no output is a von Mises stress."""
         return self.n_rows == len(self.first) - 1
 
     @property

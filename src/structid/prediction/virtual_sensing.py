@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
 
-from structid.core.arrays import FloatArray
+from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import Overview, Shown, format_number, join_words
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError, NoAnswerError
 from structid.dynamics.exact_discretization import stepped
 from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.poles import ReducedMatrices, Sides, reduce_structure, reduction_basis
+from structid.prediction.recovery import Output, OutputMap, is_von_mises, output_map, parse_outputs
 from structid.records import TimeRecord
 from structid.records.record import MOTION_DERIVATIVES
 
@@ -22,10 +23,18 @@ from structid.records.record import MOTION_DERIVATIVES
 _DECADES, _SIZES = 2.0, 17
 #: Part of the variance of a force before the record that remains, above which the record says next to nothing of it.
 _UNSEEN = 0.9
-#: Part of the noise of a sensor that is put on top of what the record states, where it states none.
+#: Part of a combination of forces below which a force is not named in it.
+_NAMED = 0.3
+#: Standard deviation of the noise of a sensor over the root mean square that it reads, where the record states no noise.
 _NOISE = 0.01
-#: Part of its size by which a state moves at random in a time of the slowest, and modal speed where nothing unknown acts.
-_STRAY, _SPEED = 1e-10, 1e-6
+#: Variance, in units of a state's own size, by which every modal state moves at random in a time 1 / reference: so small that it
+#: shows nowhere, so that no state is known without error and the equations for the steady gains have a solution.
+_STRAY = 1e-10
+#: Size of modal speeds, in sqrt(kg) m/s, where no unknown force gives one.
+_SPEED = 1e-6
+#: Corner of the filter against aliasing, in parts of half the sampling rate, and damping ratios of its two sections: Butterworth,
+#: fourth order. Filters of records are steeper; with a lower corner, deviations of accelerations near a force are too small.
+_CORNER, _SECTIONS = 1.0, (np.cos(np.pi / 8), np.cos(3 * np.pi / 8))
 
 
 @dataclass(frozen=True)
@@ -47,7 +56,11 @@ class UnknownForces:
     std: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise `InputError` for a correlation time or a standard deviation that is not positive."""
+        """Raise `InputError` where no force is named, or for a correlation time or standard deviation that is not positive."""
+        if not len(self.dofs):
+            raise InputError(
+                "`dofs` of unknown forces must name where they act, got none; leave `unknown` out if there are none"
+            )
         if not (np.isfinite(self.correlation_time) and self.correlation_time > 0):
             raise InputError(f"`correlation_time` must be greater than 0 s, got {self.correlation_time:g}")
         if self.std is not None and not (np.isfinite(self.std) and self.std > 0):
@@ -62,10 +75,10 @@ class SensedMotion(Shown):
     ----------
     time : (n_times,) float array
         s.
-    outputs : tuple of Dof
+    outputs : tuple of Dof or ElementOutput
     motion : {"displacement", "velocity", "acceleration"}
     values, std : (n_times, n_outputs) float arrays
-        SI units.
+        SI units: of motions, or of what is read from elements.
     force_dofs : tuple of Dof
     forces, force_std : (n_times, n_forces) float arrays
         The unknown forces, N or N m.
@@ -78,7 +91,7 @@ class SensedMotion(Shown):
     """
 
     time: FloatArray
-    outputs: tuple[Dof, ...]
+    outputs: tuple[Output, ...]
     motion: str
     values: FloatArray
     std: FloatArray
@@ -115,16 +128,17 @@ class SensedMotion(Shown):
 def sense(
     model: IdentifiedModel,
     record: TimeRecord,
-    outputs: Sequence[Dof | str],
+    outputs: Sequence[Output | str],
     motion: str = "displacement",
     unknown: UnknownForces | None = None,
     leave_out: Sequence[Dof | str] = (),
     n_draws: int = 20,
     seed: int = 0,
+    is_filtered: bool = True,
 ) -> SensedMotion:
-    """Motion at any degree of freedom during a record, whose forces may be known, partly known or unknown.
+    """Motion, forces and stresses anywhere during a record, whose loads may be known, partly known or unknown.
 
-    A Kalman filter with steady gains and a Rauch-Tung-Striebel smoother run over the modes up to half the sampling rate, with each
+    A Kalman filter with steady gains and a Rauch-Tung-Striebel smoother run over the modes up to the sampling rate, with each
     unknown force as a state of first order. They are run again for models within the uncertainty: the deviation includes both.
 
     Parameters
@@ -133,8 +147,8 @@ def sense(
     record : TimeRecord
         Forces (quantity ``force``) are taken as known, motions as measured, with the record's noise; where it states none, 1 % of
         the size of each sensor is taken.
-    outputs : sequence of Dof or str
-        Where motion is wanted.
+    outputs : sequence of Dof, ElementOutput or str
+        Where motion is wanted, or internal forces and stresses of elements, see `parse_output`.
     motion : {"displacement", "velocity", "acceleration"}
     unknown : UnknownForces, optional
         Forces that were not measured.
@@ -143,6 +157,9 @@ def sense(
     n_draws : int
         Models within the uncertainty; 0 takes the identified model as exact.
     seed : int
+    is_filtered : bool
+        Whether the record went through a filter against aliasing, as measured ones do. All that is sensed is then meant without
+        what is above half the sampling rate; a filter acts on responses as if it acted on the unknown forces.
 
     Returns
     -------
@@ -151,9 +168,14 @@ def sense(
     Raises
     ------
     InputError
-        If a place is not part of the structure, or there are more unknown forces than sensors.
+        If an output or a force is not part of the structure, an output is a von Mises stress, there are more unknown forces than
+        sensors, `leave_out` names no sensor of the record, the record holds strains or other quantities that are neither motions
+        nor forces, or a sensor has no noise and reads a constant.
     NoAnswerError
-        If the record cannot tell the motion: nothing holds the structure and accelerations alone are measured.
+        If the record cannot tell the motion: nothing holds the structure and accelerations alone are measured, or no sensor sees
+        one of the modes.
+    SingularModelError
+        If a model within the uncertainty has no positive mass.
 
     References
     ----------
@@ -162,7 +184,12 @@ def sense(
     """
     if motion not in MOTION_DERIVATIVES:
         raise InputError(f"`motion` must be one of {', '.join(MOTION_DERIVATIVES)}, got {motion!r}")
-    wanted, left = parse_dofs(outputs), parse_dofs(leave_out)
+    wanted, left = parse_outputs(outputs), parse_dofs(leave_out)
+    curved = next((output for output in wanted if is_von_mises(output)), None)
+    if curved is not None:
+        raise InputError(
+            f"{curved} is not linear in the motion, so that it has no deviation here; ask for its components"
+        )
     channels = _Channels.of_record(record, left)
     forces = () if unknown is None else parse_dofs(unknown.dofs)
     if len(forces) > len(channels.sensors):
@@ -171,50 +198,70 @@ def sense(
         )
     structure = model.structure
     structure.require_modes("motion at other places")
-    sides = Sides(
-        structure.selection((*channels.sensors, *wanted, *channels.left)),
-        structure.selection((*channels.loads, *forces)),
-    )
+    read = output_map(structure, wanted, MOTION_DERIVATIVES[motion])
+    sensors = structure.selection((*channels.sensors, *channels.left))
+    loads = structure.selection((*channels.loads, *forces))
+
+    def sides_at(values: FloatArray) -> Sides:
+        return Sides(sparse.csc_array(sparse.hstack([sensors, read.rows(values)])), loads)
+
     rate = record.sampling_rate
-    basis = reduction_basis(structure, [model.values], sides, rate / len(record.values), rate / 2)
-    correlation_time = 1.0 if unknown is None else unknown.correlation_time
-    smoother = _Smoother(channels, len(forces), correlation_time, rate, MOTION_DERIVATIVES[motion], len(wanted))
-    reduced = reduce_structure(structure, model.values, basis, sides)
+    basis = reduction_basis(structure, [model.values], sides_at(model.values), rate / len(record.values), rate / 2)
+    force_model = _ForceModel.of(1.0 if unknown is None else unknown.correlation_time, rate if is_filtered else None)
+    smoother = _Smoother(channels, len(forces), force_model, rate, read)
+    reduced = reduce_structure(structure, model.values, basis, sides_at(model.values))
     if reduced.is_rigid.any() and 0 not in channels.derivatives:
         raise NoAnswerError(
             "nothing holds the structure, so that velocities and accelerations do not tell where it is; measure a displacement too"
         )
     std = 0.0 if unknown is None else (unknown.std or smoother.likeliest_std(reduced))
     nominal = smoother.run(reduced, std)
-    draws = [
-        smoother.run(reduce_structure(structure, model.parameters.values(physical), basis, sides), std)
-        for physical in (model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ())
-    ]
-    spread = sum(((draw.mean - nominal.mean) ** 2 for draw in draws), np.zeros_like(nominal.mean)) / max(len(draws), 1)
-    deviation = np.sqrt(nominal.variance + spread)
-    n_wanted, n_left = len(wanted), len(channels.left)
-    seen = slice(n_wanted, n_wanted + n_left)
+    spread = np.zeros_like(nominal.mean)
+    for physical in model.draw_parameters(n_draws, np.random.default_rng(seed)) if n_draws else ():
+        values = model.parameters.values(physical)
+        other = smoother.run(reduce_structure(structure, values, basis, sides_at(values)), std)
+        spread += (other.mean - nominal.mean) ** 2 / n_draws
+    deviation = np.sqrt(np.diag(nominal.covariance) + spread)
+    n_out, n_left = len(wanted), len(channels.left)
+    out, seen, force = slice(0, n_out), slice(n_out, n_out + n_left), slice(n_out + n_left, None)
     error = (channels.left_values - nominal.mean[:, seen]) ** 2 / (deviation[:, seen] ** 2 + channels.left_variance)
-    remaining = nominal.variance[n_wanted + n_left :] / std**2 if forces else np.zeros(0)
-    blind = [str(dof) for dof, part in zip(forces, remaining, strict=True) if part > _UNSEEN]
-    words = (
-        (f"the record says next to nothing of the force at {join_words(blind)}: no sensor moves with it",)
-        if blind
-        else ()
-    )
     return SensedMotion(
         np.arange(len(record.values)) / rate,
         wanted,
         motion,
-        nominal.mean[:, :n_wanted],
-        deviation[:, :n_wanted],
+        nominal.mean[:, out],
+        deviation[:, out],
         forces,
-        nominal.mean[:, n_wanted + n_left :],
-        deviation[:, n_wanted + n_left :],
+        nominal.mean[:, force],
+        deviation[:, force],
         std if forces else float("nan"),
         tuple(zip(channels.left, np.sqrt(error.mean(axis=0)).tolist(), strict=True)),
-        words,
+        _unseen_words(forces, nominal.covariance[force, force] / std**2) if forces else (),
     )
+
+
+def _unseen_words(forces: Sequence[Dof], remaining: FloatArray) -> tuple[str, ...]:
+    """Sentences on forces, and combinations of them, of which the record says next to nothing.
+
+    `remaining` (n_forces, n_forces) is the covariance of the forces after the record over their variance before it.
+    """
+    blind = [dof for dof, part in zip(forces, np.diag(remaining), strict=True) if part > _UNSEEN]
+    words = (
+        [f"the record says next to nothing of the force at {join_words(blind)}: no sensor moves with it"]
+        if blind
+        else []
+    )
+    parts, directions = np.linalg.eigh(remaining)
+    for part, direction in zip(parts, directions.T, strict=True):
+        largest = float(direction[np.argmax(np.abs(direction))])
+        named = [(weight / largest, dof) for weight, dof in zip(direction.tolist(), forces, strict=True)]
+        named = [(weight, dof) for weight, dof in named if abs(weight) > _NAMED]
+        if part > _UNSEEN and len(named) > 1 and not all(dof in blind for _, dof in named):
+            text = " ".join(f"{'-' if weight < 0 else '+'} {abs(weight):.2g} {dof.place}" for weight, dof in named)
+            words.append(
+                f"the record says next to nothing of the forces {text.removeprefix('+ ')} together: their sum moves no sensor"
+            )
+    return tuple(words)
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,6 +293,13 @@ class _Channels:
     def of_record(cls, record: TimeRecord, left: tuple[Dof, ...]) -> _Channels:
         """Forces and sensors of a record, without the sensors in `left`, which are only compared."""
         quantities = record.quantities
+        pushed = [
+            str(dof) for dof, what in zip(record.channels, quantities, strict=True) if what == "force" and dof in left
+        ]
+        if pushed:
+            raise InputError(
+                f"`leave_out` names {pushed[0]}, a force of the record; name sensors, whose motion is compared"
+            )
         other = [str(quantity) for quantity in quantities if quantity not in (*MOTION_DERIVATIVES, "force")]
         if other:
             raise InputError(f"the record holds {other[0]}; motion at other places takes forces and motions alone")
@@ -263,6 +317,12 @@ class _Channels:
             raise InputError(
                 "the record has no motion to sense from; use one with displacements, velocities or accelerations"
             )
+        silent = [i for i in (*used, *out) if not np.asarray(variance)[i] > 0]
+        if silent:
+            what = "states no noise and reads a constant" if record.variance is None else "has a noise of 0"
+            raise InputError(
+                f"sensor {record.channels[silent[0]]} {what}; take it out of the record, or state its noise"
+            )
 
         def dofs(index: list[int]) -> tuple[Dof, ...]:
             return tuple(record.channels[i] for i in index)
@@ -279,10 +339,47 @@ class _Channels:
 
 @dataclass(frozen=True, eq=False)
 class _Smoothed:
-    """Mean (n_times, n_outputs + n_forces) and variance (n_outputs + n_forces,) of what was asked for."""
+    """Mean (n_times, n) and covariance (n, n) of wanted outputs, left-out sensors and unknown forces."""
 
     mean: FloatArray
-    variance: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _ForceModel:
+    """An unknown force of unit variance: z' = dynamics z + white noise of density `noise` in the first state; force = output z.
+
+    Attributes
+    ----------
+    dynamics : (n, n) float array
+        1/s. The first state has the covariance exp(-|t| / correlation time); a filter against aliasing follows.
+    noise : float
+        Square of the first state per second.
+    output : (n,) float array
+    """
+
+    dynamics: FloatArray
+    noise: float
+    output: FloatArray
+
+    @classmethod
+    def of(cls, correlation_time: float, filtered_rate: float | None) -> _ForceModel:
+        """A force with a correlation time, s, as records of a sampling rate hold it; None for no filter."""
+        sections = () if filtered_rate is None else _SECTIONS
+        n = 1 + 2 * len(sections)
+        dynamics, output = np.zeros((n, n)), np.zeros(n)
+        dynamics[0, 0] = -1 / correlation_time
+        before = 0
+        for k, damping in enumerate(sections):
+            corner, first = np.pi * _CORNER * (filtered_rate or 0.0), 1 + 2 * k
+            dynamics[first, first + 1] = corner
+            dynamics[first + 1, [before, first, first + 1]] = corner, -corner, -2 * damping * corner
+            before = first
+        output[before] = 1.0
+        white = np.zeros((n, n))
+        white[0, 0] = 2 / correlation_time
+        power = float(output @ linalg.solve_continuous_lyapunov(dynamics, -white) @ output)
+        return cls(dynamics, float(white[0, 0]), output / np.sqrt(power))
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,18 +407,19 @@ class _Smoother:
     channels : _Channels
     n_forces : int
         Unknown forces, the last inputs.
-    correlation_time, rate : float
-    derivatives : int
-        Of the motion that is asked for at the first `n_wanted` outputs behind the sensors.
-    n_wanted : int
+    force_model : _ForceModel
+        Of each of them.
+    rate : float
+        Samples per second.
+    read : OutputMap
+        What is asked for, behind used and left-out sensors among the outputs.
     """
 
     channels: _Channels
     n_forces: int
-    correlation_time: float
+    force_model: _ForceModel
     rate: float
-    derivatives: int
-    n_wanted: int
+    read: OutputMap
 
     def run(self, reduced: ReducedMatrices, std: float) -> _Smoothed:
         """Smoothed motion and forces, where unknown forces have the standard deviation `std`, N."""
@@ -335,8 +433,9 @@ class _Smoother:
         covariance = linalg.solve_discrete_lyapunov(back, updated - back @ predicted @ back.T)
         covariance = (covariance + covariance.T) / 2
         mean = smoothed @ system.wanted.T + self.channels.known @ system.wanted_direct.T
-        variance = np.einsum("ij,jk,ik->i", system.wanted, covariance, system.wanted)
-        return _Smoothed(mean, np.maximum(variance, 0.0))
+        asked = system.wanted @ covariance @ system.wanted.T
+        np.fill_diagonal(asked, np.maximum(np.diag(asked), 0.0))
+        return _Smoothed(mean, asked)
 
     def likeliest_std(self, reduced: ReducedMatrices) -> float:
         """Standard deviation, N, of the unknown forces under which the record is likeliest."""
@@ -351,11 +450,19 @@ class _Smoother:
         return float(tried[best] * (tried[1] / tried[0]) ** np.clip(shift, -0.5, 0.5))
 
     def _first_std(self, reduced: ReducedMatrices) -> float:
-        """A first guess of the unknown forces, N: they would make the sensors move as much as they do."""
-        system = self._system(reduced, 1.0)
-        stationary = linalg.solve_discrete_lyapunov(system.transition, system.noise)
+        """A first guess of the unknown forces, N: with them the sensors would move about as much as they do.
+
+        Motions fade over the length of the record, so that those of a free structure are finite. Sensors that the forces hardly
+        move hardly count.
+        """
+        system, fade = self._system(reduced, 1.0), 1 - 1 / len(self.channels.measured)
+        stationary = linalg.solve_discrete_lyapunov(fade * system.transition, system.noise)
         made = np.einsum("ij,jk,ik->i", system.reading, stationary, system.reading)
-        return float(np.sqrt((self._measured.var(axis=0) / made).mean()))
+        if not made.max() > 0:
+            raise NoAnswerError(
+                "no sensor moves with the unknown forces, so that their size cannot be told; give `std`"
+            )
+        return float(np.sqrt(max(float(self._measured.var(axis=0) @ made), 1.0) / float(made @ made)))
 
     @property
     def _measured(self) -> FloatArray:
@@ -398,33 +505,46 @@ class _Smoother:
     def _system(self, reduced: ReducedMatrices, std: float) -> _StateSpace:
         """The equations from sample to sample of modal displacements, speeds and unknown forces, in scaled units."""
         n, n_forces, n_known = len(reduced.omega), self.n_forces, reduced.inputs.shape[1] - self.n_forces
-        step, size = 1 / self.rate, 2 * n + n_forces
+        force, n_each = self.force_model, len(self.force_model.output)
+        step, size = 1 / self.rate, 2 * n + n_forces * n_each
         known, unknown = reduced.inputs[:, :n_known], reduced.inputs[:, n_known:]
-        slowest = max(float(reduced.omega[reduced.omega > 0].min(initial=np.inf)), 1 / self.correlation_time)
-        speed = max(float(np.abs(unknown).max(initial=0.0)) * std / slowest, _SPEED)
-        units = np.concatenate([speed / np.maximum(reduced.omega, slowest), np.full(n, speed), np.full(n_forces, std)])
-        rate = np.zeros((size, size))
-        rate[:n, n : 2 * n] = np.eye(n)
-        rate[n : 2 * n, :n], rate[n : 2 * n, n : 2 * n] = -np.diag(reduced.omega**2), -reduced.viscous_equivalent()
-        rate[n : 2 * n, 2 * n :] = unknown
-        rate[2 * n :, 2 * n :] = -np.eye(n_forces) / self.correlation_time
-        n_sensors = len(self.channels.sensors)
-        orders = (*self.channels.derivatives, *([self.derivatives] * self.n_wanted), *self.channels.left_derivatives)
-        rows, direct = self._readings(reduced.outputs, orders, rate[n : 2 * n], known)
-        wanted = np.vstack([rows[n_sensors:], np.eye(size)[2 * n :]]) * units
-        wanted_direct = np.vstack([direct[n_sensors:], np.zeros((n_forces, n_known))])
-        rate = rate * units / units[:, None]
-        # what no unknown force drives moves a little all the same, so that every state can be told from its noise
-        random = np.diag([_STRAY * slowest] * 2 * n + [2 / self.correlation_time] * n_forces)
-        wide = np.block([[-rate, random], [np.zeros_like(rate), rate.T]]) * step
-        power = linalg.expm(wide)
-        transition = power[size:, size:].T
-        noise = transition @ power[:size, size:]
+        elastic = reduced.omega[~reduced.is_rigid & (reduced.omega > 0)]
+        reference = max(float(elastic.min(initial=np.inf)) if len(elastic) else 0.0, float(-force.dynamics[0, 0]))
+        speed = max(float(np.abs(unknown).max(initial=0.0)) * std / reference, _SPEED)
+        scales = speed / np.maximum(reduced.omega, reference), np.full(n, speed), np.full(n_forces * n_each, std)
+        units = np.concatenate(scales)
+        pushing = np.kron(np.eye(n_forces), force.output)  # forces from their states
+        dynamics = np.zeros((size, size))
+        dynamics[:n, n : 2 * n] = np.eye(n)
+        dynamics[n : 2 * n, :n], dynamics[n : 2 * n, n : 2 * n] = (
+            -np.diag(reduced.omega**2),
+            -reduced.viscous_equivalent(),
+        )
+        dynamics[n : 2 * n, 2 * n :] = unknown @ pushing
+        dynamics[2 * n :, 2 * n :] = np.kron(np.eye(n_forces), force.dynamics)
+        acceleration = dynamics[n : 2 * n]
+        n_sensors, n_left = len(self.channels.sensors), len(self.channels.left)
+        orders = np.array([*self.channels.derivatives, *self.channels.left_derivatives])
+        rows, direct = _readings(reduced.outputs[: len(orders)], orders, acceleration, known)
+        groups = np.split(reduced.outputs[len(orders) :], len(self.read.orders))
+        asked, asked_direct = np.zeros((self.read.n_rows, size)), np.zeros((self.read.n_rows, n_known))
+        for order, group in zip(self.read.orders, groups, strict=True):
+            parts = _readings(group, np.full(len(group), order), acceleration, known)
+            asked, asked_direct = asked + parts[0], asked_direct + parts[1]
+        left = slice(n_sensors, n_sensors + n_left)
+        forces = np.hstack([np.zeros((n_forces, 2 * n)), pushing])
+        wanted = np.vstack([asked, rows[left], forces]) * units
+        wanted_direct = np.vstack([asked_direct, direct[left], np.zeros((n_forces, n_known))])
+        dynamics = dynamics * units / units[:, None]
+        noisy = np.zeros(n_each)
+        noisy[0] = force.noise
+        random = np.diag(np.concatenate([np.full(2 * n, _STRAY * reference), np.tile(noisy, n_forces)]))
+        wide = np.block([[-dynamics, random], [np.zeros_like(dynamics), dynamics.T]]) * step
         held = np.zeros((size + 2 * n_known,) * 2)
-        held[:size, :size], held[n : 2 * n, size : size + n_known] = rate * step, known * step / speed
+        held[:size, :size], held[n : 2 * n, size : size + n_known] = dynamics * step, known * step / speed
         held[size : size + n_known, size + n_known :] = np.eye(n_known)
-        whole = linalg.expm(held)[:size]
-        constant, rising = whole[:, size : size + n_known], whole[:, size + n_known :]
+        transition, constant, rising = np.split(linalg.expm(held)[:size], [size, size + n_known], axis=1)
+        noise = transition @ linalg.expm(wide)[:size, size:]
         deviation = np.sqrt(self.channels.variance)[:, None]
         return _StateSpace(
             transition,
@@ -436,16 +556,17 @@ class _Smoother:
             wanted_direct,
         )
 
-    @staticmethod
-    def _readings(
-        outputs: FloatArray, orders: tuple[int, ...], acceleration: FloatArray, known: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Matrices of outputs over states (n_outputs, n_states) and over known forces (n_outputs, n_known)."""
-        n = outputs.shape[1]
-        rows, direct = np.zeros((len(orders), acceleration.shape[1])), np.zeros((len(orders), known.shape[1]))
-        for i, order in enumerate(orders):
-            if order == 2:
-                rows[i], direct[i] = outputs[i] @ acceleration, outputs[i] @ known
-            else:
-                rows[i, order * n : (order + 1) * n] = outputs[i]
-        return rows, direct
+
+def _readings(
+    outputs: FloatArray, orders: IntArray, acceleration: FloatArray, known: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Matrices of outputs over states (n_outputs, n_states) and over known forces (n_outputs, n_known).
+
+    `outputs` (n_outputs, n_modes) read modal displacements, or their derivatives of `orders` (n_outputs,).
+    """
+    n = outputs.shape[1]
+    rows, direct = np.zeros((len(orders), acceleration.shape[1])), np.zeros((len(orders), known.shape[1]))
+    for order in (0, 1):
+        rows[orders == order, order * n : (order + 1) * n] = outputs[orders == order]
+    rows[orders == 2], direct[orders == 2] = outputs[orders == 2] @ acceleration, outputs[orders == 2] @ known
+    return rows, direct

@@ -1,11 +1,13 @@
 """The public names, each with its place; `structid.lazy` reads them from here."""
 
+from structid.records.correlation import CorrelationRecord as CorrelationRecord
 from structid.records.formats import CsvLayout as CsvLayout
 from structid.records.formats import Geometry as Geometry
 from structid.records.formats import ReadOptions as ReadOptions
 from structid.records.formats import read_geometry as read_geometry
 from structid.records.formats import read_record as read_record
 from structid.records.formats import write_record as write_record
+from structid.records.formats.spectra import read_correlation as read_correlation
 from structid.records.formats.spectra import read_spectrum as read_spectrum
 from structid.records.quality.findings import Finding as Finding
 from structid.records.quality.preparation import Preparation as Preparation

@@ -218,7 +218,7 @@ class FrfRecord(Shown):
 
     @property
     def is_per_motion(self) -> bool:
-        """Whether the values are per motion of a support that drives the structure, not per force."""
+        """True if the values are per motion of a support that drives the structure, not per force."""
         return self.kind == "transmissibility"
 
     @property

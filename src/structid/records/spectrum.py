@@ -20,6 +20,29 @@ from structid.records.record import QUANTITY_UNITS
 _EVEN = 1e-3
 
 
+def checked_channels(
+    channels: Iterable[str | Dof], references: Iterable[str | Dof], quantities: Iterable[Quantity]
+) -> tuple[tuple[Dof, ...], tuple[Dof, ...], tuple[Quantity, ...]]:
+    """Channels, references and quantities of spectra or correlation functions of motion, as tuples.
+
+    Raises
+    ------
+    InputError
+        If a channel is doubled, a reference is no channel, or a quantity is no motion.
+    """
+    channels, references, quantities = parse_dofs(channels), parse_dofs(references), tuple(quantities)
+    for name, dofs in (("channels", channels), ("references", references)):
+        if len(set(dofs)) < len(dofs) or not dofs:
+            raise InputError(f"`{name}` must name each place and direction once, got {', '.join(map(str, dofs))}")
+    if not set(references) <= set(channels):
+        raise InputError("`references` must be among the channels; add what every reference measured as a channel")
+    if len(quantities) != len(channels) or not set(quantities) <= {"displacement", "velocity", "acceleration"}:
+        raise InputError(
+            f"`quantities` must say displacement, velocity or acceleration of each channel, got {quantities}"
+        )
+    return channels, references, quantities
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class SpectrumRecord(Shown):
     """Auto- and cross-spectra of motion, for `identify_modes` by frequency domain decomposition.
@@ -70,17 +93,7 @@ class SpectrumRecord(Shown):
 
     def __post_init__(self) -> None:
         """Convert and check the arguments: shapes, finite values, channels named once, evenly spaced frequencies."""
-        channels, references = parse_dofs(self.channels), parse_dofs(self.references)
-        quantities = tuple(self.quantities)
-        for name, dofs in (("channels", channels), ("references", references)):
-            if len(set(dofs)) < len(dofs) or not dofs:
-                raise InputError(f"`{name}` must name each place and direction once, got {', '.join(map(str, dofs))}")
-        if not set(references) <= set(channels):
-            raise InputError("`references` must be among the channels; add the spectra of every reference as a channel")
-        if len(quantities) != len(channels) or not set(quantities) <= {"displacement", "velocity", "acceleration"}:
-            raise InputError(
-                f"`quantities` must say displacement, velocity or acceleration of each channel, got {quantities}"
-            )
+        channels, references, quantities = checked_channels(self.channels, self.references, self.quantities)
         frequency = locked(self.frequency, np.float64)
         values = locked(self.values, np.complex128)
         require_shape("values", values, (len(frequency), len(channels), len(references)))

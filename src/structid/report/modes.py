@@ -16,6 +16,7 @@ from structid.modal.poles.poles import modal_phase_deviation
 from structid.modal.survey.survey import HARDLY_DAMPED, MODES_PAGE, ModesResult, dies_out
 from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord
+from structid.records.correlation import CorrelationRecord
 from structid.records.spectrum import SpectrumRecord
 from structid.report.figures.shapes import shapes_figure
 from structid.report.figures.survey import (
@@ -214,6 +215,11 @@ def record_words(result: ModesResult) -> str:
             f"stored spectra of {plural(len(record.channels), 'channel')} of {kinds} and"
             f" {plural(len(record.references), 'reference')}, {len(record.frequency)} lines from {exact(record.frequency[0])} to"
             f" {exact(record.frequency[-1])} Hz"
+        )
+    if isinstance(record, CorrelationRecord):
+        return (
+            f"stored correlation functions of {plural(len(record.channels), 'channel')} of {kinds} and"
+            f" {plural(len(record.references), 'reference')}, {len(record.values)} lags to {exact(record.lag[-1])} s"
         )
     seconds = len(record.values) / record.sampling_rate
     of_several = not {dof.unsigned for dof in result.modes.channels} <= {dof.unsigned for dof in record.channels}

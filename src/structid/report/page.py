@@ -106,5 +106,10 @@ def _environment() -> Environment:
         lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     found.globals |= {"legend": legend, "clean": clean}
-    found.filters["code"] = with_code
+    found.filters |= {"code": with_code, "unindented": unindented}
     return found
+
+
+def unindented(script: str) -> Markup:
+    """`script` without the blanks that begin its lines, which a page need not carry; no text of it goes over lines."""
+    return Markup("\n".join(line.lstrip() for line in str(script).splitlines() if line.strip()))

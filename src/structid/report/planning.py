@@ -18,7 +18,17 @@ from structid.report.tables import Table, printed
 from structid.study.results.plan import PLAN_PAGE
 
 _MOST_GROUPS, _MOST_PLACES, _MOST_LINES = 5, 12, 40
-_HEADER = ("test", "sensors", "loads", "lines", "determined", "worst std", "worst parameter", "RMS std")
+_HEADER = (
+    "test",
+    "sensors",
+    "loads",
+    "lines",
+    "determined",
+    "worst std",
+    "worst parameter",
+    "RMS std",
+    "with tolerances",
+)
 
 
 def plan_text(found: Plan, title: str, notes: tuple[str, ...]) -> list[RenderableType]:
@@ -62,12 +72,21 @@ def _noise_words(found: Plan) -> str:
 
 
 def assumption_lines(found: Plan) -> list[str]:
-    """What makes the deviations of the table too small, where it does."""
+    """What the deviations of the table rest on: tolerances, and a model without damping."""
+    lines = (
+        [
+            f"std are of noise alone; the last column is the worst with {found.assumption} as well, which neither more lines"
+            " nor more averages lessen"
+        ]
+        if found.assumption
+        else []
+    )
     if not found.is_undamped:
-        return []
+        return lines
     return [
+        *lines,
         f"these std rest on noise of {_noise_words(found)} and on a model without any damping, whose resonances are endlessly high:"
-        " a real structure will tell far less; give the model damping, such as `damping_ratio = 0.01` in [structure]"
+        " a real structure will tell far less; give the model damping, such as `damping_ratio = 0.01` in [structure]",
     ]
 
 
@@ -84,10 +103,11 @@ def test_table(found: Plan) -> Table:
             percent_text(test.worst_std),
             found.parameters.names[test.worst],
             percent_text(test.rms_std),
+            percent_text(test.worst_with_tolerances),
         )
         for test in found.tests
     )
-    return Table(_HEADER, rows, (1, 2, 3, 4, 5, 7))
+    return Table(_HEADER, rows, (1, 2, 3, 4, 5, 7, 8))
 
 
 def parameter_table(found: Plan) -> Table:

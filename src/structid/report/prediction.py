@@ -9,13 +9,15 @@ from rich.text import Text
 from structid.core.display import plural
 from structid.core.quantities import NOTHING, number, percent, unit_text, value_words
 from structid.prediction.predict import PredictedChange, Prediction
-from structid.report.figures.prediction import frf_figure, history_figure
+from structid.prediction.quantities import units_of
+from structid.prediction.tuned_damper import TunedDamper
+from structid.report.figures.prediction import frf_figure, history_figure, spectrum_figure
 from structid.report.page import Page
 from structid.report.tables import Table, printed
 from structid.study.run.predicting import PREDICTION_PAGE, StudyPrediction, parts_of
 
 #: Part of a value that rounding makes at most.
-_ROUNDING = 1e-9
+_ROUNDING = 1e-7
 
 
 def modes_table(found: Prediction | PredictedChange) -> Table:
@@ -43,22 +45,21 @@ def modes_table(found: Prediction | PredictedChange) -> Table:
     return Table(header, tuple(rows), tuple(range(len(header))))
 
 
-def maxima_table(found: Prediction | PredictedChange) -> Table:
-    """Table of the largest predicted motion of each sensor."""
+def outputs_table(found: Prediction | PredictedChange, title: str = "Largest") -> Table:
+    """Table of a quantity with one value an output, such as the largest predicted motion of each sensor."""
     parts = parts_of(found)
     first = next(iter(parts.values()))
-    unit = unit_text(first.quantity.unit)
-    names = {"value": "Largest"}
-    header = ["Sensor"]
+    names = {"value": title}
+    header = ["Sensor", "Unit"]
     for name in parts:
-        header += [f"{names.get(name, name.capitalize())} ({unit})", "95 % interval"]
+        header += [names.get(name, name.capitalize()), "95 % interval"]
     rows = []
-    for i, output in enumerate(first.quantity.axes["output"]):
-        cells = [str(output)]
+    for i, (output, unit) in enumerate(zip(first.quantity.axes["output"], units_of(first.quantity), strict=True)):
+        cells = [str(output), unit_text(unit)]
         for part in parts.values():
             cells += [number(float(part.values[i])), _interval(part, (i,))]
         rows.append(tuple(cells))
-    return Table(tuple(header), tuple(rows), tuple(range(1, len(header))))
+    return Table(tuple(header), tuple(rows), tuple(range(2, len(header))))
 
 
 def _value(part: Prediction, index: tuple[int, ...], size: float = 0.0) -> str:
@@ -81,9 +82,11 @@ def _interval(part: Prediction, index: tuple[int, ...], factor: float = 1.0) -> 
 
 def heading(found: StudyPrediction) -> str:
     """What was predicted, in one line."""
-    what = [name for name, part in (("FRFs", found.frf), ("motion", found.history)) if part is not None]
-    told = f"{' and '.join([*what, 'modes'])} predicted from {found.folder}"
-    return f"{told}; {', '.join(found.changes)}" if found.changes else told
+    kinds = (("FRFs", found.frf), ("history", found.history), ("spectra", found.spectrum))
+    what = [name for name, part in kinds if part is not None]
+    words = f"{' and '.join([*what, 'modes'])} predicted from {found.folder}"
+    words += f", {found.loads}" if found.loads else ""
+    return f"{words}; {', '.join(found.changes)}" if found.changes else words
 
 
 def width_words(found: StudyPrediction) -> str:
@@ -99,11 +102,28 @@ def width_words(found: StudyPrediction) -> str:
     return f"Half-width of the 95 % band of the FRFs, median over lines: {', '.join(words)}"
 
 
+def damper_table(damper: TunedDamper) -> Table:
+    """Table of the values of a tuned mass damper, best over the uncertainty and for the identified model."""
+    shown = damper.overview()
+    return Table(tuple(shown.header), tuple(map(tuple, shown.rows)), tuple(range(1, len(shown.header))))
+
+
+def _tables(found: StudyPrediction) -> dict[str, Table | None]:
+    """Tables with one row an output, by their names in the page; None of what was not predicted."""
+    titles = {
+        "maxima": (found.maxima, "Largest"),
+        "root_mean_square": (found.root_mean_square, "Root mean square"),
+        "largest": (found.largest, f"Largest in {found.duration or 0:g} s, on the mean"),
+    }
+    return {name: None if part is None else outputs_table(part, title) for name, (part, title) in titles.items()}
+
+
 def prediction_text(found: StudyPrediction) -> list[RenderableType]:
     """Terminal text of a prediction: natural modes, largest motions, and what the bands include."""
     parts: list[RenderableType] = [Text(heading(found), style="bold"), printed(modes_table(found.modes))]
-    if found.maxima is not None:
-        parts.append(printed(maxima_table(found.maxima)))
+    if found.damper is not None:
+        parts += [Text(found.damper.overview().words), printed(damper_table(found.damper))]
+    parts += [printed(table) for table in _tables(found).values() if table is not None]
     parts += [Text(words) for words in (width_words(found), found.words) if words]
     return parts
 
@@ -115,6 +135,8 @@ def prediction_page(found: StudyPrediction) -> Page:
         figures["prediction_frf"] = frf_figure(found.frf)
     if found.history is not None:
         figures["prediction_history"] = history_figure(found.history)
+    if found.spectrum is not None:
+        figures["prediction_spectrum"] = spectrum_figure(found.spectrum)
     words = {
         "title": found.title or "Structure",
         "heading": heading(found),
@@ -122,7 +144,10 @@ def prediction_page(found: StudyPrediction) -> Page:
         "bands": found.words,
         "width": width_words(found),
         "modes": modes_table(found.modes),
-        "maxima": None if found.maxima is None else maxima_table(found.maxima),
+        **_tables(found),
+        "loads": found.loads,
+        "damper": None if found.damper is None else damper_table(found.damper),
+        "damper_words": "" if found.damper is None else found.damper.overview().words,
         "n_draws": plural(next(iter(parts_of(found.modes).values())).n_draws, "model"),
     }
     return Page(PREDICTION_PAGE, "prediction.html.j2", figures, words)

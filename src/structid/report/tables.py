@@ -22,7 +22,7 @@ class Table:
 
     @property
     def is_long(self) -> bool:
-        """Whether it is long enough to be folded away."""
+        """True if it is long enough to be folded away."""
         return len(self.rows) > _MANY
 
     def first(self, count: int) -> Table:

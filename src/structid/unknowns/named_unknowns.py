@@ -41,7 +41,7 @@ class NamedUnknowns:
         of what may be negative; 0 for most.
     couplings : tuple of Coupling
         What is known of several of them together: correlated priors, smoothness, sparsity.
-    held : ((n_params,) array, (n_params,) array), optional
+    free_prior : ((n_params,) array, (n_params,) array), optional
         Gaussian prior on the free variables besides: mean and standard deviation, NaN where there is none. It holds
         what the data of an easier form of a problem do not say.
     """
@@ -54,7 +54,7 @@ class NamedUnknowns:
     priors: Priors
     scale: FloatArray
     couplings: tuple[Coupling, ...] = field(default=(), kw_only=True)
-    held: tuple[FloatArray, FloatArray] | None = field(default=None, kw_only=True)
+    free_prior: tuple[FloatArray, FloatArray] | None = field(default=None, kw_only=True)
 
     @property
     def n_params(self) -> int:
@@ -145,7 +145,7 @@ def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
         return np.concatenate([one, other])
 
     n = first.n_params + second.n_params
-    regularized = [u.held or (np.full(u.n_params, np.nan),) * 2 for u in (first, second)]
+    regularized = [u.free_prior or (np.full(u.n_params, np.nan),) * 2 for u in (first, second)]
     couplings = [c.among(n, 0) for c in first.couplings] + [c.among(n, first.n_params) for c in second.couplings]
     return NamedUnknowns(
         names=first.names + second.names,
@@ -156,5 +156,5 @@ def joined(first: NamedUnknowns, second: NamedUnknowns) -> NamedUnknowns:
         priors=first.priors.followed_by(second.priors),
         scale=both(first.scale, second.scale),
         couplings=tuple(couplings),
-        held=(both(regularized[0][0], regularized[1][0]), both(regularized[0][1], regularized[1][1])),
+        free_prior=(both(regularized[0][0], regularized[1][0]), both(regularized[0][1], regularized[1][1])),
     )

@@ -58,7 +58,7 @@ class ParameterGroup:
 
     @property
     def is_free(self) -> bool:
-        """Whether its parameters are identified: neither fixed nor tied to another."""
+        """True if its parameters are identified: neither fixed nor tied to another."""
         return self.unknown.tied_to is None and not self.unknown.fixed
 
     @cached_property
@@ -124,7 +124,7 @@ class ParameterGroup:
 
     @cached_property
     def is_bounded(self) -> bool:
-        """Whether they have an upper bound."""
+        """True if they have an upper bound."""
         return self.unknown.bounds is not None or bool(np.isfinite(self._property_limits[1]))
 
     @cached_property

@@ -108,7 +108,7 @@ class Parameters(Shown, NamedUnknowns):
 
     @property
     def has_priors(self) -> bool:
-        """Whether anything is known of the parameters beside their ranges."""
+        """True if anything is known of the parameters beside their ranges."""
         return bool(self.priors.stated.any() or self.couplings)
 
     def without_priors(self) -> Parameters:

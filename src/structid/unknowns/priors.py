@@ -249,14 +249,16 @@ def joint_prior(
     return Coupling(name, matrix, whitener @ mean, logarithmic)
 
 
-def held_rows(held: tuple[FloatArray, FloatArray] | None, theta: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+def free_prior_rows(
+    free_prior: tuple[FloatArray, FloatArray] | None, theta: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Whitened rows of a Gaussian prior on the free variables: variable index, residual and derivative, (n_rows,) each.
 
-    `held` is its mean and standard deviation, (n_params,) each and NaN where there is none; `theta` (n_params,) are the
+    `free_prior` is its mean and standard deviation, (n_params,) each and NaN where there is none; `theta` (n_params,) are the
     free variables.
     """
-    if held is None:
+    if free_prior is None:
         return np.zeros(0, dtype=int), np.zeros(0), np.zeros(0)
-    mean, std = held
+    mean, std = free_prior
     rows = np.flatnonzero(np.isfinite(std))
     return rows, ((theta - mean) / std)[rows], 1 / std[rows]

@@ -31,11 +31,11 @@ class Tolerances:
     Parameters
     ----------
     mass : float
-        Of held masses and rotary inertias.
+        Of fixed masses and rotary inertias.
     stiffness : float
-        Of held stiffnesses, thicknesses and axial forces.
+        Of fixed stiffnesses, thicknesses and axial forces.
     damping : float
-        Of held dampings and friction forces.
+        Of fixed dampings and friction forces.
     calibration : float
         Of the common gain of all channels of a record: sensors over load cells, or over the motion of a support.
     """
@@ -92,15 +92,15 @@ def fixed_properties(structure: Structure, unknown: Parameters, tolerances: Tole
     ----------
     structure : Structure
     unknown : Parameters
-        Parameters of that structure, which do not count as held.
+        Parameters of that structure, which do not count as fixed.
     tolerances : Tolerances
         Tolerances of element sets that state none.
     """
     stated = {element.name: element.tolerance for element in structure.elements}
-    is_held = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)
+    is_fixed = (np.diff(unknown.design.tocsr().indptr) == 0) & (unknown.offset != 0)
     found = []
     for item in structure.properties:
-        indices = item.values.start + np.flatnonzero(is_held[item.values])
+        indices = item.values.start + np.flatnonzero(is_fixed[item.values])
         tolerance = _own_tolerance(stated.get(item.element), item.term.property)
         tolerance = tolerances.of_kind(item.term.kind) if tolerance is None else tolerance
         if len(indices) and tolerance > 0:

@@ -107,7 +107,7 @@ def _set(text: str, path: KeyPath, value: str) -> str:
 
 
 def _is_spread(blocks: Sequence[Block], path: KeyPath) -> bool:
-    """Whether the table at `path` has a header of its own, or keys with points."""
+    """True if the table at `path` has a header of its own, or keys with points."""
     named = [block.path + key[:-1] for block in blocks for key in block.pairs if len(key) > 1]
     return path in [*(block.path for block in blocks), *named]
 

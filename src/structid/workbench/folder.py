@@ -28,6 +28,8 @@ from structid.study.schema.toml_lines import parse_toml
 
 #: Where the workbench keeps its own things inside the folder: logs of runs, overviews of long records.
 OWN = ".structid"
+#: How a folder of files for other programs ends, beside the results that they are made of; it holds no records of the study.
+EXPORTS = "_exports"
 #: By their suffix; JSON, TOML and text files are looked into.
 _RECORDS: tuple[ModuleType | LoggerFormat, ...] = (*FORMATS, *LOGGERS)
 RECORD_SUFFIXES = (
@@ -179,7 +181,11 @@ class OpenFolder:
             inner = []
             for entry in entries:
                 if entry.is_dir(follow_symlinks=False):
-                    if depth < _DEEPEST and not entry.name.startswith(".") and not entry.name.endswith(".checkpoint"):
+                    if (
+                        depth < _DEEPEST
+                        and not entry.name.startswith(".")
+                        and not entry.name.endswith((".checkpoint", EXPORTS))
+                    ):
                         inner.append((folder / entry.name, depth + 1))
                     continue
                 count += 1
@@ -356,7 +362,7 @@ def _shown_name(name: str) -> str:
 
 
 def _is_printable(name: str) -> bool:
-    """Whether a name is a text in UTF-8 without signs that steer."""
+    """True if a name is a text in UTF-8 without signs that steer."""
     return name.isprintable()
 
 

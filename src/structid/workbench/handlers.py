@@ -23,10 +23,10 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 
 from structid._version import __version__
 from structid.core.errors import FileError, InputError
-from structid.files import atomic_write, claimed
+from structid.files import atomic_write, claimed, read_start
 from structid.study.templates import TEMPLATES, asked_of
 from structid.workbench.edits import edited
-from structid.workbench.folder import ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
+from structid.workbench.folder import EXPORTS, ChangedError, OpenFolder, digest, read_json, typed_folder, upload_name
 from structid.workbench.recent import is_confirmed, recent_folders, remember_confirmed
 from structid.workbench.runs import Runs
 from structid.workbench.sections import element_properties, presets
@@ -36,9 +36,15 @@ from structid.workbench.work.workers import Workers
 
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _SEEN = {".html", ".json", ".toml", ".csv", ".h5", ".uff", ".png", ".txt"}
+#: Files for other programs, in the folder beside results.
+_EXPORTED = _SEEN | {
+    ".bdf", ".dat", ".fem", ".inp", ".mat", ".mtx", ".nas", ".npy", ".npz", ".op4", ".pch", ".pun", ".uf", ".unv", ".vtu"
+}  # fmt: skip
 _TICK = 0.5
 #: Pages that hear of changes, files of results that are told, and files beside a study that are looked at, at most.
 _MOST_STREAMS, _MOST_RESULTS, _MOST_STAMPS = 64, 2000, 10_000
+#: Lines of a table that are shown while its layout is chosen, letters of each, and bytes that are read for them.
+_PREVIEW_LINES, _PREVIEW_LETTERS, _PREVIEW_BYTES = 12, 400, 20_000
 #: Files that are being uploaded.
 _arriving: set[Path] = set()
 
@@ -239,6 +245,19 @@ async def _facts(bench: Workbench, request: Request) -> Response:
     return await bench.worked("facts", {key: body[key] for key in ("record", "options")}, version)
 
 
+async def _lines(bench: Workbench, request: Request) -> Response:
+    """Answer with the first lines of a table of text as they stand in the file."""
+    body = await request.json()
+    path, encoding = bench.opened.inside(body["record"]), str(body.get("encoding") or "utf-8")
+    content = await asyncio.to_thread(read_start, path, _PREVIEW_BYTES)
+    try:
+        text = content.decode(encoding, "replace")
+    except LookupError:
+        raise InputError(f"there is no encoding {encoding!r}; write utf-8, cp1252 or utf-16") from None
+    lines = text.splitlines()[:_PREVIEW_LINES]
+    return Json({"lines": [line[:_PREVIEW_LETTERS] for line in lines]})
+
+
 def _modes_folder(name: str, *keys: str) -> Handler:
     """Handler that lets the worker function `name` write a folder of modes and answers with its page."""
 
@@ -325,7 +344,14 @@ async def _start_run(bench: Workbench, request: Request) -> Response:
         words = "this study runs a program of this machine; look at its command, and confirm it"
         return Json({"error": words, "solver": solver}, 428)
     run = await asyncio.to_thread(
-        bench.runs.start, study, given["results"], bool(given.get("resume")), bool(given.get("replace")), confirmation
+        bench.runs.start,
+        study,
+        given["results"],
+        bool(given.get("resume")),
+        bool(given.get("replace")),
+        confirmation,
+        None if given.get("seconds") is None else float(given["seconds"]),
+        bool(given.get("explain")),
     )
     return Json(run.summary())
 
@@ -450,6 +476,13 @@ async def _fits(bench: Workbench, request: Request) -> Response:
     return await bench.worked("fits", {"results": name}, version)
 
 
+async def _use(bench: Workbench, request: Request) -> Response:
+    """Answer with what can be asked of an identified model; cached until its results or a file of its study change."""
+    name = request.query_params["results"]
+    path = bench.opened.inside(f"{name}/estimate.h5")
+    return await bench.worked("use", {"results": name}, bench.version(name) if path.is_file() else "")
+
+
 async def _view(bench: Workbench, request: Request) -> Response:
     """Answer with an HTML report of the open folder; 404 for any other file."""
     path = bench.opened.inside(request.path_params["name"])
@@ -461,7 +494,8 @@ async def _view(bench: Workbench, request: Request) -> Response:
 async def _download(bench: Workbench, request: Request) -> Response:
     """Answer with a file of results as a download."""
     path = bench.opened.inside(request.query_params["path"])
-    if not path.is_file() or path.suffix not in _SEEN:
+    seen = _EXPORTED if path.parent.name.endswith(EXPORTS) else _SEEN
+    if not path.is_file() or path.suffix not in seen:
         raise FileError(f"{request.query_params['path']}: is not there any more")
     return FileResponse(path, filename=path.name, media_type="application/octet-stream")
 
@@ -510,10 +544,12 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/api/scene", _of_study("scene", number=0)),
     ("GET", "/api/channels", _of_study("channels", number=0)),
     ("GET", "/api/check", _of_study("check")),
+    ("GET", "/api/modelled", _of_study("modelled", number=0)),
     ("GET", "/api/needs", _of_study("needs")),
     ("GET", "/api/plan", _of_study("plan", sensors=4)),
     ("POST", "/api/mesh", _of_body("mesh", "path", "length_unit")),
     ("POST", "/api/facts", _facts),
+    ("POST", "/api/lines", _lines),
     ("POST", "/api/histories", _histories),
     ("POST", "/api/responses", _of_body("responses", "study", "outputs", "number")),
     ("POST", "/api/survey", _of_body("survey", "record", "options", "band")),
@@ -526,6 +562,9 @@ ROUTES: tuple[tuple[str, str, Handler], ...] = (
     ("GET", "/api/events", _events),
     ("GET", "/api/results", _results),
     ("GET", "/api/fits", _fits),
+    ("GET", "/api/use", _use),
+    ("POST", "/api/predict", _of_body("predict", "results", "options", "changes")),
+    ("POST", "/api/exports", _of_body("exports", "results", "kind", "suffix", "options")),
     ("GET", "/api/download", _download),
     ("GET", "/api/export", _export),
 )

@@ -24,7 +24,7 @@ def remember(folder: Path) -> None:
 
 
 def is_confirmed(confirmation: str) -> bool:
-    """Whether the user has confirmed a command, by `structid.external.confirmation.confirmation_of`."""
+    """True if the user has confirmed a command, by `structid.external.confirmation.confirmation_of`."""
     return confirmation in _kept(_COMMANDS)
 
 

@@ -211,7 +211,14 @@ class Runs:
         return found
 
     def start(
-        self, study: str, results: str, resume: bool = False, replace: bool = False, confirmation: str = ""
+        self,
+        study: str,
+        results: str,
+        resume: bool = False,
+        replace: bool = False,
+        confirmation: str = "",
+        seconds: float | None = None,
+        explain: bool = False,
     ) -> Run:
         """Start `structid identify` on a study as a new run, which waits in the queue if others compute.
 
@@ -225,11 +232,15 @@ class Runs:
             Whether results that are there may be replaced.
         confirmation : str, optional
             Of the solver's command that may run; any other is refused.
+        seconds : float, optional
+            Processor time for the search for causes of a misfit; as the command chooses it by default.
+        explain : bool, optional
+            Whether causes are looked for even where the answer is sound.
 
         Raises
         ------
         InputError
-            If a path is outside the folder, or another run writes to the same results.
+            If a path is outside the folder, the time is no number, or another run writes to the same results.
         ChangedError
             If the folder of results holds something that is not to be replaced.
         FileError
@@ -238,6 +249,8 @@ class Runs:
         path, out = self.opened.inside(study), self.opened.inside(results)
         self.opened.inside(f"{results}.checkpoint")
         require_no_file(out)
+        if seconds is not None and not 0 <= seconds < float("inf"):
+            raise InputError(f"the time for causes must be at least 0 s, got {seconds:g}; leave it out for the usual")
         for run in self:
             told = run.summary()
             if told["results"] == results and told["state"] in _LIVE:
@@ -247,6 +260,8 @@ class Runs:
         folder = self.opened.own("runs", f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}")
         words = ["identify", str(path), "--out", str(out), "--progress", str(folder / "progress.jsonl")]
         words += ["--resume"] if resume else []
+        words += [] if seconds is None else ["--seconds", f"{seconds:g}"]
+        words += ["--explain"] if explain else []
         process = subprocess.Popen(
             [sys.executable, *SAFE_FLAGS, "-m", "structid.workbench.runner", str(folder), *words],
             cwd=NEUTRAL_FOLDER,

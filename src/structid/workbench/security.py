@@ -66,11 +66,11 @@ class Access:
         return hmac.new(self.token.encode(), path.encode(), hashlib.sha256).hexdigest()[:40]
 
     def is_token(self, given: str) -> bool:
-        """Whether `given` is the token; as long for a wrong one as for the right one."""
+        """True if `given` is the token; as long for a wrong one as for the right one."""
         return hmac.compare_digest(given.encode(), self.token.encode())
 
     def is_view_key(self, given: str, path: str) -> bool:
-        """Whether `given` is the key of the page of results at `path`."""
+        """True if `given` is the key of the page of results at `path`."""
         return hmac.compare_digest(given.encode(), self.view_key(path).encode())
 
 

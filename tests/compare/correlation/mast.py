@@ -80,7 +80,7 @@ def written(folder: Path, text: str = STUDY + SENSORS, noise: float = 0.01, n_mo
     """The study in `folder`, with modes of a mast whose bending stiffness along Y is 1.2 times that of the model."""
     folder.mkdir(exist_ok=True)
     structure = mast(1.2 * STIFF)
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=n_modes)
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=n_modes)
     shapes = seen(structure, found)
     shapes /= np.abs(shapes).max(axis=0)
     shapes += noise * np.random.default_rng(3).standard_normal(shapes.shape)

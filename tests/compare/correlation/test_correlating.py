@@ -39,7 +39,7 @@ def test_modes_of_a_study_are_paired_across_a_crossing_and_their_mac_is_the_dens
     found = correlate(load_study(mast.written(tmp_path)))
     (part,) = found.modes
     structure = mast.mast()
-    model = modes(structure.matrix("inertia"), structure.matrix("elastic"))
+    model = modes(structure.matrix("mass"), structure.matrix("stiffness"))
     measured = read_modes(tmp_path / "modes.csv")
     expected = dense_mac(measured.mode_shapes, mast.seen(structure, model))
     moving = part.pairing.mac.max(axis=0) > 0
@@ -75,7 +75,7 @@ def test_responses_of_a_study_have_the_frac_of_its_model(tmp_path):
     (part,) = correlate(study).responses
     values = study.parameters.values(study.parameters.start)
     m, c, k, h = (
-        study.structure.matrix(law, values).toarray() for law in ("inertia", "viscous", "elastic", "structural")
+        study.structure.matrix(law, values).toarray() for law in ("mass", "damping", "stiffness", "structural_damping")
     )
     s, b = (study.structure.selection(dofs).toarray() for dofs in (part.record.outputs, part.record.inputs))
     expected = []

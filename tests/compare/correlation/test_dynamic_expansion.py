@@ -12,7 +12,7 @@ def test_a_shape_of_the_model_at_its_frequency_is_carried_on_exactly():
     nodes = {k: 0.2 * (k - 1) for k in range(1, 8)}
     beam = Beam("beam", [[k, k + 1] for k in range(1, 7)], mass=3.0, bending_stiffness=500.0)
     structure = Structure(nodes, [beam], ["1Y", "1RZ"])
-    mass, stiffness = structure.matrix("inertia"), structure.matrix("elastic")
+    mass, stiffness = structure.matrix("mass"), structure.matrix("stiffness")
     model = modes(mass, stiffness)
     sensors = structure.selection(parse_dofs(["3Y", "5Y-", "7Y"]))
     seen, std = np.asarray(sensors.T @ model.mode_shapes[:, :3]), np.array([[0.1], [0.2], [0.3]]) * np.ones(3)

@@ -23,7 +23,7 @@ def beam(n=12, fixed=("1 X Y RZ",)):
 
 
 STRUCTURE = beam()
-MASS, STIFFNESS = STRUCTURE.matrix("inertia"), STRUCTURE.matrix("elastic")
+MASS, STIFFNESS = STRUCTURE.matrix("mass"), STRUCTURE.matrix("stiffness")
 MODES = modes(MASS, STIFFNESS, n_modes=12)
 SENSORS = STRUCTURE.selection(parse_dofs(["3Y", "6Y", "9Y-", "12Y", "7X"]))
 
@@ -48,9 +48,9 @@ def test_a_sum_of_degrees_of_freedom_is_read_and_a_free_structure_held_by_its_se
     sensors = free.selection(parse_dofs(["1X", "1Y", "4Y", "6Y"])) @ sparse.csc_array(
         np.array([[1.0, 0, 0], [0, 1, 0], [0, 0.5, 1], [0, 0, 1.0]])
     )
-    shapes = constrained_shapes(free.matrix("elastic"), sparse.csc_array(sensors))
+    shapes = constrained_shapes(free.matrix("stiffness"), sparse.csc_array(sensors))
     assert sensors.T @ shapes == pytest.approx(np.eye(3), abs=1e-9)
-    force = free.matrix("elastic") @ shapes  # none where no sensor is
+    force = free.matrix("stiffness") @ shapes  # none where no sensor is
     base = np.linalg.qr(sensors.toarray())[0]
     assert force - base @ (base.T @ force) == pytest.approx(0, abs=1e-6 * np.abs(STIFFNESS).max())
 

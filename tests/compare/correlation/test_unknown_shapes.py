@@ -62,7 +62,7 @@ def test_known_entries_are_held_against_the_model_and_carried_on(tmp_path):
 @pytest.mark.parametrize("is_dynamic", [False, True])
 def test_each_shape_is_expanded_from_the_sensors_at_which_it_is_known(is_dynamic):
     structure = mast.mast()
-    mass, stiffness = structure.matrix("inertia"), structure.matrix("elastic")
+    mass, stiffness = structure.matrix("mass"), structure.matrix("stiffness")
     model = modes(mass, stiffness, n_modes=8)
     sensors = structure.selection(parse_dofs(["4X", "7Y", "9X", "9Y", "6X", "6Y"]))
     psi = np.asarray(sensors.T @ model.mode_shapes[:, :2])

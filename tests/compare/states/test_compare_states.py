@@ -200,7 +200,7 @@ def test_a_state_held_by_regularization_says_what_its_tests_are_worth(states, tm
     held = write_chain(tmp_path / "held", replaced("[record]", term, COMPARED), weaker(3))
     assert invoke("identify", held, "--no-report", "--out", tmp_path / "two").exit_code == 0
     found = compare(tmp_path / "one", tmp_path / "two")
-    assert found.later.held == ("sparsity of stiffness[upper]",)
+    assert found.later.regularizations == ("sparsity of stiffness[upper]",)
     assert any(w.startswith("sparsity of stiffness[upper]: standard deviations") for w in found.warnings)
 
 

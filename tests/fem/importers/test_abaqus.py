@@ -117,7 +117,7 @@ def test_held_degrees_of_freedom_are_taken_out_and_listed(tmp_path):
         "** K\n1,1, 1,1, 1.0e+36\n2,1, 2,1, 5.0\n3,1, 2,1, -2.D0\n\n3,1, 3,1, 2.0\n3,1,1,1,-7.\n"
     )
     item = read_matrix(tmp_path / "a.mtx")
-    assert item.held.tolist() == [[1, 1]]
+    assert item.constrained.tolist() == [[1, 1]]
     assert item.dofs.tolist() == [[2, 1], [3, 1]]
     np.testing.assert_array_equal(item.matrix.toarray(), [[5, -2], [-2, 2]])
 

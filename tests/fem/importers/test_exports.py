@@ -199,7 +199,7 @@ def test_rows_are_put_in_the_order_asked_for_or_refused():
 
 def bending(stiffness, thickness=1.0):
     beams = [Beam("a", [[0, 1], [1, 2]], 1.0, 5.0), Beam("b", [[2, 3], [3, 4]], 1.0, stiffness * thickness**3)]
-    return Structure({i: 0.5 * i for i in range(5)}, beams, fixed=["0Y", "0RZ"]).matrix("elastic")
+    return Structure({i: 0.5 * i for i in range(5)}, beams, fixed=["0Y", "0RZ"]).matrix("stiffness")
 
 
 def test_two_exports_give_the_matrix_of_the_group():
@@ -245,7 +245,7 @@ def test_round_off_of_printed_exports_does_not_leak_into_the_group():
 
 def test_total_mass_is_that_of_rigid_translation():
     beam = Structure({0: (0, 0), 1: (3, 4)}, [Beam("b", [[0, 1]], 2.0, 5.0)])
-    mass, dofs = beam.matrix("inertia"), beam.dofs
+    mass, dofs = beam.matrix("mass"), beam.dofs
     for direction in "XY":
         assert total_mass(mass, dofs, direction) == pytest.approx(10.0, rel=1e-12)
     turned = sparse.diags_array([-1.0 if dof.node == 1 else 1.0 for dof in dofs])
@@ -289,9 +289,9 @@ def test_matrices_in_other_units_become_those_of_si(length, force):
 
     given = beam(metre, 2.0 * mass_unit / metre, 5.0 * newton * metre**2)
     wanted = beam(1.0, 2.0, 5.0)
-    for law in ("inertia", "elastic"):
-        got = in_si(given.matrix(law), given.dofs, length, force).toarray()
-        np.testing.assert_allclose(got, wanted.matrix(law).toarray(), rtol=1e-12, atol=1e-12)
+    for kind in ("mass", "stiffness"):
+        got = in_si(given.matrix(kind), given.dofs, length, force).toarray()
+        np.testing.assert_allclose(got, wanted.matrix(kind).toarray(), rtol=1e-12, atol=1e-12)
     with pytest.raises(InputError, match="length_unit"):
         in_si(np.eye(1), ["1X"], "parsec")
 
@@ -347,7 +347,7 @@ def test_ansys_files_are_read_through_the_library(tmp_path, monkeypatch):
     full = read_matrix(tmp_path / "a.full")
     assert full.name == "STIFFNESS"
     assert full.dofs.tolist() == [[2, 1], [3, 6]]
-    assert full.held.tolist() == [[4, 1]]
+    assert full.constrained.tolist() == [[4, 1]]
     np.testing.assert_array_equal(full.matrix.toarray(), [[3, -1], [-1, 1]])
     elements = read_matrices(tmp_path / "a.emat")
     assert elements["STIFFNESS"].dofs.tolist() == [[10, 1], [20, 1], [30, 1]]

@@ -62,7 +62,7 @@ def test_sierra_modes_and_mass_are_those_of_its_own_solver(model):
     for name, matrix in (("stiffness", stiffness), ("mass", mass)):
         require_semidefinite(name, matrix, dofs)
     structure = from_matrices({"all": {"mass": mass, "stiffness": stiffness}}, dofs)
-    found = modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=50)
+    found = modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=50)
     np.testing.assert_allclose(found.frequency[6:], mesh["reference_freq_hz"][6:], rtol=1e-10)
     assert found.frequency[:6].max() < 1e-2
 
@@ -94,12 +94,12 @@ def two_blocks(table, blocks, mesh):
 
 def part_of(structure):
     """Stiffness of block 1 and 2 and mass of block 2, in the order of the structure's degrees of freedom."""
-    elastic = [part for part in structure.contributions if part.law == "elastic"]
-    return [*elastic, [part for part in structure.contributions if part.law == "inertia"][1]]
+    elastic = [part for part in structure.contributions if part.matrix_kind == "stiffness"]
+    return [*elastic, [part for part in structure.contributions if part.matrix_kind == "mass"][1]]
 
 
 def elastic_modes(structure, values, count):
-    found = modes(structure.matrix("inertia", values), structure.matrix("elastic", values), n_modes=count + 6)
+    found = modes(structure.matrix("mass", values), structure.matrix("stiffness", values), n_modes=count + 6)
     return found.frequency[6:], found.mode_shapes[:, 6:]
 
 
@@ -108,7 +108,7 @@ def test_factors_of_both_sierra_blocks_follow_from_frequencies_and_one_known_mas
     structure, unknown, truth = two_blocks(model[2], blocks, model[3])
     measured, seen = elastic_modes(structure, unknown.values(truth), 6)
     first, second, second_mass = (c.blocks.matrices[0] for c in part_of(structure))
-    mass = structure.matrix("inertia")
+    mass = structure.matrix("mass")
     theta = np.ones(3)
     for _ in range(4):
         frequency, shapes = elastic_modes(structure, unknown.values(theta), 9)

@@ -115,7 +115,7 @@ def test_an_element_that_abaqus_printed_is_our_plane_element(tmp_path):
     assert found.dofs.tolist() == [[n, c] for n in (101, 102, 103, 104) for c in (1, 2)]
     nodes = {101: (0.0, 0.0), 102: (1.0, 0.0), 103: (1.0, 1.0), 104: (0.0, 1.0)}
     own = Structure(nodes, [Plane("p", [list(nodes)], 200.0, 1.0, 1.0, 0.3, formulation="full")])
-    assert own.matrix("elastic").toarray() == pytest.approx(found.matrix.toarray(), rel=1e-12)
+    assert own.matrix("stiffness").toarray() == pytest.approx(found.matrix.toarray(), rel=1e-12)
 
 
 def test_text_of_output4_with_one_word_a_number_in_sixteen_digits_is_read(tmp_path):

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from structid.cli.base import say
-from structid.core.errors import FileError
 from structid.prediction.options import ExportOptions
 
 
@@ -63,41 +62,20 @@ def export(
       structid export beam_results --state-space beam.npz --loads 8Y --sensors 8Y --band 0.5 60 --sampling-rate 500 --draws 50
     """
     from structid.cli.tables import new_table, show  # the help needs none of these
-    from structid.prediction.element_values import element_values
-    from structid.study.results.stored_model import stored_model, stored_spread, stored_study
-    from structid.study.run.exports.deck import export_deck
-    from structid.study.run.exports.matrices import export_matrices, export_state_space, matrix_files
-    from structid.study.run.exports.mesh import export_mesh
-    from structid.study.run.exports.mode_shapes import export_modes
+    from structid.study.results.stored_model import stored_model, stored_study
     from structid.study.run.exports.offers import list_offers
+    from structid.study.run.exports.write import ExportFiles, write_exports
 
-    written = [path for path in (mode_shapes, mesh, deck, state_space) if path is not None]
-    written += [] if matrices is None else matrix_files(matrices)
-    for path in written:
-        if path.exists() and not force:
-            raise FileError(f"{path}: exists already; add --force to write it anew, or write to another file")
-    source = stored_study(results, study)
-    model = stored_model(results, source)
-    if not written:
-        table = new_table("Flag", "Content", "Files")
-        offers = list_offers(model, source)
-        for offer in offers:
-            table.add_row(offer.flag, offer.content, (offer.obstacle and "-") or " ".join(offer.suffixes))
-        show([f"{results} can give", table])
-        for words in dict.fromkeys(offer.obstacle for offer in offers if offer.obstacle):
-            say(words)
+    files = ExportFiles(mode_shapes, mesh, matrices, deck, state_space)
+    if files.paths:
+        for line in write_exports(results, files, options, study, force):
+            say(line)
         return
-    lines: list[str] = []
-    if mode_shapes is not None:
-        lines += export_modes(model, options.modes, source.title or "structid", mode_shapes)
-    if mesh is not None:
-        lines += export_mesh(model, stored_spread(results, source), options.modes, mesh)
-    if deck is not None:
-        spread = stored_spread(results, source)
-        lines += export_deck(source, element_values(model, spread.initial, spread.covariance), deck)
-    if matrices is not None:
-        lines += export_matrices(model, matrices)
-    if state_space is not None:
-        lines.append(export_state_space(model, options, state_space))
-    for line in lines:
-        say(line)
+    source = stored_study(results, study)
+    table = new_table("Flag", "Content", "Files")
+    offers = list_offers(stored_model(results, source), source)
+    for offer in offers:
+        table.add_row(offer.flag, offer.content, "-" if offer.obstacle else " ".join(offer.suffixes))
+    show([f"{results} can give", table])
+    for words in dict.fromkeys(offer.obstacle for offer in offers if offer.obstacle):
+        say(words)

@@ -38,9 +38,9 @@ def predict(
     report: Report = True,
     png: Png = False,
 ) -> None:
-    """Predict FRFs, motion and modes of an identified or a changed model, with 95 % bands; write prediction.json and a page.
+    """Predict FRFs, motion, stresses and modes of an identified or a changed model, with bands; write prediction.json and a page.
 
-    Bands include the uncertainty of the parameters, the tolerances of fixed values, and of FRFs what the fit missed beyond noise.
+    Bands hold 95 %. They include the uncertainty of the parameters, tolerances, and of FRFs what the fit missed beyond noise.
     With changes, values before and after are written, and the difference, in which shared errors cancel.
 
     \b
@@ -48,8 +48,12 @@ def predict(
       structid predict frame_results --sensors 401X+,301X+
       structid predict frame_results --sensors 401X+ --loads 103X+ --band 5 90 --kind receptance
       structid predict bridge_results --sensors 12Y --history push.csv --motion displacement
+      structid predict bridge_results --sensors "M[deck:3@12],stress[deck:3@12 y=0.4 E=2.1e11]" --history push.csv
+      structid predict tower_results --sensors 40X --history quake.csv --relative --motion displacement
+      structid predict tower_results --sensors 40X --noise wind.csv@40X --duration 600
       structid predict bridge_results --sensors 12Y --mass 500@12 --scale "bending_stiffness[deck]=1.1"
       structid predict tower_results --sensors 40X --damper 800,0.62,0.12@40X
+      structid predict tower_results --sensors 40X --tune-damper 800@40X
     """
     from structid.cli.tables import show  # the help needs none of these
     from structid.core.json_types import json_text
@@ -63,7 +67,7 @@ def predict(
     folder, name = out if out is not None else beside_call(f"{results.name}_prediction"), "prediction.json"
     with staged_folder(folder, PREDICTION_PAGE) as staged:
         (staged / name).write_text(json_text(prediction_summary(found)), encoding="utf-8")
-        for quantity, part in (("frf", found.frf), ("history", found.history)):
+        for quantity, part in (("frf", found.frf), ("history", found.history), ("spectrum", found.spectrum)):
             if part is not None:
                 (staged / f"{quantity}.csv").write_text(prediction_csv(part), encoding="utf-8")
         if report:

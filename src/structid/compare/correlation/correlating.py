@@ -22,8 +22,8 @@ from structid.identification.fits.record_fit import Own
 from structid.identification.identified import Identification
 from structid.identification.setups.setup import AnySetup, titles
 from structid.modal import ModalRecord
+from structid.study.results.hdf5 import stored_values
 from structid.study.results.result import provenance
-from structid.study.results.values import stored_values
 from structid.study.run.check import ChannelCheck, channel_checks
 from structid.study.run.start import load_setups, placed_mechanism
 from structid.study.schema.records.modes import ModesSource
@@ -60,7 +60,7 @@ class StudyCorrelation:
 
     @property
     def is_paired(self) -> bool:
-        """Whether a measured mode has a pair, or responses are held against each other."""
+        """True if a measured mode has a pair, or responses are held against each other."""
         return bool(self.responses) or any(part.n_paired for part in self.modes)
 
 

@@ -264,7 +264,7 @@ def correlated_modes(
         raise InputError("the record has no mode above 0 Hz with a shape; there is nothing to pair")
     sensors = structure.selection(record.channels)
     mass, stiffness, damping, structural = (
-        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
+        structure.matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")
     )
     count = None if structure.n_dofs <= _DENSE_UP_TO else 2 * record.n_modes + 10
     model = modes(mass, stiffness, damping, structural, count, partial(structure.strain_operator, values))

@@ -67,7 +67,7 @@ class ComparisonResult:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether the data contradict what was named as unchanged."""
+        """True if the data contradict what was named as unchanged."""
         return self.unchanged is not None and self.unchanged.is_contradicted
 
     @property
@@ -197,9 +197,9 @@ def _fixed_in_both(
     return FixedValues(whole, {name: tolerances[name] for name in whole.names if name.startswith(FIXED)})
 
 
-def _joint_estimate(problem: Problem, held: FixedValues | None) -> Estimate:
+def _joint_estimate(problem: Problem, fixed: FixedValues | None) -> Estimate:
     try:
-        return estimate(problem, fixed=held)
+        return estimate(problem, fixed=fixed)
     except (SingularModelError, np.linalg.LinAlgError) as error:
         raise SearchFailedError(
             f"the search of both states at once failed: {error}; compare them without unchanged parameters"
@@ -253,10 +253,10 @@ def _warnings(comparison: Comparison, baseline: State, later: State) -> tuple[st
             warnings.append(
                 f"the answer of the {word} is not sound, and what is declared changed rests on it: {state.doubt}"
             )
-    held = dict.fromkeys((*baseline.held, *later.held))
-    if held:
+    regularizations = dict.fromkeys((*baseline.regularizations, *later.regularizations))
+    if regularizations:
         warnings.append(
-            f"{' and '.join(held)}: standard deviations of what it holds tell the assumption more than the data, and so"
+            f"{' and '.join(regularizations)}: standard deviations of what it holds tell the assumption more than the data, and so"
             " do the tests of its changes"
         )
     if (

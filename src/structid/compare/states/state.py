@@ -80,7 +80,7 @@ class State:
         SHA-256 of the input files.
     result : StudyResult or None
         Of a study that was run just now.
-    held : tuple of str
+    regularizations : tuple of str
         Names of the regularizations that hold its parameters.
     drawn : Drawn or None
         None where the study of a results folder cannot be read without the files beside it.
@@ -93,7 +93,7 @@ class State:
     estimate: Estimate | StoredEstimate
     inputs: Mapping[str, str]
     result: StudyResult | None
-    held: tuple[str, ...]
+    regularizations: tuple[str, ...]
     drawn: Drawn | None
     judgement: Judgement
 
@@ -104,7 +104,7 @@ class State:
 
     @property
     def is_wrong(self) -> bool:
-        """Whether the model does not explain the record."""
+        """True if the model does not explain the record."""
         return self.judgement.verdict == "wrong_model"
 
 
@@ -113,10 +113,17 @@ def state_of(result: StudyResult) -> State:
     identification = result.identification
     drawn = Drawn(identification.structure, identification.parameters, identification.sensors, identification.loads)
     study = result.study
-    held = tuple(item.name for item in identification.priors.regularizations)
+    regularizations = tuple(item.name for item in identification.priors.regularizations)
     judgement = judged(identification, untried=NOT_TRIED)
     return State(
-        study.title, study.path, identification.estimate, result.provenance.inputs, result, held, drawn, judgement
+        study.title,
+        study.path,
+        identification.estimate,
+        result.provenance.inputs,
+        result,
+        regularizations,
+        drawn,
+        judgement,
     )
 
 
@@ -143,7 +150,7 @@ def stored_state(folder: Path) -> State:
             folder / "estimate.h5", Status(texts["status"]), texts["covariance_basis"]
         )
         inputs = dict(texts["provenance"]["inputs"])
-        held = tuple(str(item["name"]) for item in texts.get("regularization", ()))
+        regularizations = tuple(str(item["name"]) for item in texts.get("regularization", ()))
     except FileError:
         raise
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -153,7 +160,7 @@ def stored_state(folder: Path) -> State:
         ) from error
     title, drawn = str(texts.get("title", folder.name)), _read_drawn(folder, channels)
     judgement = Judgement(cast(Verdict, texts.get("verdict", "sound")), str(texts.get("verdict_text", "")))
-    return State(title, folder, estimate, inputs, None, held, drawn, judgement)
+    return State(title, folder, estimate, inputs, None, regularizations, drawn, judgement)
 
 
 def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEstimate, dict[str, tuple[str, ...]]]:
@@ -162,9 +169,9 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     record = "frf/" if "frf/outputs" in hdf5_datasets(path) else "modal_record_1/"
     channel_fields = ("outputs", "inputs") if record == "frf/" else ("channels",)
     wanted = [record + name for name in channel_fields] + [f"parameters/{name}" for name in (*names, "values", matrix)]
-    held = [f"parameters/{name}" for name in ("fixed_names", "fixed_changes")]
-    has_held = held[0] in hdf5_datasets(path)
-    fields = hdf5_fields(path, wanted + (held if has_held else []))
+    fixed_keys = [f"parameters/{name}" for name in ("fixed_names", "fixed_changes")]
+    has_fixed = fixed_keys[0] in hdf5_datasets(path)
+    fields = hdf5_fields(path, wanted + (fixed_keys if has_fixed else []))
     texts = {name: texts_of(fields[f"parameters/{name}"]) for name in names}
     values = np.asarray(fields["parameters/values"], dtype=float)
     covariance = np.asarray(fields[f"parameters/{matrix}"], dtype=float)
@@ -175,11 +182,14 @@ def _stored_estimate(path: Path, status: Status, basis: str) -> tuple[StoredEsti
     if covariance.shape != (n, n) or any(len(words) != n for words in texts.values()):
         raise ValueError("parameters of different numbers")
     fixed, of_data = None, locked(covariance)
-    if has_held:
-        changes = np.asarray(fields[held[1]], dtype=float)
+    if has_fixed:
+        changes = np.asarray(fields[fixed_keys[1]], dtype=float)
         if changes.shape[:1] != (n,):
-            raise ValueError("changes by held values of other numbers")
-        fixed, covariance = StoredChanges(texts_of(fields[held[0]]), locked(changes)), covariance + changes @ changes.T
+            raise ValueError("changes by fixed values of other numbers")
+        fixed, covariance = (
+            StoredChanges(texts_of(fields[fixed_keys[0]]), locked(changes)),
+            covariance + changes @ changes.T,
+        )
     estimate = StoredEstimate(
         texts["names"], texts["kinds"], texts["units"], locked(values), locked(covariance), status, of_data, fixed
     )

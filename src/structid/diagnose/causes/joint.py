@@ -80,7 +80,7 @@ class FlexibleJoint(Candidate):
 
 
 def _couplings(receptances: Receptances, columns: Sequence[_Column]) -> tuple[ComplexArray, ComplexArray]:
-    """Z between a turning element end and the free degrees of freedom, (n_lines, n_dofs), and Z of the end alone."""
+    """Dynamic stiffness between a released element end and the free degrees of freedom, (n_lines, n_dofs), and of the end alone."""
     coupling = np.zeros((len(receptances.laplace), receptances.structure.n_dofs), dtype=np.complex128)
     own = np.zeros(len(receptances.laplace), dtype=np.complex128)
     for part in columns:

@@ -31,7 +31,7 @@ class AddedRotaryInertia(Candidate):
     def from_receptances(cls, records: Sequence[Receptances], names: Sequence[str]) -> Iterator[Candidate]:
         """Candidate inertias at free rotations of chosen nodes; a negative one takes no more than the model has."""
         first, nodes = records[0], chosen_nodes(records[0])
-        mass, free = first.structure.matrix("inertia", first.values), set(first.structure.numbering.free)
+        mass, free = first.structure.matrix("mass", first.values), set(first.structure.numbering.free)
         for dof, follow in first.columns.items():
             is_own = dof_code(dof.node, dof.direction) in free and dof.node in first.structure.nodes
             if dof.is_rotation and is_own and dof.node in nodes:

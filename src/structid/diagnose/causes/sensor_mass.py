@@ -63,7 +63,7 @@ class SensorMass(Candidate):
         return effect_of_addition(receptances, all_directions(directions), inertia(receptances), strengths)
 
     def edits(self, model: TestedModel, strength: float) -> Edits:
-        """The edits that add equal masses at the sensors, record by record where these differ."""
+        """The edits of model and study that add one unknown mass at every sensor, in each record at its own sensors."""
         name = model.unique_name("mass of each sensor")
         is_same = len(set(self.nodes)) == 1
         edits: list[Edit] = []

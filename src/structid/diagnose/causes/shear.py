@@ -82,7 +82,7 @@ class ShearFlexibility(Candidate):
 
 def _acts(structure: Structure, item: Property) -> bool:
     """True where a stiffness property acts on free degrees of freedom: its assembled matrix is not zero."""
-    own = [part for part in structure.contributions if part.law == "elastic" and part.value == item.values]
+    own = [part for part in structure.contributions if part.matrix_kind == "stiffness" and part.value == item.values]
     return any(part.blocks.assemble(part.weights(structure.values)).count_nonzero() for part in own)
 
 

@@ -13,7 +13,7 @@ from structid.core.arrays import FloatArray, IntArray
 from structid.core.display import join_words
 from structid.diagnose.checks.mesh import MeshErrors
 from structid.fem import Structure
-from structid.fem.matrices.assembly import structure_laws
+from structid.fem.matrices.assembly import structure_matrix_kinds
 from structid.identification.fits.model_modes import structure_modes
 
 #: Energy of a rigid motion, in parts of what the stiffness could take, below which nothing holds against it.
@@ -61,7 +61,7 @@ def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding
     codes = np.array(structure.numbering.free, dtype=np.int64)
     label, node = np.unique(codes // 6, return_inverse=True)
     of_node = sparse.csr_array((np.ones(len(node)), (node, np.arange(len(node)))), (len(label), len(node)))
-    joined = sum(abs(structure.matrix(law, values)) for law in structure_laws(structure))
+    joined = sum(abs(structure.matrix(matrix_kind, values)) for matrix_kind in structure_matrix_kinds(structure))
     for component in structure.measured:
         ends = abs(structure.selection(component.interface))
         joined = joined + ends @ sparse.csc_array(np.ones((ends.shape[1],) * 2)) @ ends.T
@@ -70,7 +70,7 @@ def _loose_parts(structure: Structure, values: FloatArray) -> list[PlacedFinding
         return []
     own, axis = part[node], codes % 6
     shifts = np.bincount(own, weights=axis < 3, minlength=count) > 0  # a part that only turns is held against turning
-    stiffness = structure.matrix("elastic", values)
+    stiffness = structure.matrix("stiffness", values)
     largest, held = np.zeros(count), np.zeros(count, dtype=bool)
     np.maximum.at(largest, own, abs(stiffness).max(axis=1).toarray().ravel())
     for k in range(6):
@@ -96,7 +96,7 @@ def coarse_elements(structure: Structure, values: FloatArray, mesh: MeshErrors) 
     energy: dict[str, FloatArray] = {}
     sets = {item.values.start: item.element for item in structure.properties}
     for own in structure.contributions:
-        if own.law == "elastic":
+        if own.matrix_kind == "stiffness":
             name, part = sets[own.first], own.weights(values) * own.blocks.bilinear(shape, shape)[:, 0, 0]
             energy[name] = energy.get(name, 0.0) + part
     told = np.concatenate(list(energy.values()))

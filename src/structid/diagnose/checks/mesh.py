@@ -208,7 +208,7 @@ def _paired(
 ) -> IntArray:
     """Position of the refined model's mode that is like each of the modes `looked`; -1 where none is."""
     rows = made.places(structure)
-    mass = structure.matrix("inertia", values)
+    mass = structure.matrix("mass", values)
     coarse, fine = own.mode_shapes[:, looked], found.mode_shapes[rows]
     size = np.einsum("dm,dm->m", fine, mass @ fine)
     likeness = (coarse.T @ (mass @ fine)) ** 2 / np.where(size > 0, size, 1.0)

@@ -226,7 +226,7 @@ class PardisoFactor:
         return self.solve(right.real) + 1j * self.solve(right.imag)
 
     def _is_sparse(self, right: NumberArray) -> bool:
-        """Whether right-hand sides have entries where the analysis was told of alone."""
+        """True if right-hand sides have entries where the analysis was told of alone."""
         loaded = self.analysis.loaded
         return loaded is not None and not self.n_changed and not right[~loaded].any()
 

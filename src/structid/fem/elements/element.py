@@ -64,7 +64,7 @@ Nodes: TypeAlias = Annotated[Given[ArrayLike, IntArray], "(n_elements, n_nodes) 
 #: A direction in space.
 Vector: TypeAlias = Annotated[Given[ArrayLike | None, FloatArray | None], "(3,) array, optional"]
 
-#: How well held properties are known: a number for all of them, or one for each by name.
+#: How well fixed properties are known: a number for all of them, or one for each by name.
 Tolerance: TypeAlias = Annotated[float | Mapping[str, float] | None, "float or mapping of str to float, optional"]
 
 #: Checks a given value and makes what is stored of it; the first argument is the name of the set, for messages.
@@ -220,7 +220,7 @@ class ElementMatrixTerm:
         What weighs them besides.
     powers : tuple of Power
         Of a set that is one element: powers of its properties that weigh the matrix besides.
-    law : str
+    matrix_kind : str
         How it enters the dynamic stiffness, see `Contribution`, where the kind of its property does not say it.
     reduced : bool
         Whether other degrees of freedom follow its own by shapes of vibration, so that rigid motion does not show its mass.
@@ -234,7 +234,7 @@ class ElementMatrixTerm:
     whole: sparse.csc_array | None = None
     shear: ShearShare | None = None
     powers: tuple[Power, ...] = ()
-    law: str = ""
+    matrix_kind: str = ""
     reduced: bool = False
     length_power: int = 0
 

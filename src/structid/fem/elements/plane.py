@@ -16,7 +16,7 @@ from structid.fem.elements.cells.cells import (
     cell_positions,
     cell_table,
 )
-from structid.fem.elements.cells.elastic import elastic_stiffness, plane_law, unit_mass
+from structid.fem.elements.cells.elastic import elastic_stiffness, plane_elasticity, unit_mass
 from structid.fem.elements.cells.isoparametric import PLANE_CELLS
 from structid.fem.elements.element import (
     LOSS_FACTOR,
@@ -63,8 +63,8 @@ class Plane(CellSet):
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """Element matrices of density and Young's modulus; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
-        law = plane_law(self.poisson, self.state == "strain")
-        stiffness = partial(elastic_stiffness, law=law, formulation=self.formulation)
+        elasticity = plane_elasticity(self.poisson, self.state == "strain")
+        stiffness = partial(elastic_stiffness, elasticity=elasticity, formulation=self.formulation)
         return {
             "density": (self.matrix_term(corners, unit_mass, power=1),),
             "youngs_modulus": (self.matrix_term(corners, stiffness, power=1),),

@@ -16,7 +16,7 @@ from structid.fem.elements.cells.cells import (
     cell_positions,
     cell_table,
 )
-from structid.fem.elements.cells.elastic import plane_law
+from structid.fem.elements.cells.elastic import plane_elasticity
 from structid.fem.elements.cells.kirchhoff import PLATE_CELLS, bending_stiffness, centre_curvatures, plate_mass
 from structid.fem.elements.element import (
     LOSS_FACTOR,
@@ -85,7 +85,7 @@ class Plate(ThinSet):
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 2)
-        bending = partial(bending_stiffness, law=plane_law(self.poisson, strain=False))
+        bending = partial(bending_stiffness, elasticity=plane_elasticity(self.poisson, strain=False))
         return {
             "density": (self.matrix_term(corners, plate_mass, power=1),),
             "youngs_modulus": (self.matrix_term(corners, bending, power=3),),

@@ -12,7 +12,7 @@ from structid.core.constraints import Limits
 from structid.core.dof import DIRECTIONS
 from structid.fem.elements.cells.cells import cell_positions
 from structid.fem.elements.cells.drilling_membrane import drilling_stiffness, mean_strains
-from structid.fem.elements.cells.elastic import plane_law, unit_mass
+from structid.fem.elements.cells.elastic import plane_elasticity, unit_mass
 from structid.fem.elements.cells.facets import facets
 from structid.fem.elements.cells.kirchhoff import bending_stiffness, centre_curvatures, plate_mass
 from structid.fem.elements.element import Matrices, Positions, declared, element
@@ -51,8 +51,10 @@ class Shell(ThinSet):
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """Element matrices of density and Young's modulus, for stretching and bending; see `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 3)
-        law = plane_law(self.poisson, strain=False)
-        stretching = partial(_stretching, law=law, poisson=self.poisson, linear_strains=self.linear_strains)
+        elasticity = plane_elasticity(self.poisson, strain=False)
+        stretching = partial(
+            _stretching, elasticity=elasticity, poisson=self.poisson, linear_strains=self.linear_strains
+        )
         return {
             "density": (
                 self.matrix_term(corners, _mass, power=1),
@@ -60,7 +62,7 @@ class Shell(ThinSet):
             ),
             "youngs_modulus": (
                 self.matrix_term(corners, stretching, power=1),
-                self.matrix_term(corners, partial(_bending, law=law), power=3),
+                self.matrix_term(corners, partial(_bending, elasticity=elasticity), power=3),
             ),
         }
 
@@ -92,15 +94,17 @@ def _turned_strains(axes: FloatArray) -> FloatArray:
 
 
 def _stretching(
-    name: str, nodes: IntArray, at: FloatArray, cell: str, law: FloatArray, poisson: float, linear_strains: float
+    name: str, nodes: IntArray, at: FloatArray, cell: str, elasticity: FloatArray, poisson: float, linear_strains: float
 ) -> FloatArray:
     flat = facets(name, nodes, at)
-    return flat.in_space(_on_all_coordinates(drilling_stiffness(flat.corners, law, poisson, linear_strains), (0, 1, 5)))
+    return flat.in_space(
+        _on_all_coordinates(drilling_stiffness(flat.corners, elasticity, poisson, linear_strains), (0, 1, 5))
+    )
 
 
-def _bending(name: str, nodes: IntArray, at: FloatArray, cell: str, law: FloatArray) -> FloatArray:
+def _bending(name: str, nodes: IntArray, at: FloatArray, cell: str, elasticity: FloatArray) -> FloatArray:
     flat = facets(name, nodes, at)
-    return flat.in_space(_on_all_coordinates(bending_stiffness(name, nodes, flat.corners, cell, law), (2, 3, 4)))
+    return flat.in_space(_on_all_coordinates(bending_stiffness(name, nodes, flat.corners, cell, elasticity), (2, 3, 4)))
 
 
 def _mass(name: str, nodes: IntArray, at: FloatArray, cell: str) -> FloatArray:

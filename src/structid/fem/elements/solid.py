@@ -15,7 +15,7 @@ from structid.fem.elements.cells.cells import (
     cell_positions,
     cell_table,
 )
-from structid.fem.elements.cells.elastic import elastic_stiffness, solid_law, unit_mass
+from structid.fem.elements.cells.elastic import elastic_stiffness, solid_elasticity, unit_mass
 from structid.fem.elements.cells.isoparametric import SOLID_CELLS
 from structid.fem.elements.element import (
     LOSS_FACTOR,
@@ -59,7 +59,7 @@ class Solid(CellSet):
     def matrices(self, positions: Positions, present: IntArray) -> Matrices:
         """See `ElementSet.matrices`."""
         corners = cell_positions(self.name, self.nodes, positions, 3)
-        stiffness = partial(elastic_stiffness, law=solid_law(self.poisson), formulation=self.formulation)
+        stiffness = partial(elastic_stiffness, elasticity=solid_elasticity(self.poisson), formulation=self.formulation)
         return {
             "density": (self.matrix_term(corners, unit_mass),),
             "youngs_modulus": (self.matrix_term(corners, stiffness),),

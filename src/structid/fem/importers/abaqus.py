@@ -140,7 +140,7 @@ def _without_constrained(item: ImportedMatrix) -> ImportedMatrix:
     if not constrained.any():
         return item
     matrix = item.matrix[~constrained][:, ~constrained]
-    return ImportedMatrix(item.name, matrix, item.dofs[~constrained], held=item.dofs[constrained])
+    return ImportedMatrix(item.name, matrix, item.dofs[~constrained], constrained=item.dofs[constrained])
 
 
 def _matrix_of_elements(name: str, table: FloatArray) -> ImportedMatrix:

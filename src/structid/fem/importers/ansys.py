@@ -60,7 +60,7 @@ def _assembled_matrices(content: Mapping[str, Any]) -> list[ImportedMatrix]:
         if name in content:
             shape, starts, rows, values = content[name]
             part = completed(compressed(shape, starts, rows, values), name, True)[free][:, free]
-            matrices.append(ImportedMatrix(name, part, table[free], held=constrained))
+            matrices.append(ImportedMatrix(name, part, table[free], constrained=constrained))
     return matrices
 
 

@@ -55,8 +55,8 @@ class ImportedMatrix:
         The same of the columns of a rectangular matrix; they are the rows' by default.
     elements : ElementEntries, optional
         Of files written element by element.
-    held : (n_held, 2) int array, optional
-        Degrees of freedom that the file marks as held at zero; they are not in `matrix`.
+    constrained : (n_constrained, 2) int array, optional
+        Degrees of freedom that the file marks as constrained to zero; they are not in `matrix`.
     """
 
     name: str
@@ -64,7 +64,7 @@ class ImportedMatrix:
     dofs: IntArray | None = None
     columns: IntArray | None = None
     elements: ElementEntries | None = None
-    held: IntArray | None = None
+    constrained: IntArray | None = None
 
     def __post_init__(self) -> None:
         """Convert the matrix to compressed columns and the tables to (n, 2), and check their sizes."""
@@ -72,7 +72,7 @@ class ImportedMatrix:
         matrix = sparse.csc_array(self.matrix, dtype=dtype)
         matrix.sum_duplicates()
         object.__setattr__(self, "matrix", matrix)
-        for key in ("dofs", "columns", "held"):
+        for key in ("dofs", "columns", "constrained"):
             if getattr(self, key) is not None:
                 object.__setattr__(self, key, locked(np.reshape(getattr(self, key), (-1, 2)), np.int64))
         for key, size in (("dofs", matrix.shape[0]), ("columns", matrix.shape[1])):
@@ -109,7 +109,9 @@ def of_elements(imported: ImportedMatrix, elements: Iterable[int]) -> ImportedMa
     keep = np.isin(parts.element, wanted)
     chosen = ElementEntries(parts.element[keep], parts.row[keep], parts.column[keep], parts.value[keep])
     total = sparse.coo_array((chosen.value, (chosen.row, chosen.column)), imported.matrix.shape)
-    return ImportedMatrix(imported.name, total.tocsc(), imported.dofs, elements=chosen, held=imported.held)
+    return ImportedMatrix(
+        imported.name, total.tocsc(), imported.dofs, elements=chosen, constrained=imported.constrained
+    )
 
 
 def dofs_of(table: IntArray) -> tuple[Dof, ...]:

@@ -10,9 +10,9 @@ from scipy import sparse
 
 from structid.core.arrays import FloatArray, IntArray
 from structid.fem.matrices.blocks import Blocks, ElementMatrices, index_kind
+from structid.fem.matrices.contribution import MATRIX_KINDS
 from structid.fem.structure import Structure
 
-BASIC_LAWS = ("inertia", "viscous", "elastic", "structural")
 #: Element matrices of which more than this part is not zero are taken as full: they join all their unknowns.
 _FULL = 0.9
 #: Entries of element matrices that are looked up at once.
@@ -26,7 +26,7 @@ class Assembly:
     Attributes
     ----------
     structure : Structure
-    laws : tuple of str
+    matrix_kinds : tuple of str
         ``inertia viscous elastic structural`` and one ``friction:NAME`` for each friction element.
     indices, indptr : int arrays
         The pattern in compressed columns.
@@ -35,25 +35,27 @@ class Assembly:
     """
 
     structure: Structure
-    laws: tuple[str, ...]
+    matrix_kinds: tuple[str, ...]
     indices: IntArray
     indptr: IntArray
     maps: tuple[sparse.csc_array, ...]
 
     def data(self, values: FloatArray) -> FloatArray:
-        """Entries of each matrix in the shared pattern at the property `values`, (n_laws, n_entries), in the order of `laws`."""
-        rows = np.zeros((len(self.laws), len(self.indices)))
+        """Entries of each matrix in the shared pattern at the property `values`, (n_matrices, n_entries), as in `matrix_kinds`."""
+        rows = np.zeros((len(self.matrix_kinds), len(self.indices)))
         for part, entries in zip(self.structure.contributions, self.maps, strict=True):
             weights = part.weights(values)
             if weights.any():
-                rows[self.laws.index(part.law)] += entries @ weights
+                rows[self.matrix_kinds.index(part.matrix_kind)] += entries @ weights
         return rows
 
 
-def structure_laws(structure: Structure) -> tuple[str, ...]:
-    """Every law by which matrices of `structure` enter its dynamic stiffness: the basic ones, then each friction."""
-    frictions = dict.fromkeys(part.law for part in structure.contributions if part.law not in BASIC_LAWS)
-    return (*BASIC_LAWS, *frictions)
+def structure_matrix_kinds(structure: Structure) -> tuple[str, ...]:
+    """Kinds of the matrices in the dynamic stiffness of `structure`: the four of every structure, then one each friction."""
+    frictions = dict.fromkeys(
+        part.matrix_kind for part in structure.contributions if part.matrix_kind not in MATRIX_KINDS
+    )
+    return (*MATRIX_KINDS, *frictions)
 
 
 def assembly(structure: Structure) -> Assembly:
@@ -71,7 +73,7 @@ def assembly(structure: Structure) -> Assembly:
     numbered = sparse.csr_array((entry_number, pattern.indices, pattern.indptr), pattern.shape)
     map_of = {key: _weight_map(blocks, numbered) for key, blocks in blocks_of.items()}
     maps = tuple(map_of[id(part.blocks)] for part in structure.contributions)
-    return Assembly(structure, structure_laws(structure), pattern.indices, pattern.indptr, maps)
+    return Assembly(structure, structure_matrix_kinds(structure), pattern.indices, pattern.indptr, maps)
 
 
 def _union_pattern(n: int, families: Collection[ElementMatrices]) -> sparse.csr_array:

@@ -16,12 +16,15 @@ from structid.fem.elements.element import ElementMatrixTerm, Term, shear_share
 from structid.fem.matrices.blocks import ElementMatrices
 from structid.fem.node_positions import LengthDependence
 
-_LAWS = {
-    "mass": "inertia",
-    "rotary_inertia": "inertia",
-    "viscous_damping": "viscous",
-    "stiffness": "elastic",
-    "axial_force": "elastic",
+#: Matrices of the equations of motion; each dry friction has one of its own beside these, ``friction:NAME``.
+MATRIX_KINDS = ("mass", "damping", "stiffness", "structural_damping")
+#: The matrix to which elements of a property of some kind belong.
+_MATRIX_OF = {
+    "mass": "mass",
+    "rotary_inertia": "mass",
+    "viscous_damping": "damping",
+    "stiffness": "stiffness",
+    "axial_force": "stiffness",
 }
 
 
@@ -193,11 +196,12 @@ class Contribution:
     (stiffness times loss factor), times what `scale` gives where the element has a thickness, shears or has an end that
     slides, or where it is an entry of a modal damping.
 
-    `law` says how it enters the dynamic stiffness: ``inertia`` by -omega^2, ``viscous`` by i omega, ``elastic``
-    by 1, ``structural`` by i, ``friction:NAME`` by i over the sliding amplitude of the friction element NAME.
+    `matrix_kind` is the matrix that they belong to, with its coefficient in the dynamic stiffness: ``mass`` (-omega^2),
+    ``damping`` (i omega), ``stiffness`` (1), ``structural_damping`` (i), ``friction:NAME`` (i over the sliding amplitude of
+    the friction element NAME).
     """
 
-    law: str
+    matrix_kind: str
     blocks: ElementMatrices
     value: Place
     factor: slice | None = None
@@ -210,7 +214,7 @@ class Contribution:
 
     @property
     def is_product(self) -> bool:
-        """Whether the weight is a product of several values."""
+        """True if the weight is a product of several values."""
         return self.factor is not None or self.scale is not None
 
     @property
@@ -276,21 +280,24 @@ def weighed(
         Change of lengths of the element sets with an end at a node of variable position, by name.
     """
     found: list[Contribution] = []
-    elastic: dict[str, list[Contribution]] = {}
+    stiffness: dict[str, list[Contribution]] = {}
     blocks: dict[int, ElementMatrices] = {}  # properties with the same matrices share them
     for item in properties:
         if item.term.kind == "loss_factor":
-            found += [replace(part, law="structural", factor=item.values) for part in elastic.get(item.element, [])]
+            found += [
+                replace(part, matrix_kind="structural_damping", factor=item.values)
+                for part in stiffness.get(item.element, [])
+            ]
         for matrix_term in item.term.matrix_terms:
-            law = matrix_term.law or (
-                f"friction:{item.element}" if item.term.kind == "friction" else _LAWS[item.term.kind]
+            matrix_kind = matrix_term.matrix_kind or (
+                f"friction:{item.element}" if item.term.kind == "friction" else _MATRIX_OF[item.term.kind]
             )
             if id(matrix_term) not in blocks:
                 blocks[id(matrix_term)] = blocks_of(matrix_term)
             scale = _factor_of(properties, item.element, matrix_term, length_dependences)
-            found.append(Contribution(law, blocks[id(matrix_term)], item.values, scale=scale))
-            if law == "elastic" and item.term.kind != "axial_force":  # a force has no loss
-                elastic.setdefault(item.element, []).append(found[-1])
+            found.append(Contribution(matrix_kind, blocks[id(matrix_term)], item.values, scale=scale))
+            if matrix_kind == "stiffness" and item.term.kind != "axial_force":  # a force has no loss
+                stiffness.setdefault(item.element, []).append(found[-1])
     return tuple(found)
 
 
@@ -309,7 +316,7 @@ def rigid_mass(
     masses = [
         (i, matrix_term)
         for i, matrix_term in pairs
-        if (i.term.kind == "mass" or matrix_term.law == "inertia") and not matrix_term.reduced
+        if (i.term.kind == "mass" or matrix_term.matrix_kind == "mass") and not matrix_term.reduced
     ]
     for direction in directions:
         for item, matrix_term in masses:

@@ -38,7 +38,7 @@ def strain_operator(contributions: Sequence[Contribution], values: FloatArray, n
     """
     summed: dict[tuple[tuple[int, ...], bytes], tuple[IntArray, FloatArray]] = {}
     for part in contributions:
-        if part.law != "elastic":
+        if part.matrix_kind != "stiffness":
             continue
         if not isinstance(part.blocks, Blocks):
             return None

@@ -58,6 +58,12 @@ _UNREAD = {
     "NONSTRUCTURAL MASS": "non-structural mass; add it to the density",
     "CONNECTOR SECTION": "connectors",
     "GAP": "gaps",
+    "BEAM ADDED INERTIA": "mass along beams; add it to the density",
+    "BEAM FLUID INERTIA": "mass of the fluid along beams; add it to the density",
+    "REBAR": "reinforcement",
+    "REBAR LAYER": "reinforcement",
+    "SURFACE SECTION": "surfaces that carry mass",
+    "FOUNDATION": "elastic foundations",
     "MASS ADJUST": "masses that are scaled to a total",
     "MODEL CHANGE": "elements that a step removes or adds",
     "JOINT": "joints",
@@ -73,7 +79,7 @@ _LOCAL = "its nodes have directions of their own (*TRANSFORM)"
 
 
 def is_part(kind: str) -> bool:
-    """Whether elements of an Abaqus type are masses, springs and the like instead of cells."""
+    """True if elements of an Abaqus type are masses, springs and the like instead of cells."""
     return _PART_TYPES.fullmatch(kind.upper()) is not None
 
 
@@ -266,14 +272,17 @@ def _read_springs(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
     rows = [row for row in block.rows if any(row)]
     obstacle = "it is nonlinear" if "NONLINEAR" in block.options else ""
     obstacle = "its directions have an orientation" if block.options.get("ORIENTATION") else obstacle
+    obstacle = "its stiffness has a loss" if "COMPLEX STIFFNESS" in block.options else obstacle
     items: Items = []
     for kind, nodes in deck.elements_of(scope, name, _SPRINGS[block.keyword]):
-        value = float(rows[0 if kind.endswith("A") else 1][0])
+        table = rows if kind.endswith("A") else rows[1:]
+        tabled = "its values depend on frequency, temperature or fields" if len(table) > 1 else ""
+        value = float(table[0][0])
         weights, why, is_rotation = _spring_weights(deck, scope, kind, nodes, rows[0])
         value *= deck.units.stiffness(is_rotation)
         is_spring = block.keyword == "SPRING"
         spring = DeckSpring(weights, value * is_spring, value * (not is_spring), 0.0, name)
-        items.append((obstacle or why, DeckPart(block.keyword, 1, springs=(spring,))))
+        items.append((obstacle or tabled or why, DeckPart(block.keyword, 1, springs=(spring,))))
     return items
 
 
@@ -437,7 +446,7 @@ def _read_coupling(deck: _Deck, scope: Scope, block: KeywordBlock) -> Items:
 def _mean_constraints(
     deck: _Deck, main: int, weights: Mapping[int, float], chosen: Sequence[int]
 ) -> tuple[str, DeckPart]:
-    """Obstacle (or "") and part of a reference node that moves as the weighted mean of the translations of other nodes."""
+    """Refusal ("" if none) and deck part from a reference node that moves as the weighted mean of other nodes."""
     if main in weights:
         return "its reference node is one of its surface", DeckPart("COUPLING", 1)
     components = [Component(node, axis, False, weight) for node, weight in weights.items() for axis in np.eye(3)]
@@ -537,7 +546,7 @@ def _component_range(words: Sequence[str]) -> list[int]:
 def _follow_rigidly(
     deck: _Deck, block: KeywordBlock, scope: Scope, main: int, nodes: Sequence[int], components: Sequence[int]
 ) -> tuple[str, DeckPart]:
-    """Obstacle (or "") and part of nodes that follow the node `main` rigidly in some components (0 to 5)."""
+    """Refusal ("" if none) and deck part from nodes that follow the node `main` rigidly in some components (0 to 5)."""
     kind = block.keyword
     if block.options.get("ORIENTATION"):
         return "its directions have an orientation", DeckPart(kind, 1)

@@ -338,7 +338,7 @@ def _mass_sets(name: str, masses: Sequence[NodalMass]) -> list[ElementSet]:
 
 
 def _is_simple(matrix: FloatArray) -> bool:
-    """Whether a mass matrix is the same mass in all translations and inertias about the global axes."""
+    """True if a mass matrix is the same mass in all translations and inertias about the global axes."""
     size = _ROUNDING * abs(matrix).max()
     diagonal = np.diag(matrix)
     return bool((abs(matrix - np.diag(diagonal)) <= size).all() and np.ptp(diagonal[:3]) <= size)

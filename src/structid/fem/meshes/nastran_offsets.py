@@ -247,5 +247,5 @@ def _real(word: str) -> float:
 
 
 def _is_number(word: str) -> bool:
-    """Whether a field holds something other than 0 or nothing."""
+    """True if a field holds something other than 0 or nothing."""
     return bool(word) and _real(word) != 0

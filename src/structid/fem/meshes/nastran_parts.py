@@ -256,7 +256,7 @@ def _component_indices(word: str) -> list[int]:
 
 
 def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
-    """Obstacle (or "") and part of a CONM1 or CONM2 card: the mass matrix of a grid point."""
+    """Refusal ("" if none) and deck part from a CONM1 or CONM2 card: the mass matrix of a grid point."""
     words = _padded(row, 24)
     node = _whole(words[1])
     if node not in deck.positions:
@@ -266,7 +266,7 @@ def _read_body(deck: _Deck, name: str, row: Sequence[str]) -> Item:
 
 
 def _read_scalar_mass(deck: _Deck, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
-    """Obstacle and part of a CMASS1 (`table` has values of properties) or CMASS2 card: mass of one component of a point."""
+    """Refusal ("" if none) and deck part from a CMASS1 (`table` has property values) or CMASS2 card: mass of one component."""
     words = _padded(row, 8)
     kind = "CMASS2" if table is None else "CMASS1"
     node, component = _whole(words[2]), words[3]
@@ -314,7 +314,7 @@ def _property_fields(deck: _Deck, name: str, width: int) -> dict[int, list[str]]
 
 
 def _read_scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] | None, row: Sequence[str]) -> Item:
-    """Obstacle and part of a CELAS1 or CDAMP1 (`table` has property values), CELAS2 or CDAMP2 card."""
+    """Refusal ("" if none) and deck part from a CELAS1 or CDAMP1 (`table` has property values), CELAS2 or CDAMP2 card."""
     words = _padded(row, 8)
     if table is not None and _whole(words[1]) not in table:
         return _NO_PROPERTY, DeckPart(name, 1)
@@ -343,7 +343,7 @@ def _read_scalar_spring(deck: _Deck, name: str, table: Mapping[int, list[str]] |
 
 
 def _read_bush(deck: _Deck, name: str, values: Values, row: Sequence[str]) -> Item:
-    """Obstacle and part of a CBUSH, CBUSH1D or CVISC card: springs and dashpots along the axes of the element."""
+    """Refusal ("" if none) and deck part from a CBUSH, CBUSH1D or CVISC card: springs and dashpots along its axes."""
     words = _padded(row, 16)
     first, second = _whole(words[2]), _whole(words[3])
     number = _whole(words[1]) or _whole(words[0])
@@ -477,7 +477,7 @@ def _rigid(deck: _Deck, name: str, make: Callable[[_Deck, Sequence[str]], Ties],
 
 
 def _read_rbe2(deck: _Deck, words: Sequence[str]) -> Ties:
-    """Obstacle (or "") and ties of an RBE2 card: nodes that follow a main node."""
+    """Refusal ("" if none) and ties from an RBE2 card: nodes that follow a main node."""
     main = int(words[1])
     dependents = _node_list([word for word in words[3:] if _is_listed(word) or not _is_number(word)])
     if main not in deck.positions or not set(dependents) <= set(deck.positions):
@@ -486,7 +486,7 @@ def _read_rbe2(deck: _Deck, words: Sequence[str]) -> Ties:
 
 
 def _follow_rigidly(deck: _Deck, name: str, main: int, dependents: Sequence[int], components: str) -> Ties:
-    """Obstacle (or "") and ties of nodes that follow a main node rigidly in some of their components."""
+    """Refusal ("" if none) and ties from nodes that follow a main node rigidly in some of their components."""
     if set(_component_indices(components)) == set(range(6)):
         return "", [RigidLink(name, main, dependents)]
     ties: list[RigidLink | Constraint] = []
@@ -500,7 +500,7 @@ def _follow_rigidly(deck: _Deck, name: str, main: int, dependents: Sequence[int]
 
 
 def _read_rbar(deck: _Deck, words: Sequence[str]) -> Ties:
-    """Obstacle (or "") and ties of an RBAR card, where all independent components are at one node."""
+    """Refusal ("" if none) and ties from an RBAR card, where all independent components are at one node."""
     padded = _padded(words, 8)
     first, second = int(padded[1]), int(padded[2])
     independent_first, independent_second, dependent_first, dependent_second = padded[3:7]
@@ -515,7 +515,7 @@ def _read_rbar(deck: _Deck, words: Sequence[str]) -> Ties:
 
 
 def _read_rbe3(deck: _Deck, words: Sequence[str]) -> Ties:
-    """Obstacle (or "") and ties of an RBE3 card: a reference node moves as the weighted mean of others.
+    """Refusal ("" if none) and ties from an RBE3 card: a reference node moves as the weighted mean of others.
 
     The mean is the least-squares fit of a rigid motion; the constraints are solved for the components that UM names.
     """
@@ -591,15 +591,17 @@ def _node_list(words: Sequence[str]) -> list[int]:
 
 
 def _read_mpc_set(deck: _Deck, case_control: bytes) -> list[DeckPart]:
-    """Parts of the MPC cards of the set that case control asks for, or of the only set."""
+    """Parts of the MPC cards of the set that case control asks for, or of the only set where there is no case control."""
     if "MPC" not in deck.cards:
         return []
     sets: dict[int, list[list[str]]] = {}
     for words in deck.rows("MPC"):
         sets.setdefault(int(words[0]), []).append(words)
     set_numbers = re.findall(rb"^\s*MPC\s*=\s*(\d+)", case_control, re.MULTILINE | re.IGNORECASE)
-    chosen = {int(number) for number in set_numbers} or (set(sets) if len(sets) == 1 else set())
     count = sum(len(rows) for rows in sets.values())
+    if not set_numbers and re.search(rb"^\s*CEND\b", case_control, re.MULTILINE | re.IGNORECASE):
+        return [DeckPart("MPC", count, obstacle="case control asks for no set of MPC (`MPC = ...`)")]
+    chosen = {int(number) for number in set_numbers} or (set(sets) if len(sets) == 1 else set())
     sums = {int(words[0]): {int(word) for word in words[1:] if word} for words in deck.rows("MPCADD")}
     members = sums.get(next(iter(chosen)), chosen) if len(chosen) == 1 else set()
     if not members or not members <= set(sets):
@@ -609,7 +611,7 @@ def _read_mpc_set(deck: _Deck, case_control: bytes) -> list[DeckPart]:
 
 
 def _read_mpc(deck: _Deck, words: Sequence[str]) -> Ties:
-    """Obstacle (or "") and tie of one MPC card: factors times components add up to 0, the first is dependent."""
+    """Refusal ("" if none) and tie from one MPC card: factors times components add up to 0, the first is dependent."""
     terms: list[tuple[int, str, float]] = []
     for start in range(0, len(words), 8):
         for column in (start + 1, start + 4):

@@ -8,10 +8,10 @@ from scipy import sparse
 from structid.core.arrays import ComplexArray, FloatArray, stack_real
 from structid.core.errors import InputError
 from structid.fem import Structure
-from structid.fem.matrices.assembly import structure_laws
+from structid.fem.matrices.assembly import structure_matrix_kinds
 from structid.forward.frf.channels import read
 from structid.forward.frf.friction import sliding_amplitudes
-from structid.forward.frf.slopes import law_coefficients
+from structid.forward.frf.slopes import matrix_coefficients
 from structid.forward.sensitive import weight_slope
 from structid.records import FrfRecord
 from structid.unknowns import Parameters
@@ -59,7 +59,9 @@ def one_step_values(structure: Structure, unknown: Parameters, record: FrfRecord
             f" the record has {len(record.outputs)} outputs. Use `identify`, which needs only some"
         )
     motion = _motion(structure, record)
-    coefficients = law_coefficients(structure_laws(structure), record.laplace, sliding_amplitudes(structure, record))
+    coefficients = matrix_coefficients(
+        structure_matrix_kinds(structure), record.laplace, sliding_amplitudes(structure, record)
+    )
     loads = structure.selection(record.inputs).toarray()
     values = np.array(unknown.start)
     bilinear = any(part.is_product for part in structure.contributions)
@@ -87,15 +89,15 @@ def _equations(
     structure: Structure, unknown: Parameters, physical: FloatArray, motion: ComplexArray, coefficients: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """Z(p) x, (n_frequencies, n_dofs, n_inputs), and its derivative with respect to p, (..., n_params)."""
-    laws = structure_laws(structure)
+    matrix_kinds = structure_matrix_kinds(structure)
     values = unknown.values(physical)
     forces = np.zeros(motion.shape, dtype=np.complex128)
     slopes = np.zeros((*motion.shape, unknown.n_params), dtype=np.complex128)
     for part in structure.contributions:
         weights, change = part.weights(values), weight_slope(part, unknown, values).tocsc()
-        law = coefficients[:, laws.index(part.law), None, None]
-        forces += law * read(sparse.csr_array(part.blocks.assemble(weights)), motion)
+        matrix_kind = coefficients[:, matrix_kinds.index(part.matrix_kind), None, None]
+        forces += matrix_kind * read(sparse.csr_array(part.blocks.assemble(weights)), motion)
         for k in np.flatnonzero(np.diff(change.indptr)):
             slope = part.blocks.assemble(change[:, [k]].toarray()[:, 0])
-            slopes[..., k] += law * read(sparse.csr_array(slope), motion)
+            slopes[..., k] += matrix_kind * read(sparse.csr_array(slope), motion)
     return forces, slopes

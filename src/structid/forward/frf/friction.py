@@ -27,14 +27,14 @@ _SMALL_STEP = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """A friction element that slides with the model's own amplitude: where its law and its force stand."""
+    """A friction element that slides with the model's own amplitude: the indices of its matrix and of its force."""
 
-    law: int
+    matrix_index: int
     value: int
 
 
 def sliding_contacts(
-    structure: Structure, laws: tuple[str, ...], record: FrfRecord, measured: set[str]
+    structure: Structure, matrix_kinds: tuple[str, ...], record: FrfRecord, measured: set[str]
 ) -> tuple[tuple[Contact, ...], sparse.csc_array]:
     """Friction elements in harmonic balance, and sparse columns (n_dofs, n_contacts) that read their sliding motion."""
     contacts, columns = [], [sparse.csc_array((structure.n_dofs, 0))]
@@ -42,7 +42,7 @@ def sliding_contacts(
         if isinstance(element, Friction) and element.name not in measured:
             require_one_load(element, record)
             value = next(p.values.start for p in structure.properties if p.element == element.name)
-            contacts.append(Contact(laws.index(f"friction:{element.name}"), value))
+            contacts.append(Contact(matrix_kinds.index(f"friction:{element.name}"), value))
             slide = structure.selection(element.first)
             columns.append(slide if element.second is None else slide - structure.selection(element.second))
     return tuple(contacts), sparse.csc_array(sparse.hstack(columns))
@@ -58,8 +58,8 @@ class Sliding:
     channels : Channels
     lines : FrfSolver
     parameters : Parameters
-    fixed_coefficients : (n_lines, n_laws) complex array
-        How each law enters the dynamic stiffness, 0 for `contacts`.
+    fixed_coefficients : (n_lines, n_matrices) complex array
+        Coefficient of each matrix in the dynamic stiffness, 0 for `contacts`.
     """
 
     contacts: tuple[Contact, ...]
@@ -77,12 +77,12 @@ class Sliding:
         known = self._known.get(key)
         if known is None:
             free, reach = self._free(physical)
-            n_outputs, laws = self.channels.n_outputs, self.laws
+            n_outputs, frictions = self.channels.n_outputs, self.matrix_indices
             force, floor = self.force(physical), self._stuck_amplitude
             amplitude = balanced_amplitudes(reach[:, n_outputs:], free[:, n_outputs:, 0], force, floor)
             coefficients = np.array(self.fixed_coefficients)
-            coefficients[:, laws] = 1j / amplitude
-            known = coefficients, slid_readings(free, reach, coefficients[:, laws] * force)
+            coefficients[:, frictions] = 1j / amplitude
+            known = coefficients, slid_readings(free, reach, coefficients[:, frictions] * force)
             self._known.clear()
             self._known[key] = known
         return known
@@ -94,13 +94,13 @@ class Sliding:
 
         See `LineDerivatives` for the first three.
         """
-        size = (1j / self.at(physical)[0][part][:, self.laws]).real
+        size = (1j / self.at(physical)[0][part][:, self.matrix_indices]).real
         motion = readings[:, self.channels.n_outputs :, 0]
         add_amplitude_change(derivative[:, :, 0], motion, reach, self.force(physical), size)
 
     @property
-    def laws(self) -> list[int]:
-        return [contact.law for contact in self.contacts]
+    def matrix_indices(self) -> list[int]:
+        return [contact.matrix_index for contact in self.contacts]
 
     def force(self, physical: FloatArray) -> FloatArray:
         """Friction force of each contact per unit drive."""

@@ -11,7 +11,7 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.forward.channel_errors import ChannelErrors
 from structid.forward.frf.channels import read
 from structid.forward.frf.response import Response
-from structid.forward.frf.slopes import law_coefficients
+from structid.forward.frf.slopes import matrix_coefficients
 from structid.records import FrfRecord
 from structid.records.record import DERIVATIVES, FrfKind
 
@@ -63,7 +63,7 @@ class ObservedFrf:
         if decay is None:
             return self.model, self.record.laplace
         laplace = self.record.laplace + decay
-        coefficients = law_coefficients(self.model.slopes.laws, laplace, {})
+        coefficients = matrix_coefficients(self.model.slopes.matrix_kinds, laplace, {})
         factor = laplace ** DERIVATIVES[self.record.kind]
         return replace(self.model, fixed_coefficients=coefficients, kind_factor=factor), laplace
 
@@ -78,7 +78,7 @@ def _laplace_slope(
     fields = model.fields_at(physical, model.channels.columns)
     x, y = model.channels.under_loads(fields), model.channels.under_sensors(fields)
     weights = model.parameters.values(physical)
-    inertia, viscous = (model.slopes.structure.matrix(law, weights) for law in ("inertia", "viscous"))
+    inertia, viscous = (model.slopes.structure.matrix(matrix_kind, weights) for matrix_kind in ("mass", "damping"))
     s = laplace[:, None, None]
     change = 2 * s * read(sparse.csr_array(inertia), x)
     change = change + read(sparse.csr_array(viscous), x)

@@ -476,7 +476,7 @@ def _smooth_stage(near_start: FrfProblem, record: FrfRecord) -> FrfProblem:
 
 def tightened(schedule: FrfSchedule, ratio: float = 0.5) -> FrfSchedule:
     """The stages of `schedule` with the start expected to be closer: its error smaller by `ratio`."""
-    priors = [(name, stage, stage.unknowns.held) for name, stage in schedule]
+    priors = [(name, stage, stage.unknowns.free_prior) for name, stage in schedule]
     return tuple(
         (name, stage if prior is None else stage.with_free_prior(prior[0], ratio * prior[1]))
         for name, stage, prior in priors

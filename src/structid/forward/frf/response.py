@@ -16,12 +16,12 @@ from structid.core.errors import InputError
 from structid.dynamics.factorization import VARIABLE
 from structid.dynamics.modal_fields import worthwhile
 from structid.dynamics.receptance import DENSE_UP_TO
-from structid.external.frfs.model import SolverFrfs
+from structid.external.frf_model import SolverFrfs
 from structid.fem import Base, Structure
 from structid.fem.measured import joined_receptance
 from structid.forward.frf.channels import Channels, channels
 from structid.forward.frf.friction import Contact, Sliding, sliding_amplitudes, sliding_contacts
-from structid.forward.frf.slopes import StiffnessSlopes, law_coefficients
+from structid.forward.frf.slopes import StiffnessSlopes, matrix_coefficients
 from structid.forward.frf.solvers.coupling import SubstructureCoupling
 from structid.forward.frf.solvers.dense import MEDIUM_UP_TO, DenseOrSparseSolver, DenseSolver
 from structid.forward.frf.solvers.solver import FrfSolver
@@ -200,9 +200,9 @@ def response(
     bases = driving_bases(structure, record)
     structure = structure.release_supports(bases) if bases else structure
     slopes = cache.slopes(structure, unknown)
-    laws = slopes.laws
+    matrix_kinds = slopes.matrix_kinds
     measured = sliding_amplitudes(structure, record) if measured_sliding else {}
-    contacts, slides = sliding_contacts(structure, laws, record, set(measured))
+    contacts, slides = sliding_contacts(structure, matrix_kinds, record, set(measured))
     sides = channels(structure.selection(record.inputs), structure.selection(record.outputs), slides)
     reduced = None if bases or structure.measured else reduced
     small = DenseSolver(slopes, sides, record.frequency)
@@ -220,7 +220,7 @@ def response(
     return Response(
         slopes=slopes,
         parameters=unknown,
-        fixed_coefficients=law_coefficients(laws, record.laplace, measured),
+        fixed_coefficients=matrix_coefficients(matrix_kinds, record.laplace, measured),
         frequency=record.frequency,
         kind_factor=record.laplace ** DERIVATIVES[record.kind],
         channels=sides,

@@ -10,7 +10,7 @@ import numpy as np
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Structure
-from structid.fem.matrices.assembly import Assembly, assembly, structure_laws
+from structid.fem.matrices.assembly import Assembly, assembly, structure_matrix_kinds
 from structid.forward.contraction import DenseSlopes, ParameterForces, dense_slopes, parameter_forces
 from structid.forward.sensitive import (
     SensitiveElements,
@@ -22,20 +22,22 @@ from structid.forward.sensitive import (
 from structid.unknowns import Parameters
 
 
-def law_coefficients(laws: tuple[str, ...], laplace: ComplexArray, sliding: dict[str, FloatArray]) -> ComplexArray:
-    """Coefficient of each matrix in the dynamic stiffness, (n_frequencies, n_laws): s^2, s, 1, i, i / amplitude.
+def matrix_coefficients(
+    matrix_kinds: tuple[str, ...], laplace: ComplexArray, sliding: dict[str, FloatArray]
+) -> ComplexArray:
+    """Coefficient of each matrix in the dynamic stiffness, (n_frequencies, n_matrices): s^2, s, 1, i, i / amplitude.
 
     `laplace` is s, 1/s: i omega on the axis. Friction with no amplitude in `sliding` gets 0.
     """
     table: dict[str, ComplexArray] = {
-        "inertia": laplace**2,
-        "viscous": laplace,
-        "elastic": np.ones_like(laplace),
-        "structural": np.full_like(laplace, 1j),
+        "mass": laplace**2,
+        "damping": laplace,
+        "stiffness": np.ones_like(laplace),
+        "structural_damping": np.full_like(laplace, 1j),
     }
     table.update({f"friction:{name}": np.asarray(1j / amplitude) for name, amplitude in sliding.items()})
     zero = np.zeros_like(laplace)
-    return np.stack([table.get(law, zero) for law in laws], axis=1)
+    return np.stack([table.get(matrix_kind, zero) for matrix_kind in matrix_kinds], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +55,9 @@ class StiffnessSlopes:
     parameters: Parameters
 
     @cached_property
-    def laws(self) -> tuple[str, ...]:
+    def matrix_kinds(self) -> tuple[str, ...]:
         """See `Assembly`."""
-        return structure_laws(self.structure)
+        return structure_matrix_kinds(self.structure)
 
     @cached_property
     def assembled(self) -> Assembly:
@@ -74,8 +76,8 @@ class StiffnessSlopes:
         Parameters
         ----------
         physical : (n_params,) float array
-        coefficients : (n_lines, n_laws) complex array
-            How each law enters the dynamic stiffness.
+        coefficients : (n_lines, n_matrices) complex array
+            Coefficient of each matrix in the dynamic stiffness.
         """
         structure, parameters = self.structure, self.parameters
         key = parameters.values(physical)[self._steering].tobytes()
@@ -86,8 +88,8 @@ class StiffnessSlopes:
             self._known_parts[key] = found
         factors = np.zeros((len(coefficients), len(found.uses)), dtype=np.complex128)
         for kind, uses in enumerate(found.uses):
-            for law, scale in uses:
-                factors[:, kind] += coefficients[:, self.laws.index(law)] * scale
+            for matrix_kind, scale in uses:
+                factors[:, kind] += coefficients[:, self.matrix_kinds.index(matrix_kind)] * scale
         return found, factors
 
     def forces_at(self, physical: FloatArray, coefficients: ComplexArray) -> tuple[ParameterForces, ComplexArray]:
@@ -114,7 +116,7 @@ class StiffnessSlopes:
     @cached_property
     def dense(self) -> DenseSlopes:
         """The derivatives as dense matrices, for small models."""
-        return dense_slopes(self.structure, self.laws, self.parameters.design)
+        return dense_slopes(self.structure, self.matrix_kinds, self.parameters.design)
 
     @cached_property
     def _sensitive(self) -> tuple[SensitiveElements, ...]:

@@ -71,22 +71,20 @@ def dynamic_residual(
     turn = _independent(sensors)
     sensors, shape = sensors @ turn, turn.T @ shape
     values, first = slopes.parameters.values(physical), slopes.parameters.values(start)
-    stiffness, mass = (structure.matrix(law, values).toarray() for law in ("elastic", "inertia"))
-    stiffness_0, mass_0 = (structure.matrix(law, first).toarray() for law in ("elastic", "inertia"))
+    stiffness, mass = (structure.matrix(matrix_kind, values).toarray() for matrix_kind in ("stiffness", "mass"))
+    stiffness_0, mass_0 = (structure.matrix(matrix_kind, first).toarray() for matrix_kind in ("stiffness", "mass"))
     weight = np.sqrt(np.abs(np.diag(stiffness_0)) / omega**2 + np.abs(np.diag(mass_0)))
     orthogonal, triangle, dynamic = _expanded(stiffness, mass, sensors, weight, omega)
     error = np.linalg.solve(triangle.T, shape)
     field = np.linalg.solve(dynamic, weight * (orthogonal @ error))
-    forms = slopes.products(
-        physical, ("elastic", "inertia"), (orthogonal / weight[:, None])[None], field[None, :, None]
-    )
-    change = (forms["elastic"] - omega**2 * forms["inertia"])[0, :, 0]
+    forms = slopes.products(physical, ("stiffness", "mass"), (orthogonal / weight[:, None])[None], field[None, :, None])
+    change = (forms["stiffness"] - omega**2 * forms["mass"])[0, :, 0]
     q_0, r_0, z_0 = _expanded(stiffness_0, mass_0, sensors, weight, omega)
     field_0 = np.linalg.solve(z_0, weight * (q_0 @ np.linalg.solve(r_0.T, shape)))
     inertia = omega**2 * (mass @ field_0) / weight
     size = float(np.linalg.norm(inertia))
     toward = (inertia / (size * weight))[None, :, None]
-    growth = omega**2 * slopes.products(physical, ("inertia",), toward, field_0[None, :, None])["inertia"][0, 0, 0]
+    growth = omega**2 * slopes.products(physical, ("mass",), toward, field_0[None, :, None])["mass"][0, 0, 0]
     return turn @ (error / size), turn @ (change / size - np.outer(error, growth) / size**2)
 
 

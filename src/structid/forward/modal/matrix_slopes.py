@@ -13,7 +13,7 @@ from scipy import sparse
 from structid.core.arrays import FloatArray
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.fem import Structure
-from structid.fem.matrices.assembly import structure_laws
+from structid.fem.matrices.assembly import structure_matrix_kinds
 from structid.forward.contraction import DenseSlopes, dense_slopes
 from structid.forward.last_evaluation import LastEvaluation
 from structid.forward.sensitive import SensitiveElements, sensitive_elements, weight_slope
@@ -37,14 +37,14 @@ class MatrixSlopes:
     parameters: Parameters
 
     def products(
-        self, physical: FloatArray, laws: Iterable[str], y: FloatArray, x: FloatArray
+        self, physical: FloatArray, matrix_kinds: Iterable[str], y: FloatArray, x: FloatArray
     ) -> dict[str, FloatArray]:
-        """Products y' (dA/dp) x of the matrix A of each law and parameter.
+        """Products y' (dA/dp) x of each of several matrices A, for each parameter.
 
         Parameters
         ----------
         physical : (n_params,) float array
-        laws : iterable of {"inertia", "viscous", "elastic", "structural"}
+        matrix_kinds : iterable of {"mass", "damping", "stiffness", "structural_damping"}
         y : (n, n_dofs, n_y) float array
         x : (n, n_dofs, n_x) float array
 
@@ -54,35 +54,38 @@ class MatrixSlopes:
         """
         if self.structure.n_dofs <= DENSE_UP_TO:
             changes, adjoint = self._latest_changes.at(physical, self._changes_at), np.swapaxes(y, 1, 2)[:, None]
-            return {law: np.moveaxis(adjoint @ (changes[law] @ x[:, None]), 1, -1) for law in laws}
+            return {
+                matrix_kind: np.moveaxis(adjoint @ (changes[matrix_kind] @ x[:, None]), 1, -1)
+                for matrix_kind in matrix_kinds
+            }
         shape = (x.shape[0], y.shape[2], x.shape[2], self.parameters.n_params)
-        found: dict[str, FloatArray] = {law: np.zeros(shape) for law in laws}
+        found: dict[str, FloatArray] = {matrix_kind: np.zeros(shape) for matrix_kind in matrix_kinds}
         weights = self._weight_slopes(physical)
         for number, group in enumerate(self.elements):
             forms = np.moveaxis(group.blocks.bilinear(y, x), 1, -1)
             for member in group.members:
-                law = self.structure.contributions[member].law
-                if law in found:
+                matrix_kind = self.structure.contributions[member].matrix_kind
+                if matrix_kind in found:
                     slope = weights[number, member]
-                    found[law] += (slope.T @ forms.reshape(-1, len(group.rows)).T).T.reshape(shape)
+                    found[matrix_kind] += (slope.T @ forms.reshape(-1, len(group.rows)).T).T.reshape(shape)
         return found
 
     def _changes_at(self, physical: FloatArray) -> dict[str, FloatArray]:
-        """Derivatives dA/dp, (n_params, n_dofs, n_dofs), of the matrix A of each law, by the law's name."""
+        """Derivatives dA/dp, (n_params, n_dofs, n_dofs), of each matrix A, by its kind."""
         at, n_dofs = self._dense.at(self.parameters.values(physical)), self.structure.n_dofs
         shape = (self.parameters.n_params, n_dofs, n_dofs)
-        found: dict[str, FloatArray] = {law: np.zeros(shape) for law in self._laws}
-        for law, chosen, matrix in at.maps:
-            found[self._laws[law]][at.parameters[chosen], at.dofs[chosen]] = matrix
+        found: dict[str, FloatArray] = {matrix_kind: np.zeros(shape) for matrix_kind in self._matrix_kinds}
+        for matrix_kind, chosen, matrix in at.maps:
+            found[self._matrix_kinds[matrix_kind]][at.parameters[chosen], at.dofs[chosen]] = matrix
         return found
 
     @cached_property
-    def _laws(self) -> tuple[str, ...]:
-        return structure_laws(self.structure)
+    def _matrix_kinds(self) -> tuple[str, ...]:
+        return structure_matrix_kinds(self.structure)
 
     @cached_property
     def _dense(self) -> DenseSlopes:
-        return dense_slopes(self.structure, self._laws, self.parameters.design)
+        return dense_slopes(self.structure, self._matrix_kinds, self.parameters.design)
 
     @cached_property
     def _latest_changes(self) -> LastEvaluation[dict[str, FloatArray]]:

@@ -65,8 +65,10 @@ class ModalModel:
     def _state_at(self, physical: FloatArray) -> ModelState:
         """Matrices, modes and sensor columns of the model at `physical` parameters (n_params + n_channel_errors,)."""
         own, values = physical[: self.parameters.n_params], self.parameters.values(physical[: self.parameters.n_params])
-        laws = ("inertia", "viscous", "elastic", "structural")
-        mass, damping, stiffness, structural = (self.structure.matrix(law, values) for law in laws)
+        matrix_kinds = ("mass", "damping", "stiffness", "structural_damping")
+        mass, damping, stiffness, structural = (
+            self.structure.matrix(matrix_kind, values) for matrix_kind in matrix_kinds
+        )
         count = None if self.structure.n_dofs <= DENSE_UP_TO else 3 * self.n_modes + 10
         found = modes(mass, stiffness, n_modes=count, strains=partial(self.structure.strain_operator, values))
         gains, change = self.readings(physical)

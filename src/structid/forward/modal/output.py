@@ -148,9 +148,9 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
     adjoint = _adjoint(state, phi, eigenvalues, np.hstack([state.sensors, loss]))
     x = phi.T[:, :, None]
     y = np.concatenate([adjoint, np.broadcast_to(phi, (m, *phi.shape))], axis=2)
-    forms = state.slopes.products(state.physical, ("inertia", "elastic", "viscous", "structural"), y, x)
+    forms = state.slopes.products(state.physical, ("mass", "stiffness", "damping", "structural_damping"), y, x)
     n_y = adjoint.shape[2]
-    d_mass, d_stiffness = forms["inertia"][:, :, 0], forms["elastic"][:, :, 0]  # (m, n_y + m, n_params), mode first
+    d_mass, d_stiffness = forms["mass"][:, :, 0], forms["stiffness"][:, :, 0]  # (m, n_y + m, n_params), mode first
     outside = -(d_stiffness[:, :n_y] - eigenvalues[:, None, None] * d_mass[:, :n_y])
     inside = d_mass[:, n_y:]  # phi_l' dM phi_k at [k, l]
     change = np.moveaxis(outside, 0, 1) - 0.5 * np.einsum("yl,klp->ykp", weights, inside)
@@ -159,7 +159,9 @@ def group_fit(state: ModelState, group: GroupData, chosen: IntArray, with_slopes
     n_channels, n_params = state.readings.shape[0], change.shape[2]
     seen, values = _widened(state, change), _widened(state, d_lambda)
     seen[:n_channels, :, n_params:] = weights[:n_channels, :, None] * state.readings[:, None]
-    viscous, structural = (_widened(state, forms[law][0, -1, 0]) for law in ("viscous", "structural"))
+    viscous, structural = (
+        _widened(state, forms[matrix_kind][0, -1, 0]) for matrix_kind in ("damping", "structural_damping")
+    )
     return _fitted(state, group, phi, omega, weights, _Slopes(seen, values, viscous, structural))
 
 

@@ -19,10 +19,10 @@ from structid.core.arrays import FloatArray, IntArray, locked, require_shape
 from structid.core.errors import InputError
 from structid.fem import Contribution, Structure
 from structid.forward.motion.motion import MOTION_QUANTITIES, Motion
-from structid.forward.sensitive import require_laws_in_time, require_linear_weights
+from structid.forward.sensitive import require_linear_weights, require_matrices_in_time
 from structid.unknowns import Parameters
 
-_LAWS = ("inertia", "viscous", "elastic")  # in the order of MOTION_QUANTITIES
+_MATRIX_KINDS = ("mass", "damping", "stiffness")  # in the order of MOTION_QUANTITIES
 _STATE_ENTRIES = 40_000_000
 _MOST_IN_ONE_BLOCK = 200
 
@@ -69,10 +69,10 @@ class TimeEquations:
     def require(self, present: Collection[str]) -> None:
         """Raise `InputError` unless the quantities that the equations hold are all `present`."""
         needed = np.bincount(self.operator.indices // self.n_dofs, minlength=4) > 0
-        for name, law, need in zip(MOTION_QUANTITIES, _LAWS, needed, strict=False):
+        for name, matrix_kind, need in zip(MOTION_QUANTITIES, _MATRIX_KINDS, needed, strict=False):
             if need and name not in present:
                 raise InputError(
-                    f"{name} is missing, and the structure has {_LAW_WORDS[law]}; measure it, or make it by a stated"
+                    f"{name} is missing, and the structure has {_MATRIX_WORDS[matrix_kind]}; measure it, or make it by a stated"
                     " rule: 'trapezoid' from acceleration, 'difference' from displacement (see `completed`)"
                 )
 
@@ -132,7 +132,7 @@ class TimeEquations:
         return np.concatenate([columns, np.full((self.n_dofs, 1), -1)], axis=1).ravel()
 
 
-_LAW_WORDS = {"inertia": "mass", "viscous": "viscous damping", "elastic": "stiffness"}
+_MATRIX_WORDS = {"mass": "mass", "damping": "viscous damping", "stiffness": "stiffness"}
 
 
 def time_equations(structure: Structure, unknown: Parameters, row_weights: ArrayLike | None = None) -> TimeEquations:
@@ -173,7 +173,7 @@ def time_equations(structure: Structure, unknown: Parameters, row_weights: Array
 def _require_linear(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` unless the equation of motion is linear in the unknowns and these have no priors."""
     require_linear_weights(structure, unknown)
-    require_laws_in_time(structure, unknown)
+    require_matrices_in_time(structure, unknown)
     if unknown.has_priors:
         raise InputError(
             "priors need a known noise level, which identification from motion takes from its residual;"
@@ -185,20 +185,26 @@ def _entries(structure: Structure, unknown: Parameters) -> tuple[IntArray, IntAr
     """Sparse entries of the linear equations: row, field column, parameter (n_params for known terms) and value."""
     design = unknown.design.tocsr()
     found = [
-        _expanded(part, design[part.value], unknown.offset[part.value], structure.n_dofs, _LAWS.index(part.law))
+        _expanded(
+            part,
+            design[part.value],
+            unknown.offset[part.value],
+            structure.n_dofs,
+            _MATRIX_KINDS.index(part.matrix_kind),
+        )
         for part in structure.contributions
-        if part.law in _LAWS
+        if part.matrix_kind in _MATRIX_KINDS
     ]
     row, field, parameter, value = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
     return row, field, parameter, value
 
 
 def _expanded(
-    part: Contribution, design: sparse.csr_array, offset: FloatArray, n_dofs: int, law: int
+    part: Contribution, design: sparse.csr_array, offset: FloatArray, n_dofs: int, matrix_kind: int
 ) -> tuple[IntArray, IntArray, IntArray, FloatArray]:
     """Entries of one contribution's element matrices, repeated for every parameter in a weight, and for known parts."""
     row, column, element, value = part.blocks.entries()
-    field = law * n_dofs + column
+    field = matrix_kind * n_dofs + column
     del column
     count = np.diff(design.indptr)[element]
     again = np.repeat(np.arange(len(element)), count)

@@ -61,7 +61,7 @@ def identify_time(
     Raises
     ------
     InputError
-        If channels, forces or noise levels are missing, or the model has laws that no time-domain equation has.
+        If channels, forces or noise levels are missing, or the model has matrices that no time-domain equation has.
 
     Notes
     -----

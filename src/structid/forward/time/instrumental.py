@@ -41,7 +41,7 @@ from structid.unknowns import Parameters
 
 #: What came of an iteration: a solution, rows that determine none, or a motion that cannot be simulated.
 SOLVED, UNDETERMINED, UNSTABLE = 0, 1, 2
-_LAWS = {"acceleration": "inertia", "velocity": "viscous", "displacement": "elastic"}
+_MATRIX_KINDS = {"acceleration": "mass", "velocity": "damping", "displacement": "stiffness"}
 _TOLERANCE = 1e-2  # of a standard deviation; instruments need no more, since any make a consistent estimate
 _STEPS_A_STAGE = 3
 
@@ -181,7 +181,7 @@ class InstrumentalFit:
         total = self.noise["force"].copy()
         for quantity in MOTION_QUANTITIES:
             if quantity in self.noise:
-                matrix = self.structure.matrix(_LAWS[quantity], properties)
+                matrix = self.structure.matrix(_MATRIX_KINDS[quantity], properties)
                 total += matrix @ (matrix @ self.noise[quantity]).T
         try:
             factor = np.linalg.cholesky(total)

@@ -14,12 +14,12 @@ from structid.core.dof import Dof
 from structid.core.errors import InputError, SingularModelError
 from structid.dynamics.exact_discretization import Step, exact_step, stepped
 from structid.fem import Base, Structure
-from structid.forward.sensitive import require_laws_in_time, weight_slope
+from structid.forward.sensitive import require_matrices_in_time, weight_slope
 from structid.forward.time.input_hold import InputHold
 from structid.unknowns import Parameters
 
 _MOST_DOFS = 200
-_LAWS = ("inertia", "viscous", "elastic")
+_MATRIX_KINDS = ("mass", "damping", "stiffness")
 _CHUNK = 4_000_000
 
 
@@ -158,7 +158,7 @@ class TimeModel:
     def _linear(self, values: FloatArray, derivatives: bool) -> LinearSystem:
         """State-space system of the structure at parameter `values`, with its derivatives if wanted."""
         properties = self.unknown.values(values)
-        whole = [self.moving.matrix(law, properties).toarray() for law in _LAWS]
+        whole = [self.moving.matrix(matrix_kind, properties).toarray() for matrix_kind in _MATRIX_KINDS]
         mass, damping, stiffness = (matrix[np.ix_(self.free, self.free)] for matrix in whole)
         try:
             squares, shapes = linalg.eigh(stiffness, mass)
@@ -183,7 +183,10 @@ class TimeModel:
         rate_change, coupling_change = (np.zeros((2 * n, n_params, width)) for width in (2 * n, n_inputs))
         if derivatives:
             right = np.concatenate([wide, self.load_columns], axis=1) if self.bases else wide
-            changes = [_change_between(self.moving, self.unknown, law, wide, right, properties) for law in _LAWS]
+            changes = [
+                _change_between(self.moving, self.unknown, matrix_kind, wide, right, properties)
+                for matrix_kind in _MATRIX_KINDS
+            ]
             inertia, viscous, elastic = (change[..., :n] for change in changes)
             rate_change[n:, :, :n] = (inertia * squares - elastic) / scale
             rate_change[n:, :, n:] = inertia @ modal_damping - viscous
@@ -194,13 +197,18 @@ class TimeModel:
 
 
 def _change_between(
-    structure: Structure, unknown: Parameters, law: str, left: FloatArray, right: FloatArray, properties: FloatArray
+    structure: Structure,
+    unknown: Parameters,
+    matrix_kind: str,
+    left: FloatArray,
+    right: FloatArray,
+    properties: FloatArray,
 ) -> FloatArray:
-    """Products left' (dA/dp) right with the matrix A of `law`, for each parameter, (n_left, n_params, n_right)."""
+    """Products left' (dA/dp) right with the matrix A of this kind, for each parameter, (n_left, n_params, n_right)."""
     n_params, n_left, n_right = unknown.n_params, left.shape[1], right.shape[1]
     total = np.zeros((n_params, n_left * n_right))
     for part in structure.contributions:
-        if part.law != law:
+        if part.matrix_kind != matrix_kind:
             continue
         rows = weight_slope(part, unknown, properties)
         used = np.flatnonzero(np.diff(rows.indptr))
@@ -335,4 +343,4 @@ class LinearSystem:
 def require_viscous(structure: Structure, unknown: Parameters) -> None:
     """Raise `InputError` where friction, loss factors or measured FRFs take part: they have no linear equation in time."""
     structure.require_modes("histories")
-    require_laws_in_time(structure, unknown)
+    require_matrices_in_time(structure, unknown)

@@ -310,8 +310,8 @@ def _forces(model: SpectraModel) -> FloatArray:
     if model.order is None:
         return np.zeros((n_dofs, 0))
     values = model.parameters.values(model.parameters.start)
-    mass = model.structure.matrix("inertia", values)
-    found = modes(mass, model.structure.matrix("elastic", values))
+    mass = model.structure.matrix("mass", values)
+    found = modes(mass, model.structure.matrix("stiffness", values))
     near = found.frequency <= _REACH * model.spectra.frequency[-1]
     forces = np.zeros((n_dofs, int(near.sum())))
     place = {code: i for i, code in enumerate(known.numbering.free)}

@@ -44,7 +44,7 @@ _DENSITY = 8  # test functions begin so many times in the length of one
 _BAND = 5.0  # a test function of length T passes frequencies up to about 5 / T
 _FEWEST_SAMPLES = 12
 _POWER_IN_BAND = 0.95
-_LAWS = ("elastic", "viscous", "inertia")  # by the order of the derivative that they multiply
+_MATRIX_KINDS = ("stiffness", "damping", "mass")  # by the order of the derivative that they multiply
 _TOLERANCE = 1e-4  # of a standard deviation
 _DEPENDENT = (
     "the test functions must be independent under the declared noise; take fewer `windows`, and declare noise of every"
@@ -108,7 +108,7 @@ class WeakForm:
 
     def _matrices(self, values: FloatArray) -> list[FloatArray]:
         properties = self.equations.unknown.values(values)
-        return [self.structure.matrix(law, properties).toarray() for law in _LAWS]
+        return [self.structure.matrix(matrix_kind, properties).toarray() for matrix_kind in _MATRIX_KINDS]
 
     def rows(self, values: FloatArray) -> WhitenedRows:
         """Weak-form equations weighted by their covariance at `values`, with instruments freed of shared noise.

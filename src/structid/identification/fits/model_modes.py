@@ -24,7 +24,7 @@ def structure_modes(structure: Structure, values: FloatArray, n_modes: int) -> M
     if not structure.has_modes:
         return Modes(np.zeros(0), np.zeros(0), np.zeros((structure.n_dofs, 0)), np.zeros(0))
     mass, stiffness, damping, structural = (
-        structure.matrix(law, values) for law in ("inertia", "elastic", "viscous", "structural")
+        structure.matrix(matrix_kind, values) for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")
     )
     own = sum(element.own_modes for element in structure.elements if isinstance(element, SolverModel))
     strains = partial(structure.strain_operator, values)

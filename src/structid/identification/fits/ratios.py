@@ -124,7 +124,7 @@ def _scaled(kinds: Sequence[str]) -> np.ndarray:
 
 
 def scale_words(names: list[str], reference: str = "") -> str:
-    """What a free common scale of the parameters `names` means."""
+    """A sentence on what follows if the common scale of the parameters `names` is undetermined."""
     given = f" Their ratios to {reference} are given with intervals;" if reference else ""
     return (
         "what is measured without a force gives ratios of stiffness to mass, not kilograms: one common scale of"

@@ -323,7 +323,7 @@ class AveragedHistories:
         return [dof for dof, is_force in zip(self.record.channels, self._is_force, strict=True) if is_force]
 
     def _with_joint_forces(self, parts: FloatArray) -> TimeRecord:
-        """The record with joint forces, which the columns of `parts` make of its own forces."""
+        """The record with its forces combined into joint ones by the weights `parts` (n_forces, n_joint_forces)."""
         record, still = self.record, ~self._is_force
         first = max(self.structure.nodes) + _FAR
         made = [Dof(first + k, (self.structure.active or ("X",))[0]) for k in range(parts.shape[1])]

@@ -50,7 +50,7 @@ class Identified(Protocol):
 
 
 class FixedChanges(Protocol):
-    """Changes of parameters for one tolerance of each held value."""
+    """Changes of parameters for one tolerance of each fixed value."""
 
     @property
     def change_names(self) -> tuple[str, ...]: ...
@@ -250,7 +250,7 @@ def compare_states(
     Notes
     -----
     Independent states: C = P + Q, the sum of the covariances from the data, and (A - B) (A - B)' with the changes A and B of the
-    parameters for one tolerance of each held value: what both states owe to the same held values is no change. With carried
+    parameters for one tolerance of each fixed value: what both states owe to the same fixed values is no change. With carried
     parameters m and covariance P of the baseline, G = P_km P_mm^-1 and Q the covariance of the later estimate,
 
         k_before = k + G (m_later - m),   C = Q_kk + P_kk - G P_mk + G Q_mm G' - G Q_mk - Q_km G',
@@ -271,19 +271,19 @@ def compare_states(
     first, second = _places(baseline, names), _places(later, names)
     _require_units(names, [baseline.units[i] for i in first], [later.units[j] for j in second])
     before, p, q, cross = _carried(baseline, later, first, second, carried)
-    of_held = _by_held_values(baseline, later, first, second, carried)
+    by_fixed = _by_fixed_values(baseline, later, first, second, carried)
     return Comparison(
         names=names,
         kinds=tuple(baseline.kinds[i] for i in first),
         units=tuple(baseline.units[i] for i in first),
         before=locked(before),
         after=locked(later.values[second]),
-        covariance_before=locked(p + of_held[0] @ of_held[0].T),
-        covariance_after=locked(q + of_held[1] @ of_held[1].T),
+        covariance_before=locked(p + by_fixed[0] @ by_fixed[0].T),
+        covariance_after=locked(q + by_fixed[1] @ by_fixed[1].T),
         carried=carried,
         only_before=tuple(n for n in baseline.names if n not in later.names and OF_RECORD not in n),
         only_after=tuple(n for n in later.names if n not in baseline.names and OF_RECORD not in n),
-        covariance=locked(p + q - cross - cross.T + (of_held[0] - of_held[1]) @ (of_held[0] - of_held[1]).T),
+        covariance=locked(p + q - cross - cross.T + (by_fixed[0] - by_fixed[1]) @ (by_fixed[0] - by_fixed[1]).T),
         level=level,
         power=power,
         correction=correction,
@@ -375,10 +375,10 @@ def _places(estimate: Identified, names: Sequence[str]) -> np.ndarray:
     return np.array([estimate.names.index(name) for name in names], dtype=int)
 
 
-def _by_held_values(
+def _by_fixed_values(
     baseline: Identified, later: Identified, first: np.ndarray, second: np.ndarray, carried: tuple[str, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Changes of the parameters of both states per tolerance of each held value, (n, n_changes) each.
+    """Changes of the parameters of both states per tolerance of each fixed value, (n, n_changes) each.
 
     The prior of carried parameters moves with the baseline, and with them the later state; what that says of them moves the
     baseline.
@@ -398,7 +398,7 @@ def _by_held_values(
 
 
 def _aligned(estimate: Identified, names: tuple[str, ...]) -> FloatArray:
-    """Changes (n_params, n_names) of all parameters by the held values `names`; 0 where a value has no influence."""
+    """Changes (n_params, n_names) of all parameters by the fixed values `names`; 0 where a value has no influence."""
     changes = np.zeros((len(estimate.names), len(names)))
     if estimate.fixed is not None:
         changes[:, [names.index(name) for name in estimate.fixed.change_names]] = estimate.fixed.changes

@@ -60,7 +60,7 @@ class UnchangedTest:
     degrees_of_freedom : float
         Of the data of both states, with everything free.
     freedom : int
-        How many conditions the common parameters, and held values that both states share, make.
+        How many conditions the common parameters, and fixed values that both states share, make.
     differing : tuple of (str, float, float)
         Parameters among `names` that the states ask for differently: the relative change, and the same in standard deviations; the
         surest first.
@@ -90,7 +90,7 @@ class UnchangedTest:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether the data of both states do not allow that they are the same."""
+        """True if the data of both states do not allow that they are the same."""
         return not np.isfinite(self.cost) or self.probability < _CONTRADICTED
 
     @property

@@ -180,6 +180,6 @@ def _span(values: FloatArray) -> str:
 
 
 def _correlation_text(value: float) -> str:
-    """With as many digits as tell it from 1."""
+    """Text of a correlation, with as many digits as distinguish it from 1."""
     digits = int(np.clip(np.ceil(-np.log10(max(1 - abs(value), 1e-12))), 3, 6))
     return f"{value:.{digits}f}"

@@ -88,7 +88,11 @@ def carried(initial: Bound, sizes: FloatArray, std: FloatArray, fits: bool) -> n
 
 
 def refusal_words(initial: Bound, final: Bound, carried_at_start: np.ndarray, names: tuple[str, ...]) -> str:
-    """Sentences for the bounds that show that the data cannot determine a parameter; empty if none does."""
+    """Sentences for the bounds that show that the data cannot determine a parameter; empty if none does.
+
+    `initial` and `final` are Cramer-Rao bounds at the start and at the estimate; `carried_at_start` (n_params,) marks parameters
+    for which the bound at the start says nothing against the estimate.
+    """
     said = [] if carried_at_start.all() else [initial.words(names)]
     if (final.relative > 1).any():
         said.append(final.words(names))

@@ -149,7 +149,7 @@ def residual_tests(
     degrees_of_freedom : float
         Of chi-square.
     fixed_squares : float
-        Sum of squares of the held values that the residual is of, in tolerances: a part of chi-square, since each of them takes a
+        Sum of squares of the fixed values that the residual is of, in tolerances: a part of chi-square, since each of them takes a
         degree of freedom and brings one.
 
     Returns

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 import numpy as np
 from scipy import special
@@ -14,9 +14,13 @@ from structid.core.errors import InputError
 from structid.inversion.estimate import Estimate
 from structid.inversion.intervals.bootstrap import bootstrap
 from structid.inversion.intervals.profile import profiles
-from structid.inversion.intervals.sampling import sample
+from structid.inversion.intervals.sampling import WITH_EXTRA, sample
 from structid.inversion.problem import Problem
 from structid.inversion.search.work import ALONE, Work
+
+if TYPE_CHECKING:
+    from arviz import InferenceData
+
 
 IntervalKind = Literal["laplace", "profile", "bootstrap", "sampling"]
 INTERVAL_KINDS: tuple[str, ...] = get_args(IntervalKind)
@@ -81,7 +85,7 @@ def intervals(
 
 
 def _with_tolerances(ends: FloatArray, estimate: Estimate, level: float) -> FloatArray:
-    """Interval ends (n_params, 2) widened by the tolerances of held values.
+    """Interval ends (n_params, 2) widened by the tolerances of fixed values.
 
     Half-widths add in squares; an end that the data do not give stays open.
     """
@@ -131,3 +135,40 @@ _WAYS: dict[str, Callable[[Problem, Estimate, float, int, Work], _Ends]] = {
     "bootstrap": _bootstrap,
     "sampling": _sampling,
 }
+
+
+class Drawn(Protocol):
+    """Sources of draws: an `Estimate` (its Laplace interval), a `Profile`, a `Bootstrap`, `Samples`."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+
+    def drawn(self, n_draws: int, rng: np.random.Generator) -> FloatArray:
+        """Draws in physical units, (n_chains, n_draws, n_params)."""
+        ...
+
+
+def to_arviz(found: Drawn, n_draws: int = 4000, seed: int = 0) -> InferenceData:
+    """Posterior draws as ``arviz.InferenceData``, one variable for each parameter.
+
+    Parameters
+    ----------
+    found : Estimate, Profile, Bootstrap or Samples
+        Of an estimate, draws from the normal distribution of the free variables that its intervals are of; of a profile,
+        from the distribution whose quantiles are the ends of its intervals at all levels; of a bootstrap, its replicates; of
+        samples, their chains.
+    n_draws : int
+        Of estimates and profiles; the others have as many as they have.
+    seed : int
+
+    Raises
+    ------
+    InputError
+        If ArviZ, of the extra ``sampling``, is missing, or a profile has no limit on a side.
+    """
+    try:
+        import arviz
+    except ImportError as error:
+        raise InputError(f"`arviz` must be installed to export draws, got {error}; {WITH_EXTRA}") from error
+    draws = found.drawn(n_draws, np.random.default_rng(seed))
+    return arviz.from_dict(posterior={name: draws[:, :, j] for j, name in enumerate(found.names)})

@@ -16,7 +16,7 @@ from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.levenberg_marquardt import LevenbergMarquardt
 from structid.inversion.search.minimum import Progress
 
-#: Held values are near: a few steps settle them.
+#: Fixed values are near: a few steps settle them.
 _REFIT = LevenbergMarquardt(max_iterations=12, gain_tolerance=1e-5, initial_damping=1e-6)
 
 
@@ -41,12 +41,12 @@ class FixedValues:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the held values, in the order of the unknowns."""
+        """Names of the fixed values, in the order of the unknowns."""
         return tuple(name for name in self.problem.names if name.startswith(FIXED))
 
     @property
     def std(self) -> FloatArray:
-        """Standard deviation of the logarithm of each held value, (n_fixed,)."""
+        """Standard deviation of the logarithm of each fixed value, (n_fixed,)."""
         return np.array([self.tolerances[name] for name in self.names])
 
     def on_sample(self) -> FixedValues:
@@ -54,14 +54,14 @@ class FixedValues:
         return FixedValues(self.sample or self.problem, self.tolerances)
 
     def refit(self, names: tuple[str, ...], theta: FloatArray, progress: Progress | None = None) -> FitWithinTolerances:
-        """Refit of all unknowns with held values free within tolerances, from the free variables `theta`."""
+        """Refit of all unknowns with fixed values free within tolerances, from the free variables `theta`."""
         minimum = minimize(self.problem, _REFIT, self._whole(names, theta), progress)
         asked = minimum.theta[self._index(self.names)] / self.std
         linearization, parameters = cast(Linearization, minimum.linearization), minimum.theta[self._index(names)]
         return FitWithinTolerances(self.problem, minimum.theta, linearization, asked, parameters)
 
     def sensitivities_at(self, names: tuple[str, ...], theta: FloatArray, is_doubtful: bool) -> FixedColumns:
-        """Derivatives (n_data, n_fixed) of the residual by the logarithm of each held value at `theta`.
+        """Derivatives (n_data, n_fixed) of the residual by the logarithm of each fixed value at `theta`.
 
         They are taken at the free variables `theta` of the parameters `names`; a refit comes with them where the residual
         `is_doubtful`, so that noise hardly explains it.
@@ -73,7 +73,7 @@ class FixedValues:
         return FixedColumns(tuple(name.removeprefix(FIXED) for name in self.names), kinds, self.std, columns, within)
 
     def _whole(self, names: tuple[str, ...], theta: FloatArray) -> FloatArray:
-        """Free variables of all unknowns, every held value as the model has it."""
+        """Free variables of all unknowns, every fixed value as the model has it."""
         whole = np.array(self.problem.theta_start, dtype=np.float64)
         whole[self._index(names)], whole[self._index(self.names)] = theta, 0.0
         return whole

@@ -194,7 +194,7 @@ def undamped(path: Path, squares: Sequence[float]) -> list[complex]:
 
 
 def same_eigenvalue(first: float, other: float) -> bool:
-    """Whether two printed eigenvalues are one but for the rounding of print."""
+    """True if two printed eigenvalues are one but for the rounding of print."""
     return abs(first - other) <= _SAME_EIGENVALUE * max(abs(first), abs(other)) + 1e-12
 
 

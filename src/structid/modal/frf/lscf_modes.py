@@ -123,7 +123,10 @@ def _start(poles: PoleSweep, picked: Sequence[tuple[int, int]], band: FrfBand) -
 def _refined(
     band: FrfBand, start: PolesAndParticipation, options: ModalOptions
 ) -> tuple[FrfModes, IntArray, bool, list[str]]:
-    """At the minimum, sorted; poles that leave the band or the criteria are held, those that fit noise only left out."""
+    """Least-squares modes of one band refined from `start`, indices of the poles kept, convergence, and notes.
+
+    Poles that leave the band or the criteria are fixed at their start; those that fit noise only are left out.
+    """
     notes: list[str] = []
     kept: IntArray = np.arange(len(start.poles))
     while True:
@@ -178,7 +181,7 @@ def _refined(
 
 
 def _settled(band: FrfBand, start: PolesAndParticipation) -> tuple[PolesAndParticipation, FrfData, bool]:
-    """At the minimum, with as many powers of s for the modes outside the band as pay (`_wider`)."""
+    """Minimum of the fit of one band, with as many powers of s for the modes outside the band as pay (`_wider`)."""
     data, at = _data(band, band.variance), start
     for gain in (1e-3, 1e-5):
         data = _weighted(band, data, at)

@@ -28,7 +28,8 @@ _APART = 1e3  # distance of two poles of one order, which cannot be one mode
 _FEWEST_POLES = 3  # of a cluster whose spread over the orders says something
 #: Log odds of being a mode, for 1, stability, log10 of the distance, log10 of the energy, and collinearity.
 _WEIGHTS = np.array([-8.92, 3.94, -2.18, 0.93, 2.21])
-_LIKELY = 0.8  # probability from which on a cluster is taken for a mode, however few its poles
+#: Probability from which on a cluster is taken for a mode, however few its poles.
+LIKELY = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +145,7 @@ def likely_modes(every: Sequence[Cluster]) -> tuple[Cluster, ...]:
     """Clusters that are large, by two means of the sizes of `every` one, or likely to be a mode."""
     sizes = np.array([c.size for c in every], dtype=float)
     large = sizes > _two_means_boundary(np.append(sizes, 0.0))
-    return tuple(c for c, keep in zip(every, large, strict=True) if keep or c.probability >= _LIKELY)
+    return tuple(c for c, keep in zip(every, large, strict=True) if keep or c.probability >= LIKELY)
 
 
 def _nearest_before(s: ComplexArray, shapes: ComplexArray, number: IntArray, n_orders: int) -> FloatArray:

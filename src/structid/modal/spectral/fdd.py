@@ -17,18 +17,19 @@ from structid.modal.method import ModalIdentification, ModalOptions
 from structid.modal.modal_record import ModalRecord, unit_largest
 from structid.modal.spectral.peaks import chosen_peaks, peaks_within, stored_spectrum
 from structid.records import TimeRecord
+from structid.records.correlation import CorrelationRecord
 from structid.records.spectrum import SpectrumRecord
 
 
 def fdd(
-    records: TimeRecord | Sequence[TimeRecord] | SpectrumRecord, options: ModalOptions | None = None
+    records: TimeRecord | Sequence[TimeRecord] | SpectrumRecord | CorrelationRecord, options: ModalOptions | None = None
 ) -> ModalIdentification:
     """Modes by frequency domain decomposition: peaks of the first singular value, without damping ratios.
 
     Parameters
     ----------
-    records : TimeRecord, sequence of them, or SpectrumRecord
-        Ambient motion, or its spectra as another program averaged them.
+    records : TimeRecord, sequence of them, SpectrumRecord or CorrelationRecord
+        Ambient motion, or its spectra or correlation functions as another program averaged them.
     options : ModalOptions, optional
         Used are `frequencies` (by hand; automatic peaks otherwise), `segment` (by default one that leaves about 40
         averages; frequencies come in steps of sampling rate over it) and the frequency range of `criteria`.
@@ -47,7 +48,7 @@ def fdd(
         If no peak stands out inside the criteria.
     """
     options = options or ModalOptions()
-    if isinstance(records, SpectrumRecord):
+    if isinstance(records, SpectrumRecord | CorrelationRecord):
         data, spectrum = stored_spectrum(records)
         lines = peaks_within(spectrum, options)
     else:
@@ -57,8 +58,8 @@ def fdd(
         f"frequencies are peaks on lines {spectrum.spacing:.3g} Hz apart, without damping ratios and without "
         "covariance, which peaks on lines cannot give; "
         + (
-            "the time histories behind the spectra would"
-            if isinstance(records, SpectrumRecord)
+            "the time histories behind them would; efdd gives damping"
+            if isinstance(records, SpectrumRecord | CorrelationRecord)
             else "bayesian_fft gives both"
         )
     )

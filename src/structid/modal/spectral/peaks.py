@@ -10,7 +10,7 @@ after Brincker, Andersen and Jacobsen 2007, Automated frequency domain decomposi
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from structid.core.errors import InputError, NoModesError
 from structid.modal.correlations import Outputs
 from structid.modal.method import ModalOptions
 from structid.modal.modal_record import ModalRecord
+from structid.records.correlation import CorrelationRecord
 from structid.records.spectrum import SpectrumRecord
 
 #: Modal coherence that a peak must have.
@@ -46,6 +47,8 @@ class Spectrum:
         Independent averages behind each line.
     segment : int
         Samples of a segment.
+    matrix : (n_lines, n_channels, n_references) complex array
+        What the singular values are of; empty where it was not kept.
     """
 
     frequency: FloatArray
@@ -53,6 +56,7 @@ class Spectrum:
     vectors: ComplexArray
     averages: float
     segment: int
+    matrix: ComplexArray = field(default_factory=lambda: np.zeros((0, 0, 0), complex))
 
     @property
     def spacing(self) -> float:
@@ -195,20 +199,40 @@ def chosen_peaks(data: Outputs, options: ModalOptions) -> tuple[Spectrum, IntArr
     return spectrum, peaks_within(spectrum, options)
 
 
-def stored_spectrum(record: SpectrumRecord) -> tuple[Outputs, Spectrum]:
+def stored_spectrum(record: SpectrumRecord | CorrelationRecord) -> tuple[Outputs, Spectrum]:
     """Channels of a record of spectra, scaled to equal power, and its singular value spectrum.
 
-    Where the references are not all channels, the singular vectors on the side of the channels are taken.
+    Where the references are not all channels, the singular vectors on the side of the channels are taken. Correlation functions
+    are transformed under a Hann window of twice their length: with the lags before 0 where the references are all channels,
+    else from lag 0 on alone.
     """
-    power = np.sqrt((np.abs(record.values) ** 2).sum(axis=0))
+    frequency, matrix = _lines(record)
+    power = np.sqrt((np.abs(matrix) ** 2).sum(axis=0))
     of_channel, of_reference = np.sqrt(power.max(axis=1)), np.sqrt(power.max(axis=0))
     if not (of_channel > 0).all():
         dead = record.channels[int(np.argmin(of_channel))]
-        raise InputError(f"the spectra of channel {dead} are 0; leave this channel out, or repair the sensor")
-    vectors, values, _ = np.linalg.svd(record.values / (of_channel[:, None] * of_reference), full_matrices=False)
+        words = "spectra" if isinstance(record, SpectrumRecord) else "correlation functions"
+        raise InputError(f"the {words} of channel {dead} are 0; leave this channel out, or repair the sensor")
+    matrix = matrix / (of_channel[:, None] * of_reference)
+    vectors, values, _ = np.linalg.svd(matrix, full_matrices=False)
     data = Outputs((), of_channel, record.channels, record.quantities, np.inf)
     averages = np.nan if record.averages is None else float(record.averages)
-    return data, Spectrum(record.frequency, values, vectors, averages, 0)
+    return data, Spectrum(frequency, values, vectors, averages, 0, matrix)
+
+
+def _lines(record: SpectrumRecord | CorrelationRecord) -> tuple[FloatArray, ComplexArray]:
+    """Frequencies (Hz) and matrices (n_lines, n_channels, n_references) of stored spectra, or of functions from lag 0 on."""
+    if isinstance(record, SpectrumRecord):
+        return record.frequency, record.values
+    n = len(record.values)
+    window = np.cos(0.5 * np.pi * np.arange(n) / n) ** 2
+    window[0] = 0.5
+    lines = np.fft.rfft(record.values * window[:, None, None], 2 * n, axis=0)
+    if set(record.references) == set(record.channels):  # lags before 0 are those of the reverse pairs
+        order = [record.references.index(dof) for dof in record.channels]
+        both = lines[:, :, order] + lines[:, :, order].conj().transpose(0, 2, 1)
+        lines = both[:, :, np.argsort(order)]
+    return np.fft.rfftfreq(2 * n, 1 / record.sampling_rate), lines
 
 
 def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
@@ -220,7 +244,9 @@ def peaks_within(spectrum: Spectrum, options: ModalOptions) -> IntArray:
             " `frequencies` where the peaks are; their file says neither",
             "averages",
         )
-    lines = peaks_by_hand(spectrum, options.frequencies or ()) if by_hand else automatic_peaks(spectrum)
+    lines = (
+        peaks_by_hand(spectrum, options.frequencies) if options.frequencies is not None else automatic_peaks(spectrum)
+    )
     low, high = options.criteria.frequency
     lines = lines[(spectrum.frequency[lines] >= low) & (spectrum.frequency[lines] <= high)]
     if not len(lines):

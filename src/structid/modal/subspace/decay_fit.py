@@ -168,12 +168,12 @@ def left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> F
 
 
 def is_left_over(data: Outputs, poles: ComplexArray, candidates: ComplexArray) -> bool:
-    """Whether one of `candidates` would stand out beside `poles`."""
+    """True if one of `candidates` would stand out beside `poles`."""
     return bool((left_over(data, poles, candidates) > noise_strength(data)).any())
 
 
 def is_near(poles: ComplexArray, start: ComplexArray) -> bool:
-    """Whether each of `poles` is still the mode that its search began at."""
+    """True if each of `poles` is still the mode that its search began at."""
     return bool((np.abs(poles - start) <= _FAR * np.abs(start)).all())
 
 

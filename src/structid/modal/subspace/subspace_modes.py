@@ -14,7 +14,7 @@ from structid.modal.correlations import Outputs, displacement_rows, outputs
 from structid.modal.method import LeftOut, ModalIdentification, ModalOptions, by_rising_frequency
 from structid.modal.modal_record import ModalChanges, ModalRecord
 from structid.modal.poles.poles import Poles, frequency_damping_slope, modal_phase_collinearity
-from structid.modal.poles.stabilization import Cluster, clusters, likely_modes
+from structid.modal.poles.stabilization import LIKELY, Cluster, clusters, likely_modes
 from structid.modal.subspace.close_modes import NOT_TOLD_APART, close_mode_notes, repeated_modes
 from structid.modal.subspace.decay_fit import (
     decay_fit,
@@ -41,18 +41,19 @@ from structid.records import TimeRecord
 
 SUBSPACE_METHODS: dict[str, Callable[..., Subspace]] = {"pencil": pencil, "ssi_cov": ssi_cov, "ssi_data": ssi_data}
 _REFINED = ("pencil",)
-_MAX_ORDER = 60
-_BLOCK_ROWS = 30
+MAX_ORDER = 60
+BLOCK_ROWS = 30
 _CERTAIN = 0.005  # of a frequency: standard deviation below which a mode of a free decay is kept, however weak
 _SAME = 0.01  # of a frequency: distance below which a pole with damping takes the place of one without
 _LOST = 0.1  # of the noise left: amplitude of a free decay below which it tells nothing more
 _TRIES = 4  # poles in a row that explain a free decay no better, after which no more are tried
-_ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
+ONE_PHASE = 0.5  # modal phase collinearity below which a stable pole of random motion is no mode
 _PERHAPS = 0.3  # probability of being a mode from which on poles that are none are listed
 _STEADY, _FEWEST_DYING = (
     0.1,
     3,
 )  # of the usual damping ratio, that of a tone at most; modes that die out and tell the usual
+_WIDE, _MORE_ORDERS = 1.5, 4  # of the least deviation of a frequency: what lets other orders be looked at, and how many
 _STRONG = 0.01  # of the energy of a free decay: part from which on a mode is kept, however uncertain
 
 
@@ -92,7 +93,10 @@ def _modes(data: Outputs, options: ModalOptions, method: str, is_decay: bool = F
         motion = free_decay(data, _poles(sweep, picked))
     if automatic and motion.explains_all:
         picked, found, motion = _standing_out(data, sweep, picked, found, motion, notes)
-    modes = _modal_record(subspace, sweep, picked, motion, notes)
+    changes = _pole_changes(subspace, sweep, picked, found, motion)
+    if automatic and changes is not None and not motion.explains_all:
+        picked, found, changes = _surest_poles(subspace, sweep, found, changes)
+    modes = _modal_record(subspace, sweep, picked, motion, changes, notes)
     if method in _REFINED and options.refine and motion.explains_all:
         modes = decay_modes(data, modes)
     left_out = left_out_clusters(others, modes.frequency, modes.damping_ratio) if automatic else []
@@ -229,7 +233,7 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
     """Identification with only modes whose frequency is known to within their half-power bandwidth, or 2 / T.
 
     Stable poles of mere noise seldom are. Of random motion each mode is told once, and its channels move in one phase or the
-    opposite as far as a modal phase collinearity of `_ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
+    opposite as far as a modal phase collinearity of `ONE_PHASE`. In free decays modes must also be certain to `_CERTAIN`, or
     hold `_STRONG` of the energy.
     """
     modes, std = found.modes, found.modes.frequency_std
@@ -238,7 +242,7 @@ def _worthy(data: Outputs, found: ModalIdentification, motion: FreeDecay) -> Mod
     if not motion.explains_all:
         words = "stable poles of the shape and, to within their deviations, the frequency of another"
         found = found.kept(~repeated_modes(found.modes), words)
-        is_one = ~(modal_phase_collinearity(found.modes.mode_shapes.astype(complex)) < _ONE_PHASE)
+        is_one = ~(modal_phase_collinearity(found.modes.mode_shapes.astype(complex)) < ONE_PHASE)
         found = found.kept(
             is_one, "stable poles without a shape in one phase, as at the edge of a filter or of the forces"
         )
@@ -275,8 +279,8 @@ def _block_rows(data: Outputs, given: int | None) -> int:
         if given < 2:
             raise InputError(f"`block_rows` must be at least 2, got {given}; a shift needs two samples")
         return given
-    few_channels = -(-2 * _MAX_ORDER // data.n_channels)
-    rows = min(max(_BLOCK_ROWS, few_channels), shortest // 8)
+    few_channels = -(-2 * MAX_ORDER // data.n_channels)
+    rows = min(max(BLOCK_ROWS, few_channels), shortest // 8)
     if rows < 2:
         raise InputError(f"every record must hold at least 16 samples, got {shortest}; measure longer")
     return rows
@@ -285,7 +289,7 @@ def _block_rows(data: Outputs, given: int | None) -> int:
 def _orders(data: Outputs, rows: int, given: Sequence[int] | None) -> list[int]:
     """Model orders to be tried, as given or all even ones; `InputError` if they exceed the matrix."""
     room = (rows - 1) * data.n_channels
-    orders = list(range(2, min(_MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
+    orders = list(range(2, min(MAX_ORDER, room) + 1, 2)) if given is None else sorted({int(n) for n in given})
     if not orders or orders[0] < 1 or orders[-1] > room:
         raise InputError(
             f"`orders` must lie from 1 to {room} for {data.n_channels} channels and {rows} block rows, got "
@@ -355,23 +359,110 @@ def left_out_clusters(clusters: Sequence[Cluster], frequency: FloatArray, dampin
     return listed
 
 
+@dataclass(frozen=True, eq=False)
+class _PoleChanges:
+    """Changes of the poles of modes (rad/s), (n_changes, n_modes), and of their shapes, (n_changes, n_channels, n_modes)."""
+
+    spread: Deviations
+    poles: ComplexArray
+    shapes: ComplexArray
+
+
+def _pole_changes(
+    subspace: Subspace,
+    sweep: Sequence[Poles],
+    picked: Sequence[tuple[int, int]],
+    found: Sequence[Cluster],
+    motion: FreeDecay,
+) -> _PoleChanges | None:
+    """Changes of the chosen poles by the scatter of the data; None where that cannot be had."""
+    numbers = [k for k, _ in picked] if motion.explains_all else [k for k, _ in picked] + _numbers(found)
+    spread = deviations(subspace, max(sweep[k].order for k in numbers), motion, len(picked))
+    return None if spread is None else _PoleChanges(spread, *_all_deviations(subspace, spread, sweep, picked))
+
+
+def _numbers(found: Sequence[Cluster]) -> list[int]:
+    return sorted({k for cluster in found for k in cluster.number.tolist()})
+
+
+def _surest_poles(
+    subspace: Subspace, sweep: Sequence[Poles], found: Sequence[Cluster], changes: _PoleChanges
+) -> tuple[list[tuple[int, int]], tuple[Cluster, ...], _PoleChanges]:
+    """Chosen poles, clusters and changes, with other poles of the clusters of modes that are less certain than need be.
+
+    A model of high order may have a pole of noise beside that of a mode, which then is uncertain although all orders agree
+    on it. Likely modes whose frequency has more than `_WIDE` times the standard deviation that a long record allows are
+    looked at in a few other orders: the surest pole of the cluster, equal to the chosen one within its deviations, takes
+    its place.
+
+    References
+    ----------
+    Au (2014), Uncertainty law in ambient modal identification, part I: theory, Mech. Syst. Signal Process. 48, 15-33: the
+    variance of a frequency f is at least zeta f / (2 pi T) in T seconds.
+    """
+    data = subspace.data
+    seconds, memory = (
+        sum(len(y) for y in data.series) / data.sampling_rate,
+        _memory(_poles(sweep, [c.place for c in found])),
+    )
+
+    def std(poles: ComplexArray, moved: ComplexArray) -> FloatArray:
+        batches, _ = overlapping_batches(moved, moved[:, None], seconds / len(subspace.windows), memory)
+        slope = frequency_damping_slope(poles)
+        both = np.concatenate([batches.real, batches.imag], axis=1) @ slope.T
+        return np.asarray(np.sqrt(np.sum(both**2, axis=0)).reshape(2, -1))
+
+    clusters, ds, dshape = list(found), changes.poles.copy(), changes.shapes.copy()
+    start = _poles(sweep, [cluster.place for cluster in clusters])
+    least = np.sqrt(np.maximum(-start.real, 0.0) / seconds) / (2 * np.pi)
+    surest = std(start, ds)
+    likely = np.array([cluster.probability >= LIKELY for cluster in found])
+    tries = dict.fromkeys(np.flatnonzero(likely & (surest[0] > _WIDE * least)).tolist(), _MORE_ORDERS)
+    numbers = [k for m in tries for k in found[m].number.tolist()]
+    for k in sorted(set(numbers), key=lambda k: (-numbers.count(k), k)):
+        modes = [m for m, left in tries.items() if left and k in found[m].number and found[m].place[0] != k]
+        if not modes:
+            continue
+        tries |= {m: tries[m] - 1 for m in modes}
+        member = [int(np.flatnonzero(found[m].number == k)[0]) for m in modes]
+        index = [int(found[m].index[j]) for m, j in zip(modes, member, strict=True)]
+        moved, shapes = pole_deviations(subspace, changes.spread, sweep[k].order, index)
+        own = std(sweep[k].poles[index], moved)
+        for i, (m, j) in enumerate(zip(modes, member, strict=True)):
+            cluster = found[m]
+            apart = (
+                abs(cluster.frequency[j] - cluster.frequency[cluster.chosen]),
+                abs(cluster.damping_ratio[j] - cluster.damping_ratio[cluster.chosen]),
+            )
+            if (own[:, i] < surest[:, m]).all() and (np.array(apart) <= own[:, i]).all():
+                clusters[m], surest[:, m] = replace(cluster, chosen=j), own[:, i]
+                ds[:, m], dshape[:, :, m] = moved[:, i], shapes[:, :, i]
+    order = np.argsort([cluster.frequency[cluster.chosen] for cluster in clusters], kind="stable").tolist()
+    clusters = [clusters[m] for m in order]
+    return (
+        [c.place for c in clusters],
+        tuple(clusters),
+        _PoleChanges(changes.spread, ds[:, order], dshape[:, :, order]),
+    )
+
+
 def _modal_record(
-    subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], motion: FreeDecay, notes: list[str]
-) -> ModalRecord:
+    subspace: Subspace, sweep: Sequence[Poles], picked: list[tuple[int, int]], motion: FreeDecay,
+    changes: _PoleChanges | None, notes: list[str],
+) -> ModalRecord:  # fmt: skip
     """Modal record of the chosen poles, with shapes scaled to largest entry 1, covariance and notes."""
     data = subspace.data
     s = _poles(sweep, picked)
     raw = np.stack([sweep[k].shapes[:, i] for k, i in picked], axis=1)
     order = np.argsort(np.abs(s), kind="stable")
-    s, raw, picked = s[order], raw[:, order], [picked[i] for i in order]
+    s, raw = s[order], raw[:, order]
     dofs, merge = displacement_rows(data, s)
     shapes = np.einsum("cdm,dm->cm", merge, raw)
     largest = np.abs(shapes).argmax(axis=0), np.arange(len(s))
     unit = shapes / shapes[largest]
-    covariance = std = changes = None
-    spread = deviations(subspace, max(sweep[k].order for k, _ in picked), motion, len(s))
-    if spread is not None:
-        ds, draw = _all_deviations(subspace, spread, sweep, picked)
+    covariance = std = modal_changes = None
+    if changes is not None:
+        ds, draw = changes.poles[:, order], changes.shapes[:, :, order]
         if not motion.explains_all:
             piece = sum(len(y) for y in data.series) / data.sampling_rate / len(subspace.windows)
             ds, draw = overlapping_batches(ds, draw, piece, _memory(s))
@@ -379,13 +470,13 @@ def _modal_record(
         top = dshape[:, largest[0], largest[1]]
         dunit = (dshape - unit * top[:, None, :]) / shapes[largest]
         moved = np.concatenate([ds.real, ds.imag], axis=1) @ frequency_damping_slope(s).T
-        changes = ModalChanges(moved[:, : len(s)], moved[:, len(s) :], dunit)
-        covariance = frequency_damping_covariance(changes, notes)
+        modal_changes = ModalChanges(moved[:, : len(s)], moved[:, len(s) :], dunit)
+        covariance = frequency_damping_covariance(modal_changes, notes)
         std = np.sqrt(np.sum(dunit.real**2, axis=0))
-    notes += _warnings(data, s, len(subspace.windows) if spread is not None and not motion.explains_all else 0)
+    notes += _warnings(data, s, len(subspace.windows) if changes is not None and not motion.explains_all else 0)
     return ModalRecord(
         np.abs(s) / (2 * np.pi), -s.real / np.abs(s), unit, dofs,
-        covariance=covariance, shape_std=std, warnings=tuple(notes), changes=changes,
+        covariance=covariance, shape_std=std, warnings=tuple(notes), changes=modal_changes,
         source=f"{subspace.method}, {len(subspace.left) // data.n_channels} block rows, {data.duration:g} s",
     )  # fmt: skip
 

@@ -21,7 +21,8 @@ class ModesOptions:
     Parameters
     ----------
     method : str, optional
-        pencil, ssi_cov, ssi_data, fdd, bayesian_fft or lscf, see docs/modes.md [default: by the kind of record].
+        pencil, ssi_cov, ssi_data, fdd, bayesian_fft, lscf or, of stored spectra, efdd, see docs/modes.md [default: by the kind
+        of record].
     band : (float, float), optional
         Hz: look for modes there only.
     frequencies : tuple of float, optional

@@ -15,6 +15,7 @@ from structid.modal.correlations import outputs
 from structid.modal.method import ModalIdentification, by_rising_frequency
 from structid.modal.modal_record import ModalRecord
 from structid.modal.modal_record import joined as joined_modes
+from structid.modal.poles.stabilization import LIKELY
 from structid.modal.spectral.peaks import singular_spectrum
 from structid.records import TimeRecord
 from structid.similarity import mac
@@ -72,6 +73,8 @@ def joined(
 ) -> ModalIdentification:
     """Modes of `low` below `frequency` (Hz) and of `high` from there on; of a mode that both have, the surer one.
 
+    A mode that only the other look has is taken as well where it is likely to be one (`mode_probability`).
+
     Parameters
     ----------
     low, high : ModalIdentification
@@ -94,6 +97,8 @@ def joined(
             take_low[i], take_high[j] = low_std < high_std, high_std < low_std
         else:
             take_low[i], take_high[j] = low.modes.frequency[i] < frequency, low.modes.frequency[i] >= frequency
+    take_low |= _likely_alone(low, high.modes, take_high) & (low.modes.frequency < greatest)
+    take_high |= _likely_alone(high, low.modes, take_low)
     low, high = _limited(low, take_low, 0.0, frequency), _limited(high, take_high, frequency, np.inf)
     parts = [found.modes for found in (low, high)]
     warnings = [*dict.fromkeys(words for part in parts if part.n_modes for words in part.warnings)]
@@ -130,6 +135,14 @@ def _same_modes(low: ModalRecord, high: ModalRecord) -> list[tuple[int, int]]:
     away = np.where((gap <= width) & (mac(low.mode_shapes, high.mode_shapes) >= _ONE_SHAPE), gap, np.inf)
     pairs = ((int(i), int(away[i].argmin())) for i in range(low.n_modes) if np.isfinite(away[i]).any())
     return [(i, j) for i, j in pairs if away[:, j].argmin() == i]
+
+
+def _likely_alone(look: ModalIdentification, other: ModalRecord, taken: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mask (n_modes,) of modes of one look that are likely, where no mode of the other one that is `taken` is near."""
+    modes = look.modes
+    gap = np.abs(modes.frequency[:, None] - other.frequency[taken])
+    width = 2 * np.nan_to_num(modes.damping_ratio) * modes.frequency + 3 * np.nan_to_num(modes.frequency_std)
+    return np.asarray((look.probability >= LIKELY) & ~(gap <= width[:, None]).any(axis=1))
 
 
 def _limited(

@@ -42,8 +42,9 @@ from structid.records import (
     read_geometry,
     read_record,
 )
+from structid.records.correlation import CorrelationRecord
 from structid.records.formats import how_read
-from structid.records.formats.spectra import SPECTRUM, read_spectrum
+from structid.records.formats.spectra import CORRELATION, SPECTRUM, read_correlation, read_spectrum
 from structid.records.formats.uff.uff import SUFFIXES
 from structid.records.spectrum import SpectrumRecord
 
@@ -89,7 +90,7 @@ class ModesResult(ModesPlots):
     ----------
     title : str
         Name of the record.
-    record : Record or SpectrumRecord
+    record : Record, SpectrumRecord or CorrelationRecord
         As identified, after its preparation.
     identification : ModalIdentification
     spectra : ModeSpectra
@@ -108,7 +109,7 @@ class ModesResult(ModesPlots):
     """
 
     title: str
-    record: Record | SpectrumRecord
+    record: Record | SpectrumRecord | CorrelationRecord
     identification: ModalIdentification
     spectra: ModeSpectra
     geometry: Geometry | None
@@ -129,7 +130,7 @@ class ModesResult(ModesPlots):
 
     @property
     def is_determined(self) -> bool:
-        """Whether the covariance, where the method gives one, is complete."""
+        """True if the covariance, where the method gives one, is complete."""
         return self.modes.covariance is None or bool(np.isfinite(self.modes.covariance).all())
 
     @property
@@ -143,7 +144,7 @@ class ModesResult(ModesPlots):
         """Words on the scale of the mode shapes, and what the modes cannot tell because of it."""
         if self.modes.scaling == "mass":
             return "mode shapes are scaled to a modal mass of 1 kg, from the measured forces"
-        if isinstance(self.record, TimeRecord | SpectrumRecord):
+        if isinstance(self.record, TimeRecord | SpectrumRecord | CorrelationRecord):
             return (
                 "no force was used: output-only data give frequencies, damping ratios and mode shapes of arbitrary"
                 " scale, but no masses or stiffnesses; they tell ratios, until one mass, stiffness or force is known"
@@ -184,12 +185,12 @@ def read_and_identify(
 ) -> ModesResult:
     """Modes of the file at `path` (see `modes_of_file`); unnamed columns are numbered if it stands `alone`."""
     read = read or ReadOptions()
-    if read.kind == SPECTRUM:
-        return _modes_of_spectra(path, options, read, geometry)
+    if read.kind in (SPECTRUM, CORRELATION):
+        return _modes_of_averages(path, options, read, geometry, read.kind)
     try:
         record, read, numbered = _read(path, read, alone)
-    except StoredSpectraError:
-        return _modes_of_spectra(path, options, read, geometry)
+    except StoredSpectraError as error:
+        return _modes_of_averages(path, options, read, geometry, error.kind)
     places = record_geometry(path, record, None if geometry is None else Path(geometry))
     ready, steps, findings = _prepared(record, options)
     understood = how_read(record.source, path)
@@ -218,15 +219,21 @@ def read_and_identify(
     )
 
 
-def _modes_of_spectra(path: Path, options: ModesOptions, read: ReadOptions, geometry: str | Path | None) -> ModesResult:
-    """Modes of stored spectra by peak picking."""
-    for name in ("rate", "orders", "damping", "deviation", "window"):
+def _modes_of_averages(
+    path: Path, options: ModesOptions, read: ReadOptions, geometry: str | Path | None, kind: str
+) -> ModesResult:
+    """Modes of stored spectra or correlation functions, by the `kind` of what the file holds."""
+    record = read_spectrum(path, read) if kind == SPECTRUM else read_correlation(path, read)
+    is_subspace = kind == CORRELATION and options.method in (None, "ssi_cov")
+    words = "stored spectra" if kind == SPECTRUM else "stored correlation functions"
+    unused = ("rate", "deviation") if is_subspace else ("rate", "orders", "damping", "deviation")
+    for name in (*unused, *(("window",) if kind == SPECTRUM else ())):
         if getattr(options, name) is not None:
-            raise InputError(
-                f"`{name}` is not about stored spectra, which have frequencies and shapes alone; leave it out", name
-            )
-    record = read_spectrum(path, read)
+            raise InputError(f"`{name}` is not about modes of {words} by this method; leave it out", name)
     identification = modal_identification(record, options.method, options.modal)
+    if options.window is not None:
+        modes = without_window_damping(identification.modes, 1 / options.window)
+        identification = replace(identification, modes=modes)
     _, spectrum = stored_spectrum(record)
     understood = how_read(record.source, path)
     return ModesResult(
@@ -234,7 +241,7 @@ def _modes_of_spectra(path: Path, options: ModesOptions, read: ReadOptions, geom
         record=record,
         identification=identification,
         spectra=ModeSpectra(
-            spectrum.frequency, spectrum.values, "singular values of the stored spectra, channels scaled", "1"
+            spectrum.frequency, spectrum.values, f"singular values of the {words}, channels scaled", "1"
         ),
         geometry=record_geometry(path, record, None if geometry is None else Path(geometry)),
         provenance=modes_provenance((path, geometry), options, read),
@@ -352,7 +359,7 @@ def _with_unexplained_peaks(identification: ModalIdentification, spectra: ModeSp
     words = (
         f"the first singular value of the spectra peaks at {', '.join(f'{f:.4g}' for f in peaks[:_MOST_PEAKS])} Hz"
         f"{' and elsewhere' if len(peaks) > _MOST_PEAKS else ''}, where no mode was found: look at the spectrum, and ask for"
-        " these by `frequencies`, or in a narrower band"
+        f" {'it' if len(peaks) == 1 else 'these'} by `frequencies`, or in a narrower band"
     )
     modes = identification.modes
     return replace(identification, modes=replace(modes, warnings=(*modes.warnings, words)))
@@ -403,7 +410,9 @@ def modes_provenance(paths: Sequence[str | Path | None], options: ModesOptions, 
     )  # fmt: skip
 
 
-def record_geometry(path: Path, record: Record | SpectrumRecord, given: Path | None) -> Geometry | None:
+def record_geometry(
+    path: Path, record: Record | SpectrumRecord | CorrelationRecord, given: Path | None
+) -> Geometry | None:
     """Geometry from the file `given`, or from the record's own file; None if there is none.
 
     Raises
@@ -427,7 +436,7 @@ def record_geometry(path: Path, record: Record | SpectrumRecord, given: Path | N
     return geometry
 
 
-def _missing(record: Record | SpectrumRecord, geometry: Geometry) -> list[Dof]:
+def _missing(record: Record | SpectrumRecord | CorrelationRecord, geometry: Geometry) -> list[Dof]:
     """Sensors at nodes that have no position."""
     sensors = record.outputs if isinstance(record, FrfRecord) else record.channels
     return [dof for dof in sensors if dof.node not in geometry.nodes]

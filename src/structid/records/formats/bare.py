@@ -15,6 +15,7 @@ from structid.core.errors import FileError, InputError, UnnamedChannelsError, ab
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_unit
 from structid.records.formats.gaps import sourced, whole
 from structid.records.formats.options import ReadOptions, option_words
+from structid.records.formats.stated import Statements, require_agreement
 from structid.records.record import DERIVATIVES, QUANTITY_UNITS, FrfKind, FrfRecord, Quantity, TimeRecord
 
 _FRF_OPTIONS = ("frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array")
@@ -32,7 +33,11 @@ def require_option(path: Path, options: ReadOptions, name: str, purpose: str) ->
 
 
 def read_bare(
-    path: Path, shapes: Shapes, load: Callable[[str], np.ndarray], options: ReadOptions
+    path: Path,
+    shapes: Shapes,
+    load: Callable[[str], np.ndarray],
+    options: ReadOptions,
+    statements: Statements | None = None,
 ) -> FrfRecord | TimeRecord:
     """A record from the bare arrays of a file, as `options` describe them.
 
@@ -46,17 +51,20 @@ def read_bare(
         Gives the values of an array by its name.
     options : ReadOptions
         Names, degrees of freedom, units.
+    statements : mapping, optional
+        Texts, small arrays and attributes beside the array, which the options must not contradict.
 
     Raises
     ------
     FileError
         If the file has no numeric array, or not the one asked for.
     InputError
-        If an option is missing or contradicts the array.
+        If an option is missing or contradicts the array or what stands beside it.
     """
     if "frequency_array" in options.given():
         name = _choose_array(path, shapes, options.array, {options.frequency_array, options.coherence_array})
         _require_present(path, shapes, options.frequency_array)
+        require_agreement(path, name, 0, statements or {}, options)
         frequency = load(options.frequency_array)
         coherence = None
         if options.coherence_array:
@@ -64,7 +72,10 @@ def read_bare(
             coherence = load(options.coherence_array)
         return frf_from_array(path, load(name), frequency, coherence, options)
     name = _choose_array(path, shapes, options.array, set())
-    return time_from_array(path, load(name), options)
+    record = time_from_array(path, load(name), options)
+    n_points = shapes[name][0][0] if shapes[name][0] else 0
+    require_agreement(path, name, n_points, statements or {}, options)
+    return record
 
 
 def _listing(shapes: Shapes) -> str:

@@ -13,11 +13,12 @@ import numpy as np
 from structid.core.errors import InputError
 from structid.core.units import parse_frequency_unit, parse_frf_unit, parse_unit
 from structid.files import atomic_write
-from structid.files.hdf5 import hdf5_datasets, hdf5_fields, hdf5_units
+from structid.files.hdf5 import hdf5_attributes, hdf5_datasets, hdf5_fields
 from structid.records.formats.bare import Shapes, read_bare
 from structid.records.formats.layout import MARK, Field, fields_of, record_from
 from structid.records.formats.options import ReadOptions
 from structid.records.formats.selection import selected
+from structid.records.formats.stated import Statements, is_statement, statements_of
 from structid.records.record import FrfRecord, TimeRecord
 
 if TYPE_CHECKING:
@@ -40,15 +41,23 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     if MARK in shapes:
         fields = hdf5_fields(path, [name for name in shapes if "/" not in name])
         return selected(path, record_from(path, fields), options)
-    options, words = _with_stated_units(path, shapes, options)
+    attributes = hdf5_attributes(path)
+    options, words = _with_stated_units(path, shapes, attributes, options)
     loaded = hdf5_fields(path, _needed(shapes, {options.array, options.frequency_array, options.coherence_array}))
-    record = read_bare(path, shapes, lambda name: np.asarray(loaded[name]), options)
+    statements = attributes | statements_of(hdf5_fields(path, [name for name in shapes if is_statement(name)]))
+    record = read_bare(path, shapes, lambda name: np.asarray(loaded[name]), options, statements)
     return replace(record, source=f"{record.source}; {words}") if words else record
 
 
-def _with_stated_units(path: Path, shapes: Shapes, options: ReadOptions) -> tuple[ReadOptions, str]:
+def _with_stated_units(
+    path: Path, shapes: Shapes, attributes: Statements, options: ReadOptions
+) -> tuple[ReadOptions, str]:
     """Options with the units that attributes of the arrays state, and words on them; what was given must agree."""
-    stated = hdf5_units(path)
+    stated: dict[str, tuple[str, ...]] = {}
+    for place, value in attributes.items():
+        dataset, _, key = place.rpartition("@")
+        if key.lower() in ("unit", "units", "unit_string") and isinstance(value, tuple):
+            stated.setdefault(dataset, value)
     numeric = [name for name, (_, dtype) in shapes.items() if dtype.kind in "fciu"]
     others = {options.frequency_array, options.coherence_array}
     left = [name for name in numeric if name not in others]
@@ -61,7 +70,7 @@ def _with_stated_units(path: Path, shapes: Shapes, options: ReadOptions) -> tupl
         if not array or not texts:
             continue
         given = getattr(options, key)
-        if not given and not (key == "units" and options.quantities):
+        if not given:
             changes[key] = texts if key == "units" else texts[0]
             words.append(f"{array} in {', '.join(dict.fromkeys(texts))} by its attribute")
         elif given and not _agree(key, given, texts):

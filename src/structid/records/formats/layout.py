@@ -49,7 +49,7 @@ def fields_of(record: FrfRecord | TimeRecord) -> dict[str, Field]:
 
 
 def _is_plain(text: str) -> bool:
-    """Whether every format keeps `text`: no null characters, no halves of a surrogate pair."""
+    """True if every format keeps `text`: no null characters, no halves of a surrogate pair."""
     return "\0" not in text and not any("\ud800" <= letter <= "\udfff" for letter in text)
 
 

@@ -49,7 +49,7 @@ class LoggerFormat:
 
     @property
     def is_installed(self) -> bool:
-        """Whether its library is there."""
+        """True if its library is there."""
         return find_spec(PACKAGES[self.kind].partition(".")[0]) is not None
 
     def read(self, path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:

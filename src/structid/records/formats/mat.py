@@ -14,6 +14,7 @@ from structid.records.formats.bare import Shapes, read_bare
 from structid.records.formats.layout import MARK, Field, fields_of, record_from
 from structid.records.formats.options import ReadOptions
 from structid.records.formats.selection import selected
+from structid.records.formats.stated import statements_of
 from structid.records.record import FrfRecord, TimeRecord
 
 SUFFIXES: tuple[str, ...] = (".mat",)
@@ -36,7 +37,7 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
         return selected(path, record_from(path, fields), options)
     arrays = {name: field for name, field in fields.items() if isinstance(field, np.ndarray)}
     shapes: Shapes = {name: (array.shape, array.dtype) for name, array in arrays.items()}
-    return read_bare(path, shapes, arrays.__getitem__, options)
+    return read_bare(path, shapes, arrays.__getitem__, options, statements_of(fields))
 
 
 def write(path: Path, record: FrfRecord | TimeRecord) -> None:

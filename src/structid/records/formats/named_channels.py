@@ -97,7 +97,7 @@ def name_and_unit(text: str) -> tuple[str, str]:
 
 
 def is_time(text: str) -> bool:
-    """Whether a header is one of times."""
+    """True if a header is one of times."""
     name = name_and_unit(text)[0]
     return _TIME.match(name) is not None or time_factor(name) is not None
 

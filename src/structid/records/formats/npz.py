@@ -12,6 +12,7 @@ from structid.records.formats.bare import Shapes, read_bare
 from structid.records.formats.layout import MARK, Field, fields_of, record_from
 from structid.records.formats.options import ReadOptions
 from structid.records.formats.selection import selected
+from structid.records.formats.stated import statements_of
 from structid.records.record import FrfRecord, TimeRecord
 
 SUFFIXES: tuple[str, ...] = (".npz",)
@@ -31,7 +32,8 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     if MARK in arrays:
         return selected(path, record_from(path, {name: _as_field(a) for name, a in arrays.items()}), options)
     shapes: Shapes = {name: (array.shape, array.dtype) for name, array in arrays.items()}
-    return read_bare(path, shapes, arrays.__getitem__, options)
+    statements = statements_of({name: _as_field(array) for name, array in arrays.items()})
+    return read_bare(path, shapes, arrays.__getitem__, options, statements)
 
 
 def _as_field(array: np.ndarray) -> Field:

@@ -1,30 +1,37 @@
-"""Stored spectra of motion read from files: universal files, and arrays of NPZ, MAT and HDF5 files."""
+"""Stored spectra and correlation functions of motion read from files: universal files, and arrays of NPZ, MAT and HDF5."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from structid.core.dof import parse_dofs
+from structid.core.arrays import NumberArray
+from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
-from structid.core.units import parse_frequency_unit
+from structid.core.units import Quantity, parse_frequency_unit
 from structid.files import damage_told, require_readable
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields
 from structid.files.matlab import matlab_variables
 from structid.files.npy import npz_arrays
+from structid.records.correlation import CorrelationRecord
 from structid.records.formats import hdf5, mat, npz
 from structid.records.formats.bare import channel_units, require_option
 from structid.records.formats.gaps import sourced
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.uff import uff
+from structid.records.formats.uff.correlations import read_correlations
 from structid.records.formats.uff.spectra import read_spectra
+from structid.records.lags import FORWARD, lag_halves
 from structid.records.spectrum import SpectrumRecord
 
-#: `kind` of arrays that hold spectra.
-SPECTRUM = "spectrum"
-_OPTIONS = ("array", "frequency_array", "kind", "channels", "inputs", "units", "quantities", "axis_unit", "averages")
+#: `kind` of arrays and universal files that hold spectra or correlation functions.
+SPECTRUM, CORRELATION = "spectrum", "correlation"
+_COMMON = ("array", "kind", "channels", "inputs", "units", "quantities", "averages")
+_OPTIONS = (*_COMMON, "frequency_array", "axis_unit")
+_OF_CORRELATIONS = (*_COMMON, "sampling_rate")
 
 
 def read_spectrum(path: str | Path, options: ReadOptions | None = None) -> SpectrumRecord:
@@ -67,49 +74,131 @@ def _arrays(path: Path) -> tuple[list[str], Callable[[str], np.ndarray]]:
     raise FileError(f"{path}: spectra are read from universal files and from arrays of .npz, .mat and .h5; convert it")
 
 
-def _bare_spectrum(path: Path, options: ReadOptions) -> SpectrumRecord:
-    """The spectral matrix in bare arrays of a file, as the options describe them, in SI units."""
-    other = next((name for name in options.given() if name not in _OPTIONS), None)
-    if other is not None:
-        raise InputError(f"{path}: `{other}` is not about spectra; leave it out", other)
+def read_correlation(path: str | Path, options: ReadOptions | None = None) -> CorrelationRecord:
+    """The auto- and cross-correlation functions in the file at `path`, in SI units.
+
+    Parameters
+    ----------
+    path : str or Path
+        Universal file with correlation functions (function types 7 and 8), or NPZ, MAT or HDF5 with an array of shape
+        (n_lags, n_channels, n_references) from lag 0 on.
+    options : ReadOptions, optional
+        What the file does not say: ``units`` of each channel (of the motion, such as ``g``, not of its square). Of arrays also
+        ``sampling_rate``, ``channels``, and ``inputs`` for the references where these are not all channels.
+
+    Raises
+    ------
+    FileError
+        If the file is missing, damaged, or holds no correlation functions; if lags are uneven or begin after 0, or pairs are
+        missing.
+    InputError
+        If an option is missing or contradicts the file, or the functions are normalized to 1.
+    """
+    path, options = require_readable(path), options or ReadOptions()
+    with damage_told(path, "correlation functions that can be read"):
+        if path.suffix.lower() in uff.SUFFIXES:
+            return read_correlations(path, options)
+        return _bare_correlation(path, options)
+
+
+def _bare_correlation(path: Path, options: ReadOptions) -> CorrelationRecord:
+    """The correlation functions in bare arrays of a file, as the options describe them, in SI units."""
+    _refuse_others(path, options, _OF_CORRELATIONS, "correlation functions")
     names, load = _arrays(path)
-    require_option(path, options, "frequency_array", "at which frequencies its lines are")
+    require_option(path, options, "sampling_rate", "how many lags a second it has")
+    array = _matrix_of_array(path, names, load, options, None, "lags")
+    pairs = {
+        (channel, reference): np.real(array.values[:, row, column])
+        for row, channel in enumerate(array.channels)
+        for column, reference in enumerate(array.references)
+    }
+    rate = float(options.sampling_rate or 0.0)
+    with about("array"):
+        halves = lag_halves(path, np.arange(len(array.values)) / rate, pairs)
+    columns = [[halves.forward[c, r] for r in array.references] for c in array.channels]
+    values = np.moveaxis(np.array(columns), -1, 0)
+    note = f"{array.name} as correlation functions, {FORWARD}; {halves.words}"
+    channels, references, quantities = array.channels, array.references, array.quantities
+    return CorrelationRecord(rate, values, channels, references, quantities, options.averages, sourced(path, note))
+
+
+class _MatrixOfArray(NamedTuple):
+    """An array of functions between channels and references, in SI units."""
+
+    name: str
+    values: NumberArray
+    channels: tuple[Dof, ...]
+    references: tuple[Dof, ...]
+    quantities: tuple[Quantity, ...]
+
+
+def _refuse_others(path: Path, options: ReadOptions, allowed: Sequence[str], words: str) -> None:
+    """Raise `InputError` if an option is given that is not among those `allowed`."""
+    other = next((name for name in options.given() if name not in allowed), None)
+    if other is not None:
+        raise InputError(f"{path}: `{other}` is not about {words}; leave it out", other)
+
+
+def _matrix_of_array(
+    path: Path,
+    names: Sequence[str],
+    load: Callable[[str], np.ndarray],
+    options: ReadOptions,
+    n_points: int | None,
+    points: str,
+) -> _MatrixOfArray:
+    """The array that the options choose, of shape (n_points, n_channels, n_references); `points` names what comes first."""
     require_option(path, options, "channels", "where its channels were measured")
     if not options.quantities and not options.units:
         require_option(path, options, "units", "what its channels hold (of the motion, such as g; or quantities=...)")
-    chosen = options.array or next((name for name in names if name != options.frequency_array), "")
-    if not options.array and len(names) != 2:
+    rest = [name for name in names if name != options.frequency_array]
+    if not options.array and len(rest) != 1:
         raise InputError(f"{path}: holds the arrays {', '.join(names)}; say which: {option_words(array=None)}")
-    for name in (chosen, options.frequency_array):
-        if name not in names:
-            raise FileError(f"{path}: has no array {name!r}; its arrays are {', '.join(names)}")
-    values, frequency = load(chosen), np.ravel(load(options.frequency_array))
-    if values.dtype.kind not in "fciu" or frequency.dtype.kind not in "fiu":
-        raise FileError(f"{path}: the arrays of spectra and frequencies must hold numbers, got {values.dtype}")
+    chosen = options.array or rest[0]
+    if chosen not in names:
+        raise FileError(f"{path}: has no array {chosen!r}; its arrays are {', '.join(names)}")
+    values = load(chosen)
+    if values.dtype.kind not in ("fciu" if points == "lines" else "fiu"):
+        raise FileError(f"{path}: the array of {points} must hold numbers, got {values.dtype}")
     with about("channels"):
         channels = parse_dofs(options.channels)
     with about("inputs"):
         references = parse_dofs(options.inputs) if options.inputs else channels
-    shape = (len(frequency), len(channels), len(references))
+    shape = (n_points or len(values) if values.ndim else 0, len(channels), len(references))
     if values.shape != shape:
         raise InputError(
-            f"{path}: array {chosen!r} has shape {values.shape}, and lines, channels and references are {shape}; order the axes"
-            " so, and name references that are not all channels by `inputs`"
+            f"{path}: array {chosen!r} has shape {values.shape}, and {points}, channels and references are {shape}; order the"
+            " axes so, and name references that are not all channels by `inputs`"
         )
     quantities, factors = channel_units(path, channels, options)
     of_reference = np.array([factors[channels.index(dof)] for dof in references if dof in channels])
     if len(of_reference) < len(references):
         raise InputError(f"{path}: `inputs` must be among the channels", "inputs")
-    if not np.iscomplexobj(values) and len(channels) > 1:
-        raise FileError(f"{path}: array {chosen!r} is real: cross-spectra without their phase tell no mode shape")
+    scaled = values * factors[:, None] * of_reference
+    return _MatrixOfArray(chosen, scaled, channels, references, quantities)
+
+
+def _bare_spectrum(path: Path, options: ReadOptions) -> SpectrumRecord:
+    """The spectral matrix in bare arrays of a file, as the options describe them, in SI units."""
+    _refuse_others(path, options, _OPTIONS, "spectra")
+    names, load = _arrays(path)
+    require_option(path, options, "frequency_array", "at which frequencies its lines are")
+    if options.frequency_array not in names:
+        raise FileError(f"{path}: has no array {options.frequency_array!r}; its arrays are {', '.join(names)}")
+    frequency = np.ravel(load(options.frequency_array))
+    if frequency.dtype.kind not in "fiu":
+        raise FileError(f"{path}: the array of frequencies must hold numbers, got {frequency.dtype}")
+    array = _matrix_of_array(path, names, load, options, len(frequency), "lines")
+    if not np.iscomplexobj(array.values) and len(array.channels) > 1:
+        raise FileError(f"{path}: array {array.name!r} is real: cross-spectra without their phase tell no mode shape")
     factor = parse_frequency_unit(options.axis_unit) if options.axis_unit else 1.0
-    note = f"{chosen} as spectra, per Hz or per line, one-sided or two-sided, which changes no mode"
+    note = f"{array.name} as spectra, per Hz or per line, one-sided or two-sided, which changes no mode"
     return SpectrumRecord(
         frequency * factor,
-        values * factors[:, None] * of_reference,
-        channels,
-        references,
-        quantities,
+        array.values,
+        array.channels,
+        array.references,
+        array.quantities,
         options.averages,
         sourced(path, note),
     )

@@ -31,7 +31,7 @@ _MOST_LABELLED = 1000
 
 
 def is_cells(element: ElementSet) -> bool:
-    """Whether an element set is drawn by `cell_faces`."""
+    """True if an element set is drawn by `cell_faces`."""
     return isinstance(element, Membrane | Plane | Plate | Shell | Solid)
 
 

@@ -73,7 +73,7 @@ class Picture:
 
     @property
     def is_wide(self) -> bool:
-        """Whether panels belong below instead of beside each other."""
+        """True if panels belong below instead of beside each other."""
         return self.aspect > 1.6
 
 
@@ -88,7 +88,7 @@ def points(places: FloatArray, texts: tuple[str, ...], marker: plot.Marker = plo
 
 
 def is_spatial(structure: Structure) -> bool:
-    """Whether nodes lie at different heights Z."""
+    """True if nodes lie at different heights Z."""
     return structure.dimension == 3 and len({place[2] for place in structure.nodes.values()}) > 1
 
 

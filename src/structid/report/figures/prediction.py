@@ -8,6 +8,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.prediction.predict import PredictedChange, Prediction
+from structid.prediction.quantities import units_of
 from structid.report.drawing import palette
 from structid.report.rendering import plot
 
@@ -26,6 +27,8 @@ def frf_figure(found: Prediction | PredictedChange) -> plot.Figure:
     axes = first.quantity.axes
     frequency = np.asarray(axes["frequency"], dtype=float)
     panels = []
+    units = units_of(first.quantity)
+    per = "motion of" if getattr(first.quantity, "kind", "") == "transmissibility" else "force at"
     for o, output in enumerate(axes["output"]):
         for i, load in enumerate(axes["input"]):
             traces: list[plot.Trace] = []
@@ -39,8 +42,8 @@ def frf_figure(found: Prediction | PredictedChange) -> plot.Figure:
                         hover=plot.NUMBERS,
                     )
                 )  # fmt: skip
-            x, y = plot.Axis("frequency", "Hz"), plot.Axis("magnitude", first.quantity.unit, log=True)
-            panels.append(plot.panel(x, y, *traces, title=f"{output} per force at {load}"))
+            x, y = plot.Axis("frequency", "Hz"), plot.Axis("magnitude", units[o], log=True)
+            panels.append(plot.panel(x, y, *traces, title=f"{output} per {per} {load}"))
     return _figure(
         panels, "Channel", "The shaded band holds the true magnitude at each line with a probability of 95 %."
     )
@@ -53,7 +56,7 @@ def history_figure(found: Prediction | PredictedChange) -> plot.Figure:
     axes = first.quantity.axes
     time = np.asarray(axes["time"], dtype=float)
     stride = max(1, -(-len(time) // _MOST_POINTS))
-    panels = []
+    panels, units, motion = [], units_of(first.quantity), getattr(first.quantity, "motion", "motion")
     for o, output in enumerate(axes["output"]):
         traces: list[plot.Trace] = []
         for label, colour, part in _coloured(parts):
@@ -62,12 +65,31 @@ def history_figure(found: Prediction | PredictedChange) -> plot.Figure:
             )
             traces.append(_band(x, low, high, colour, label))
             traces.append(plot.Curve(x, value, plot.Pen(colour, 1.4, _dash(label)), label=label, hover=plot.NUMBERS))
-        y = plot.Axis(getattr(first.quantity, "motion", "motion"), first.quantity.unit)
+        y = plot.Axis(str(output) if "[" in str(output) else motion, units[o])
         panels.append(plot.panel(plot.Axis("time", "s"), y, *traces, title=str(output)))
     note = f" One sample in {stride} is drawn." if stride > 1 else ""
     return _figure(
-        panels, "Sensor", f"The shaded band holds the true motion at each instant with a probability of 95 %.{note}"
+        panels, "Sensor", f"The shaded band holds the true value at each instant with a probability of 95 %.{note}"
     )
+
+
+def spectrum_figure(found: Prediction | PredictedChange) -> plot.Figure:
+    """Figure of predicted spectral densities with probability bands, one output at a time."""
+    parts = _shown(found)
+    first = next(iter(parts.values()))
+    frequency, units = np.asarray(first.quantity.axes["frequency"], dtype=float), units_of(first.quantity)
+    panels = []
+    for o, output in enumerate(first.quantity.axes["output"]):
+        traces: list[plot.Trace] = []
+        least = _DECADES**2 * max(float(part.values[:, o].real.max()) for part in parts.values())
+        for label, colour, part in _coloured(parts):
+            low, high, value = (np.maximum(each[:, o].real, least) for each in (part.low, part.high, part.values))
+            traces.append(_band(frequency, low, high, colour, label))
+            pen = plot.Pen(colour, 1.8, _dash(label))
+            traces.append(plot.Curve(frequency, value, pen, label=label, hover=plot.NUMBERS))
+        x, y = plot.Axis("frequency", "Hz"), plot.Axis("density", units[o], log=True)
+        panels.append(plot.panel(x, y, *traces, title=str(output)))
+    return _figure(panels, "Sensor", "The shaded band holds the true density at each line with a probability of 95 %.")
 
 
 def _figure(panels: list[plot.Panel], label: str, caption: str) -> plot.Figure:

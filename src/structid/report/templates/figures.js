@@ -1,14 +1,34 @@
-const LIGHT = "#E3E3E3", FRAME = {
-  gridcolor: LIGHT, linecolor: "#6B6B6B", showline: true, ticks: "outside", zeroline: false, automargin: true,
-  title: {font: {size: 13}, standoff: 8},
+const LIGHT = "#E3E3E3",
+  FRAME = {
+    gridcolor: LIGHT,
+    linecolor: "#6B6B6B",
+    showline: true,
+    ticks: "outside",
+    zeroline: false,
+    automargin: true,
+    title: {font: {size: 13}, standoff: 8},
+  };
+const TEMPLATE = {
+  layout: {
+    font: {family: "Segoe UI, Helvetica Neue, DejaVu Sans, Arial, sans-serif", size: 13, color: "#222222"},
+    showlegend: false,
+    paper_bgcolor: "white",
+    plot_bgcolor: "white",
+    hovermode: "closest",
+    xaxis: FRAME,
+    yaxis: FRAME,
+    scene: Object.fromEntries(
+      ["xaxis", "yaxis", "zaxis"].map((name) => [name, {backgroundcolor: "white", gridcolor: LIGHT}]),
+    ),
+  },
 };
-const TEMPLATE = {layout: {
-  font: {family: "Segoe UI, Helvetica Neue, DejaVu Sans, Arial, sans-serif", size: 13, color: "#222222"},
-  showlegend: false, paper_bgcolor: "white", plot_bgcolor: "white", hovermode: "closest", xaxis: FRAME, yaxis: FRAME,
-  scene: Object.fromEntries(["xaxis", "yaxis", "zaxis"].map((name) => [name, {backgroundcolor: "white", gridcolor: LIGHT}])),
-}};
-const CONFIG = {responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "sendChartToCloud"]};
-const N_FRAMES = 24, LIBRARIES = {};
+const CONFIG = {
+  responsive: true,
+  displaylogo: false,
+  modeBarButtonsToRemove: ["select2d", "lasso2d", "sendChartToCloud"],
+};
+const N_FRAMES = 24,
+  LIBRARIES = {};
 // Draw in `plot` by the part of the library that can.
 function react(plot, panel, data, layout, config) {
   plot.library = LIBRARIES[panel.layout.scene ? "library-space" : "library-plane"];
@@ -16,35 +36,55 @@ function react(plot, panel, data, layout, config) {
 }
 
 async function unpacked(id) {
-  const packed = atob(document.getElementById(id).textContent), bytes = Uint8Array.from(packed, (c) => c.charCodeAt(0));
+  const packed = atob(document.getElementById(id).textContent),
+    bytes = Uint8Array.from(packed, (c) => c.charCodeAt(0));
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).text();
 }
 
 // A drawing on a telephone: the bar of colours below it, and no labels, which would cover each other; a tap names an element.
 const isBare = (panel) => panel.layout.xaxis?.visible === false;
 function slim(plot, panel, data) {
-  const axis = panel.layout.coloraxis, bar = {orientation: "h", thickness: 10, y: 0, yanchor: "top", xanchor: "center", x: 0.5};
-  const coloraxis = axis && {...axis, colorbar: {...axis.colorbar, ...bar, title: {...axis.colorbar.title, side: "top"}}};
-  const length = ({range}) => Math.abs(range[1] - range[0]), {xaxis, yaxis} = panel.layout, below = axis ? 64 : 4;
-  const height = Math.min(panel.layout.height, (plot.clientWidth - 8) * length(yaxis) / length(xaxis) + below);
+  const axis = panel.layout.coloraxis,
+    bar = {orientation: "h", thickness: 10, y: 0, yanchor: "top", xanchor: "center", x: 0.5};
+  const coloraxis = axis && {
+    ...axis,
+    colorbar: {...axis.colorbar, ...bar, title: {...axis.colorbar.title, side: "top"}},
+  };
+  const length = ({range}) => Math.abs(range[1] - range[0]),
+    {xaxis, yaxis} = panel.layout,
+    below = axis ? 64 : 4;
+  const height = Math.min(panel.layout.height, ((plot.clientWidth - 8) * length(yaxis)) / length(xaxis) + below);
   const layout = {...panel.layout, height, margin: {l: 4, r: 4, t: 4, b: below}, ...(axis ? {coloraxis} : {})};
   plot.style.height = `${height}px`;
   return [data.filter((trace) => trace.mode !== "text"), layout];
 }
 
 function startFigure(box, panels, arrays) {
-  const list = box.querySelector(".chooser select"), plots = [...box.querySelectorAll(".plot")];
-  const headings = [...box.querySelectorAll(".heading")], hidden = new Set(), size = box.querySelector("input");
-  let phase = 0, timer = null;
+  const list = box.querySelector(".chooser select"),
+    plots = [...box.querySelectorAll(".plot")];
+  const headings = [...box.querySelectorAll(".heading")],
+    hidden = new Set(),
+    size = box.querySelector("input");
+  let phase = 0,
+    timer = null;
   const panelOf = (i) => panels[list ? Number(list.value) : i];
   const look = (place) => (Array.isArray(place) ? place.map((i) => arrays[i]) : arrays[place]);
   const moved = (trace) => {
-    const {real, imaginary, ...places} = trace.arrays, angle = 2 * Math.PI * phase / N_FRAMES, factor = size ? Number(size.value) : 1;
-    return Object.fromEntries(Object.entries(places).map(([key, place], axis) => {
-      if (!real) { return [key, look(place)]; }
-      const re = arrays[real[axis]], im = arrays[imaginary[axis]], c = factor * Math.cos(angle), s = factor * Math.sin(angle);
-      return [key, arrays[place].map((x, i) => (x === null ? null : x + re[i] * c - im[i] * s))];
-    }));
+    const {real, imaginary, ...places} = trace.arrays,
+      angle = (2 * Math.PI * phase) / N_FRAMES,
+      factor = size ? Number(size.value) : 1;
+    return Object.fromEntries(
+      Object.entries(places).map(([key, place], axis) => {
+        if (!real) {
+          return [key, look(place)];
+        }
+        const re = arrays[real[axis]],
+          im = arrays[imaginary[axis]],
+          c = factor * Math.cos(angle),
+          s = factor * Math.sin(angle);
+        return [key, arrays[place].map((x, i) => (x === null ? null : x + re[i] * c - im[i] * s))];
+      }),
+    );
   };
   const traceOf = (trace) => {
     const found = trace.arrays ? {...trace, ...moved(trace)} : {...trace};
@@ -54,61 +94,96 @@ function startFigure(box, panels, arrays) {
     }
     return hidden.has(trace.name) ? {...found, visible: false} : found;
   };
-  const draw = () => plots.forEach((plot, i) => {
-    const panel = panelOf(i);
-    phase = timer ? phase : 0;
-    headings[i].textContent = panel.title;
-    const config = {...CONFIG, displayModeBar: plot.clientWidth < 340 ? false : "hover"};
-    const data = panel.data.map(traceOf), isNarrow = plot.clientWidth < 520 && isBare(panel);
-    if (!isNarrow) { plot.style.height = `${panel.layout.height}px`; }
-    react(plot, panel, ...(isNarrow ? slim(plot, panel, data) : [data, panel.layout]), config);
-  });
+  const draw = () =>
+    plots.forEach((plot, i) => {
+      const panel = panelOf(i);
+      phase = timer ? phase : 0;
+      headings[i].textContent = panel.title;
+      const config = {...CONFIG, displayModeBar: plot.clientWidth < 340 ? false : "hover"};
+      const data = panel.data.map(traceOf),
+        isNarrow = plot.clientWidth < 520 && isBare(panel);
+      if (!isNarrow) {
+        plot.style.height = `${panel.layout.height}px`;
+      }
+      react(plot, panel, ...(isNarrow ? slim(plot, panel, data) : [data, panel.layout]), config);
+    });
   const step = (by) => {
     list.value = String((Number(list.value) + by + list.options.length) % list.options.length);
     draw();
   };
   const animate = () => {
     phase = (phase + 1) % N_FRAMES;
-    const data = panelOf(0).data, which = data.flatMap((trace, i) => (trace.arrays && trace.arrays.real ? [i] : []));
+    const data = panelOf(0).data,
+      which = data.flatMap((trace, i) => (trace.arrays && trace.arrays.real ? [i] : []));
     const places = which.map((i) => moved(data[i]));
-    plots[0].library.restyle(plots[0], Object.fromEntries(Object.keys(places[0]).map((key) => [key, places.map((p) => p[key])])), which);
+    plots[0].library.restyle(
+      plots[0],
+      Object.fromEntries(Object.keys(places[0]).map((key) => [key, places.map((p) => p[key])])),
+      which,
+    );
   };
   // All panels at once, small, in place of one at a time.
-  const grid = box.querySelector(".grid"), all = box.querySelector(".all");
-  const drawAll = () => panels.forEach((panel, i) => {
-    if (!grid.children[i]) {
-      const heading = document.createElement("p"), plot = document.createElement("div");
-      heading.className = "heading";
-      heading.textContent = panel.title;
-      plot.className = "plot";
-      grid.append(document.createElement("div"));
-      grid.children[i].append(heading, plot);
-    }
-    const place = grid.children[i].lastChild, bare = ([name, axis]) => [name, name.includes("axis") ? {...axis, title: {text: ""}, nticks: 5} : axis];
-    place.style.height = "300px";
-    react(place, panel, panel.data.map(traceOf), {...Object.fromEntries(Object.entries(panel.layout).map(bare)), height: 300, margin: {l: 4, r: 4, t: 6, b: 24}}, {...CONFIG, displayModeBar: false});
-  });
+  const grid = box.querySelector(".grid"),
+    all = box.querySelector(".all");
+  const drawAll = () =>
+    panels.forEach((panel, i) => {
+      if (!grid.children[i]) {
+        const heading = document.createElement("p"),
+          plot = document.createElement("div");
+        heading.className = "heading";
+        heading.textContent = panel.title;
+        plot.className = "plot";
+        grid.append(document.createElement("div"));
+        grid.children[i].append(heading, plot);
+      }
+      const place = grid.children[i].lastChild,
+        bare = ([name, axis]) => [name, name.includes("axis") ? {...axis, title: {text: ""}, nticks: 5} : axis];
+      place.style.height = "300px";
+      react(
+        place,
+        panel,
+        panel.data.map(traceOf),
+        {...Object.fromEntries(Object.entries(panel.layout).map(bare)), height: 300, margin: {l: 4, r: 4, t: 6, b: 24}},
+        {...CONFIG, displayModeBar: false},
+      );
+    });
   if (all) {
     all.addEventListener("click", () => {
       const open = grid.hidden;
       grid.hidden = !open;
       plots[0].parentNode.parentNode.hidden = open;
       all.setAttribute("aria-expanded", String(open));
-      if (open) { drawAll(); } else { draw(); }
+      if (open) {
+        drawAll();
+      } else {
+        draw();
+      }
     });
   }
-  const on = (selector, event, action) => box.querySelectorAll(selector).forEach((part) => part.addEventListener(event, action));
+  const on = (selector, event, action) =>
+    box.querySelectorAll(selector).forEach((part) => part.addEventListener(event, action));
   on(".chooser select, .chooser input", "change", draw);
   matchMedia("(max-width: 600px)").addEventListener("change", draw);
   on(".previous", "click", () => step(-1));
   on(".next", "click", () => step(1));
-  on(".play", "click", () => { timer = timer || setInterval(animate, 60); });
-  on(".pause", "click", () => { clearInterval(timer); timer = null; });
+  on(".play", "click", () => {
+    timer = timer || setInterval(animate, 60);
+  });
+  on(".pause", "click", () => {
+    clearInterval(timer);
+    timer = null;
+  });
   on(".legend button", "click", (event) => {
     const name = event.currentTarget.dataset.name;
     event.currentTarget.setAttribute("aria-pressed", String(hidden.has(name)));
-    if (!hidden.delete(name)) { hidden.add(name); }
-    if (all && !grid.hidden) { drawAll(); } else { draw(); }
+    if (!hidden.delete(name)) {
+      hidden.add(name);
+    }
+    if (all && !grid.hidden) {
+      drawAll();
+    } else {
+      draw();
+    }
   });
   draw();
 }
@@ -116,11 +191,18 @@ function startFigure(box, panels, arrays) {
 // Call `draw` once no fold hides `box`: a figure has no width before.
 function whenOpen(box, draw) {
   const fold = box.closest("details:not([open])");
-  if (fold) { fold.addEventListener("toggle", () => whenOpen(box, draw), {once: true}); } else { draw(); }
+  if (fold) {
+    fold.addEventListener("toggle", () => whenOpen(box, draw), {once: true});
+  } else {
+    draw();
+  }
 }
 
 async function start() {
-  if (!("DecompressionStream" in window)) { document.getElementById("too-old").hidden = false; return; }
+  if (!("DecompressionStream" in window)) {
+    document.getElementById("too-old").hidden = false;
+    return;
+  }
   for (const part of document.querySelectorAll("script.library")) {
     const library = document.createElement("script");
     library.textContent = await unpacked(part.id);
@@ -130,19 +212,34 @@ async function start() {
   const {figures, arrays} = JSON.parse(await unpacked("figures"));
   for (const [name, panels] of Object.entries(figures)) {
     const box = document.getElementById("figure-" + name);
-    if (box) { whenOpen(box, () => startFigure(box, panels, arrays)); }
+    if (box) {
+      whenOpen(box, () => startFigure(box, panels, arrays));
+    }
   }
 }
 // On paper the page is narrower than on the screen.
-const fitted = () => document.querySelectorAll(".plot").forEach((plot) => { if (plot.clientWidth) { plot.library?.Plots.resize(plot); } });
+const fitted = () =>
+  document.querySelectorAll(".plot").forEach((plot) => {
+    if (plot.clientWidth) {
+      plot.library?.Plots.resize(plot);
+    }
+  });
 matchMedia("print").addEventListener("change", fitted);
 // Paper shows what is folded too.
 const folds = () => document.querySelectorAll("details:not([open])");
 let opened = [];
 window.addEventListener("beforeprint", () => {
   opened = [...folds()];
-  opened.forEach((fold) => { fold.open = true; fold.dispatchEvent(new Event("toggle")); });
+  opened.forEach((fold) => {
+    fold.open = true;
+    fold.dispatchEvent(new Event("toggle"));
+  });
   fitted();
 });
-window.addEventListener("afterprint", () => { opened.forEach((fold) => { fold.open = false; }); fitted(); });
+window.addEventListener("afterprint", () => {
+  opened.forEach((fold) => {
+    fold.open = false;
+  });
+  fitted();
+});
 start();

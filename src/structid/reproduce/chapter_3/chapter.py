@@ -132,7 +132,7 @@ def table_3_4() -> Item:
 def natural_frequencies(values: FloatArray) -> FloatArray:
     """The ten lowest of the beam, rad/s; rigid-body modes at 0."""
     structure = beam(values)
-    found = 2 * np.pi * modes(structure.matrix("inertia"), structure.matrix("elastic"), n_modes=10).frequency
+    found = 2 * np.pi * modes(structure.matrix("mass"), structure.matrix("stiffness"), n_modes=10).frequency
     return np.where(found < 1e-5, 0.0, found)
 
 

@@ -81,9 +81,9 @@ def unknown_values(structure: Structure, *damping: str) -> Parameters:
 def driven(structure: Structure, time: FloatArray, damped: bool = False) -> Motion:
     """Exact motion of the beam from rest under a force of 0.1 cos(t) N across node 7, at the instants `time` in s."""
     load = FORCE * structure.selection([Dof(FORCED_NODE, "Y")]).toarray()[:, 0]
-    damping = structure.matrix("viscous") if damped else None
+    damping = structure.matrix("damping") if damped else None
     transient: Transient = harmonic_transient(
-        structure.matrix("inertia"), structure.matrix("elastic"), load, OMEGA, time, damping
+        structure.matrix("mass"), structure.matrix("stiffness"), load, OMEGA, time, damping
     )
     force = np.cos(OMEGA * time)[:, None] * load
     return Motion(time, force, transient.acceleration, transient.velocity, transient.displacement)

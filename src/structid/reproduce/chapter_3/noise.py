@@ -161,7 +161,7 @@ def rigid_body_fractions(duration: float) -> tuple[float, float]:
     `duration` in s.
     """
     structure = beam(ACTUAL)
-    mass = structure.matrix("inertia").toarray()
+    mass = structure.matrix("mass").toarray()
     motion = _fine_motion(round(duration / FINE_STEP))
     x = np.repeat(np.arange(N_ELEMENTS + 1.0), 2)
     is_rotation = np.arange(2 * N_ELEMENTS + 2) % 2 == 1

@@ -63,7 +63,7 @@ def membrane(diagonals: Sequence[bool] = (True,) * N_SQUARES, lumped: bool = Fal
 @cache
 def membrane_modes() -> Modes:
     structure = membrane()
-    return modes(structure.matrix("inertia"), structure.matrix("elastic"))
+    return modes(structure.matrix("mass"), structure.matrix("stiffness"))
 
 
 def membrane_eigenvalues() -> FloatArray:
@@ -83,7 +83,7 @@ def membrane_record(
     """
     time = np.arange(round(duration / STEP) + 1) * STEP
     shapes = membrane_modes().mode_shapes
-    speed = (shapes.T @ membrane().matrix("inertia"))[:n_modes, start_node - 1]
+    speed = (shapes.T @ membrane().matrix("mass"))[:n_modes, start_node - 1]
     motion = free_decay(omega[:n_modes], shapes[:, :n_modes], time, velocity=speed)
     return free_record(motion, STEP, [Dof(node, "Z") for node in range(1, N_NODES + 1)], "simulated membrane")
 
@@ -155,10 +155,12 @@ def _pattern_deviations() -> list[float]:
     """Largest deviation from the printed eigenvalues, (rad/s)^2, for each pattern of diagonals and both kinds of mass."""
     deviations = []
     for lumped in (False, True):
-        base = [membrane([False] * N_SQUARES, lumped).matrix(law).toarray() for law in ("inertia", "elastic")]
+        base = [
+            membrane([False] * N_SQUARES, lumped).matrix(matrix_kind).toarray() for matrix_kind in ("mass", "stiffness")
+        ]
         cut = [
-            [membrane(np.arange(N_SQUARES) == k, lumped).matrix(law).toarray() - b for k in range(N_SQUARES)]
-            for law, b in zip(("inertia", "elastic"), base, strict=True)
+            [membrane(np.arange(N_SQUARES) == k, lumped).matrix(matrix_kind).toarray() - b for k in range(N_SQUARES)]
+            for matrix_kind, b in zip(("mass", "stiffness"), base, strict=True)
         ]
         bits = (np.arange(2**N_SQUARES)[:, None] >> np.arange(N_SQUARES)) & 1
         mass, stiffness = (b + np.tensordot(bits, np.array(c), 1) for b, c in zip(base, cut, strict=True))

@@ -18,14 +18,14 @@ from structid.core.quantities import with_unit
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity
 from structid.files import claimed, require_no_file
 from structid.identification.alternatives import Alternatives
+from structid.identification.fits.modal_fit import ModalFit
 from structid.identification.fits.record_fit import RecordFit
 from structid.identification.identified import Identification
-from structid.identification.regularizing import Held
+from structid.identification.regularizing import AppliedRegularization
 from structid.inversion import Estimate
 from structid.inversion.diagnostics.bounds import AtBound
 from structid.study.results.changes import PARAMETERS, changes_summary, changes_table, search_summary
 from structid.study.results.hdf5 import hdf5_bytes
-from structid.study.results.modal import modal_summary
 from structid.study.results.result import StudyResult
 from structid.study.results.view import ParameterResult, ResultsView
 
@@ -143,7 +143,7 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
         **modal_summary(answer),
         "total_mass": {"value": answer.mass.total, "std": answer.mass.std, "unit": "kg"},
         "rests_on_force": answer.mass.rests_on_force,
-        **_held(view.diagnosis.sensitivities),
+        **_fixed_values(view.diagnosis.sensitivities),
         **_tolerances(estimate),
         **({"parameters": [_parameter(one) for one in view.parameters]} if has_matrix else changes_summary(estimate)),
         "regularization": [
@@ -176,12 +176,12 @@ def estimate_summary(result: StudyResult) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _held(held: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
-    """What the values rest on, where that was looked at."""
+def _fixed_values(held: Sequence[FixedValueSensitivity]) -> dict[str, Entry]:
+    """Entry of estimate.json on the sensitivity of the answer to fixed values; {} where that was not examined."""
     if not held:
         return {}
     return {
-        "held_values": [
+        "fixed_values": [
             {
                 "name": one.name,
                 "percent_per_percent": dict(zip(one.parameters, one.influence.tolist(), strict=True)),
@@ -271,7 +271,7 @@ def _verdict(view: ResultsView) -> dict[str, Entry]:
     }  # fmt: skip
 
 
-def _strengths(item: Held, has_matrix: bool) -> dict[str, Entry]:
+def _strengths(item: AppliedRegularization, has_matrix: bool) -> dict[str, Entry]:
     """Of every row, or of a smoothness over very many the one that all rows have."""
     return (
         {"strengths": item.strengths}
@@ -350,4 +350,56 @@ def _parameter(parameter: ParameterResult) -> dict[str, Entry]:
         "prior_mean": parameter.prior_mean,
         "prior_std": parameter.prior_std,
         "prior_share": parameter.prior_share,
+    }
+
+
+def modal_summary(identification: Identification) -> dict[str, Entry]:
+    """The entries ``modal_records`` and ``ratios`` of estimate.json; {} if no record holds modes."""
+    if not identification.modal_fits:
+        return {}
+    ratios = identification.mass.ratios
+    if ratios is None:
+        return {"modal_records": [_record(fit) for fit in identification.modal_fits], "ratios": None}
+    rows = zip(ratios.names, ratios.values, ratios.std, ratios.ends, strict=True)
+    return {
+        "modal_records": [_record(fit) for fit in identification.modal_fits],
+        "ratios": {
+            "text": ratios.words,
+            "reference": ratios.reference,
+            "parameters": [
+                {"name": name, "ratio": value, "std": std, "interval_95": ends} for name, value, std, ends in rows
+            ],
+        },
+    }
+
+
+def _record(fit: ModalFit) -> dict[str, Entry]:
+    """The entry of one record of modes: each measured mode beside its model modes."""
+    problem = fit.problem
+    sizes = {int(mode): len(group.members) for group in problem.data.groups for mode in group.members}
+    damping = problem.record.damping_ratio[problem.data.measured]
+    return {
+        "name": fit.name,
+        "source": fit.measured.source,
+        "form": problem.settings.form,
+        "channels": [str(dof) for dof in fit.measured.channels],
+        "modes": [
+            {
+                "measured": int(mode) + 1,
+                "frequency_hz": problem.record.frequency[mode],
+                "frequency_std_hz": problem.data.frequency_std[i],
+                "damping_ratio": damping[i],
+                "multiplicity": sizes[int(mode)],
+                "model_mode": int(fit.fitted.number[i]) + 1,
+                "model_frequency_hz": fit.fitted.frequency[i],
+                "model_damping_ratio": fit.fitted.damping_ratio[i],
+                "mac": fit.fitted.mac[i],
+                "largest_principal_angle_deg": float(np.degrees(fit.fitted.angle[i])),
+                "initial_model_mode": int(fit.initial.number[i]) + 1,
+                "initial_model_frequency_hz": fit.initial.frequency[i],
+                "initial_mac": fit.initial.mac[i],
+            }
+            for i, mode in enumerate(problem.data.measured)
+        ],
+        "unpaired_model_modes_hz": fit.fitted.passed_over,
     }

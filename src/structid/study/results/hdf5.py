@@ -1,4 +1,4 @@
-"""All arrays of a result as one HDF5 file."""
+"""All arrays of a result as one HDF5 file, and the values of the parameters read from it."""
 
 from __future__ import annotations
 
@@ -20,6 +20,15 @@ if TYPE_CHECKING:
     import h5py
 
 
+from pathlib import Path
+
+from structid.core.errors import FileError
+from structid.files.hdf5 import hdf5_fields, texts_of
+
+#: What a file of this version says of itself.
+ESTIMATE_FORMAT = "structid estimate 1"
+
+
 def hdf5_bytes(result: StudyResult) -> bytes:
     """Content of estimate.h5.
 
@@ -33,7 +42,7 @@ def hdf5_bytes(result: StudyResult) -> bytes:
 
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", track_order=True) as file:
-        file.attrs["format"] = "structid estimate 1"
+        file.attrs["format"] = ESTIMATE_FORMAT
         file.attrs["structid"] = result.provenance.structid
         file.attrs["title"] = result.study.title
         _put(file, "subdivide", [result.study.structure.subdivide], "1")
@@ -91,7 +100,7 @@ def _write_parameters(group: h5py.Group, estimate: Estimate) -> None:
         if estimate.fixed is not None:
             _texts(group, "fixed_names", estimate.fixed.change_names)
             _put(group, "fixed_tolerances", estimate.fixed.tolerance, "1")
-            _put(group, "fixed_changes", estimate.fixed.changes, "as in units, by one tolerance of each held value")
+            _put(group, "fixed_changes", estimate.fixed.changes, "as in units, by one tolerance of each fixed value")
     else:
         _put(group, "std_relative_error", estimate.uncertainty.std_error, "1")
         _put(group, "draws", estimate.uncertainty.draws, note)
@@ -156,3 +165,25 @@ def _write_modes(group: h5py.Group, modes: Modes, structure: Structure) -> None:
     _put(group, "frequency", modes.frequency, "Hz")
     _put(group, "damping_ratio", modes.damping_ratio, "1")
     _put(group, "mode_shapes", modes.mode_shapes, "1/sqrt(kg)")
+
+
+def stored_values(folder: Path) -> dict[str, float]:
+    """Identified value of each parameter, by name, in a results folder of `structid identify`.
+
+    Raises
+    ------
+    FileError
+        If there is no estimate.h5, or it is none of structid's.
+    """
+    path = folder / "estimate.h5"
+    if not path.is_file():
+        raise FileError(f"{folder}: holds no estimate.h5; give a results folder of `structid identify`")
+    fields = hdf5_fields(path, ("parameters/names", "parameters/values"))
+    try:
+        names, values = fields["parameters/names"], np.asarray(fields["parameters/values"], dtype=float)
+    except (KeyError, ValueError) as error:
+        raise FileError(f"{path}: holds no parameters; write it again with `structid identify`") from error
+    words = texts_of(names)
+    if values.shape != (len(words),) or not np.isfinite(values).all():
+        raise FileError(f"{path}: its parameters cannot be used; write it again with `structid identify`")
+    return dict(zip(words, values.tolist(), strict=True))

@@ -14,6 +14,7 @@ from structid.modal.poles.poles import modal_phase_deviation
 from structid.modal.survey.survey import ModesResult
 from structid.modal.tracking import ModeTracks
 from structid.records import FrfRecord, Geometry
+from structid.records.correlation import CorrelationRecord
 from structid.records.spectrum import SpectrumRecord
 
 
@@ -107,6 +108,13 @@ def _record(result: ModesResult) -> dict[str, Entry]:
         return {
             "kind": "spectra", "n_lines": len(record.frequency), "averages": record.averages,
             "band_hz": [record.frequency[0], record.frequency[-1]],
+            "channels": [str(dof) for dof in record.channels], "references": [str(dof) for dof in record.references],
+            "quantities": record.quantities,
+        }  # fmt: skip
+    if isinstance(record, CorrelationRecord):
+        return {
+            "kind": "correlation functions", "n_lags": len(record.values), "sampling_rate_hz": record.sampling_rate,
+            "averages": record.averages,
             "channels": [str(dof) for dof in record.channels], "references": [str(dof) for dof in record.references],
             "quantities": record.quantities,
         }  # fmt: skip

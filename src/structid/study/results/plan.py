@@ -103,6 +103,8 @@ def _test(found: Plan, test: PlannedTest) -> dict[str, Entry]:
         "worst_parameter": found.parameters.names[test.worst],
         "worst_relative_std": test.worst_std,
         "rms_relative_std": test.rms_std,
+        "relative_std_tolerances": test.of_tolerances,
+        "worst_relative_std_with_tolerances": test.worst_with_tolerances,
         "n_determined": test.n_determined,
     }
 

@@ -14,12 +14,14 @@ from structid.core.dof import parse_dofs
 from structid.core.errors import FileError, InputError, NoAnswerError
 from structid.core.units import FrfKind
 from structid.files import require_readable
-from structid.files.hdf5 import Field, hdf5_datasets, hdf5_fields, texts_of
+from structid.files.hdf5 import Field, hdf5_attributes, hdf5_datasets, hdf5_fields, texts_of
 from structid.inversion.fixed_values import SECOND_ORDER
 from structid.prediction.identified_model import IdentifiedModel, identified_model
 from structid.prediction.model_error import ModelError
 from structid.records import FrfRecord
 from structid.study.results.folder import STUDY_PATH
+from structid.study.results.hdf5 import ESTIMATE_FORMAT
+from structid.study.results.solver import UPDATED
 from structid.study.schema.model.structure import AUTO
 from structid.study.schema.study import Study, cut_study, load_study
 
@@ -59,8 +61,8 @@ def stored_study(folder: Path, study: Path | None = None) -> Study:
         )
     if found.solved is not None:
         raise InputError(
-            f"{path}: its model comes from a solver, and a results folder does not hold the one at the answer; predict in Python"
-            " from the identification itself"
+            f"{path}: its model comes from a solver, and a results folder does not hold the one at the answer; its deck with the"
+            f" identified numbers is in {folder / UPDATED}, and predictions are made in Python from the identification itself"
         )
     if found.root.inner("structure").table.get("subdivide") != AUTO:
         return found
@@ -81,13 +83,16 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
     ------
     FileError
         If the folder's estimate.h5 is missing, damaged, of another study or of another version.
-    NoAnswerError
+    InputError
         If the data do not determine the model, or the search gave no covariance.
     """
     path = folder / "estimate.h5"
+    form = hdf5_attributes(require_readable(path)).get("@format", ("none",))[0]
+    if form != ESTIMATE_FORMAT:
+        raise FileError(f"{path}: is of another version of structid ({form}, not {ESTIMATE_FORMAT}); {_AGAIN}")
     stored = _read_group(path, "parameters", (*_ARRAYS, *_FIXED, "draws"))
     if "covariance_noise" not in stored and "draws" in stored:
-        raise NoAnswerError(
+        raise InputError(
             f"{path}: holds no covariance, which a search without matrices does not give; group the unknowns and identify again"
         )
     missing = [name for name in _ARRAYS if name not in stored]
@@ -105,15 +110,11 @@ def stored_model(folder: Path, study: Study) -> IdentifiedModel:
         fixed = dict(zip(names, np.asarray(stored["fixed_tolerances"], dtype=float).tolist(), strict=True))
         changes = np.asarray(stored["fixed_changes"], dtype=float)[index, : len(names)]
         words = "± includes the tolerances of fixed values"
-    return identified_model(
-        study.structure,
-        parameters,
-        np.asarray(stored["values"], dtype=float)[index],
-        covariance[np.ix_(index, index)],
-        fixed,
-        changes,
-        words,
-    )
+    values, spread = np.asarray(stored["values"], dtype=float)[index], covariance[np.ix_(index, index)]
+    try:
+        return identified_model(study.structure, parameters, values, spread, fixed, changes, words)
+    except NoAnswerError as error:
+        raise InputError(f"{folder}: {error}") from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +195,8 @@ def _read_group(path: Path, group: str, names: tuple[str, ...]) -> dict[str, Fie
     return {places[place]: field for place, field in found.items()}
 
 
-def stored_loads(folder: Path) -> tuple[str, ...]:
-    """Degrees of freedom at which forces acted in the record that a results folder is of.
+def stored_loads(folder: Path, is_needed: bool = True) -> tuple[str, ...]:
+    """Degrees of freedom at which forces acted in the record that a results folder is of; () of modes unless they are needed.
 
     Raises
     ------
@@ -203,6 +204,8 @@ def stored_loads(folder: Path) -> tuple[str, ...]:
         If the record was of modes, which have no loads.
     """
     stored = _read_group(folder / "estimate.h5", "frf", ("inputs",))
+    if not stored and not is_needed:
+        return ()
     if not stored:
         raise InputError(f"`loads` must say where forces act: the record behind {folder} has none", "loads")
     return texts_of(stored["inputs"])

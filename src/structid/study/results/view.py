@@ -64,7 +64,7 @@ class ParameterResult:
         Standard deviation from the noise alone, with model error, and from the tolerances of fixed values.
     state : str
         ``determined``, ``weakly determined``, ``by prior``, ``at its lower bound``, ``at its upper bound``,
-        ``not determined`` or ``ran away``.
+        ``not determined``, ``ran away``, or ``one of several`` where other sets of values fit as well.
     identified, ran_away : bool
     bound : AtBound, optional
         The bound that it ended at.
@@ -123,7 +123,7 @@ class ParameterResult:
 
     @property
     def is_determined(self) -> bool:
-        """Whether nothing but the data was needed to determine it."""
+        """True if nothing but the data was needed to determine it."""
         return self.state == "determined"
 
 
@@ -374,6 +374,9 @@ def parameter_states(found: Identification) -> tuple[str, ...]:
     states[weak] = "by prior" if has_prior else "weakly determined"
     states[list(found.by_prior)] = "by prior"
     states[~estimate.identified] = "not determined"
+    if found.alternatives is not None:
+        apart = np.abs(found.alternatives.values - estimate.values).max(axis=0) > estimate.std
+        states[apart & (states == "determined")] = "one of several"
     for bound in estimate.spread.at_bound:
         states[bound.index] = f"at its {bound.side} bound"
     states[list(found.ran_away)] = "ran away"

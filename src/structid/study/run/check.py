@@ -136,7 +136,7 @@ class Predicted:
 
     @property
     def determined(self) -> bool:
-        """Whether data and priors determine every parameter to better than its own size."""
+        """True if data and priors determine every parameter to better than its own size."""
         return bool((self.of_data.std <= self.sizes).all())
 
 

@@ -44,7 +44,7 @@ def checkpoint_folder(results: Path) -> Path:
 
 
 def fingerprint(study: Study) -> Owner:
-    """What the run of a study is known by."""
+    """Digest by which a checkpoint is matched with the run of a study."""
     import scipy
 
     versions = {"structid": __version__, "numpy": np.__version__, "scipy": scipy.__version__}

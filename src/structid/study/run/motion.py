@@ -187,7 +187,7 @@ def _number(value: float) -> str:
 
 
 def motion_summary(result: MotionResult) -> dict[str, Entry]:
-    """What the pass found and what it cost, as plain values."""
+    """Summary of the fit and of its cost (samples, seconds, memory) as plain values for JSON."""
     found, fit = result.solution, result.solution.fit
     return {
         "title": result.study.title,

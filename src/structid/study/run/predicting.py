@@ -4,24 +4,48 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
+from structid.core.arrays import FloatArray
 from structid.core.constraints import split_commas
-from structid.core.dof import Dof, parse_dofs
+from structid.core.display import join_words
+from structid.core.dof import Dof, parse_dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Entry
+from structid.fem import Base, Structure
 from structid.files import csv_text
 from structid.prediction.changes import Change, changed_model
+from structid.prediction.identified_model import IdentifiedModel
+from structid.prediction.linear_response import Input, support_base
+from structid.prediction.loads import half_sine, read_density, sine
 from structid.prediction.model_error import ModelError
 from structid.prediction.options import PredictOptions
-from structid.prediction.predict import PredictedChange, Prediction, predict, predict_change
-from structid.prediction.quantities import Frf, History, Maxima, NaturalModes, Quantity
+from structid.prediction.predict import PredictedChange, Prediction, predict_changes, predict_together
+from structid.prediction.quantities import (
+    Extremes,
+    Frf,
+    History,
+    Maxima,
+    NaturalModes,
+    Quantity,
+    RootMeanSquare,
+    Spectrum,
+    support_acceleration,
+    units_of,
+)
+from structid.prediction.recovery import Output, is_von_mises, parse_outputs
+from structid.prediction.tuned_damper import TunedDamper, tune_damper
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.study.results.stored_model import stored_loads, stored_model, stored_model_error, stored_study
 
 PREDICTION_PAGE = "prediction.html"
+Found: TypeAlias = Prediction | PredictedChange | None
+#: Probabilities at which the distribution of a maximum is written.
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +61,14 @@ class StudyPrediction:
     frf, history, maxima : the same or None
     changes : tuple of str
         In words.
+    spectrum, root_mean_square, largest : the same or None
+        Under stationary noise; the largest within `duration` on the mean.
+    duration : float, optional
+        s.
+    loads : str
+        What acts in `history` and `spectrum`, in words.
+    damper : TunedDamper, optional
+        The damper that was tuned, one of the changes.
     """
 
     folder: Path
@@ -46,6 +78,12 @@ class StudyPrediction:
     history: Prediction | PredictedChange | None
     maxima: Prediction | PredictedChange | None
     changes: tuple[str, ...]
+    spectrum: Prediction | PredictedChange | None = None
+    root_mean_square: Prediction | PredictedChange | None = None
+    largest: Prediction | PredictedChange | None = None
+    duration: float | None = None
+    loads: str = ""
+    damper: TunedDamper | None = None
 
     @property
     def words(self) -> str:
@@ -62,47 +100,196 @@ def predict_study(
     Raises
     ------
     InputError
-        If the folder, its study, a place or a change cannot be used.
-    NoAnswerError
-        If the data do not determine the model.
+        If the folder, its study, a place or a change cannot be used, or the data do not determine the model.
     """
     source = stored_study(folder, study)
     model = stored_model(folder, source)
+    damper = _damper(model, options) if options.tune_damper else None
+    changes = [*changes, damper.change] if damper else changes
     changed_model(model.structure, model.parameters, changes)
-    sensors = parse_dofs(split_commas(options.sensors))
+    outputs = parse_outputs(split_commas(options.sensors))
+    loaded = next((name for name in ("history", "half_sine", "sine", "noise") if getattr(options, name)), None)
+    if loaded is not None and not outputs:
+        raise InputError(f"`sensors` must name where the motion under `{loaded}` is wanted, got none", "sensors")
+    several = partial(predict_changes, model, changes=changes) if changes else partial(predict_together, model)
 
-    def of(quantity: Quantity, error: ModelError | None = None) -> Prediction | PredictedChange:
-        if changes:
-            return predict_change(model, quantity, changes, options.draws, options.seed, error)
-        return predict(model, quantity, options.draws, options.seed, error)
+    def of(*quantities: Quantity, error: ModelError | None = None) -> list[Prediction] | list[PredictedChange]:
+        return several(quantities, n_draws=options.draws, seed=options.seed, model_error=error)
 
-    frf = history = maxima = None
-    if sensors:
-        loads = parse_dofs(split_commas(options.loads) or stored_loads(folder))
-        band = options.band or source.options.band
-        if band is None:
-            raise InputError("`band` must be given: the study does not state one under [method]", "band")
-        quantity = Frf(sensors, loads, np.linspace(*band, options.lines), options.kind)
-        frf = of(quantity, stored_model_error(folder, source, model))
+    frf: Found = None
+    history: Found = None
+    maxima: Found = None
+    spectrum: Found = None
+    mean: Found = None
+    largest: Found = None
+    band = options.band or source.options.band
+    words: list[str] = []
+    if outputs:
+        linear = tuple(output for output in outputs if not is_von_mises(output))
+        names = split_commas(options.loads) or stored_loads(folder, is_needed=loaded is None)
+        if linear and names:
+            inputs = _inputs(model.structure, names, options)
+            is_moved = all(isinstance(each, Base) for each in inputs)
+            quantity = Frf(linear, inputs, _lines(band, options), "transmissibility" if is_moved else options.kind)
+            [frf] = of(quantity, error=stored_model_error(folder, source, model))
+        elif not linear and loaded is None:
+            raise InputError(
+                "a von Mises stress has no FRF, since it is not linear in the load; give `history`, `half_sine`, `sine` or `noise`",
+                "sensors",
+            )
+    if loaded in ("history", "half_sine", "sine"):
+        pushed, sentence = _history(model.structure, outputs, options)
+        history, maxima = of(pushed, Maxima(pushed))
+        words.append(sentence)
+    if options.noise and options.duration is not None:
+        density = _spectrum(model.structure, outputs, _lines(band, options), options)
+        if any(is_von_mises(output) for output in outputs):
+            spectrum, mean = of(density, RootMeanSquare(density))
+        else:
+            spectrum, mean, largest = of(density, RootMeanSquare(density), Extremes(density, options.duration))
+        words.append(f"noise of {options.noise}")
+    told = tuple(change.words for change in changes)
+    [modes] = of(NaturalModes(options.modes))
+    return StudyPrediction(
+        folder,
+        source.title,
+        modes,
+        frf,
+        history,
+        maxima,
+        told,
+        spectrum,
+        mean,
+        largest,
+        options.duration,
+        "; ".join(words),
+        damper,
+    )
+
+
+def _damper(model: IdentifiedModel, options: PredictOptions) -> TunedDamper:
+    """The tuned mass damper of the options."""
+    mass, at, dof = options.tune_damper.partition("@")
+    try:
+        kg = float(mass)
+    except ValueError:
+        at = ""
+    if not at:
+        raise InputError(
+            f"`tune_damper` must be a mass in kg and a place, as 800@40X, got {options.tune_damper!r}", "tune_damper"
+        )
+    return tune_damper(model, dof, kg, seed=options.seed)
+
+
+def _lines(band: tuple[float | None, float | None] | None, options: PredictOptions) -> FloatArray:
+    """The frequencies of FRFs and spectra, Hz."""
+    low, high = band or (None, None)
+    if low is None or high is None:
+        raise InputError("`band` must be given: the study does not state one under [method]", "band")
+    return np.linspace(low, high, options.lines)
+
+
+def _inputs(structure: Structure, names: Sequence[str | Dof], options: PredictOptions) -> tuple[Input, ...]:
+    """Loads by their names: a degree of freedom, or where that is a support the base that moves with it."""
+    return tuple(_input(structure, dof, options.supports == "together") for dof in parse_dofs(names))
+
+
+def _input(structure: Structure, dof: Dof, together: bool) -> Input:
+    """The degree of freedom, or the base that moves with it where it is a support."""
+    is_support = dof.unsigned in {each.unsigned for each in structure.fixed}
+    return support_base(structure, dof, together) if is_support else dof
+
+
+def _history(structure: Structure, outputs: tuple[Output, ...], options: PredictOptions) -> tuple[History, str]:
+    """The quantity that predicts the motion under the loads of the options, and these loads in words."""
     if options.history is not None:
-        if not sensors:
-            raise InputError("`sensors` must name where the motion under `history` is wanted, got none", "sensors")
-        pushed = _history(options.history, sensors, options.motion)
-        history, maxima = of(pushed), of(Maxima(pushed))
-    words = tuple(change.words for change in changes)
-    return StudyPrediction(folder, source.title, of(NaturalModes(options.modes)), frf, history, maxima, words)
+        inputs, loads, rate = _recorded_loads(structure, options.history, options)
+        words = f"loads of {options.history.name}"
+    else:
+        name = "half_sine" if options.half_sine else "sine"
+        second_name = "width" if options.half_sine else "frequency"
+        (size, second), dof = _sizes_at(name, options.half_sine or options.sine, ("size", second_name))
+        duration, rate = options.duration or 0.0, options.sampling_rate or 0.0
+        make = half_sine if options.half_sine else sine
+        inputs, loads = (
+            (_input(structure, dof, options.supports == "together"),),
+            make(size, second, duration, rate)[:, None],
+        )
+        unit = ("N m" if dof.is_rotation else "N") if isinstance(inputs[0], Dof) else "m/s^2"
+        what = f"half-sine of {second:g} s" if options.half_sine else f"sine of {second:g} Hz"
+        words = f"{what}, {size:g} {unit}, at {dof}"
+    for base in inputs:
+        if isinstance(base, Base):
+            several = len(base.supports) > 1
+            words += f"; {join_words(base.supports)} {'move together' if several else 'moves'}"
+    return History(outputs, inputs, loads, rate, options.motion, options.relative), words
 
 
-def _history(path: Path, sensors: tuple[Dof, ...], motion: str) -> History:
-    """The motion under the forces of a record."""
+def _recorded_loads(
+    structure: Structure, path: Path, options: PredictOptions
+) -> tuple[tuple[Input, ...], FloatArray, float]:
+    """Forces of a record, and the accelerations of supports that it moves; its sampling rate."""
     record = read_record(path, ReadOptions())
     if not isinstance(record, TimeRecord):
-        raise InputError(f"{path}: holds FRFs; `history` takes forces over time", "history")
-    pushes = [i for i, quantity in enumerate(record.quantities) if quantity == "force"]
-    if not pushes:
-        raise InputError(f"{path}: holds no force; a channel in N or N m is one", "history")
-    loads = tuple(record.channels[i] for i in pushes)
-    return History(sensors, loads, record.values[:, pushes], record.sampling_rate, motion)
+        raise InputError(f"{path}: holds FRFs; `history` takes loads over time", "history")
+    supports = {each.unsigned for each in structure.fixed}
+    inputs: list[Input] = []
+    loads: list[FloatArray] = []
+    for dof, quantity, column in zip(record.channels, record.quantities, record.values.T, strict=True):
+        if quantity == "force":
+            inputs.append(dof)
+            loads.append(column)
+        elif dof.unsigned in supports:
+            if quantity == "velocity":
+                raise InputError(
+                    f"{path}: {dof} is a velocity; a support moves by its acceleration or displacement", "history"
+                )
+            inputs.append(support_base(structure, dof, options.supports == "together"))
+            is_way = quantity == "displacement"
+            loads.append(support_acceleration(column[:, None], record.sampling_rate)[:, 0] if is_way else column)
+    if not inputs:
+        raise InputError(
+            f"{path}: holds neither a force (a channel in N or N m) nor the acceleration or displacement of a support",
+            "history",
+        )
+    moved = [dof.unsigned for base in inputs if isinstance(base, Base) for dof in base.supports]
+    if len(set(moved)) < len(moved):
+        raise InputError(
+            f"{path}: two channels move the same supports; leave one out, or let each move alone with supports = 'alone'",
+            "supports",
+        )
+    return tuple(inputs), np.column_stack(loads), record.sampling_rate
+
+
+def _spectrum(
+    structure: Structure, outputs: tuple[Output, ...], lines: FloatArray, options: PredictOptions
+) -> Spectrum:
+    """The spectra that the noise of the options causes."""
+    text, at, name = options.noise.rpartition("@")
+    if not at or not text:
+        raise InputError(f"`noise` must be a table and a place, as wind.csv@12Y, got {options.noise!r}", "noise")
+    frequency, density = read_density(Path(text))
+    inputs = _inputs(structure, [name], options)
+    kind = "transmissibility" if isinstance(inputs[0], Base) else options.kind
+    within = np.interp(lines, frequency, density, left=0.0, right=0.0)
+    if not within.any():
+        raise InputError(
+            f"{text}: has nothing between {lines[0]:g} and {lines[-1]:g} Hz, the band; give another with `band`",
+            "noise",
+        )
+    return Spectrum(Frf(outputs, inputs, lines, kind), within[:, None])
+
+
+def _sizes_at(name: str, text: str, parts: tuple[str, str]) -> tuple[tuple[float, float], Dof]:
+    """Two numbers and a place of a text such as ``500,0.01@12Y``."""
+    sizes, at, dof = text.partition("@")
+    try:
+        first, second = (float(part) for part in sizes.split(","))
+    except ValueError:
+        at = ""
+    if not at:
+        raise InputError(f"`{name}` must be {parts[0]}, {parts[1]} and a place, as 500,0.01@12Y, got {text!r}", name)
+    return (first, second), parse_dof(dof)
 
 
 def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
@@ -121,17 +308,59 @@ def prediction_summary(found: StudyPrediction) -> dict[str, Entry]:
             }
             for k in range(len(next(iter(modes.values())).values))
         ],
-        **({} if found.maxima is None else {"maxima": _maxima(parts_of(found.maxima))}),
+        **({"loads": found.loads} if found.loads else {}),
+        **({} if found.damper is None else {"tuned_damper": _damper_entry(found.damper)}),
+        **({} if found.maxima is None else {"maxima": _of_outputs(parts_of(found.maxima))}),
+        **(
+            {}
+            if found.root_mean_square is None
+            else {"root_mean_square": _of_outputs(parts_of(found.root_mean_square))}
+        ),
+        **(
+            {}
+            if found.largest is None
+            else {"largest": _of_outputs(parts_of(found.largest)), "duration_s": found.duration}
+        ),
     }
 
 
-def _maxima(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
-    """The largest motion of each output by each of the predictions."""
-    outputs = next(iter(parts.values())).quantity.axes["output"]
+def _damper_entry(damper: TunedDamper) -> dict[str, Entry]:
+    """Values of a tuned damper, and the largest receptances with and without it."""
+    return {
+        "mass_kg": damper.change.mass,
+        "frequency_hz": damper.change.frequency,
+        "damping_ratio": damper.change.damping_ratio,
+        "largest_receptance": damper.peak,
+        "largest_receptance_before": damper.peak_before,
+        "quantile": damper.quantile,
+        "best_for_identified_model": {
+            "frequency_hz": damper.nominal.frequency,
+            "damping_ratio": damper.nominal.damping_ratio,
+            "largest_receptance": damper.nominal_peak,
+        },
+        "band_hz": list(damper.band),
+        "models": damper.n_draws,
+    }
+
+
+def _of_outputs(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
+    """Each output of a quantity without an axis of time, by each of the predictions, with its distribution."""
+    quantity = next(iter(parts.values())).quantity
     return [
-        {"output": output, **{name: _value(part, (i,)) for name, part in parts.items()}}
-        for i, output in enumerate(outputs)
+        {
+            "output": str(output),
+            "unit": unit,
+            **{name: {**_value(part, (i,)), "quantiles": _quantiles(part, i)} for name, part in parts.items()},
+        }
+        for i, (output, unit) in enumerate(zip(quantity.axes["output"], units_of(quantity), strict=True))
     ]
+
+
+def _quantiles(part: Prediction, index: int) -> dict[str, Entry]:
+    """Quantiles of the random models for the output at `index`, by their probability."""
+    if part.draws is None:
+        return {}
+    return {f"{p:g}": float(np.quantile(part.draws[:, index].real, p)) for p in QUANTILES}
 
 
 def parts_of(found: Prediction | PredictedChange) -> dict[str, Prediction]:
@@ -151,7 +380,10 @@ def prediction_csv(found: Prediction | PredictedChange) -> str:
     parts = parts_of(found)
     first = next(iter(parts.values()))
     axis, *channels = first.quantity.axes.items()
-    names = [f"{a}/{b}" for a in channels[0][1] for b in channels[1][1]] if len(channels) > 1 else list(channels[0][1])
+    outputs, units = channels[0][1], units_of(first.quantity)
+    inputs = channels[1][1] if len(channels) > 1 else None
+    names = [f"{a}/{b}" for a in outputs for b in inputs] if inputs is not None else list(outputs)
+    units = tuple(unit for unit in units for _ in (inputs if inputs is not None else ("",)))
     header, columns = [f"{axis[0]} ({'Hz' if axis[0] == 'frequency' else 's'})"], [np.asarray(axis[1], dtype=float)]
     for label, part in parts.items():
         before = "" if label == "value" else f"{label} "
@@ -167,6 +399,6 @@ def prediction_csv(found: Prediction | PredictedChange) -> str:
             tables = {"value": part.values.real, **tables}
         for what, table in tables.items():
             flat = table.reshape(len(columns[0]), -1)
-            header += [f"{before}{name} {what} ({first.quantity.unit})" for name in names]
+            header += [f"{before}{name} {what} ({unit})" for name, unit in zip(names, units, strict=True)]
             columns += list(flat.T)
     return csv_text(header, ([f"{value:.9g}" for value in row] for row in np.column_stack(columns).tolist()))

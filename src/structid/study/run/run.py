@@ -105,7 +105,7 @@ def run_started(ready: Start, progress: StageProgress | None = None, work: Work 
 
 
 def is_matrix_free(ready: Start) -> bool:
-    """Whether the parameters of a study are searched for without a Jacobian; see `chosen_method`.
+    """True if the parameters of a study are searched for without a Jacobian; see `chosen_method`.
 
     Raises
     ------

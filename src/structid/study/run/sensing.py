@@ -11,6 +11,7 @@ from structid.core.errors import InputError
 from structid.core.json_types import Entry
 from structid.files import csv_text
 from structid.prediction.options import SenseOptions
+from structid.prediction.recovery import output_unit
 from structid.prediction.virtual_sensing import SensedMotion, UnknownForces, sense
 from structid.records import ReadOptions, TimeRecord, read_record
 from structid.records.record import QUANTITY_UNITS
@@ -39,7 +40,16 @@ def sense_record(
     if options.unknown and options.correlation_time is not None:
         unknown = UnknownForces(split_commas(options.unknown), options.correlation_time, options.force_std)
     left = split_commas(options.leave_out)
-    return sense(model, record, split_commas(options.wanted), options.motion, unknown, left, options.draws)
+    return sense(
+        model,
+        record,
+        split_commas(options.wanted),
+        options.motion,
+        unknown,
+        left,
+        options.draws,
+        is_filtered=not options.unfiltered,
+    )
 
 
 def sensed_csv(found: SensedMotion) -> str:
@@ -47,7 +57,11 @@ def sensed_csv(found: SensedMotion) -> str:
     unit = QUANTITY_UNITS[found.motion][0]
     header, columns = ["time (s)"], [found.time]
     for dof, value, std in zip(found.outputs, found.values.T, found.std.T, strict=True):
-        header += [f"{dof} {found.motion} ({unit})", f"{dof} std ({unit})"]
+        of_output = output_unit(dof)
+        header += [
+            f"{dof} ({of_output})" if of_output else f"{dof} {found.motion} ({unit})",
+            f"{dof} std ({of_output or unit})",
+        ]
         columns += [value, std]
     for dof, value, std in zip(found.force_dofs, found.forces.T, found.force_std.T, strict=True):
         header += [f"{dof} force (N)", f"{dof} force std (N)"]

@@ -112,7 +112,7 @@ class Kind:
     made: Callable[[Any], Any] = _same
 
     def accepts(self, value: Plain) -> bool:
-        """Whether the key may hold `value`."""
+        """True if the key may hold `value`."""
         return fits(value, self.schema) and self.rule(value)
 
 

@@ -25,7 +25,7 @@ from structid.planning.planned import Plan, PlanOptions
 from structid.records import FrfRecord
 from structid.study.schema.kinds import COUNT, NUMBERS, RANGE, as_list, choice
 from structid.study.schema.method import read_method
-from structid.study.schema.model.structure import AUTO, read_structure
+from structid.study.schema.model.structure import AUTO, read_structure, read_tolerances
 from structid.study.schema.records.record import NoiseSource, load_record, read_source
 from structid.study.schema.records.sensors import channel_names, is_load, used_names
 from structid.study.schema.root import InputFiles, read_root, record_sections, title_of
@@ -33,6 +33,7 @@ from structid.study.schema.section import Section
 from structid.study.schema.tables import Given, Key, table_of
 from structid.study.schema.unknowns import read_parameters
 from structid.unknowns import Parameters
+from structid.unknowns.tolerances import Tolerances
 
 _DEFAULT_LINES = 400
 _DEFAULT_NOISE = 0.01
@@ -271,6 +272,14 @@ def _noise_levels(
     return relative, absolute, notes
 
 
+def _tolerances(root: Section) -> Tolerances:
+    """Tolerances of fixed values, and of the calibration of the first record where it states one."""
+    tolerances = read_tolerances(root.inner("structure"))
+    recorded = next(iter(record_sections(root)), None)
+    stated = None if recorded is None else recorded.table.get("calibration")
+    return replace(tolerances, calibration=float(stated)) if isinstance(stated, int | float) else tolerances
+
+
 def planned(study: PlanStudy) -> Plan:
     """The plan that a study file asks for.
 
@@ -281,7 +290,7 @@ def planned(study: PlanStudy) -> Plan:
     """
     try:
         with (study.root.section("plan") or study.root).located():
-            return plan(study.structure, study.parameters, study.options)
+            return plan(study.structure, study.parameters, study.options, _tolerances(study.root))
     except SingularModelError as error:
         section = study.root.section("structure") or study.root
         raise SingularModelError(str(section.error(str(error)))) from error

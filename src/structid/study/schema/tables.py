@@ -40,12 +40,12 @@ class Key:
 
     @property
     def holds_tables(self) -> bool:
-        """Whether it may hold a table, or several."""
+        """True if it may hold a table, or several."""
         return isinstance(self.holds, Table) or "object" in _types(self.holds.schema)
 
     @property
     def holds_values(self) -> bool:
-        """Whether it may hold something other than tables."""
+        """True if it may hold something other than tables."""
         return not self.listed and _types(self.holds.schema) != {"object"}
 
     @property
@@ -122,7 +122,7 @@ def table_of(made: Callable[..., object], leave_out: Collection[str] = (), **oth
         if name not in leave_out:
             required = item.default is inspect.Parameter.empty
             default = None if required else item.default
-            holds = others.pop(name, None) or held_by(types[name])
+            holds = others.pop(name, None) or kind_of_argument(types[name])
             keys[name] = Key(holds, words.get(name) or _said(types[name]), required, default)
     return Table(keys) | others
 
@@ -131,7 +131,7 @@ def table_of(made: Callable[..., object], leave_out: Collection[str] = (), **oth
 own_table: Callable[[Callable[..., object]], Table] = cache(table_of)
 
 
-def held_by(annotation: object) -> Kind | Table:
+def kind_of_argument(annotation: object) -> Kind | Table:
     """The table of a dataclass, or the kind, that a key for an argument with this annotation holds."""
     parts = alternatives(annotation)
     if len(parts) == 1 and isinstance(parts[0], type) and is_dataclass(parts[0]) and parts[0] is not Dof:

@@ -6,27 +6,44 @@ const histories = new Map(); // of every study that this page edited: what can b
 
 export class Editor {
   constructor(app, drawn) {
-    this.app = app; this.drawn = drawn; this.study = app.study;
-    this.table = app.now.table; this.waiting = Promise.resolve(); this.count = 0;
-    if (!histories.has(app.study)) { histories.set(app.study, {undo: [], redo: [], text: app.now.text}); }
+    this.app = app;
+    this.drawn = drawn;
+    this.study = app.study;
+    this.table = app.now.table;
+    this.waiting = Promise.resolve();
+    this.count = 0;
+    if (!histories.has(app.study)) {
+      histories.set(app.study, {undo: [], redo: [], text: app.now.text});
+    }
     this.history = histories.get(app.study);
-    if (this.history.text !== app.now.text) { Object.assign(this.history, {undo: [], redo: [], text: app.now.text}); } // another changed it: undoing would undo that
+    if (this.history.text !== app.now.text) {
+      Object.assign(this.history, {undo: [], redo: [], text: app.now.text});
+    } // another changed it: undoing would undo that
     this.read();
   }
 
-  read() { this.model = readStructure(this.table); }
+  read() {
+    this.model = readStructure(this.table);
+  }
 
   // Do `action(model)`, which gives {words, edits} or refuses at once; the answer comes when it is written.
   do(action) {
     const {words, edits} = action(this.model);
-    if (!edits.length) { return Promise.resolve(); }
+    if (!edits.length) {
+      return Promise.resolve();
+    }
     this.table = applied(this.table, edits); // what follows builds on it before it is written
     this.read();
     this.drawn();
     return this.queued(async () => {
       const before = this.app.now.text;
-      if (!await this.app.edit(edits)) { throw new Error("it was not written; the study is shown as it is now"); }
-      if (this.app.now.text !== before) { this.history.undo.push({text: before, words}); this.history.redo.length = 0; }
+      if (!(await this.app.edit(edits))) {
+        throw new Error("it was not written; the study is shown as it is now");
+      }
+      if (this.app.now.text !== before) {
+        this.history.undo.push({text: before, words});
+        this.history.redo.length = 0;
+      }
     });
   }
 
@@ -34,23 +51,36 @@ export class Editor {
     this.count += 1;
     const mine = this.waiting.then(job);
     this.waiting = mine.catch(() => {});
-    try { await mine; }
-    finally {
+    try {
+      await mine;
+    } finally {
       this.count -= 1;
       this.history.text = this.app.now.text;
-      if (!this.count) { this.table = this.app.now.table; this.read(); this.drawn(); }
+      if (!this.count) {
+        this.table = this.app.now.table;
+        this.read();
+        this.drawn();
+      }
     }
   }
 
-  undo() { return this.back(this.history.undo, this.history.redo, "Undone"); }
-  redo() { return this.back(this.history.redo, this.history.undo, "Done again"); }
+  undo() {
+    return this.back(this.history.undo, this.history.redo, "Undone");
+  }
+  redo() {
+    return this.back(this.history.redo, this.history.undo, "Done again");
+  }
 
   back(from, to, told) {
     return this.queued(async () => {
       const last = from.at(-1);
-      if (!last) { return; }
+      if (!last) {
+        return;
+      }
       const before = this.app.now.text;
-      this.app.now = await this.app.own(post("study", {study: this.study, text: last.text, digest: this.app.now.digest}));
+      this.app.now = await this.app.own(
+        post("study", {study: this.study, text: last.text, digest: this.app.now.digest}),
+      );
       from.pop();
       to.push({text: before, words: last.words});
       this.app.say(`${told}: ${last.words}`);

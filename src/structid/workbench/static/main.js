@@ -3,42 +3,96 @@ import {events, get, post} from "./api.js";
 import {fill, h, options} from "./dom.js";
 
 const STEPS = [
-  ["start", "Start"], ["build", "Build"], ["structure", "Structure"], ["records", "Records"], ["modes", "Modes"], ["unknowns", "Unknowns"],
-  ["run", "Run"], ["results", "Results"], ["text", "Study file"],
+  ["start", "Start"],
+  ["build", "Build"],
+  ["structure", "Structure"],
+  ["records", "Records"],
+  ["modes", "Modes"],
+  ["unknowns", "Unknowns"],
+  ["run", "Run"],
+  ["results", "Results"],
+  ["use", "Use"],
+  ["text", "Study file"],
 ];
-const WITHOUT_STUDY = ["start", "records", "modes", "results", "run"];
-const main = document.getElementById("main"), select = document.getElementById("study");
+const WITHOUT_STUDY = ["start", "records", "modes", "results", "run", "use"];
+const main = document.getElementById("main"),
+  select = document.getElementById("study");
 
-export const app = {folder: null, study: "", now: null, step: "start", record: 0, runs: [], heard: new Set(), shown: 0, drafts: new Map(), digests: []};
+export const app = {
+  folder: null,
+  study: "",
+  now: null,
+  step: "start",
+  record: 0,
+  runs: [],
+  heard: new Set(),
+  shown: 0,
+  drafts: new Map(),
+  digests: [],
+};
 
 app.say = (words, bad = false) => {
   const place = document.getElementById("told");
-  for (const one of [...place.children]) { if (one.firstChild.textContent === words) { one.remove(); } }
-  const note = h("div", {class: bad ? "bad" : ""}, h("span", {}, words), h("button", {class: "small", type: "button", onclick: () => note.remove()}, "Close"));
+  for (const one of [...place.children]) {
+    if (one.firstChild.textContent === words) {
+      one.remove();
+    }
+  }
+  const note = h(
+    "div",
+    {class: bad ? "bad" : ""},
+    h("span", {}, words),
+    h("button", {class: "small", type: "button", onclick: () => note.remove()}, "Close"),
+  );
   place.append(note);
-  while (place.children.length > 3) { place.firstChild.remove(); }
-  if (!bad) { setTimeout(() => note.remove(), 6000); }
+  while (place.children.length > 3) {
+    place.firstChild.remove();
+  }
+  if (!bad) {
+    setTimeout(() => note.remove(), 6000);
+  }
   return note;
 };
-app.fail = (error) => { console.warn(error); app.say(error.message, true); };
+app.fail = (error) => {
+  console.warn(error);
+  app.say(error.message, true);
+};
 
 // Run `action` with `button` out of use; what goes wrong is told.
 app.doing = async (button, action) => {
   button.disabled = true;
   button.setAttribute("aria-busy", "true");
-  try { return await action(); } catch (error) { app.fail(error); return null; }
-  finally { button.disabled = false; button.removeAttribute("aria-busy"); }
+  try {
+    return await action();
+  } catch (error) {
+    app.fail(error);
+    return null;
+  } finally {
+    button.disabled = false;
+    button.removeAttribute("aria-busy");
+  }
 };
 
 app.go = (step, study = app.study) => {
   const target = `#${step}${study ? "/" + encodeURIComponent(study) : ""}`;
-  if (location.hash === target) { show(); } else { location.hash = target; }
+  if (location.hash === target) {
+    show();
+  } else {
+    location.hash = target;
+  }
 };
 
 app.reload = async () => {
   app.folder = await get("folder");
   app.runs = app.folder.runs;
-  fill(select, h("option", {value: ""}, app.folder.studies.length ? "choose a study" : "no study yet"), options(app.folder.studies.map((one) => [one.path, `${one.title} (${one.path})`]), app.study));
+  fill(
+    select,
+    h("option", {value: ""}, app.folder.studies.length ? "choose a study" : "no study yet"),
+    options(
+      app.folder.studies.map((one) => [one.path, `${one.title} (${one.path})`]),
+      app.study,
+    ),
+  );
   fill(document.getElementById("folder"), app.folder.folder, app.folder.writable ? "" : " (read only)");
 };
 
@@ -54,7 +108,9 @@ app.own = async (writing) => {
   app.reading = writing;
   const now = await writing;
   app.digests.push(now.digest);
-  if (app.digests.length > 50) { app.digests.shift(); }
+  if (app.digests.length > 50) {
+    app.digests.shift();
+  }
   return now;
 };
 
@@ -62,10 +118,15 @@ app.own = async (writing) => {
 app.edit = async (edits, words) => {
   try {
     app.now = await app.own(post("edit", {study: app.study, digest: app.now.digest, edits}));
-    if (words) { app.say(words); }
+    if (words) {
+      app.say(words);
+    }
     return true;
   } catch (error) {
-    if (error.status === 409) { await app.read(); show(); }
+    if (error.status === 409) {
+      await app.read();
+      show();
+    }
     app.fail(error);
     return false;
   }
@@ -77,68 +138,170 @@ function place() {
 }
 
 async function show() {
-  const [step, study] = place(), turn = ++app.shown;
+  const [step, study] = place(),
+    turn = ++app.shown;
   app.heard.clear();
-  if (app.step === "text" && app.drafts.has(app.study) && (step !== "text" || study !== app.study)) { app.say(`What you typed into ${app.study} is not saved yet; it is kept on its page, Study file.`, true); }
+  if (app.step === "text" && app.drafts.has(app.study) && (step !== "text" || study !== app.study)) {
+    app.say(`What you typed into ${app.study} is not saved yet; it is kept on its page, Study file.`, true);
+  }
   app.step = step;
-  if (study !== app.study) { app.record = 0; }
+  if (study !== app.study) {
+    app.record = 0;
+  }
   app.study = study;
   select.value = study;
-  fill(document.getElementById("steps"), STEPS.map(([name, words], k) => {
-    const off = !study && !WITHOUT_STUDY.includes(name);
-    return h("li", {}, h("a", {href: off ? "#start" : `#${name}${study ? "/" + encodeURIComponent(study) : ""}`, "aria-current": name === step ? "page" : null, "aria-disabled": off ? "true" : null, title: off ? "choose or make a study first" : null}, h("span", {"aria-hidden": "true"}, String(k + 1)), words));
-  }));
-  const nav = document.querySelector("nav"), current = nav.querySelector("[aria-current]");
+  fill(
+    document.getElementById("steps"),
+    STEPS.map(([name, words], k) => {
+      const off = !study && !WITHOUT_STUDY.includes(name);
+      return h(
+        "li",
+        {},
+        h(
+          "a",
+          {
+            href: off ? "#start" : `#${name}${study ? "/" + encodeURIComponent(study) : ""}`,
+            "aria-current": name === step ? "page" : null,
+            "aria-disabled": off ? "true" : null,
+            title: off ? "choose or make a study first" : null,
+          },
+          h("span", {"aria-hidden": "true"}, String(k + 1)),
+          words,
+        ),
+      );
+    }),
+  );
+  const nav = document.querySelector("nav"),
+    current = nav.querySelector("[aria-current]");
   nav.scrollLeft = current.offsetLeft - (nav.clientWidth - current.offsetWidth) / 2;
   document.title = `${STEPS.find(([name]) => name === step)[1]}${study ? " · " + study : ""} · structid workbench`;
   try {
-    if (!app.folder) { await app.reload(); select.value = study; }
-    if (study) { await app.read(); } else { app.now = null; }
+    if (!app.folder) {
+      await app.reload();
+      select.value = study;
+    }
+    if (study) {
+      await app.read();
+    } else {
+      app.now = null;
+    }
     const view = await import(`./steps/${step}.js`);
-    if (turn !== app.shown) { return; }
+    if (turn !== app.shown) {
+      return;
+    }
     const box = h("div", {"data-step": step});
     fill(main, box);
-    if (!study && !WITHOUT_STUDY.includes(step)) { fill(box, h("p", {}, "Choose a study above, or make one on the start page.")); return; }
-    if (app.now && app.now.broken && !["text", "start"].includes(step)) { fill(box, broken()); return; }
+    if (!study && !WITHOUT_STUDY.includes(step)) {
+      fill(box, h("p", {}, "Choose a study above, or make one on the start page."));
+      return;
+    }
+    if (app.now && app.now.broken && !["text", "start"].includes(step)) {
+      fill(box, broken());
+      return;
+    }
     await view.show(box, app);
   } catch (error) {
-    if (turn !== app.shown) { return; }
-    fill(main, h("div", {class: "card bad"}, h("p", {}, error.message), h("div", {class: "row"}, h("button", {type: "button", onclick: show}, "Try again"), study && step === "structure" ? h("a", {class: "button", href: `#build/${encodeURIComponent(study)}`}, "Go on building") : null, study ? h("a", {class: "button", href: `#text/${encodeURIComponent(study)}`}, "Open the study file") : null)));
+    if (turn !== app.shown) {
+      return;
+    }
+    fill(
+      main,
+      h(
+        "div",
+        {class: "card bad"},
+        h("p", {}, error.message),
+        h(
+          "div",
+          {class: "row"},
+          h("button", {type: "button", onclick: show}, "Try again"),
+          study && step === "structure"
+            ? h("a", {class: "button", href: `#build/${encodeURIComponent(study)}`}, "Go on building")
+            : null,
+          study ? h("a", {class: "button", href: `#text/${encodeURIComponent(study)}`}, "Open the study file") : null,
+        ),
+      ),
+    );
   }
 }
 
 function broken() {
-  return h("div", {class: "card bad"}, h("h2", {}, "This study is no TOML as it stands"),
-    h("p", {}, `Line ${app.now.broken.line}: ${app.now.broken.words}`), h("a", {class: "button", href: `#text/${encodeURIComponent(app.study)}`}, "Show it at its line"));
+  return h(
+    "div",
+    {class: "card bad"},
+    h("h2", {}, "This study is no TOML as it stands"),
+    h("p", {}, `Line ${app.now.broken.line}: ${app.now.broken.words}`),
+    h("a", {class: "button", href: `#text/${encodeURIComponent(app.study)}`}, "Show it at its line"),
+  );
 }
 
-select.addEventListener("change", () => app.go(select.value && app.step === "start" ? "structure" : app.step, select.value));
+select.addEventListener("change", () =>
+  app.go(select.value && app.step === "start" ? "structure" : app.step, select.value),
+);
 window.addEventListener("hashchange", show);
-window.addEventListener("beforeunload", (event) => { if (app.drafts.size) { event.preventDefault(); } });
+window.addEventListener("beforeunload", (event) => {
+  if (app.drafts.size) {
+    event.preventDefault();
+  }
+});
 
 // Changes made by hand, by another page or by a run are heard here.
-let stamps = null, away = {words: "", note: null};
-events((now) => {
-  app.runs = now.runs;
-  const before = stamps, study = app.study;
-  stamps = now.studies;
-  if (before && JSON.stringify(before) !== JSON.stringify(stamps)) {
-    app.reload().then(() => { select.value = app.study; for (const heard of app.heard) { heard({folder: app.folder}); } }).catch(app.fail);
-  }
-  if (study && stamps[study] && (!before || before[study] !== stamps[study])) {
-    Promise.all([get("study", {study}), app.reading]).then(([found]) => {
-      if (app.now && app.study === study && found.digest !== app.now.digest && !app.digests.includes(found.digest)) {
-        for (const heard of app.heard) { heard({changed: found}); }
-        if (app.step !== "text") { app.say("The study was changed outside this page; it is shown as it is now."); show(); }
+let stamps = null,
+  away = {words: "", note: null};
+events(
+  (now) => {
+    app.runs = now.runs;
+    const before = stamps,
+      study = app.study;
+    stamps = now.studies;
+    if (before && JSON.stringify(before) !== JSON.stringify(stamps)) {
+      app
+        .reload()
+        .then(() => {
+          select.value = app.study;
+          for (const heard of app.heard) {
+            heard({folder: app.folder});
+          }
+        })
+        .catch(app.fail);
+    }
+    if (study && stamps[study] && (!before || before[study] !== stamps[study])) {
+      Promise.all([get("study", {study}), app.reading])
+        .then(([found]) => {
+          if (
+            app.now &&
+            app.study === study &&
+            found.digest !== app.now.digest &&
+            !app.digests.includes(found.digest)
+          ) {
+            for (const heard of app.heard) {
+              heard({changed: found});
+            }
+            if (app.step !== "text") {
+              app.say("The study was changed outside this page; it is shown as it is now.");
+              show();
+            }
+          }
+        })
+        .catch(app.fail);
+    }
+    for (const heard of app.heard) {
+      heard({runs: now.runs});
+    }
+  },
+  async (lost) => {
+    let words = "";
+    if (lost) {
+      try {
+        await get("folder");
+      } catch (error) {
+        words = error.message;
       }
-    }).catch(app.fail);
-  }
-  for (const heard of app.heard) { heard({runs: now.runs}); }
-}, async (lost) => {
-  let words = "";
-  if (lost) { try { await get("folder"); } catch (error) { words = error.message; } }
-  if (words === away.words) { return; }
-  away.note?.remove();
-  away = {words, note: words ? app.say(words, true) : null};
-});
+    }
+    if (words === away.words) {
+      return;
+    }
+    away.note?.remove();
+    away = {words, note: words ? app.say(words, true) : null};
+  },
+);
 await show();

@@ -7,7 +7,13 @@ export const besideStudy = (app) => (app.study.includes("/") ? app.study.slice(0
 // By slashes from the folder that is open; suggested studies name their records by "../..".
 export function fileOf(app, record) {
   const parts = [];
-  for (const part of (besideStudy(app) + [record.path, ...(record.repeats || [])].filter(Boolean)[0]).split("/")) { if (part === ".." && parts.length) { parts.pop(); } else if (part !== ".") { parts.push(part); } }
+  for (const part of (besideStudy(app) + [record.path, ...(record.repeats || [])].filter(Boolean)[0]).split("/")) {
+    if (part === ".." && parts.length) {
+      parts.pop();
+    } else if (part !== ".") {
+      parts.push(part);
+    }
+  }
   return parts.join("/");
 }
 
@@ -17,55 +23,121 @@ export const resultsName = (study) => study.replace(/\.toml$/, "").replace(/\/su
 // What the study says of the same file.
 export function givenOptions(app, path) {
   const record = records(app).find((one) => fileOf(app, one) === path);
-  return Object.fromEntries(Object.entries(record || {}).filter(([key]) => app.folder.reading.some((one) => key === (one.within || one.name))));
+  return Object.fromEntries(
+    Object.entries(record || {}).filter(([key]) => app.folder.reading.some((one) => key === (one.within || one.name))),
+  );
 }
 
 // Fields for what a file does not say about itself, with what is `given`; `options()` is what they say. Those that the words `failed` name come first.
 export function readingFields(app, path, given, failed = "") {
   const isTable = /\.(csv|txt|tsv)$/i.test(path);
-  const all = app.folder.reading, layout = all.filter((one) => one.within === "csv"), rest = all.filter((one) => !one.within);
+  const all = app.folder.reading,
+    layout = all.filter((one) => one.within === "csv"),
+    rest = all.filter((one) => !one.within);
   const rows = (isTable ? [...layout, ...rest] : rest).map((one) => {
-    const value = [(one.within ? given[one.within]?.[one.name] : given[one.name]) ?? ""].flat().join(", "), name = one.name;
-    return {...one, input: one.choices.length ? h("select", {name}, options(one.choices, value || one.default)) : h("input", {name, value, placeholder: String(one.default), inputmode: one.is_number ? "decimal" : null, spellcheck: "false"})};
+    const value = [(one.within ? given[one.within]?.[one.name] : given[one.name]) ?? ""].flat().join(", "),
+      name = one.name;
+    return {
+      ...one,
+      input: one.choices.length
+        ? h("select", {name}, options(one.choices, value || one.default))
+        : h("input", {
+            name,
+            value,
+            placeholder: String(one.default),
+            inputmode: one.is_number ? "decimal" : null,
+            spellcheck: "false",
+          }),
+    };
   });
   const said = () => {
     const found = {};
     for (const {input, name, within, ...one} of rows) {
       const text = input.value.trim();
-      if (!text || text === String(one.default)) { continue; }
+      if (!text || text === String(one.default)) {
+        continue;
+      }
       const place = within ? (found[within] = found[within] || {}) : found;
       place[name] = one.is_number ? numberIn(input) : one.is_list ? text.split(",").map((part) => part.trim()) : text;
     }
     return found;
   };
   const named = [...failed.matchAll(/`([a-z_]+)/g)].map((match) => match[1]);
-  const first = rows.filter((one) => one.input.value !== String(one.default) && one.input.value || named.includes(one.name)).sort((a, b) => (named.indexOf(a.name) + 1 || 99) - (named.indexOf(b.name) + 1 || 99));
-  const drawn = (few) => h("div", {class: "fields reading"}, few.map((one) => {
-    const place = field(one.name.replaceAll("_", " "), one.input), id = `${one.input.id}-words`;
-    one.input.setAttribute("aria-describedby", id);
-    place.append(h("span", {class: "note", id}, one.words));
-    return place;
-  }));
+  const first = rows
+    .filter((one) => (one.input.value !== String(one.default) && one.input.value) || named.includes(one.name))
+    .sort((a, b) => (named.indexOf(a.name) + 1 || 99) - (named.indexOf(b.name) + 1 || 99));
+  const drawn = (few) =>
+    h(
+      "div",
+      {class: "fields reading"},
+      few.map((one) => {
+        const place = field(one.name.replaceAll("_", " "), one.input),
+          id = `${one.input.id}-words`;
+        one.input.setAttribute("aria-describedby", id);
+        place.append(h("span", {class: "note", id}, one.words));
+        return place;
+      }),
+    );
   const rest_ = rows.filter((one) => !first.includes(one));
-  return {options: said, box: first.length ? h("div", {}, drawn(first), h("details", {}, h("summary", {}, `All else that may be said (${rest_.length})`), drawn(rest_))) : drawn(rows)};
+  return {
+    options: said,
+    box: first.length
+      ? h(
+          "div",
+          {},
+          drawn(first),
+          h("details", {}, h("summary", {}, `All else that may be said (${rest_.length})`), drawn(rest_)),
+        )
+      : drawn(rows),
+  };
 }
 
 // Edits that make a record of `keys` and of `tables` in it: `instead` of the shown one, and `beside` those there are.
 export function recordEdits(app, keys, tables = {}) {
-  const n = records(app).length, several = Array.isArray(app.now?.table?.record);
-  const within = (place) => Object.entries(tables).flatMap(([name, own]) => Object.entries(own).map(([key, to]) => ({set: [...place, name, key], to})));
+  const n = records(app).length,
+    several = Array.isArray(app.now?.table?.record);
+  const within = (place) =>
+    Object.entries(tables).flatMap(([name, own]) =>
+      Object.entries(own).map(([key, to]) => ({set: [...place, name, key], to})),
+    );
   const plain = [...Object.entries(keys).map(([key, to]) => ({set: ["record", key], to})), ...within(["record"])];
   const added = (count) => [{add: ["record"], table: keys}, ...within(["record", count])];
-  if (!n) { return {instead: plain, beside: null}; }
-  if (several) { return {instead: [{remove: ["record", app.record]}, ...added(n - 1)], beside: added(n)}; }
+  if (!n) {
+    return {instead: plain, beside: null};
+  }
+  if (several) {
+    return {instead: [{remove: ["record", app.record]}, ...added(n - 1)], beside: added(n)};
+  }
   return {instead: [{remove: ["record"]}, ...plain], beside: [{list: ["record"]}, ...added(1)]};
 }
 
-export const recordName = (record, k) => `${k + 1}: ${record.name || [record.path, ...(record.repeats || [])].filter(Boolean).join(", ")}`;
+export const recordName = (record, k) =>
+  `${k + 1}: ${record.name || [record.path, ...(record.repeats || [])].filter(Boolean).join(", ")}`;
 
 // Which of several records is shown; nothing where there is one.
 export function recordPicker(app) {
   const all = records(app);
-  return all.length < 2 ? null : h("div", {class: "row"}, field("Record of the study", h("select", {id: "shown-record", onchange: (event) => { app.record = Number(event.target.value); app.go(app.step); }},
-    options(all.map((one, k) => [String(k), recordName(one, k)]), String(app.record)))));
+  return all.length < 2
+    ? null
+    : h(
+        "div",
+        {class: "row"},
+        field(
+          "Record of the study",
+          h(
+            "select",
+            {
+              id: "shown-record",
+              onchange: (event) => {
+                app.record = Number(event.target.value);
+                app.go(app.step);
+              },
+            },
+            options(
+              all.map((one, k) => [String(k), recordName(one, k)]),
+              String(app.record),
+            ),
+          ),
+        ),
+      );
 }

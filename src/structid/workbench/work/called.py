@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from structid.core.errors import InputError, StructidError
-from structid.workbench.folder import OpenFolder
+from structid.workbench.folder import EXPORTS, OpenFolder
 from structid.workbench.work.model import LOOKING
 
 if TYPE_CHECKING:  # NumPy comes with it, which the server does without
@@ -173,6 +173,16 @@ def _check(opened: OpenFolder, study: str) -> Entry:
     }
 
 
+def _modelled(opened: OpenFolder, study: str, number: int = 0) -> Entry:
+    """FRF magnitudes of a study's model at its start values, at the used lines of record `number`."""
+    from structid.study.run.start import started
+    from structid.study.schema.study import load_study
+    from structid.workbench.work.fits import initial_responses
+
+    ready = started(load_study(opened.inside(study), work=LOOKING))
+    return initial_responses(ready.setups[number], ready.problems[number], ready.study.options)
+
+
 def _needs(opened: OpenFolder, study: str) -> Entry:
     """Memory (bytes) and duration (s) that a study's identification is expected to take."""
     from structid.study.run.resources import available_bytes, expected
@@ -254,6 +264,30 @@ def _fits(opened: OpenFolder, results: str) -> Entry:
     return fitted_responses(opened.inside(results))
 
 
+def _use(opened: OpenFolder, results: str) -> Entry:
+    from structid.workbench.work.use import use_facts
+
+    return use_facts(opened.inside(results))
+
+
+def _predict(opened: OpenFolder, results: str, options: dict[str, Any], changes: list[dict[str, Any]]) -> Entry:
+    from structid.workbench.work.use import predict_use
+
+    return predict_use(opened.inside(results), options, changes)
+
+
+def _exports(opened: OpenFolder, results: str, kind: str, suffix: str, options: dict[str, Any]) -> Entry:
+    """Files of an identified model, written into a folder beside its results."""
+    from structid.workbench.work.use import export_use
+
+    folder, out = opened.inside(results), opened.inside(f"{results}{EXPORTS}")
+    lines, paths = export_use(folder, kind, suffix, options, out)
+    return {
+        "lines": [line.replace(f"{opened.root}/", "") for line in lines],
+        "paths": [opened.name(path) for path in paths],
+    }
+
+
 def _solver(opened: OpenFolder, study: str) -> Entry:
     """Solver command that a study runs; empty if it runs none."""
     from structid.study.schema.model.solver import solver_command
@@ -290,6 +324,7 @@ _FUNCTIONS: dict[str, Callable[..., Entry]] = {
     "overview": _overview,
     "responses": _responses,
     "check": _check,
+    "modelled": _modelled,
     "needs": _needs,
     "plan": _plan,
     "survey": _survey,
@@ -297,6 +332,9 @@ _FUNCTIONS: dict[str, Callable[..., Entry]] = {
     "merge": _merge,
     "beside": _beside,
     "fits": _fits,
+    "use": _use,
+    "predict": _predict,
+    "exports": _exports,
     "line": _line,
     "solver": _solver,
 }

@@ -9,8 +9,14 @@ import numpy as np
 from structid.core.errors import FileError
 from structid.core.json_types import Entry
 from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
+from structid.forward import FrfProblem, RecordProblem
+from structid.identification.options import IdentifyOptions
+from structid.identification.setups.setup import AnySetup
+from structid.identification.setups.time import TimeSetup
 from structid.workbench.work.scene import packed
 
+#: Lines of one channel that are sent of a model at most.
+_MOST_LINES = 4000
 _FIELDS = ("frequency", "measured", "predicted", "predicted_initial", "outputs", "inputs")
 #: Values of all channels together that are sent at most.
 _MOST_VALUES = 400_000
@@ -54,5 +60,25 @@ def fitted_responses(folder: Path) -> dict[str, Entry]:
                 "initial": packed(np.abs(initial[::step, c]), np.float32),
             }
             for c in np.argsort(-errors, kind="stable").tolist()
+        ],
+    }
+
+
+def initial_responses(setup: AnySetup, problem: RecordProblem, options: IdentifyOptions) -> dict[str, Entry]:
+    """FRF magnitudes of a model at its start values, at the lines of its record; no channels where it has no FRFs."""
+    if isinstance(setup, TimeSetup):
+        problem = setup.shown_problem(options, problem.channels)
+    if not isinstance(problem, FrfProblem):
+        return {"channels": []}
+    values, record = problem.predicted(problem.theta_start), problem.record
+    if not np.isfinite(values).all():
+        return {"channels": []}
+    step = max(1, -(-len(record.frequency) // _MOST_LINES))
+    return {
+        "frequency": packed(record.frequency[::step], np.float64),
+        "channels": [
+            {"name": f"{output} / {load}", "magnitude": packed(np.abs(values[::step, o, i]), np.float32)}
+            for o, output in enumerate(record.outputs)
+            for i, load in enumerate(record.inputs)
         ],
     }

@@ -27,8 +27,8 @@ from structid.report.modes import modes_page
 from structid.similarity import mac
 from structid.similarity.shapes import most_real
 from structid.study.results.folder import staged_folder
+from structid.study.results.hdf5 import stored_values
 from structid.study.results.modes import write_merged, write_modes_results
-from structid.study.results.values import stored_values
 from structid.study.schema.records.sensors import channel_names, used_names
 from structid.study.schema.unknowns import read_parameters
 from structid.workbench.folder import holds_modes

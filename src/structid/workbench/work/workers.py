@@ -15,7 +15,20 @@ IDLE_SECONDS = 120.0
 _KEPT = 24
 #: Part of the free memory that a worker may take.
 _FREE_PART = 0.75
-_THINKING = {"check", "needs", "plan", "survey", "pick", "merge", "beside", "overview"}
+_THINKING = {
+    "check",
+    "modelled",
+    "needs",
+    "plan",
+    "survey",
+    "pick",
+    "merge",
+    "beside",
+    "overview",
+    "use",
+    "predict",
+    "exports",
+}
 _LOST = '{"error":"the process that worked on this was ended, by lack of memory or by hand; try again"}'
 
 

@@ -20,14 +20,14 @@ _LEAST_HIGHER = 0.01
 _DIVISIONS = ((0, 1, 2), (0, 2, 3), (0, 1, 3), (1, 2, 3))
 
 
-def drilling_stiffness(corners: FloatArray, law: FloatArray, poisson: float, share: float = 1.0) -> FloatArray:
+def drilling_stiffness(corners: FloatArray, elasticity: FloatArray, poisson: float, share: float = 1.0) -> FloatArray:
     """Stiffness on (u, v, rotation about the normal) at each corner, (n_cells, 3 n_corners, 3 n_corners).
 
     Parameters
     ----------
     corners : (n_cells, 3 or 4, 2) float array
         Counter-clockwise, m.
-    law : (3, 3) float array
+    elasticity : (3, 3) float array
         Plane stress from strain for unit modulus.
     poisson : float
         The stiffness of linear strains follows it, by (1 - 4 poisson^2) / 2, and at least 0.01.
@@ -41,11 +41,11 @@ def drilling_stiffness(corners: FloatArray, law: FloatArray, poisson: float, sha
     higher = share * max(0.5 * (1 - 4 * poisson**2), _LEAST_HIGHER)
     n = corners.shape[1]
     if n == 3:
-        return _triangle_stiffness(corners, law, higher)
+        return _triangle_stiffness(corners, elasticity, higher)
     total = np.zeros((len(corners), 3 * n, 3 * n))
     for division in _DIVISIONS:
         rows = np.ravel([[3 * k, 3 * k + 1, 3 * k + 2] for k in division])
-        total[:, rows[:, None], rows] += 0.5 * _triangle_stiffness(corners[:, division], law, higher)
+        total[:, rows[:, None], rows] += 0.5 * _triangle_stiffness(corners[:, division], elasticity, higher)
     return total
 
 
@@ -65,17 +65,17 @@ def mean_strains(corners: FloatArray) -> FloatArray:
     return total / area[:, None, None]
 
 
-def _triangle_stiffness(corners: FloatArray, law: FloatArray, higher: float) -> FloatArray:
+def _triangle_stiffness(corners: FloatArray, elasticity: FloatArray, higher: float) -> FloatArray:
     """Stiffness of triangles on (u, v, rotation) of each corner for unit thickness, (n_cells, 9, 9).
 
-    `law` is the plane stress-strain matrix, `higher` the factor on the stiffness against linear strains.
+    `elasticity` is the plane stress-strain matrix, `higher` the factor on the stiffness against linear strains.
     """
     area = _area(corners)
     tractions = _lumped_tractions(corners)
-    basic = tractions @ law @ np.swapaxes(tractions, 1, 2) / area[:, None, None]
+    basic = tractions @ elasticity @ np.swapaxes(tractions, 1, 2) / area[:, None, None]
     beyond = _rotation_beyond_mean(corners, area)
     natural = _strain_from_natural(corners)
-    inner = np.swapaxes(natural, 1, 2) @ law @ natural
+    inner = np.swapaxes(natural, 1, 2) @ elasticity @ natural
     at_corners = _natural_strains(corners, area)
     total = np.zeros((len(corners), 3, 3))
     for a, b in ((0, 1), (1, 2), (2, 0)):  # a rule of three points, at the middles of the sides

@@ -11,23 +11,23 @@ from structid.fem.elements.cells.isoparametric import CELLS, CellShape, gradient
 BENDING_CELLS = ("quad", "hexahedron")
 
 
-def plane_law(poisson: float, strain: bool) -> FloatArray:
+def plane_elasticity(poisson: float, strain: bool) -> FloatArray:
     """Stress-strain matrix (xx, yy, engineering xy) for unit Young's modulus, (3, 3): plane strain if `strain`, else
     plane stress.
     """
     if strain:
-        return solid_law(poisson)[np.ix_([0, 1, 3], [0, 1, 3])]
-    law = np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
-    return law / (1 - poisson**2)
+        return solid_elasticity(poisson)[np.ix_([0, 1, 3], [0, 1, 3])]
+    elasticity = np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
+    return elasticity / (1 - poisson**2)
 
 
-def solid_law(poisson: float) -> FloatArray:
+def solid_elasticity(poisson: float) -> FloatArray:
     """Stress-strain matrix (xx, yy, zz, engineering xy, yz, zx) for unit Young's modulus, (6, 6)."""
-    law = np.zeros((6, 6))
-    law[:3, :3] = poisson
-    law[np.diag_indices(3)] = 1 - poisson
-    law[range(3, 6), range(3, 6)] = 0.5 - poisson
-    return law / ((1 + poisson) * (1 - 2 * poisson))
+    elasticity = np.zeros((6, 6))
+    elasticity[:3, :3] = poisson
+    elasticity[np.diag_indices(3)] = 1 - poisson
+    elasticity[range(3, 6), range(3, 6)] = 0.5 - poisson
+    return elasticity / ((1 + poisson) * (1 - 2 * poisson))
 
 
 def strain_rows(slopes: FloatArray) -> FloatArray:
@@ -43,9 +43,9 @@ def strain_rows(slopes: FloatArray) -> FloatArray:
 
 
 def elastic_stiffness(
-    name: str, nodes: IntArray, positions: FloatArray, cell: str, law: FloatArray, formulation: str
+    name: str, nodes: IntArray, positions: FloatArray, cell: str, elasticity: FloatArray, formulation: str
 ) -> FloatArray:
-    """Stiffness matrices of elastic cells for the stress-strain matrix `law`, (n_cells, n_local, n_local).
+    """Stiffness matrices of elastic cells for the stress-strain matrix `elasticity`, (n_cells, n_local, n_local).
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def elastic_stiffness(
         m.
     cell : str
         Cell type, one of `CELLS`.
-    law : (n_strains, n_strains) float array
+    elasticity : (n_strains, n_strains) float array
         Stress from strain.
     formulation : {"incompatible", "full", "mean_dilatation"}
         ``incompatible``: quadrilaterals and hexahedra with bending modes that are condensed (Taylor, Beresford and
@@ -69,20 +69,20 @@ def elastic_stiffness(
     rows = strain_rows(slopes)
     if formulation == "mean_dilatation":
         rows = _with_mean_dilatation(rows, measure, positions.shape[2])
-    stiffness = _products(rows, law, rows, measure)
+    stiffness = _products(rows, elasticity, rows, measure)
     if formulation == "incompatible" and cell in BENDING_CELLS:
         bending = strain_rows(_bending_slopes(shape, positions, measure, determinant))
-        coupling = _products(bending, law, rows, measure)
-        own = _products(bending, law, bending, measure)
+        coupling = _products(bending, elasticity, rows, measure)
+        own = _products(bending, elasticity, bending, measure)
         stiffness = stiffness - np.swapaxes(coupling, 1, 2) @ np.linalg.solve(own, coupling)
     return 0.5 * (stiffness + np.swapaxes(stiffness, 1, 2))
 
 
-def _products(left: FloatArray, law: FloatArray, right: FloatArray, measure: FloatArray) -> FloatArray:
-    """Integrals of left' law right over each cell, (n_cells, n_left, n_right); `measure` are the weights (n_points, n_cells)."""
+def _products(left: FloatArray, elasticity: FloatArray, right: FloatArray, measure: FloatArray) -> FloatArray:
+    """Integrals of left' D right over each cell, (n_cells, n_left, n_right): D is `elasticity`; `measure` weighs the points."""
     total = np.zeros((left.shape[1], left.shape[3], right.shape[3]))
     for a, b, weight in zip(left, right, measure, strict=True):
-        total += np.swapaxes(a, 1, 2) @ (law @ b * weight[:, None, None])
+        total += np.swapaxes(a, 1, 2) @ (elasticity @ b * weight[:, None, None])
     return total
 
 

@@ -19,7 +19,7 @@ PLATE_CELLS = {3: "triangle", 4: "quad"}
 _ROTATIONS = {"triangle": "triangle6", "quad": "quad8"}
 
 
-def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str, law: FloatArray) -> FloatArray:
+def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str, elasticity: FloatArray) -> FloatArray:
     """Bending stiffness of thin plates for unit modulus and unit thickness cubed, (n_cells, 3 n_corners, 3 n_corners).
 
     Parameters
@@ -30,8 +30,8 @@ def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str
     corners : (n_cells, n_corners, 2) float array
         m.
     cell : {"triangle", "quad"}
-    law : (3, 3) float array
-        Plane stress from strain for unit modulus; moments are law / 12 times curvatures.
+    elasticity : (3, 3) float array
+        Plane stress from strain for unit modulus; moments are elasticity / 12 times curvatures.
     """
     shape = CELLS[cell]
     gradients(name, nodes, corners, shape, shape.corners)  # so that a folded cell is told
@@ -40,7 +40,7 @@ def bending_stiffness(name: str, nodes: IntArray, corners: FloatArray, cell: str
     curvatures, determinant = _curvatures(name, nodes, corners, cell, points)
     total = np.zeros((len(nodes), 3 * shape.n_nodes, 3 * shape.n_nodes))
     for bending, weight in zip(curvatures, weights[:, None] * determinant, strict=True):
-        total += np.swapaxes(bending, 1, 2) @ (law / 12 @ bending * weight[:, None, None])
+        total += np.swapaxes(bending, 1, 2) @ (elasticity / 12 @ bending * weight[:, None, None])
     return 0.5 * (total + np.swapaxes(total, 1, 2))
 
 

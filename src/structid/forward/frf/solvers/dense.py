@@ -75,7 +75,7 @@ class DenseSolver:
         known = self._known.get(key)
         if known is None:
             structure, values = self.slopes.structure, self.slopes.parameters.values(physical)
-            matrices = structure.dense_matrices(self.slopes.laws, values)
+            matrices = structure.dense_matrices(self.slopes.matrix_kinds, values)
             known = DenseFields(matrices, laplace, loads.toarray(), self.frequency), loads
             self._known.clear()
             self._known[key] = known

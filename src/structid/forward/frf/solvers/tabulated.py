@@ -11,7 +11,7 @@ from scipy import sparse
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, NumberArray
 from structid.core.errors import InputError
-from structid.external.frfs.model import SolverFrfs
+from structid.external.frf_model import SolverFrfs
 from structid.fem import Structure
 from structid.forward.frf.solvers.solver import LineDerivatives
 from structid.records import FrfRecord

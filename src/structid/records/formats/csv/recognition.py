@@ -84,7 +84,7 @@ class Grid(NamedTuple):
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell is a number, with a decimal point or comma, complex or not."""
+    """True if a cell is a number, with a decimal point or comma, complex or not."""
     text = cell.strip()
     return len(text) <= _LONGEST_NUMBER and (_NUMBER.fullmatch(text) is not None or complex_parts(text) is not None)
 
@@ -119,7 +119,7 @@ def frequency_factor(name: str, unit: str = "") -> float | None:
 
 
 def is_axis(name: str) -> bool:
-    """Whether a first column headed so holds times as structid writes them, or frequencies."""
+    """True if a first column headed so holds times as structid writes them, or frequencies."""
     return name.lower() in _TIMES or frequency_factor(name) is not None
 
 
@@ -153,7 +153,7 @@ def bare_unit(cell: str) -> str:
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    """Whether most cells of a line are units that channels or times have, and the others as short as units are."""
+    """True if most cells of a line are units that channels or times have, and the others as short as units are."""
     cells = [cell.strip() for cell in row if cell.strip()]
     known = sum(map(is_unit, cells))
     return 2 * known > len(cells) and all(len(cell) <= _LONGEST_UNIT for cell in cells)
@@ -238,7 +238,7 @@ def _count_number_rows(sample: Sequence[str], sign: str) -> int:
 
 
 def _is_data(row: Sequence[str]) -> bool:
-    """Whether a line holds numbers, and dates at most, in all cells that are not empty."""
+    """True if a line holds numbers, and dates at most, in all cells that are not empty."""
     numbers = [is_number(cell) for cell in row if cell.strip()]
     dates = sum(as_date(cell) is not None for cell in row)
     return any(numbers) and sum(numbers) + dates == len(numbers)

@@ -65,7 +65,7 @@ class Table(NamedTuple):
 
     @property
     def is_frequency(self) -> bool:
-        """Whether the first column is an axis of frequencies."""
+        """True if the first column is an axis of frequencies."""
         return self.to_hertz is not None
 
     def column(self, j: int) -> list[str]:
@@ -243,7 +243,7 @@ def _parse_fast(rows: Rows, count: int, comma: bool, dated: set[int], gaps: bool
 
 
 def _ends_empty(line: str, sign: str, count: int) -> bool:
-    """Whether a line ends with a separator behind its last cell."""
+    """True if a line ends with a separator behind its last cell."""
     return line.rstrip().endswith(sign) and line.rstrip().count(sign) == count
 
 

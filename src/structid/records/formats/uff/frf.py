@@ -203,7 +203,7 @@ def _make_response(
 
 
 def _is_padded_magnitude(values: FloatArray | ComplexArray) -> bool:
-    """Whether complex values are a magnitude with imaginary parts of 0, as some programs write it."""
+    """True if complex values are a magnitude with imaginary parts of 0, as some programs write it."""
     return values.size >= _SEVERAL and not values.imag.any() and bool((values.real > 0).all())
 
 
@@ -305,7 +305,7 @@ def _stack_coherence(
 
 
 def _belongs(coherence: Function, frf: Function) -> bool:
-    """Whether a coherence is that of an FRF; one without a reference is that of all."""
+    """True if a coherence is that of an FRF; one without a reference is that of all."""
     return coherence.response == frf.response and coherence.reference[1] in (0, frf.reference[1]) and (
         coherence.reference[1] == 0 or coherence.reference == frf.reference
     )  # fmt: skip

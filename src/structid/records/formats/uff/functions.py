@@ -7,6 +7,7 @@ Structural Dynamics Research Laboratory, University of Cincinnati: Universal fil
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,6 +70,8 @@ class Function:
         Size of the last digit of each abscissa as it was written.
     values : (n_points,) float or complex array
         Ordinate, as the file has it.
+    entities : (str, str)
+        Names beside the nodes of response and reference, "" where there is none: of a component, or of a channel.
     """
 
     place: int
@@ -83,6 +86,28 @@ class Function:
     axis: FloatArray
     digits: FloatArray
     values: FloatArray | ComplexArray
+    entities: tuple[str, str] = ("", "")
+
+
+def require_one_component(path: Path, functions: Sequence[Function]) -> None:
+    """Raise `FileError` if a node number belongs to several components of a test, by the names beside the nodes.
+
+    A name that stands beside several nodes is that of a component; others are labels of channels.
+    """
+    nodes_of: dict[str, set[int]] = {}
+    for function in functions:
+        for name, (node, _) in zip(function.entities, (function.response, function.reference), strict=True):
+            if name:
+                nodes_of.setdefault(name, set()).add(node)
+    components = {name: nodes for name, nodes in nodes_of.items() if len(nodes) > 1}
+    for first, nodes in components.items():
+        for other, others in nodes_of.items():
+            if other != first and nodes & others:
+                raise FileError(
+                    f"{path}: node {min(nodes & others)} stands beside the names {first} and {other}, as of two components, which"
+                    " structid does not tell apart; give their nodes numbers of their own in the export, or choose functions by"
+                    " their numbers with `columns` and say by `channels` (`outputs` and `inputs`) what they are"
+                )
 
 
 def read_function(path: Path, block: Block, place: int) -> Function:
@@ -134,6 +159,7 @@ def read_function(path: Path, block: Block, place: int) -> Function:
         axis=axis,
         digits=_last_digits(axis, _axis_bytes(block, points, per_value * item)),
         values=values,
+        entities=dof.entities,
     )
 
 
@@ -142,6 +168,7 @@ class _Dof:
     kind: int
     response: tuple[int, int]
     reference: tuple[int, int]
+    entities: tuple[str, str]
 
 
 def _parse_record_6(line: str) -> _Dof:
@@ -155,7 +182,8 @@ def _parse_record_6(line: str) -> _Dof:
             if line[column - 1 : column].strip() and line[column : column + 1].strip() and width not in (5, 10):
                 raise ValueError(f"record 6 is out of its columns: {line.rstrip()!r}")
     numbers = [int(words[i]) if words[i] else 0 for i in (0, 5, 6, 8, 9)]
-    return _Dof(numbers[0], (numbers[1], numbers[2]), (numbers[3], numbers[4]))
+    response, reference = ("" if words[i].upper() in _NO_TEXT else words[i] for i in (4, 7))
+    return _Dof(numbers[0], (numbers[1], numbers[2]), (numbers[3], numbers[4]), (response, reference))
 
 
 def _form_reals(line: str) -> list[str]:

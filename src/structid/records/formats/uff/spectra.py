@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
-from structid.core.arrays import ComplexArray
+from structid.core.arrays import ComplexArray, NumberArray
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import FileError, InputError, about
 from structid.core.units import Quantity, parse_unit
-from structid.files.uff.blocks import read_blocks
+from structid.files.uff.blocks import Block, read_blocks
 from structid.files.uff.nodes import read_nodes
 from structid.files.uff.units import UnitFactors, read_unit_factors
 from structid.records.formats.bare import channel_units
@@ -24,12 +24,15 @@ from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.uff.abscissa import one_axis_unit
 from structid.records.formats.uff.axes import in_global_axes
 from structid.records.formats.uff.frf import AVERAGES
-from structid.records.formats.uff.functions import Function, read_function
+from structid.records.formats.uff.functions import Function, read_function, require_one_component
+from structid.records.formats.uff.qualifiers import qualifier_words
 from structid.records.formats.uff.scales import QUANTITIES, UNKNOWN, channel_scale, dof_of
 from structid.records.spectrum import SpectrumRecord
 
 #: Function types: auto spectrum, cross spectrum, power spectral density.
 SPECTRA = (2, 3, 9)
+#: Cross-spectrum and cross-correlation: function types that need a reference.
+_CROSS = (3, 8)
 _FREQUENCY_TYPE = 18
 _PER_HERTZ = re.compile(r" ?(?:/|per) ?\(?(?:hz|hertz)\)?$", re.IGNORECASE)
 _ROOT = re.compile(r"(?:/|per) ?(?:\u221a|sqrt|rt|root)|rms|pk|peak", re.IGNORECASE)
@@ -40,7 +43,7 @@ _SQUARE = re.compile(
 _SPLIT_SQUARE = re.compile(r"([a-z]+)(?:\^|\*\*)?2/(s|sec)(?:\^|\*\*)?4$", re.IGNORECASE)
 #: Relative size of imaginary parts and negative values of autospectra that are rounding.
 _ROUNDED = 1e-4
-_USED = ("channels", "columns", "units", "axis_unit", "axes", "averages")
+_USED = ("kind", "channels", "columns", "units", "axis_unit", "axes", "averages")
 
 
 def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
@@ -54,21 +57,68 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
     FileError
         If there are none, a cross-spectrum has no phase, pairs are doubled or missing, or units are not said or not squares.
     """
+    pairs = read_pairs(path, options, SPECTRA, "spectra of motion (function types 2, 3 and 9)")
+    blocks, by_pair, factors, windows = pairs
+    to_hertz, axis_words = one_axis_unit(path, list(by_pair.values()), "frequencies", options)
+    channels, references = complete_references(path, by_pair, by_pair, "cross-spectra")
+    functions = list(by_pair.values())
+    frequency = functions[0].axis * to_hertz
+    for function in functions:
+        if (
+            function.axis.shape != frequency.shape
+            or np.abs(function.axis * to_hertz - frequency).max() > 1e-6 * frequency[-1]
+        ):
+            raise FileError(
+                f"{path}: function {function.place} has other frequencies than the first; export all with one setting"
+            )
+    is_density = _densities(path, functions)
+    quantities, values = scaled_matrix(path, by_pair, channels, references, factors, options, _values)
+    channels, references, values, turned = along_global_axes(
+        path, blocks, channels, references, quantities, values, options
+    )
+    scale = "power spectral densities" if is_density else "squares of amplitudes a line"
+    words = (
+        f"{len(functions)} spectra between {len(channels)} channels and {len(references)} references, {scale} by their labels,"
+        " one-sided or two-sided, which the file does not say and which changes no mode"
+    )
+    note = "; ".join(filter(None, (words, axis_words, turned, windows)))
+    averages = options.averages if options.averages is not None else stated_averages(functions)
+    return SpectrumRecord(frequency, values, channels, references, quantities, averages, sourced(path, note))
+
+
+class Pairs(NamedTuple):
+    """Datasets of a file, its functions by response and reference, its units where the options say none, words on windows."""
+
+    blocks: list[Block]
+    by_pair: dict[tuple[Dof, Dof], Function]
+    factors: UnitFactors | None
+    windows: str
+
+
+def read_pairs(path: Path, options: ReadOptions, kinds: Sequence[int], words: str) -> Pairs:
+    """The functions of the universal file at `path` that are of `kinds` and between channels that the options choose.
+
+    Raises
+    ------
+    FileError
+        If there are none, or one stands twice; `words` name them.
+    InputError
+        If an option is not about them, or names a channel that the file has not.
+    """
     other = next((name for name in options.given() if name not in _USED), None)
     if other is not None:
-        raise InputError(f"{path}: `{other}` is not about spectra; leave it out", other)
+        raise InputError(f"{path}: `{other}` is not about {words.split(' (')[0]}; leave it out", other)
     blocks = read_blocks(path)
     tables = [block for block in blocks if block.number == 58]
     every = [read_function(path, block, place) for place, block in enumerate(tables, 1)]
-    functions = [function for function in every if function.kind in SPECTRA]
+    functions = [function for function in every if function.kind in kinds]
     if options.columns:
         numbers = [function.place for function in functions]
         names = [f"function {number}" for number in numbers]
         functions = [functions[row] for row in chosen(path, options.columns, names, numbers)]
     if not functions:
-        raise FileError(f"{path}: holds no spectra of motion (function types 2, 3 and 9); export them, or histories")
-    factors = None if options.units else read_unit_factors(path, blocks)
-    to_hertz, axis_words = one_axis_unit(path, functions, "frequencies", options)
+        raise FileError(f"{path}: holds no {words}; export them, or histories")
+    require_one_component(path, functions)
     by_pair: dict[tuple[Dof, Dof], Function] = {}
     with about("channels"):
         wanted = set(parse_dofs(options.channels))
@@ -88,46 +138,47 @@ def read_spectra(path: Path, options: ReadOptions) -> SpectrumRecord:
                 f" {function.place}; keep one of them"
             )
         by_pair[pair] = function
-    channels, references = _complete(path, by_pair)
-    functions = list(by_pair.values())
-    frequency = functions[0].axis * to_hertz
-    for function in functions:
-        if (
-            function.axis.shape != frequency.shape
-            or np.abs(function.axis * to_hertz - frequency).max() > 1e-6 * frequency[-1]
-        ):
-            raise FileError(
-                f"{path}: function {function.place} has other frequencies than the first; export all with one setting"
-            )
-    is_density = _densities(path, functions)
-    quantities, values = _matrix(path, by_pair, channels, references, factors, options)
-    turned = ""
-    if options.axes != "named":
-        nodes = read_nodes(path, blocks)
-        sides = in_global_axes(path, nodes, channels, quantities), in_global_axes(path, nodes, references)
-        channels, references, turned = sides[0].dofs, sides[1].dofs, sides[0].words
-        left, right = (np.eye(len(side.dofs)) if side.matrix is None else side.matrix for side in sides)
-        values = left @ values @ right.T
-    scale = "power spectral densities" if is_density else "squares of amplitudes a line"
-    words = (
-        f"{len(functions)} spectra between {len(channels)} channels and {len(references)} references, {scale} by their labels,"
-        " one-sided or two-sided, which the file does not say and which changes no mode"
-    )
-    note = "; ".join(filter(None, (words, axis_words, turned)))
-    averages = options.averages if options.averages is not None else _averages(functions)
-    return SpectrumRecord(frequency, values, channels, references, quantities, averages, sourced(path, note))
+    windows = qualifier_words(path, blocks, {function.place for function in by_pair.values()})
+    return Pairs(blocks, by_pair, None if options.units else read_unit_factors(path, blocks), windows)
+
+
+def along_global_axes(
+    path: Path,
+    blocks: list[Block],
+    channels: tuple[Dof, ...],
+    references: tuple[Dof, ...],
+    quantities: tuple[Quantity, ...],
+    values: NumberArray,
+    options: ReadOptions,
+) -> tuple[tuple[Dof, ...], tuple[Dof, ...], NumberArray, str]:
+    """Channels, references and values (n_points, n_channels, n_references) in global axes, and words on what was turned."""
+    if options.axes == "named":
+        return channels, references, values, ""
+    nodes = read_nodes(path, blocks)
+    sides = in_global_axes(path, nodes, channels, quantities), in_global_axes(path, nodes, references)
+    left, right = (np.eye(len(side.dofs)) if side.matrix is None else side.matrix for side in sides)
+    return sides[0].dofs, sides[1].dofs, left @ values @ right.T, sides[0].words
 
 
 def _pair(path: Path, function: Function) -> tuple[Dof, Dof]:
     """Response and reference; an autospectrum may leave the reference out."""
     response = dof_of(path, function.response, "response", function.place)
-    if function.reference[1] == 0 and function.kind != 3:
+    if function.reference[1] == 0 and function.kind not in _CROSS:
         return response, response
     return response, dof_of(path, function.reference, "reference", function.place)
 
 
-def _complete(path: Path, by_pair: dict[tuple[Dof, Dof], Function]) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
-    """All channels, and those with a spectrum to every channel."""
+def complete_references(
+    path: Path, by_pair: Iterable[tuple[Dof, Dof]], mirrored: Container[tuple[Dof, Dof]], nouns: str
+) -> tuple[tuple[Dof, ...], tuple[Dof, ...]]:
+    """All channels, and those with a function to every channel; pairs in `mirrored` stand for their reverse too.
+
+    Raises
+    ------
+    FileError
+        If no channel has these, called `nouns`, to all others, or a channel is named in both senses.
+    """
+    by_pair = tuple(by_pair)
     channels = tuple(dict.fromkeys(dof for pair in by_pair for dof in pair))
     if len({dof.unsigned for dof in channels}) < len(channels):
         raise FileError(
@@ -135,28 +186,29 @@ def _complete(path: Path, by_pair: dict[tuple[Dof, Dof], Function]) -> tuple[tup
         )
 
     def lacking(reference: Dof) -> list[Dof]:
-        return [dof for dof in channels if (dof, reference) not in by_pair and (reference, dof) not in by_pair]
+        return [dof for dof in channels if (dof, reference) not in by_pair and (reference, dof) not in mirrored]
 
     references = tuple(dof for dof in channels if not lacking(dof))
     if not references:
         best = min(channels, key=lambda dof: len(lacking(dof)))
         missing = ", ".join(map(str, lacking(best)[:6]))
         raise FileError(
-            f"{path}: no channel has a cross-spectrum to every other one; {best} lacks {missing}: autospectra alone tell no mode"
-            " shape, export the cross-spectra to a reference too, or the histories"
+            f"{path}: no channel has {nouns} to all others; {best} lacks {missing}: {nouns.replace('cross-', 'auto')} alone tell"
+            f" no mode shape, export {nouns} to a reference too, or the histories"
         )
     return channels, references
 
 
 def _densities(path: Path, functions: Sequence[Function]) -> bool:
     """True if all spectra are densities by their labels or types, False if none is; `FileError` if some are."""
-    found = {function.kind == 9 or _is_per_hertz(function) for function in functions}
+    found = {function.kind == 9 or is_per_hertz(function) for function in functions}
     if len(found) > 1:
         raise FileError(f"{path}: some spectra are densities and some are not; export all with one setting")
     return found.pop()
 
 
-def _is_per_hertz(function: Function) -> bool:
+def is_per_hertz(function: Function) -> bool:
+    """True if the label or the denominator of a function says that its values are densities."""
     below = function.denominator
     return (
         bool(_PER_HERTZ.search(function.ordinate.label))
@@ -165,15 +217,20 @@ def _is_per_hertz(function: Function) -> bool:
     )
 
 
-def _matrix(
+def scaled_matrix(
     path: Path,
     by_pair: dict[tuple[Dof, Dof], Function],
     channels: tuple[Dof, ...],
     references: tuple[Dof, ...],
     factors: UnitFactors | None,
     options: ReadOptions,
-) -> tuple[tuple[Quantity, ...], ComplexArray]:
-    """Quantities of the channels and the spectral matrix in SI units, (n_lines, n_channels, n_references)."""
+    values_of: Callable[[Path, Function, tuple[Dof, Dof], bool], NumberArray],
+) -> tuple[tuple[Quantity, ...], NumberArray]:
+    """Quantities of the channels and the matrix of functions in SI units, (n_points, n_channels, n_references).
+
+    `values_of` gives the values of a function by file, function, response and reference, and True for those of the reverse
+    pair.
+    """
     stated: dict[Dof, float] = {}
     quantity_of: dict[Dof, str] = {}
     if options.units:
@@ -186,7 +243,7 @@ def _matrix(
         for channel in channels:
             function = by_pair.get((channel, reference)) or by_pair[reference, channel]
             response, other = _pair(path, function)
-            values = _values(path, function, response, other)
+            values = values_of(path, function, (response, other), (channel, reference) != (response, other))
             if stated:
                 factor = stated[response] * stated[other]
             else:
@@ -196,23 +253,25 @@ def _matrix(
                     quantity, part = channel_scale(path, side, dof, factors, "units")
                     if quantity_of.setdefault(dof, quantity) != quantity:
                         raise FileError(
-                            f"{path}: {dof} is {quantity_of[dof]} in one spectrum and {quantity} in another"
+                            f"{path}: {dof} is {quantity_of[dof]} in one function and {quantity} in another"
                         )
                     factor *= part
-            column.append(factor * (values if (channel, reference) == (response, other) else values.conj()))
+            column.append(factor * values)
         columns.append(np.stack(column, axis=1))
     for dof, quantity in quantity_of.items():
         if quantity not in ("displacement", "velocity", "acceleration"):
             raise FileError(
-                f"{path}: the spectra of {dof} are of {quantity}, not of motion; choose others with `columns`"
+                f"{path}: the functions of {dof} are of {quantity}, not of motion; choose others with `columns`"
             )
     return tuple(cast(Quantity, quantity_of[dof]) for dof in channels), np.stack(columns, axis=2)
 
 
-def _values(path: Path, function: Function, response: Dof, reference: Dof) -> ComplexArray:
-    """The complex values of one function, (n_lines,); `FileError` if an autospectrum is not positive or a cross-spectrum
-    is real.
+def _values(path: Path, function: Function, pair: tuple[Dof, Dof], is_reverse: bool) -> ComplexArray:
+    """The complex values of one function, (n_lines,), conjugate for the reverse of its pair.
+
+    `FileError` if an autospectrum is not positive or a cross-spectrum is real.
     """
+    response, reference = pair
     values = np.asarray(function.values, np.complex128)
     if response == reference:
         size = float(np.abs(values).max())
@@ -226,7 +285,7 @@ def _values(path: Path, function: Function, response: Dof, reference: Dof) -> Co
             f"{path}: function {function.place}, the cross-spectrum of {response} and {reference}, holds real numbers only, without"
             " the phase that tells a mode shape; export complex values"
         )
-    return values
+    return values.conj() if is_reverse else values
 
 
 def _sides(path: Path, function: Function) -> tuple[str, str]:
@@ -234,7 +293,7 @@ def _sides(path: Path, function: Function) -> tuple[str, str]:
     below = function.denominator
     if below.number in QUANTITIES and below.number not in UNKNOWN:
         raise FileError(
-            f"{path}: function {function.place} is a spectrum with a motion or force below it: a ratio, perhaps; say the unit"
+            f"{path}: function {function.place} is one with a motion or force below it: a ratio, perhaps; say the unit"
             f" of the motion: {option_words(units='g')}"
         )
     label = " ".join(function.ordinate.label.split())
@@ -249,7 +308,7 @@ def _sides(path: Path, function: Function) -> tuple[str, str]:
         if _is_unit(left) and _is_unit(right):
             return left, right
     raise FileError(
-        f"{path}: the spectrum of function {function.place} has unit {label!r}, no square or product of motions as g^2/Hz or"
+        f"{path}: function {function.place} has unit {label!r}, no square or product of motions as g^2/Hz or"
         f" (m/s^2)^2 is; say the unit of the motion where the values are squares of it: {option_words(units='g')}"
     )
 
@@ -263,7 +322,7 @@ def _is_unit(text: str) -> bool:
     return True
 
 
-def _averages(functions: Sequence[Function]) -> int | None:
+def stated_averages(functions: Sequence[Function]) -> int | None:
     """Number of averages that the titles of all spectra agree on, or None."""
     counts = {int(match["count"]) if (match := AVERAGES.search(f.titles)) else None for f in functions}
     return counts.pop() if len(counts) == 1 else None

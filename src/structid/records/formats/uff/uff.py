@@ -21,7 +21,8 @@ from structid.records.formats.named_channels import chosen
 from structid.records.formats.options import ReadOptions, option_words
 from structid.records.formats.selection import refuse_options
 from structid.records.formats.uff.frf import read_frfs
-from structid.records.formats.uff.functions import Function, read_function
+from structid.records.formats.uff.functions import Function, read_function, require_one_component
+from structid.records.formats.uff.qualifiers import qualifier_words
 from structid.records.formats.uff.time import read_times
 from structid.records.formats.uff.write import file_bytes, require_same
 from structid.records.record import FrfRecord, TimeRecord
@@ -37,7 +38,7 @@ _FUNCTIONS = {
 }  # fmt: skip
 _TIME, _COHERENCE = 1, 6
 _RESPONSES = (4, 5)
-_SPECTRA = (2, 3, 9)
+_SPECTRA, _CORRELATIONS = (2, 3, 9), (7, 8)
 _OF_FRFS = ("frequency_array", "outputs", "inputs", "kind", "unit", "coherence_array", "averages")
 _OF_TIMES = ("channels", "quantities", "units", "start", "stop", "longest_gap", "resample", "sampling_rate")
 
@@ -61,6 +62,8 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     tables = [block for block in blocks if block.number == 58]
     functions = [read_function(path, block, place) for place, block in enumerate(tables, 1)]
     chosen_functions = _choose_functions(path, functions, options)
+    if not (options.columns and (options.channels or options.outputs)):
+        require_one_component(path, chosen_functions)
     frfs = [f for f in chosen_functions if f.kind in _RESPONSES]
     times = [f for f in chosen_functions if f.kind == _TIME]
     if frfs and times and options.array not in ("frf", "time"):
@@ -81,6 +84,9 @@ def read(path: Path, options: ReadOptions) -> FrfRecord | TimeRecord:
     else:
         refuse_options(path, "time histories", options, _OF_FRFS)
         record, used = read_times(path, times, factors, nodes, options), {_TIME}
+    words_of_windows = qualifier_words(path, blocks, {f.place for f in chosen_functions if f.kind in used})
+    if words_of_windows:
+        record = replace(record, source=f"{record.source}; {words_of_windows}")
     left_aside = Counter(f.kind for f in functions if f.kind not in used)
     words = [f"{_name(kind)} ({n})" for kind, n in sorted(left_aside.items())]
     if len(chosen_functions) < len(functions) or not words:
@@ -112,14 +118,21 @@ def _nodes(path: Path, blocks: list[Block]) -> UniversalNodes:
 def _no_response_error(path: Path, functions: list[Function]) -> FileError:
     """The error for a file that holds neither FRFs nor time responses, with what it holds."""
     kinds = sorted({function.kind for function in functions})
-    if kinds and set(kinds) <= {*_SPECTRA, _COHERENCE}:
-        names = ", ".join(map(_name, kinds))
-        return StoredSpectraError(
-            f"{path}: holds spectra of responses ({names}), averaged already and without the time histories behind them, which"
-            " are neither frequency response functions (type 4) nor histories (type 1): `structid modes` finds modes without"
-            " damping in them; for a fit, and for damping, export the time histories"
-        )
     names = ", ".join(map(_name, kinds))
+    is_spectra, is_correlations = bool({*kinds} & {*_SPECTRA}), bool({*kinds} & {*_CORRELATIONS})
+    if is_spectra and is_correlations:
+        return FileError(
+            f"{path}: holds spectra and correlation functions ({names}), no histories or FRFs; `structid modes` takes either: say"
+            f" which by {option_words(kind=None)}, spectrum or correlation"
+        )
+    if (is_spectra or is_correlations) and set(kinds) <= {*_SPECTRA, *_CORRELATIONS, _COHERENCE}:
+        words = "spectra" if is_spectra else "correlation functions"
+        return StoredSpectraError(
+            f"{path}: holds {words} of responses ({names}), averaged already and without the time histories behind them, which"
+            " are neither frequency response functions (type 4) nor histories (type 1): `structid modes` finds modes in them;"
+            " for a fit, export the time histories",
+            "spectrum" if is_spectra else "correlation",
+        )
     return FileError(
         f"{path}: holds no frequency response function (type 4) or time response (type 1), only "
         f"{names or 'other datasets'}; export those"

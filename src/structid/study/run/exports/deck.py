@@ -108,9 +108,7 @@ def deck_path(study: Study) -> Path:
     stated = study.root.inner("structure").table.get("mesh")
     path = stated.get("path") if isinstance(stated, dict) else stated
     if path is None:
-        raise InputError(
-            "the structure of the study stands in no deck of another program, as [structure.mesh] names one"
-        )
+        raise InputError("the study takes no mesh from a deck of another program (`path` in [structure.mesh])")
     found = study.path.parent / str(path)
     if found.suffix.lower() not in DECK_SUFFIXES:
         raise InputError(f"{found.name} holds a mesh without materials; decks are {' '.join(DECK_SUFFIXES)}")

@@ -24,8 +24,8 @@ from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.options import ExportOptions
 from structid.prediction.state_space import state_space
 
-#: Names of the matrices, as programs of finite elements call those of an analysis set, and the laws that they enter by.
-_MATRICES = {"MAA": "inertia", "BAA": "viscous", "KAA": "elastic", "K4AA": "structural"}
+#: Names of the matrices, as programs of finite elements call those of an analysis set, and their kinds.
+_MATRICES = {"MAA": "mass", "BAA": "damping", "KAA": "stiffness", "K4AA": "structural_damping"}
 #: Suffixes of files with one matrix each, and of an Abaqus deck.
 _ONE_EACH, _ABAQUS = (".npz", ".npy", ".mtx"), ".inp"
 #: Degrees of freedom up to which OP4 has whole columns, which MYSTRAN reads too.
@@ -85,8 +85,8 @@ def export_matrices(model: IdentifiedModel, path: Path) -> list[str]:
     structure.require_modes("matrices")
     table = dof_table(structure.dofs)
     items = []
-    for name, law in _MATRICES.items():
-        matrix = structure.matrix(law, model.values)
+    for name, matrix_kind in _MATRICES.items():
+        matrix = structure.matrix(matrix_kind, model.values)
         if matrix.nnz:
             symmetric = 0.5 * (matrix + matrix.T)  # without what rounding makes of the sums of elements
             items.append(ImportedMatrix(name, sparse.csc_array(symmetric), table))

@@ -127,6 +127,8 @@ def _cell_data(structure: Structure, properties: Sequence[ElementValues]) -> dic
     }
     sought = {item.name for item in properties if item.is_sought.any()}
     for item in properties:
+        if item.name not in sought and not item.value.any():
+            continue
         columns: dict[str, FloatArray] = {f"{item.name} [{item.unit}]": item.value}
         if item.name in sought:
             columns |= {

@@ -12,8 +12,9 @@ from structid.dynamics import Modes, modes
 from structid.fem import Structure
 from structid.fem.elements.element import dof_of_code
 from structid.modal import ModalRecord
-from structid.modal.formats.files import write_modes
+from structid.modal.formats.files import CSV_SUFFIXES, JSON_SUFFIXES, write_modes
 from structid.prediction.identified_model import IdentifiedModel
+from structid.prediction.quantities import NaturalModes
 from structid.records.formats import Geometry
 
 
@@ -22,12 +23,29 @@ def model_modes(model: IdentifiedModel, n_modes: int) -> Modes:
     structure = model.structure
     structure.require_modes("modes")
     mass, stiffness, damping, loss = (
-        structure.matrix(law, model.values) for law in ("inertia", "elastic", "viscous", "structural")
+        structure.matrix(matrix_kind, model.values)
+        for matrix_kind in ("mass", "stiffness", "damping", "structural_damping")
     )
     return modes(mass, stiffness, damping, loss, min(n_modes, structure.n_dofs))
 
 
-def model_modes_record(model: IdentifiedModel, n_modes: int, source: str) -> ModalRecord:
+def modes_covariance(model: IdentifiedModel, n_modes: int) -> FloatArray:
+    """Covariance of frequencies (Hz), then damping ratios, of the lowest modes, (2 n_modes, 2 n_modes), to first order.
+
+    Each independent error of the model is moved by one standard deviation; modes are followed by their shapes.
+    """
+    structure, n_factors = model.structure, model.factor.shape[1]
+    evaluate = NaturalModes(n_modes).evaluator(structure, model.parameters, [model.physical])
+    least = 1e-3 * np.abs(model.physical)
+    moved = [np.maximum(model.parameters_at(z), least) for z in np.eye(n_factors)]
+    nominal = evaluate(model.physical).real
+    changes = np.array([(evaluate(physical).real - nominal).T.ravel() for physical in moved]).reshape(
+        n_factors, 2 * n_modes
+    )
+    return np.asarray(changes.T @ changes)
+
+
+def model_modes_record(model: IdentifiedModel, n_modes: int, source: str, with_covariance: bool = False) -> ModalRecord:
     """Modes of an identified model of unit modal mass, at every degree of freedom of its nodes that moves."""
     structure, computed = model.structure, model_modes(model, n_modes)
     rows = [
@@ -41,6 +59,7 @@ def model_modes_record(model: IdentifiedModel, n_modes: int, source: str) -> Mod
         computed.damping_ratio,
         (structure.numbering.matrix @ computed.mode_shapes)[rows],
         tuple(dof_of_code(structure.numbering.codes[row]) for row in rows),
+        modes_covariance(model, len(computed.frequency)) if with_covariance else None,
         source=source,
         scaling="mass",
     )
@@ -68,7 +87,7 @@ def export_modes(model: IdentifiedModel, n_modes: int, title: str, path: Path) -
     FileError
         If the suffix is of no format, or the format cannot hold the modes.
     """
-    record = model_modes_record(model, n_modes, title)
+    record = model_modes_record(model, n_modes, title, path.suffix.lower() in (*JSON_SUFFIXES, *CSV_SUFFIXES))
     write_modes(path, record, _geometry(model.structure))
     ends = f"{record.frequency[0]:.4g} to {record.frequency[-1]:.4g} Hz"
     return [

@@ -23,7 +23,7 @@ _FARTHEST = 0.5
 
 
 def deck_values(solved: Solved, problem: RecordProblem, names: Sequence[str], values: FloatArray) -> dict[str, float]:
-    """What values of the parameters that are sought make of each parameter of the deck, by one record's problem."""
+    """Value of each parameter of the deck, by name, for `values` (n_params,) of the identified parameters `names`."""
     made = _property_values(problem, names, values)
     return {
         item.term.property: float(made[item.values][0])

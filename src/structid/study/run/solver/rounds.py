@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from structid.core.errors import InputError, NoAnswerError, SingularModelError
-from structid.external.frfs.model import SolvedFrfs
+from structid.external.frf_model import SolvedFrfs
 from structid.external.runs import point_words
 from structid.external.solved import Checked, Solved
 from structid.forward import FrfProblem, RecordProblem
@@ -136,7 +136,7 @@ def _with_initial_responses(fit: RecordFit, before: RecordProblem) -> RecordFit:
 
 
 def found_values(solved: Solved, found: Identification) -> dict[str, float]:
-    """What the answer makes of each parameter of the deck, by the first record."""
+    """Value of each parameter of the deck at the answer, by name, from the problem of the first record."""
     return deck_values(solved, found.problems[0], found.estimate.names, found.estimate.values)
 
 

@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray
-from structid.external.frfs.model import FrfRuns, SolvedFrfs, SolverFrfs
+from structid.external.frf_model import FrfRuns, SolvedFrfs, SolverFrfs
 from structid.external.runs import RunFailedError
 from structid.fem import Structure
 from structid.forward import FrfProblem, RecordProblem

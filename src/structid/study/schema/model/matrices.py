@@ -46,7 +46,7 @@ from structid.study.schema.kinds import (
 )
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, Table, held_by, table_of
+from structid.study.schema.tables import Key, Table, kind_of_argument, table_of
 
 _KEYS = ("mass", "stiffness", "damping")
 #: Names that files give by themselves, so that `matrix` need not say which.
@@ -108,7 +108,7 @@ _GROUP = Table(
     {
         "name": Key(TEXT, "Name of the group", required=True),
         **{key: Key(MATRICES, f"A file, a table or a list of these, which are summed: the {key}") for key in _KEYS},
-        "loss_factor": Key(held_by(NotNegative), "Structural damping of `stiffness`", default=0.0),
+        "loss_factor": Key(kind_of_argument(NotNegative), "Structural damping of `stiffness`", default=0.0),
         "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
     }
 )
@@ -167,7 +167,10 @@ def _read_entries(
     """
     groups = [(entry, _read_group(entry, dofs, units, reader)) for entry in entries]
     constrained = [
-        item.held for matrices in reader.known.values() for item in matrices.values() if item.held is not None
+        item.constrained
+        for matrices in reader.known.values()
+        for item in matrices.values()
+        if item.constrained is not None
     ]
     if not constrained:
         return groups, []

@@ -6,15 +6,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from structid.core.arrays import FloatArray
 from structid.core.constraints import Limits, Positive
-from structid.core.dof import parse_dofs
+from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Plain
 from structid.external.confirmation import command_words, confirmation_of
 from structid.external.deck import Deck, DeckParameter, deck_texts, with_frequencies
 from structid.external.differences import solved_modes
-from structid.external.frfs.model import solved_frfs
-from structid.external.frfs.output import FrfsOut
+from structid.external.frf_model import FrfsOut, solved_frfs
 from structid.external.marks import CardField, DeckMark, DeckPosition, KeywordEntry, value_at, with_marks
 from structid.external.matrices import solved_matrices
 from structid.external.outputs import MatricesOut, MatrixFile, ModesOut
@@ -22,7 +24,10 @@ from structid.external.runs import Solver
 from structid.external.solved import Solved, Units
 from structid.fem.importers.exports import FORCES, LENGTHS
 from structid.fem.meshes import read_mesh
+from structid.identification.options import IdentifyOptions
+from structid.identification.setups.frf import used_lines
 from structid.modal.formats.nastran import PUNCH_SUFFIXES
+from structid.records import FrfRecord
 from structid.study.schema.kinds import (
     BOOLEAN,
     NUMBER,
@@ -36,10 +41,11 @@ from structid.study.schema.kinds import (
     limited,
     list_of,
 )
-from structid.study.schema.model.solver_frfs import wanted_frfs
-from structid.study.schema.root import InputFiles
+from structid.study.schema.method import read_method
+from structid.study.schema.records.record import load_record, read_source
+from structid.study.schema.root import InputFiles, record_sections
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Given, Key, Table, held_by, table_of
+from structid.study.schema.tables import Given, Key, Table, kind_of_argument, table_of
 
 _MATRICES = ("stiffness", "mass", "damping")
 _FILE = Kind(
@@ -81,13 +87,22 @@ SOLVER = Table(
         "length_unit": Key(choice(*LENGTHS), "Of the deck", default="m"),
         "force_unit": Key(choice(*FORCES), "Of the deck", default="N"),
         "indefinite": Key(BOOLEAN, "Lets matrices through that are not positive semidefinite", default=False),
-        "timeout": Key(held_by(Positive), "Longest time of a run, s", default=3600.0),
+        "timeout": Key(kind_of_argument(Positive), "Longest time of a run, s", default=3600.0),
         "retries": Key(limited(WHOLE, Limits(least=0)), "How often a run that fails is tried again", default=2),
         "runs": Key(TEXT, "Folder where finished runs are kept; STUDY.runs beside the study by default"),
         "parameter": Key(_PARAMETER, "A marked number of the deck, which [[unknown]] may name", listed=True),
     }
 )
 SOLVER_TABLES = {"solver": Key(SOLVER, "A finite element solver, run by structid")}
+#: Sections of a record for which FRFs alone do not do, and what stands in place of each.
+_NOT_OF_FRFS = {
+    "modes": "measured modes ask for modes of the solver",
+    "time": "time histories are fitted by matrices or modes of the solver; average them by [record.frf]",
+    "structure": "a structure that differs from record to record asks for matrices or modes of the solver",
+    "sensors": "sensors that are turned ask for matrices or modes of the solver; let it write FRFs in their directions",
+    "leakage": "leakage is taken into account by matrices or modes of the solver",
+    "window_decay": "a window is taken into account by matrices or modes of the solver; correct the record for it",
+}
 
 
 def read_solver(section: Section, files: InputFiles) -> Solved | None:
@@ -275,3 +290,71 @@ def positions_of(solved: Solved) -> dict[int, list[float]]:
     except InputError:
         positions = {}
     return {node: positions.get(node, [0.0, 0.0, 0.0]) for node in solved.nodes}
+
+
+class WantedFrfs(NamedTuple):
+    """Lines (n_lines,), Hz, and channels, each once."""
+
+    frequency: FloatArray
+    outputs: tuple[Dof, ...]
+    inputs: tuple[Dof, ...]
+
+
+def wanted_frfs(own: Section, files: InputFiles) -> WantedFrfs:
+    """The lines and channels that all records need from the solver; lines only inside the band or the evaluation band.
+
+    Parameters
+    ----------
+    own : Section
+        ``[structure.solver]``.
+    files : InputFiles
+
+    Raises
+    ------
+    StudyError
+        If there is no record, or one that no FRFs explain, or the structure holds more than the solver.
+    """
+    root = Section(own.source, (), own.source.table)
+    structure = root.inner("structure")
+    for key, value in structure.table.items():
+        if key == "tolerance" and value != 0:
+            raise structure.error(
+                "cannot be carried where a solver gives FRFs alone, which do not say what its model holds: leave it out, or write"
+                ' 0; the `calibration` of a [record] is carried, and `gives = "matrices"` or `"modes"` carries tolerances',
+                key,
+            )
+        if key not in ("solver", "nodes", "tolerance"):
+            raise structure.error(
+                "stands beside a solver that gives FRFs alone, so that it cannot act on them; put it in the deck, or take `gives ="
+                ' "matrices"` or `"modes"`',
+                key,
+            )
+    sections = record_sections(root)
+    if not sections:
+        raise own.error(
+            '`gives = "frfs"` needs a [record]: it says at which lines and places the solver is to give FRFs'
+        )
+    options = read_method(root.section("method"))
+    records = [_read_frf_record(one, files) for one in sections]
+    lines = [line for record in records for line in _lines(record, options)]
+    outputs = tuple(dict.fromkeys(dof.unsigned for record in records for dof in record.outputs))
+    inputs = tuple(dict.fromkeys(dof.unsigned for record in records for dof in record.inputs))
+    return WantedFrfs(np.unique(lines), outputs, inputs)
+
+
+def _read_frf_record(section: Section, files: InputFiles) -> FrfRecord:
+    """The FRF record of a section; `StudyError` if it is nothing that a solver's FRFs can be compared with."""
+    for key, words in _NOT_OF_FRFS.items():
+        if key in section.table:
+            raise section.error(f'is nothing for a solver with `gives = "frfs"`: {words}', key)
+    record = load_record(read_source(section, files))
+    if record.is_per_motion:
+        raise section.error(
+            'holds transmissibilities, and the solver gives motion per force; take `gives = "matrices"`'
+        )
+    return record
+
+
+def _lines(record: FrfRecord, options: IdentifyOptions) -> list[float]:
+    used = used_lines(record, options).frequency.tolist()
+    return used if options.evaluation_band is None else used + record.band(*options.evaluation_band).frequency.tolist()

@@ -60,7 +60,7 @@ from structid.study.schema.model.solver import SOLVER_TABLES, positions_of, read
 from structid.study.schema.records.sensors import read_sensors
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Given, Key, Table, held_by, own_table, table_of
+from structid.study.schema.tables import Given, Key, Table, kind_of_argument, own_table, table_of
 from structid.unknowns.tolerances import EXACT, Tolerances
 
 Positions = dict[int, list[float]]
@@ -108,7 +108,9 @@ def structure_table() -> Table:
     own = {
         "active": Key(TEXTS, "Directions in which the structure can move; by default all of its dimension"),
         "fixed": _FIXED,
-        "total_mass": Key(held_by(Positive), "kg, as weighed; a model that differs by more than 10 % is refused"),
+        "total_mass": Key(
+            kind_of_argument(Positive), "kg, as weighed; a model that differs by more than 10 % is refused"
+        ),
         "subdivide": Key(
             _PIECES,
             "Equal pieces of which each beam is made, one element still, and each bar that these leave held sideways; auto"
@@ -117,12 +119,12 @@ def structure_table() -> Table:
         ),
         "sliding": Key(NODES, "Nodes whose place along their bars and beams is a property, `position` of `node 3`"),
         "damping_ratio": Key(
-            held_by(DampingRatio),
+            kind_of_argument(DampingRatio),
             "Viscous damping of all modes, the property `damping_ratio` of `all modes`; 0.01 is 1 %",
         ),
         "tolerance": Key(
             TOLERANCE,
-            "How well held values are known, a standard deviation in parts of each: a number for masses and stiffnesses, 0 where"
+            "How well fixed values are known, a standard deviation in parts of each: a number for masses and stiffnesses, 0 where"
             " all is exact, or a table of `mass`, `stiffness` and `damping`; 0.01, 0.01 and 0.3 by default",
         ),
         "base": Key(
@@ -206,7 +208,7 @@ def read_structure(
         ``[record]``, whose ``[record.sensors]`` may have nodes of their own.
     """
     given = section.values(structure_table())
-    groups, held = read_groups(section, files)
+    groups, constrained = read_groups(section, files)
     mesh = read_structure_mesh(section, files)
     solved = read_solver(section, files)
     nodes = _read_nodes(section, groups, mesh, solved)
@@ -214,7 +216,7 @@ def read_structure(
     elements.extend(groups)
     if solved is not None:
         elements.append((section.inner("solver"), solved.model))
-        held = [*held, *solved.held]
+        constrained = [*constrained, *solved.constrained]
     if not elements:
         kinds = ", ".join(f"[[structure.{kind}]]" for kind in ELEMENT_TYPES)
         raise section.error(f"the structure has no elements; add some of {kinds} or [[structure.matrix_group]]")
@@ -238,13 +240,13 @@ def read_structure(
         (entry, _read_measured_component(entry, files, nodes)) for entry in section.sections("measured_component")
     ]
     if "total_mass" in given:
-        whole = _make_structure(section, nodes, (elements, ties, [*fixed, *held], []), bases, [], given)
+        whole = _make_structure(section, nodes, (elements, ties, [*fixed, *constrained], []), bases, [], given)
         with section.located("total_mass"):
             require_total_mass(whole.mass_of(), given["total_mass"], "; ".join(taken.left_aside))
     if changes is not None:
         elements, ties, fixed, measured = _apply_changes(changes, nodes, (elements, ties, fixed, measured), mesh)
     aims = record is not None and "sensors" in record.table
-    parts = elements, ties, [*fixed, *held], measured
+    parts = elements, ties, [*fixed, *constrained], measured
     file_words = taken.left_aside, taken.notes
     structure = _make_structure(section, nodes, parts, bases, [] if aims else components, given, file_words)
     if record is not None and aims:

@@ -18,13 +18,20 @@ from structid.records.quality.findings import CHANNEL_FAULTS, Finding
 from structid.records.quality.signal_checks import channel_checks
 from structid.records.record import LOADS, Quantity, as_recorded
 from structid.study.schema.kinds import CHANNEL_NAMES, PART, TEXT, TEXTS, as_list, choice
-from structid.study.schema.records.frf import FRF, FrfSettings, read_frf, spectral_frf
+from structid.study.schema.records.histories import (
+    FRF,
+    TIME,
+    FrfSettings,
+    TimeSource,
+    read_frf,
+    read_time,
+    spectral_frf,
+)
 from structid.study.schema.records.modes import MODES, ModesSource, read_modes_source
 from structid.study.schema.records.sensors import SENSORS, used_names
-from structid.study.schema.records.time import TIME, TimeSource, read_time
 from structid.study.schema.root import InputFiles
 from structid.study.schema.section import Section
-from structid.study.schema.tables import Key, Table, held_by, table_of
+from structid.study.schema.tables import Key, Table, kind_of_argument, table_of
 from structid.study.schema.unknowns import CHANNEL_ERROR
 from structid.unknowns.tolerances import Tolerances
 
@@ -129,7 +136,9 @@ def record_table(changes: Table) -> Table:
     return table_of(ReadOptions) | {
         **_ALWAYS,
         "repeats": Key(TEXTS, "In place of `path`: two files or more of the same measurement, which give its noise"),
-        "window_decay": Key(held_by(Positive), "Known decay of an exponential window on force and response, 1/s"),
+        "window_decay": Key(
+            kind_of_argument(Positive), "Known decay of an exponential window on force and response, 1/s"
+        ),
         "leakage": Key(
             choice("hann"),
             "Window of the segments of random motion that were averaged, each as long as one over the line spacing: lines"

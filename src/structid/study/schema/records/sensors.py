@@ -135,7 +135,7 @@ def _moving_direction(
 
 
 def is_load(name: str) -> bool:
-    """Whether a name of ``[record.sensors]`` is that of a load."""
+    """True if a name of ``[record.sensors]`` is that of a load."""
     return name.startswith(_LOAD)
 
 

@@ -1,87 +1,297 @@
 // Results: the verdict first, then values, the report, everything to take away, and two results side by side.
-import {get, link, view} from "../api.js";
+import {get, link, post, view} from "../api.js";
 import {chart, colours, ink} from "../charts.js";
-import {bytes, field, fill, h, number, options, percent, quantity, table, unpacked} from "../dom.js";
+import {bytes, field, fill, h, number, numberIn, options, percent, quantity, table, unpacked} from "../dom.js";
 import {resultsName} from "../recorded.js";
 
 const MARKS = {sound: "good", approximate: "doubt", wrong_model: "bad", undetermined: "bad"};
 
 export async function show(box, app) {
   await app.reload();
-  const all = app.folder.results.sort((a, b) => b.changed - a.changed).map((one) => one.path), base = resultsName(app.study);
-  if (!all.length) { fill(box, h("h1", {}, "Results"), h("p", {}, "No results in this folder yet: run a study (step 6).")); return; }
+  const all = app.folder.results.sort((a, b) => b.changed - a.changed).map((one) => one.path),
+    base = resultsName(app.study);
+  if (!all.length) {
+    fill(box, h("h1", {}, "Results"), h("p", {}, "No results in this folder yet: run a study, in step Run."));
+    return;
+  }
   const first = all.find((path) => base && path.startsWith(base)) || all[0];
-  const choice = h("select", {id: "results", onchange: () => draw()}, options(all, first)), other = h("select", {id: "other", onchange: () => draw()}, options([["", "none"], ...all]));
+  const choice = h("select", {id: "results", onchange: () => draw()}, options(all, first)),
+    other = h("select", {id: "other", onchange: () => draw()}, options([["", "none"], ...all]));
   const place = h("div");
-  fill(box, h("h1", {}, "Results"), h("div", {class: "row end"}, field("Results", choice), field("Beside", other)), place);
+  fill(
+    box,
+    h("h1", {}, "Results"),
+    h("div", {class: "row end"}, field("Results", choice), field("Beside", other)),
+    place,
+  );
   const draw = async () => {
     try {
-      const found = await get("results", {results: choice.value}), beside = other.value ? await get("results", {results: other.value}) : null;
+      const found = await get("results", {results: choice.value}),
+        beside = other.value ? await get("results", {results: other.value}) : null;
       const fit = await fits(choice.value).catch((error) => h("p", {class: "note"}, error.message));
-      fill(place, verdict(found.results), changes(found.results, choice.value, found.files), values(found.results, beside?.results, choice.value, other.value), fit, exported(choice.value, found.files),
-        found.report ? h("iframe", {class: "report", sandbox: "allow-scripts", src: view(found.report), title: `Report in ${choice.value}`}) : h("p", {class: "note"}, "These results hold no report page."));
-    } catch (error) { fill(place, h("div", {class: "card bad"}, error.message)); }
+      fill(
+        place,
+        verdict(found.results),
+        further(app, found.results, choice.value),
+        changes(found.results, choice.value, found.files),
+        values(found.results, beside?.results, choice.value, other.value),
+        fit,
+        exported(choice.value, found.files),
+        found.report
+          ? h("iframe", {
+              class: "report",
+              sandbox: "allow-scripts",
+              src: view(found.report),
+              title: `Report in ${choice.value}`,
+            })
+          : h("p", {class: "note"}, "These results hold no report page."),
+      );
+    } catch (error) {
+      fill(place, h("div", {class: "card bad"}, error.message));
+    }
   };
   await draw();
+}
+
+// A longer search for causes of a misfit: the same run once more, into the same folder.
+function further(app, found, folder) {
+  if (
+    !app.study ||
+    !["approximate", "wrong_model"].includes(found.verdict) ||
+    !folder.startsWith(resultsName(app.study))
+  ) {
+    return null;
+  }
+  const seconds = h("input", {value: "300", inputmode: "decimal"});
+  const go = h(
+    "button",
+    {
+      type: "button",
+      disabled: !app.folder.writable,
+      onclick: () =>
+        app.doing(go, async () => {
+          await post("runs", {
+            study: app.study,
+            results: folder,
+            replace: true,
+            explain: true,
+            seconds: numberIn(seconds, {least: 1}),
+          });
+          app.go("run");
+        }),
+    },
+    "Search further",
+  );
+  return h(
+    "section",
+    {class: "card", id: "further"},
+    h("h2", {}, "Causes of the misfit"),
+    h(
+      "p",
+      {class: "note"},
+      "The search for causes has a time limit. A longer one tries more causes, and more of them together.",
+    ),
+    h("div", {class: "row end"}, field("seconds of processor time", seconds, "short"), go),
+  );
 }
 
 // Words with what stands between back quotes as code.
 const marked = (words) => words.split("`").map((part, k) => (k % 2 ? h("code", {}, part) : part));
 
 function verdict(found) {
-  const advice = found.advice || (found.verdict_reasons || []).slice(1), warnings = found.warnings || [];
+  const advice = found.advice || (found.verdict_reasons || []).slice(1),
+    warnings = found.warnings || [];
   const headline = found.headline || found.verdict_text || found.status_text || found.status || "";
-  return h("section", {class: "card " + (MARKS[found.verdict] || "doubt"), id: "verdict"},
+  return h(
+    "section",
+    {class: "card " + (MARKS[found.verdict] || "doubt"), id: "verdict"},
     h("h2", {}, found.title || "Verdict"),
     h("p", {}, h("strong", {}, marked(headline))),
     found.next_step ? h("p", {}, h("strong", {}, "Next: "), marked(found.next_step)) : null,
-    advice.length ? h("ul", {class: "warnings"}, advice.slice(0, 5).map((words) => h("li", {}, marked(words)))) : null,
-    warnings.length ? h("details", {}, h("summary", {}, `${warnings.length} warnings`), h("ul", {class: "warnings"}, warnings.map((words) => h("li", {}, marked(words))))) : null);
+    advice.length
+      ? h(
+          "ul",
+          {class: "warnings"},
+          advice.slice(0, 5).map((words) => h("li", {}, marked(words))),
+        )
+      : null,
+    warnings.length
+      ? h(
+          "details",
+          {},
+          h("summary", {}, `${warnings.length} warnings`),
+          h(
+            "ul",
+            {class: "warnings"},
+            warnings.map((words) => h("li", {}, marked(words))),
+          ),
+        )
+      : null,
+  );
 }
 
 // The fit of one channel at a time, the worst first: measured, initial and fitted magnitude.
 async function fits(folder) {
   const found = await get("fits", {results: folder});
-  if (!found.channels.length) { return null; }
-  const frequency = unpacked(found.frequency, "f64"), plot = h("div", {class: "plot", id: "fit"});
-  const choice = h("select", {id: "fitted", onchange: () => draw()}, found.channels.map((one, k) => h("option", {value: k}, `${one.name}: ${percent(one.error)}`)));
+  if (!found.channels.length) {
+    return null;
+  }
+  const frequency = unpacked(found.frequency, "f64"),
+    plot = h("div", {class: "plot", id: "fit"});
+  const choice = h(
+    "select",
+    {id: "fitted", onchange: () => draw()},
+    found.channels.map((one, k) => h("option", {value: k}, `${one.name}: ${percent(one.error)}`)),
+  );
   const draw = () => {
-    const one = found.channels[Number(choice.value)], [blue, orange] = colours(), x = frequency;
+    const one = found.channels[Number(choice.value)],
+      [blue, orange] = colours(),
+      x = frequency;
     const lines = [
       {name: "measured", x, y: unpacked(one.measured, "f32"), mode: "markers", marker: {size: 3, color: ink()}},
-      {name: "initial model", x, y: unpacked(one.initial, "f32"), mode: "lines", line: {color: blue, dash: "dash", width: 1.2}},
+      {
+        name: "initial model",
+        x,
+        y: unpacked(one.initial, "f32"),
+        mode: "lines",
+        line: {color: blue, dash: "dash", width: 1.2},
+      },
       {name: "fitted model", x, y: unpacked(one.fitted, "f32"), mode: "lines", line: {color: orange, width: 2}},
     ];
-    return chart(plot, lines, {again: draw, xaxis: {title: {text: "frequency, Hz"}}, yaxis: {type: "log", exponentformat: "power", title: {text: "magnitude"}}});
+    return chart(plot, lines, {
+      again: draw,
+      xaxis: {title: {text: "frequency, Hz"}},
+      yaxis: {type: "log", exponentformat: "power", title: {text: "magnitude"}},
+    });
   };
   setTimeout(draw); // it has no width before it is on the page
-  return h("section", {class: "card"}, h("h2", {}, "Fit"), field("Channel and its median relative error, the worst first", choice), plot);
+  return h(
+    "section",
+    {class: "card"},
+    h("h2", {}, "Fit"),
+    field("Channel and its median relative error, the worst first", choice),
+    plot,
+  );
 }
 
 // What may be wrong with the model, each as a study that can be opened and run.
 function changes(found, folder, files) {
-  const there = new Set(files.map((one) => one.path)), named = [...(found.causes || []), ...(found.suggestions || [])].filter((one) => one.study && there.has(`${folder}/${one.study}`));
-  return named.length ? h("section", {class: "card", id: "suggested"}, h("h2", {}, "Changes of the model that were tried, each as a study"), h("ul", {class: "plain"}, named.map((one) => h("li", {},
-    h("p", {}, `${one.words}: removes ${percent(one.share)} of the misfit`),
-    h("details", {}, h("summary", {}, "Lines that it changes"), h("pre", {class: "log", tabindex: 0}, one.lines.join("\n"))),
-    h("a", {class: "button", href: `#structure/${encodeURIComponent(`${folder}/${one.study}`)}`}, `Open ${one.study.split("/").at(-1)}`))))) : null;
+  const there = new Set(files.map((one) => one.path)),
+    named = [...(found.causes || []), ...(found.suggestions || [])].filter(
+      (one) => one.study && there.has(`${folder}/${one.study}`),
+    );
+  return named.length
+    ? h(
+        "section",
+        {class: "card", id: "suggested"},
+        h("h2", {}, "Changes of the model that were tried, each as a study"),
+        h(
+          "ul",
+          {class: "plain"},
+          named.map((one) =>
+            h(
+              "li",
+              {},
+              h("p", {}, `${one.words}: removes ${percent(one.share)} of the misfit`),
+              h(
+                "details",
+                {},
+                h("summary", {}, "Lines that it changes"),
+                h("pre", {class: "log", tabindex: 0}, one.lines.join("\n")),
+              ),
+              h(
+                "a",
+                {class: "button", href: `#structure/${encodeURIComponent(`${folder}/${one.study}`)}`},
+                `Open ${one.study.split("/").at(-1)}`,
+              ),
+            ),
+          ),
+        ),
+      )
+    : null;
 }
 
 function values(found, beside, name, otherName) {
-  const rows = (found.parameters || []).slice(0, 400), of = (one) => beside?.parameters?.find((each) => each.name === one.name);
-  const end = (one) => (one.interval_95?.[0] !== null && one.interval_95 ? `${quantity(one.interval_95[0], one.unit)} to ${quantity(one.interval_95[1], one.unit)}` : "");
-  const header = beside ? ["parameter", name, otherName, "change", "in std"] : ["parameter", "value ± std", "95 % interval", "initial", "state"];
-  return h("section", {class: "card"}, h("h2", {}, "Values"), h("p", {}, found.total_mass?.value !== undefined ? `Total mass ${number(found.total_mass.value, 5)} ± ${number(found.total_mass.std ?? NaN, 2)} kg` : ""),
-    table(header, rows.map((one) => {
-      if (!beside) { return [one.name, one.text ?? quantity(one.value, one.unit), one.interval_text ?? end(one), quantity(one.initial, one.unit), one.state ?? ""]; }
-      const two = of(one);
-      if (!two) { return [one.name, quantity(one.value, one.unit), "–", "", ""]; }
-      const spread = Math.hypot(one.std ?? NaN, two.std ?? NaN);
-      return [one.name, quantity(one.value, one.unit), quantity(two.value, one.unit), `${two.value > one.value ? "+" : ""}${number(100 * (two.value / one.value - 1), 3)} %`, number((two.value - one.value) / spread, 2)];
-    }), [1, 2, 3, 4], rows.map((one) => ((one.state ? one.state === "determined" : one.identified) ? null : "doubtful"))), beside ? h("p", {class: "note"}, "In std: over the root of both variances, as if the two were independent; `structid compare` fits states together.") : null);
+  const rows = (found.parameters || []).slice(0, 400),
+    of = (one) => beside?.parameters?.find((each) => each.name === one.name);
+  const end = (one) =>
+    one.interval_95?.[0] !== null && one.interval_95
+      ? `${quantity(one.interval_95[0], one.unit)} to ${quantity(one.interval_95[1], one.unit)}`
+      : "";
+  const header = beside
+    ? ["parameter", name, otherName, "change", "in std"]
+    : ["parameter", "value ± std", "95 % interval", "initial", "state"];
+  return h(
+    "section",
+    {class: "card"},
+    h("h2", {}, "Values"),
+    h(
+      "p",
+      {},
+      found.total_mass?.value !== undefined
+        ? `Total mass ${number(found.total_mass.value, 5)} ± ${number(found.total_mass.std ?? NaN, 2)} kg`
+        : "",
+    ),
+    table(
+      header,
+      rows.map((one) => {
+        if (!beside) {
+          return [
+            one.name,
+            one.text ?? quantity(one.value, one.unit),
+            one.interval_text ?? end(one),
+            quantity(one.initial, one.unit),
+            one.state ?? "",
+          ];
+        }
+        const two = of(one);
+        if (!two) {
+          return [one.name, quantity(one.value, one.unit), "–", "", ""];
+        }
+        const spread = Math.hypot(one.std ?? NaN, two.std ?? NaN);
+        return [
+          one.name,
+          quantity(one.value, one.unit),
+          quantity(two.value, one.unit),
+          `${two.value > one.value ? "+" : ""}${number(100 * (two.value / one.value - 1), 3)} %`,
+          number((two.value - one.value) / spread, 2),
+        ];
+      }),
+      [1, 2, 3, 4],
+      rows.map((one) => ((one.state ? one.state === "determined" : one.identified) ? null : "doubtful")),
+    ),
+    beside
+      ? h(
+          "p",
+          {class: "note"},
+          "In std: over the root of both variances, as if the two were independent; `structid compare` fits states together.",
+        )
+      : null,
+  );
 }
 
 function exported(folder, files) {
-  return h("details", {class: "card"}, h("summary", {}, "Take away"), h("p", {}, h("a", {class: "button", href: link("export", {results: folder}), download: ""}, "All of it as one archive")),
-    h("ul", {class: "plain"}, files.map((one) => h("li", {}, h("a", {href: link("download", {path: one.path}), download: ""}, one.path), " ", h("span", {class: "muted"}, bytes(one.bytes))))));
+  return h(
+    "details",
+    {class: "card"},
+    h("summary", {}, "Take away"),
+    h(
+      "p",
+      {},
+      h("a", {class: "button", href: link("export", {results: folder}), download: ""}, "All of it as one archive"),
+    ),
+    h(
+      "ul",
+      {class: "plain"},
+      files.map((one) =>
+        h(
+          "li",
+          {},
+          h("a", {href: link("download", {path: one.path}), download: ""}, one.path),
+          " ",
+          h("span", {class: "muted"}, bytes(one.bytes)),
+        ),
+      ),
+    ),
+  );
 }

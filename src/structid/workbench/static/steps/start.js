@@ -6,126 +6,363 @@ import {besideStudy, givenOptions, readingFields, recordEdits, records} from "..
 export async function show(box, app) {
   await app.reload();
   document.getElementById("study").value = app.study;
-  const {records, models, writable} = app.folder, made = await fresh(app), list = h("section", {class: "card"});
-  const draw = ({studies}) => fill(list, h("h2", {}, "Studies in this folder"), studies.length ? h("ul", {class: "plain"}, studies.map((one) => h("li", {},
-    h("a", {href: `#${one.broken ? "text" : "structure"}/${encodeURIComponent(one.path)}`}, one.title), " ",
-    h("span", {class: "muted"}, one.path), one.broken ? h("div", {class: "state bad"}, "broken: shown at its line") : null)))
-    : h("p", {class: "muted"}, "None yet: make one from a template, or copy one into the folder."));
+  const {records, models, writable} = app.folder,
+    made = await fresh(app),
+    list = h("section", {class: "card"});
+  const draw = ({studies}) =>
+    fill(
+      list,
+      h("h2", {}, "Studies in this folder"),
+      studies.length
+        ? h(
+            "ul",
+            {class: "plain"},
+            studies.map((one) =>
+              h(
+                "li",
+                {},
+                h("a", {href: `#${one.broken ? "text" : "structure"}/${encodeURIComponent(one.path)}`}, one.title),
+                " ",
+                h("span", {class: "muted"}, one.path),
+                one.broken ? h("div", {class: "state bad"}, "broken: shown at its line") : null,
+              ),
+            ),
+          )
+        : h("p", {class: "muted"}, "None yet: make one from a template, or copy one into the folder."),
+    );
   draw(app.folder);
-  app.heard.add(({folder}) => { if (folder) { draw(folder); } });
-  fill(box, h("h1", {}, "Start"),
-    writable ? null : h("div", {class: "card doubt"}, "This folder cannot be written: studies can be looked at, not changed or run."),
-    app.folder.most ? h("div", {class: "card doubt"}, `This folder holds more files than the first ${app.folder.most}, which are looked at: open a folder further in, below.`) : null,
-    h("div", {class: "columns"},
-      h("div", {}, list, another(app)),
-      made.box),
+  app.heard.add(({folder}) => {
+    if (folder) {
+      draw(folder);
+    }
+  });
+  fill(
+    box,
+    h("h1", {}, "Start"),
+    writable
+      ? null
+      : h("div", {class: "card doubt"}, "This folder cannot be written: studies can be looked at, not changed or run."),
+    app.folder.most
+      ? h(
+          "div",
+          {class: "card doubt"},
+          `This folder holds more files than the first ${app.folder.most}, which are looked at: open a folder further in, below.`,
+        )
+      : null,
+    h("div", {class: "columns"}, h("div", {}, list, another(app)), made.box),
     drop(app),
-    h("section", {class: "card"}, h("h2", {}, "Records and models"),
-      records.length + models.length ? h("ul", {class: "plain"}, records.map((one) => row(one, lookButton(app, one))), models.map((one) => row(one, h("button", {class: "small", type: "button", disabled: !writable, "aria-label": `New study from it: ${one.path}`, onclick: () => made.from(one.path)}, "New study from it"))))
-        : h("p", {class: "muted"}, "None yet."), unusable(app.folder.unusable)));
+    h(
+      "section",
+      {class: "card"},
+      h("h2", {}, "Records and models"),
+      records.length + models.length
+        ? h(
+            "ul",
+            {class: "plain"},
+            records.map((one) => row(one, lookButton(app, one))),
+            models.map((one) =>
+              row(
+                one,
+                h(
+                  "button",
+                  {
+                    class: "small",
+                    type: "button",
+                    disabled: !writable,
+                    "aria-label": `New study from it: ${one.path}`,
+                    onclick: () => made.from(one.path),
+                  },
+                  "New study from it",
+                ),
+              ),
+            ),
+          )
+        : h("p", {class: "muted"}, "None yet."),
+      unusable(app.folder.unusable),
+    ),
+  );
 }
 
 // Files that are there and cannot be used, each with the reason.
 function unusable(files) {
-  return files.length ? h("details", {id: "unusable"}, h("summary", {}, `${files.length} ${files.length === 1 ? "file" : "files"} that cannot be used`), h("ul", {class: "plain"}, files.map((one) => h("li", {}, h("strong", {}, one.path), " ", h("span", {class: "muted"}, one.words))))) : null;
+  return files.length
+    ? h(
+        "details",
+        {id: "unusable"},
+        h("summary", {}, `${files.length} ${files.length === 1 ? "file" : "files"} that cannot be used`),
+        h(
+          "ul",
+          {class: "plain"},
+          files.map((one) => h("li", {}, h("strong", {}, one.path), " ", h("span", {class: "muted"}, one.words))),
+        ),
+      )
+    : null;
 }
 
 function row(one, button) {
-  return h("li", {"data-record": one.path}, h("div", {class: "row"}, h("strong", {}, one.path), h("span", {class: "muted"}, bytes(one.bytes)), button), h("div"));
+  return h(
+    "li",
+    {"data-record": one.path},
+    h("div", {class: "row"}, h("strong", {}, one.path), h("span", {class: "muted"}, bytes(one.bytes)), button),
+    h("div"),
+  );
 }
 
 function lookButton(app, one) {
-  const button = h("button", {class: "small", type: "button", "aria-label": `What is it? ${one.path}`, onclick: () => app.doing(button, () => understood(app, one.path, button.closest("li").lastChild))}, "What is it?");
+  const button = h(
+    "button",
+    {
+      class: "small",
+      type: "button",
+      "aria-label": `What is it? ${one.path}`,
+      onclick: () => app.doing(button, () => understood(app, one.path, button.closest("li").lastChild)),
+    },
+    "What is it?",
+  );
   return button;
 }
 
 // Another folder of this machine: one that was open before, or a path that is typed. It has an address of its own; this page stays as it is where it was.
 function another(app) {
   const path = h("input", {id: "folder-path", spellcheck: "false", autocomplete: "off", placeholder: "~/measurements"});
-  const open = (button, folder) => app.doing(button, async () => { location.assign(view((await post("open", {folder})).address)); });
+  const open = (button, folder) =>
+    app.doing(button, async () => {
+      location.assign(view((await post("open", {folder})).address));
+    });
   const go = h("button", {type: "submit"}, "Open");
   const {recent} = app.folder;
-  return h("section", {class: "card", id: "another"}, h("h2", {}, "Another folder"),
-    h("form", {onsubmit: (event) => { event.preventDefault(); open(go, path.value); }}, h("div", {class: "row end"}, field("Path of a folder on this machine", path, "wide-field"), go)),
-    recent.length ? h("details", {id: "recent"}, h("summary", {}, `Recent folders (${recent.length})`), h("ul", {class: "plain"}, recent.map((folder) => {
-      const button = h("button", {class: "link", type: "button", "aria-label": `Open ${folder}`, onclick: () => open(button, folder)}, folder.split(/[\\/]/).at(-1));
-      return h("li", {}, button, h("div", {class: "muted"}, folder));
-    }))) : null);
+  return h(
+    "section",
+    {class: "card", id: "another"},
+    h("h2", {}, "Another folder"),
+    h(
+      "form",
+      {
+        onsubmit: (event) => {
+          event.preventDefault();
+          open(go, path.value);
+        },
+      },
+      h("div", {class: "row end"}, field("Path of a folder on this machine", path, "wide-field"), go),
+    ),
+    recent.length
+      ? h(
+          "details",
+          {id: "recent"},
+          h("summary", {}, `Recent folders (${recent.length})`),
+          h(
+            "ul",
+            {class: "plain"},
+            recent.map((folder) => {
+              const button = h(
+                "button",
+                {class: "link", type: "button", "aria-label": `Open ${folder}`, onclick: () => open(button, folder)},
+                folder.split(/[\\/]/).at(-1),
+              );
+              return h("li", {}, button, h("div", {class: "muted"}, folder));
+            }),
+          ),
+        )
+      : null,
+  );
 }
 
 // What a study begins with that is built node by node, by the directions in which it moves.
-const BUILT = {name: "build", words: "Nodes, beams, bars and masses of your own, in tables beside a picture", asks: [{name: "moves", words: "it lies and moves", unit: "", default: "in a plane (X, Y)", choices: ["in a plane (X, Y)", "in space (X, Y, Z)", "on a line (X), bending in Y"]}]};
-const ACTIVE = [["X", "Y", "RZ"], ["X", "Y", "Z", "RX", "RY", "RZ"], ["Y", "RZ"]];
-const titleOf = (path) => { const words = path.split("/").at(-1).replace(/\.toml$/i, "").replace(/[_-]+/g, " ").trim(); return words.charAt(0).toUpperCase() + words.slice(1); };
-const builtText = (path, moves) => `title = ${JSON.stringify(titleOf(path))}\n\n[structure]\nactive = [${ACTIVE[BUILT.asks[0].choices.indexOf(moves)].map((one) => `"${one}"`).join(", ")}]\n\n[structure.nodes]  # m\n`;
+const BUILT = {
+  name: "build",
+  words: "Nodes, beams, bars and masses of your own, in tables beside a picture",
+  asks: [
+    {
+      name: "moves",
+      words: "it lies and moves",
+      unit: "",
+      default: "in a plane (X, Y)",
+      choices: ["in a plane (X, Y)", "in space (X, Y, Z)", "on a line (X), bending in Y"],
+    },
+  ],
+};
+const ACTIVE = [
+  ["X", "Y", "RZ"],
+  ["X", "Y", "Z", "RX", "RY", "RZ"],
+  ["Y", "RZ"],
+];
+const titleOf = (path) => {
+  const words = path
+    .split("/")
+    .at(-1)
+    .replace(/\.toml$/i, "")
+    .replace(/[_-]+/g, " ")
+    .trim();
+  return words.charAt(0).toUpperCase() + words.slice(1);
+};
+const builtText = (path, moves) =>
+  `title = ${JSON.stringify(titleOf(path))}\n\n[structure]\nactive = [${ACTIVE[BUILT.asks[0].choices.indexOf(moves)].map((one) => `"${one}"`).join(", ")}]\n\n[structure.nodes]  # m\n`;
 
 const MESH = /\.(msh|bdf|nas|fem|dat|inp|vtu|vtk)$/i;
 
 // New studies by a template; `from` begins one on a mesh or a matrix of the folder.
 async function fresh(app) {
-  const templates = [...await get("templates"), BUILT], inputs = h("div", {class: "fields"}), words = h("p", {class: "note"}), told = h("p", {class: "note", "aria-live": "polite"});
-  const name = h("input", {name: "path", required: true, spellcheck: "false"}), files = h("datalist", {id: "input-files"}), groups = h("datalist", {id: "mesh-groups"});
-  const kind = h("select", {name: "template", onchange: () => draw()}, options(templates.map((one) => (one === BUILT ? [one.name, "build it yourself"] : one.name))));
+  const templates = [...(await get("templates")), BUILT],
+    inputs = h("div", {class: "fields"}),
+    words = h("p", {class: "note"}),
+    told = h("p", {class: "note", "aria-live": "polite"});
+  const name = h("input", {name: "path", required: true, spellcheck: "false"}),
+    files = h("datalist", {id: "input-files"}),
+    groups = h("datalist", {id: "mesh-groups"});
+  const kind = h(
+    "select",
+    {name: "template", onchange: () => draw()},
+    options(templates.map((one) => (one === BUILT ? [one.name, "build it yourself"] : one.name))),
+  );
   const input = (ask) => inputs.querySelector(`[name=${ask}]`);
   const draw = (given = {}) => {
-    const one = templates.find((each) => each.name === kind.value), isMesh = kind.value === "mesh";
+    const one = templates.find((each) => each.name === kind.value),
+      isMesh = kind.value === "mesh";
     fill(words, one.words);
     fill(told);
-    fill(files, [...app.folder.models, ...app.folder.records.filter((each) => /\.(npz|mat)$/i.test(each.path))].filter((each) => MESH.test(each.path) === isMesh).map((each) => h("option", {value: each.path})));
+    fill(
+      files,
+      [...app.folder.models, ...app.folder.records.filter((each) => /\.(npz|mat)$/i.test(each.path))]
+        .filter((each) => MESH.test(each.path) === isMesh)
+        .map((each) => h("option", {value: each.path})),
+    );
     fill(groups);
-    fill(inputs, one.asks.map((ask) => field(`${ask.words}${ask.unit ? ", " + ask.unit.replace("^2", "²").replace("^3", "³") : ""}`, ask.choices.length ? h("select", {name: ask.name, onchange: isMesh ? () => look() : null}, options(ask.choices, given[ask.name] ?? ask.default)) : h("input", {name: ask.name, value: String(given[ask.name] ?? ask.default), inputmode: typeof ask.default === "number" ? "decimal" : null,
-      list: ask.words.startsWith("file of") ? "input-files" : isMesh && ask.name === "held" ? "mesh-groups" : null, onchange: isMesh && ask.name === "path" ? () => look() : null}))));
+    fill(
+      inputs,
+      one.asks.map((ask) =>
+        field(
+          `${ask.words}${ask.unit ? ", " + ask.unit.replace("^2", "²").replace("^3", "³") : ""}`,
+          ask.choices.length
+            ? h(
+                "select",
+                {name: ask.name, onchange: isMesh ? () => look() : null},
+                options(ask.choices, given[ask.name] ?? ask.default),
+              )
+            : h("input", {
+                name: ask.name,
+                value: String(given[ask.name] ?? ask.default),
+                inputmode: typeof ask.default === "number" ? "decimal" : null,
+                list: ask.words.startsWith("file of")
+                  ? "input-files"
+                  : isMesh && ask.name === "held"
+                    ? "mesh-groups"
+                    : null,
+                onchange: isMesh && ask.name === "path" ? () => look() : null,
+              }),
+        ),
+      ),
+    );
     const taken = app.folder.studies.map((each) => each.path);
     const stem = given.name || (one === BUILT ? "structure" : one.name);
-    let count = 1, wanted = `${stem}.toml`;
-    while (taken.includes(wanted)) { count += 1; wanted = `${stem}_${count}.toml`; }
+    let count = 1,
+      wanted = `${stem}.toml`;
+    while (taken.includes(wanted)) {
+      count += 1;
+      wanted = `${stem}_${count}.toml`;
+    }
     name.value = wanted;
   };
-  const look = async () => { // what the mesh holds, in the unit that is said
+  const look = async () => {
+    // what the mesh holds, in the unit that is said
     try {
-      const folder = name.value.slice(0, name.value.lastIndexOf("/") + 1), mesh = await post("mesh", {path: folder + input("path").value, length_unit: input("length_unit").value});
-      fill(groups, ["none", ...mesh.groups].map((each) => h("option", {value: each})));
-      fill(told, `${mesh.nodes} nodes; ${mesh.cells.map(([cell, count]) => `${count} × ${cell}`).join(", ")}. It measures ${mesh.size.map((x) => number(x, 3)).join(" × ")} m with this unit. Groups: ${mesh.groups.join(", ") || "none"}.`);
-    } catch (error) { fill(told, error.message); }
+      const folder = name.value.slice(0, name.value.lastIndexOf("/") + 1),
+        mesh = await post("mesh", {path: folder + input("path").value, length_unit: input("length_unit").value});
+      fill(
+        groups,
+        ["none", ...mesh.groups].map((each) => h("option", {value: each})),
+      );
+      fill(
+        told,
+        `${mesh.nodes} nodes; ${mesh.cells.map(([cell, count]) => `${count} × ${cell}`).join(", ")}. It measures ${mesh.size.map((x) => number(x, 3)).join(" × ")} m with this unit. Groups: ${mesh.groups.join(", ") || "none"}.`,
+      );
+    } catch (error) {
+      fill(told, error.message);
+    }
   };
   const from = (path) => {
-    const isMesh = MESH.test(path), stem = path.slice(path.lastIndexOf("/") + 1).replace(/\.[^.]*$/, ""), folder = path.slice(0, path.lastIndexOf("/") + 1);
+    const isMesh = MESH.test(path),
+      stem = path.slice(path.lastIndexOf("/") + 1).replace(/\.[^.]*$/, ""),
+      folder = path.slice(0, path.lastIndexOf("/") + 1);
     kind.value = isMesh ? "mesh" : "own-matrices";
     draw({name: folder + stem, ...(isMesh ? {path} : {mass: path, stiffness: path})});
-    if (folder) { app.say("The new study lies beside the file; its inputs are named from there."); for (const one of inputs.querySelectorAll("[list=input-files]")) { one.value = one.value.startsWith(folder) ? one.value.slice(folder.length) : one.value; } }
-    if (isMesh) { look(); }
+    if (folder) {
+      app.say("The new study lies beside the file; its inputs are named from there.");
+      for (const one of inputs.querySelectorAll("[list=input-files]")) {
+        one.value = one.value.startsWith(folder) ? one.value.slice(folder.length) : one.value;
+      }
+    }
+    if (isMesh) {
+      look();
+    }
     box.scrollIntoView({block: "nearest"});
     (input("held") || input("mass")).focus();
   };
   draw();
   const button = h("button", {class: "main", type: "submit", disabled: !app.folder.writable}, "Make the study");
-  const form = h("form", {onsubmit: (event) => {
-    event.preventDefault();
-    const numbers = Object.fromEntries([...inputs.querySelectorAll("input, select")].map((one) => [one.name, one.value]));
-    app.doing(button, async () => {
-      if (kind.value === BUILT.name) {
-        const path = /\.toml$/i.test(name.value) ? name.value : `${name.value}.toml`;
-        await post("study", {study: path, text: builtText(path, numbers.moves), digest: ""});
-        await app.reload();
-        app.go("build", path);
-        return;
-      }
-      const {path} = await post("init", {template: kind.value, path: name.value, numbers});
-      await app.reload();
-      app.go("structure", path);
-    });
-  }}, h("div", {class: "row"}, field("Template", kind), field("File", name)), words, inputs, told, files, groups, button);
+  const form = h(
+    "form",
+    {
+      onsubmit: (event) => {
+        event.preventDefault();
+        const numbers = Object.fromEntries(
+          [...inputs.querySelectorAll("input, select")].map((one) => [one.name, one.value]),
+        );
+        app.doing(button, async () => {
+          if (kind.value === BUILT.name) {
+            const path = /\.toml$/i.test(name.value) ? name.value : `${name.value}.toml`;
+            await post("study", {study: path, text: builtText(path, numbers.moves), digest: ""});
+            await app.reload();
+            app.go("build", path);
+            return;
+          }
+          const {path} = await post("init", {template: kind.value, path: name.value, numbers});
+          await app.reload();
+          app.go("structure", path);
+        });
+      },
+    },
+    h("div", {class: "row"}, field("Template", kind), field("File", name)),
+    words,
+    inputs,
+    told,
+    files,
+    groups,
+    button,
+  );
   const box = h("section", {class: "card", id: "new-study"}, h("h2", {}, "New study"), form);
   return {box, from};
 }
 
 function drop(app) {
   const input = h("input", {type: "file", multiple: true, id: "files", onchange: () => take(input.files)});
-  const place = h("div", {class: "drop card", ondragover: (event) => { event.preventDefault(); place.classList.add("over"); },
-    ondragleave: () => place.classList.remove("over"),
-    ondrop: (event) => { event.preventDefault(); place.classList.remove("over"); take(event.dataTransfer.files); }},
-  h("p", {}, "Drop records, meshes, matrices or studies here, or ", h("label", {for: "files"}, "choose files: "), input),
-  h("p", {class: "note"}, "They are copied into the folder. Records as docs/record-files.md names them, tables of modes, meshes and matrices as docs/meshes.md and docs/import-models.md name them."));
+  const place = h(
+    "div",
+    {
+      class: "drop card",
+      ondragover: (event) => {
+        event.preventDefault();
+        place.classList.add("over");
+      },
+      ondragleave: () => place.classList.remove("over"),
+      ondrop: (event) => {
+        event.preventDefault();
+        place.classList.remove("over");
+        take(event.dataTransfer.files);
+      },
+    },
+    h(
+      "p",
+      {},
+      "Drop records, meshes, matrices or studies here, or ",
+      h("label", {for: "files"}, "choose files: "),
+      input,
+    ),
+    h(
+      "p",
+      {class: "note"},
+      "They are copied into the folder. Records as docs/record-files.md names them, tables of modes, meshes and matrices as docs/meshes.md and docs/import-models.md name them.",
+    ),
+  );
   const take = async (files) => {
     for (const file of files) {
       try {
@@ -135,9 +372,14 @@ function drop(app) {
         if (app.step === "start") {
           await show(document.querySelector("[data-step=start]"), app);
           const line = document.querySelector(`[data-record="${CSS.escape(path)}"]`);
-          if (line) { line.querySelector("button")?.click(); line.scrollIntoView({block: "nearest"}); }
+          if (line) {
+            line.querySelector("button")?.click();
+            line.scrollIntoView({block: "nearest"});
+          }
         }
-      } catch (error) { app.fail(error); }
+      } catch (error) {
+        app.fail(error);
+      }
     }
   };
   return place;
@@ -147,49 +389,232 @@ const written = (value) => (Array.isArray(value) ? `[${value.map(written).join("
 
 export async function understood(app, path, place, own = null) {
   const given = own || givenOptions(app, path);
-  let found = null, failed = "";
-  try { found = await post("facts", {record: path, options: given}); } catch (error) { failed = error.message; }
+  let found = null,
+    failed = "";
+  try {
+    found = await post("facts", {record: path, options: given});
+  } catch (error) {
+    failed = error.message;
+  }
   const fields = readingFields(app, path, given, failed);
   const again = h("button", {type: "submit"}, "Read it so");
-  const mapping = h("form", {onsubmit: (event) => {
-    event.preventDefault();
-    app.doing(again, async () => understood(app, path, place, fields.options()));
-  }}, fields.box, again);
-  fill(place, failed ? h("div", {class: "card doubt"}, h("p", {}, failed)) : facts(found),
-    h("details", {open: Boolean(failed)}, h("summary", {}, "What the file does not say about itself"), mapping),
-    found && app.study ? use(app, path, found, given) : found ? h("p", {class: "note"}, "Open a study above to use this record in it.") : null);
+  const mapping = h(
+    "form",
+    {
+      onsubmit: (event) => {
+        event.preventDefault();
+        app.doing(again, async () => understood(app, path, place, fields.options()));
+      },
+    },
+    fields.box,
+    again,
+  );
+  const seen = /\.(csv|txt|tsv)$/i.test(path) ? preview(path, mapping, given.csv ?? {}) : null;
+  fill(
+    place,
+    failed ? h("div", {class: "card doubt"}, h("p", {}, failed)) : facts(found),
+    h("details", {open: Boolean(failed)}, h("summary", {}, "What the file does not say about itself"), seen, mapping),
+    found && app.study
+      ? use(app, path, found, given)
+      : found
+        ? h("p", {class: "note"}, "Open a study above to use this record in it.")
+        : null,
+  );
+}
+
+const SEPARATORS = {comma: ",", semicolon: ";", tab: "\t", space: /\s+/};
+
+// The first lines of a table as the layout in `form` takes them apart: lines left out are struck through, headers are bold.
+function preview(path, form, given) {
+  const place = h("div", {class: "preview", "aria-live": "polite"});
+  let lines = [],
+    encoding = null;
+  const said = (name) => form.querySelector(`[name=${name}]`)?.value.trim() ?? given[name] ?? "";
+  const draw = () => {
+    const separator =
+      SEPARATORS[said("separator")] ?? ["\t", ";", ","].find((sign) => lines.at(-1)?.includes(sign)) ?? /\s+/;
+    const skip = Number(said("skip_rows")) || 0,
+      headers = said("header_rows") === "" ? 1 : Number(said("header_rows")) || 0;
+    const rows = lines.map((line, k) => {
+      const parts = line.split(separator);
+      return {
+        parts: parts.slice(0, 8),
+        more: parts.length > 8,
+        kind: k < skip ? "skipped" : k < skip + headers ? "header" : null,
+      };
+    });
+    fill(
+      place,
+      h(
+        "div",
+        {class: "wide", tabindex: 0, role: "group", "aria-label": `First lines of ${path}`},
+        h(
+          "table",
+          {},
+          h("caption", {class: "note"}, "Its first lines, as this layout takes them apart"),
+          h(
+            "tbody",
+            {},
+            rows.map(({parts, more, kind}, k) =>
+              h(
+                "tr",
+                {class: kind},
+                h(
+                  "th",
+                  {scope: "row"},
+                  `${k + 1}${kind === "skipped" ? " left out" : kind === "header" ? " header" : ""}`,
+                ),
+                parts.map((part) => h("td", {}, part)),
+                more ? h("td", {}, "…") : null,
+              ),
+            ),
+          ),
+        ),
+      ),
+    );
+  };
+  const read = async () => {
+    const wanted = said("encoding");
+    if (wanted === encoding) {
+      draw();
+      return;
+    }
+    encoding = wanted;
+    try {
+      ({lines} = await post("lines", {record: path, encoding}));
+      draw();
+    } catch (error) {
+      fill(place, h("p", {class: "wrong"}, error.message));
+    }
+  };
+  for (const kind of ["input", "change"]) {
+    form.addEventListener(kind, read);
+  }
+  read();
+  return place;
 }
 
 const counted = (channels) => (channels.length === 1 ? "1 channel" : `${channels.length} channels`);
 
 export function facts(found) {
-  if (found.kind === "modes") { return h("div", {}, h("p", {}, `a table of ${found.modes.length} modes, ${number(found.modes[0][0])} to ${number(found.modes.at(-1)[0])} Hz: a study reads it with [record.modes]`), h("details", {}, h("summary", {}, counted(found.channels)), h("p", {}, found.channels.map((one) => one.name).join(", ")))); }
-  const size = found.kind === "time histories" ? `time histories: ${found.samples} samples at ${number(found.rate)} Hz, ${number(found.seconds)} s`
+  if (found.kind === "modes") {
+    return h(
+      "div",
+      {},
+      h(
+        "p",
+        {},
+        `a table of ${found.modes.length} modes, ${number(found.modes[0][0])} to ${number(found.modes.at(-1)[0])} Hz: a study reads it with [record.modes]`,
+      ),
+      h(
+        "details",
+        {},
+        h("summary", {}, counted(found.channels)),
+        h("p", {}, found.channels.map((one) => one.name).join(", ")),
+      ),
+    );
+  }
+  const size =
+    found.kind === "time histories"
+      ? `time histories: ${found.samples} samples at ${number(found.rate)} Hz, ${number(found.seconds)} s`
       : `${found.kind}s in ${found.unit}: ${found.lines} lines, ${number(found.band[0])} to ${number(found.band[1])} Hz, ${found.coherence ? "with" : "without"} coherence`;
   const many = found.channels.length > 12;
-  return h("div", {}, h("p", {}, size), found.read ? h("p", {class: "note"}, `Read as: ${found.read}`) : null, found.channels.length <= 60 ? h("details", {open: !many}, h("summary", {}, counted(found.channels)),
-    table(["channel", "", "quantity", "unit"], found.channels.map((one) => [one.name, one.role, one.quantity || found.kind, one.unit || found.unit || ""]))) : h("p", {}, `${found.channels.length} channels`),
-  found.findings.length ? h("ul", {class: "warnings"}, found.findings.map((one) => h("li", {}, one.words))) : found.kind === "time histories" ? h("p", {class: "note"}, "No fault of the signals was found.") : null);
+  return h(
+    "div",
+    {},
+    h("p", {}, size),
+    found.read ? h("p", {class: "note"}, `Read as: ${found.read}`) : null,
+    found.channels.length <= 60
+      ? h(
+          "details",
+          {open: !many},
+          h("summary", {}, counted(found.channels)),
+          table(
+            ["channel", "", "quantity", "unit"],
+            found.channels.map((one) => [one.name, one.role, one.quantity || found.kind, one.unit || found.unit || ""]),
+          ),
+        )
+      : h("p", {}, `${found.channels.length} channels`),
+    found.findings.length
+      ? h(
+          "ul",
+          {class: "warnings"},
+          found.findings.map((one) => h("li", {}, one.words)),
+        )
+      : found.kind === "time histories"
+        ? h("p", {class: "note"}, "No fault of the signals was found.")
+        : null,
+  );
 }
 
 export function use(app, path, found, given) {
   const folder = besideStudy(app);
-  if (!path.startsWith(folder)) { return h("p", {class: "note"}, "The study lies in another folder than this record."); }
+  if (!path.startsWith(folder)) {
+    return h("p", {class: "note"}, "The study lies in another folder than this record.");
+  }
   const name = path.slice(folder.length);
   const segment = h("input", {value: String(found.segment || 1024), name: "segment_length", inputmode: "numeric"});
   const isTime = found.kind === "time histories";
   const edits = () => {
-    const keys = {path: JSON.stringify(name), ...Object.fromEntries(Object.entries(given).filter(([key]) => key !== "csv").map(([key, value]) => [key, written(value)]))}, tables = {};
-    if (given.csv) { tables.csv = Object.fromEntries(Object.entries(given.csv).map(([key, value]) => [key, written(value)])); }
-    if (isTime) { tables.frf = {segment_length: String(Math.round(numberIn(segment, {least: 2})))}; }
-    if (found.kind === "modes") { tables.modes = {form: '"output"'}; }
+    const keys = {
+        path: JSON.stringify(name),
+        ...Object.fromEntries(
+          Object.entries(given)
+            .filter(([key]) => key !== "csv")
+            .map(([key, value]) => [key, written(value)]),
+        ),
+      },
+      tables = {};
+    if (given.csv) {
+      tables.csv = Object.fromEntries(Object.entries(given.csv).map(([key, value]) => [key, written(value)]));
+    }
+    if (isTime) {
+      tables.frf = {segment_length: String(Math.round(numberIn(segment, {least: 2})))};
+    }
+    if (found.kind === "modes") {
+      tables.modes = {form: '"output"'};
+    }
     return recordEdits(app, keys, tables);
   };
-  const made = (which, words, told) => { const button = h("button", {class: which === "instead" ? "main" : "", type: "button", disabled: !app.folder.writable, onclick: () => app.doing(button, async () => {
-    if (await app.edit(edits()[which], told)) { app.record = Infinity; app.go("structure"); }
-  })}, words); return button; };
+  const made = (which, words, told) => {
+    const button = h(
+      "button",
+      {
+        class: which === "instead" ? "main" : "",
+        type: "button",
+        disabled: !app.folder.writable,
+        onclick: () =>
+          app.doing(button, async () => {
+            if (await app.edit(edits()[which], told)) {
+              app.record = Infinity;
+              app.go("structure");
+            }
+          }),
+      },
+      words,
+    );
+    return button;
+  };
   const n = records(app).length;
-  return h("div", {class: "row end"}, isTime ? field("FRFs are averaged over segments of so many samples", segment) : null,
-    made("instead", n > 1 ? `Use in ${app.study} in place of record ${app.record + 1}` : n ? `Use in ${app.study} in place of its record` : `Use in ${app.study}`, n > 1 ? `${name} is a record of ${app.study} now` : `${name} is now the record of ${app.study}`),
-    n ? made("beside", n > 1 ? `Use beside its ${n} records` : "Use beside its record", `${name} is another record of ${app.study} now`) : null);
+  return h(
+    "div",
+    {class: "row end"},
+    isTime ? field("FRFs are averaged over segments of so many samples", segment) : null,
+    made(
+      "instead",
+      n > 1
+        ? `Use in ${app.study} in place of record ${app.record + 1}`
+        : n
+          ? `Use in ${app.study} in place of its record`
+          : `Use in ${app.study}`,
+      n > 1 ? `${name} is a record of ${app.study} now` : `${name} is now the record of ${app.study}`,
+    ),
+    n
+      ? made(
+          "beside",
+          n > 1 ? `Use beside its ${n} records` : "Use beside its record",
+          `${name} is another record of ${app.study} now`,
+        )
+      : null,
+  );
 }

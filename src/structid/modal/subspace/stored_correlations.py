@@ -1,0 +1,148 @@
+"""Modes of stored correlation functions by covariance-driven stochastic subspace identification.
+
+The functions R(k) = C A^k G of channels with references fill the block Hankel matrix as they stand: its columns are those of
+the references alone (reference-based identification).
+
+References
+----------
+Peeters and De Roeck (1999), Reference-based stochastic subspace identification for output-only modal analysis, Mech. Syst.
+Signal Process. 13, 855-878.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.errors import InputError, NoModesError
+from structid.modal.correlations import Outputs, displacement_rows, hankel
+from structid.modal.method import ModalIdentification, ModalOptions, by_rising_frequency
+from structid.modal.modal_record import ModalRecord, unit_largest
+from structid.modal.poles.poles import modal_phase_collinearity
+from structid.modal.subspace.kernel import poles_of_orders, shift_invariant
+from structid.modal.subspace.subspace_modes import BLOCK_ROWS, MAX_ORDER, ONE_PHASE, left_out_clusters, picked_poles
+from structid.records.correlation import CorrelationRecord
+from structid.similarity.shapes import mac
+
+#: Rows of the block Hankel matrix at most, where a low mode asks for many lags.
+_LARGEST = 600
+#: Part of the power that lies below the lowest motion that the lags are made for.
+_LOW_PART = 0.02
+#: MAC from which on two poles near each other have one shape.
+_SAME_SHAPE = 0.9
+_NOTE = (
+    "stored correlation functions show no scatter, from which standard deviations come; the time histories behind them would."
+    " Functions weighted by 1 - lag / length of the record (biased ones) show too much damping"
+)
+
+
+def correlation_outputs(record: CorrelationRecord) -> Outputs:
+    """Channels of a record of correlation functions without samples, each with the size of its functions as its scale."""
+    power = np.sqrt((record.values**2).mean(axis=0))
+    size = power.max(axis=1)
+    if not (size > 0).all():
+        dead = record.channels[int(np.argmin(size))]
+        raise InputError(
+            f"the correlation functions of channel {dead} are 0; leave this channel out, or repair the sensor"
+        )
+    return Outputs((), size, record.channels, record.quantities, record.sampling_rate)
+
+
+def correlation_modes(record: CorrelationRecord, options: ModalOptions) -> ModalIdentification:
+    """Modes of stored correlation functions: frequencies, damping ratios and shapes, without covariance.
+
+    Parameters
+    ----------
+    record : CorrelationRecord
+    options : ModalOptions
+        Used are `orders`, `block_rows`, `criteria` and `frequencies`.
+
+    Raises
+    ------
+    InputError
+        If there are too few lags for the orders asked for, or a channel is dead.
+    NoModesError
+        If no pole is stable.
+    """
+    data = correlation_outputs(record)
+    n_channels, n_references = record.values.shape[1:]
+    rows, columns = _shape(record, data.scale, options.block_rows)
+    places = [record.channels.index(dof) for dof in record.references]
+    stack = record.values[1 : rows + columns] / (data.scale[:, None] * data.scale[places])
+    room = min((rows - 1) * n_channels, columns * n_references)
+    orders = list(options.orders) if options.orders is not None else list(range(2, min(MAX_ORDER, room) + 1, 2))
+    if not orders or min(orders) < 1 or max(orders) > room:
+        raise InputError(
+            f"`orders` must lie from 1 to {room} for {n_channels} channels, {n_references} references and"
+            f" {len(record.values)} lags, got {orders}; export more lags"
+        )
+    method = "covariance-driven SSI of stored correlation functions"
+    subspace = shift_invariant(hankel(stack, rows, columns), data, method, max(orders))
+    sweep = poles_of_orders(subspace, [order for order in sorted(set(orders)) if order <= subspace.max_order])
+    options = ModalOptions(
+        options.orders, options.block_rows, options.criteria.damped, options.frequencies, refine=False
+    )
+    selection = picked_poles(sweep, data.scale, options)
+    if not selection.places:
+        raise NoModesError(
+            "`records` show no mode that is stable over `orders` and meets `criteria`; widen the criteria, or export more lags"
+        )
+    poles = np.array([sweep[k].poles[i] for k, i in selection.places])
+    order = np.argsort(np.abs(poles), kind="stable")
+    poles = poles[order]
+    shapes = np.stack([sweep[k].shapes[:, i] for k, i in selection.places], axis=1)[:, order]
+    found = tuple(selection.clusters[n] for n in order) if selection.clusters else ()
+    dofs, merge = displacement_rows(data, poles)
+    merged = np.einsum("cdm,dm->cm", merge, shapes)
+    notes = [*selection.notes, _NOTE]
+    if n_channels == 1:
+        notes.append("one channel shows frequencies and damping only, no mode shape; add sensors")
+    frequency, ratio = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)
+    source = f"{method}, {rows} block rows, lags to {(rows + columns - 1) / record.sampling_rate:.4g} s"
+    modes = ModalRecord(frequency, ratio, unit_largest(merged), dofs, warnings=tuple(notes), source=source)
+    if not found or options.frequencies is not None:
+        return ModalIdentification(modes, "ssi_cov", sweep, found, options)
+    left_out = by_rising_frequency(left_out_clusters(selection.others, frequency, ratio))
+    result = ModalIdentification(modes, "ssi_cov", sweep, found, options, left_out)
+    is_split = _split(poles, shapes / data.scale[:, None], result.probability)
+    result = result.kept(
+        ~is_split, "stable poles with the shape and, to within its bandwidth, the frequency of a surer one"
+    )
+    if n_channels == 1:
+        return result
+    collinearity = modal_phase_collinearity(result.modes.mode_shapes.astype(complex))
+    return result.kept(
+        collinearity >= ONE_PHASE,
+        "stable poles without a shape in one phase, as at the edge of a filter or of the forces",
+    )
+
+
+def _split(poles: ComplexArray, shapes: ComplexArray, probability: FloatArray) -> NDArray[np.bool_]:
+    """Mask (n_modes,) of poles that a surer one of the same shape stands for: noise splits a mode in two."""
+    likeness = mac(shapes, shapes)
+    width = 2 * np.abs(poles.real)
+    is_split = np.zeros(len(poles), dtype=bool)
+    for n in np.argsort(-np.nan_to_num(probability), kind="stable"):
+        near = np.abs(poles.imag - poles[n].imag) <= np.maximum(width, width[n])
+        surer = np.nan_to_num(probability) > np.nan_to_num(probability[n])
+        is_split[n] = np.any(near & surer & ~is_split & (likeness[n] > _SAME_SHAPE))
+    return is_split
+
+
+def _shape(record: CorrelationRecord, scale: FloatArray, block_rows: int | None) -> tuple[int, int]:
+    """Block rows and block columns of the Hankel matrix, which take one lag less than their sum.
+
+    They cover a period of the lowest motion that has a part of the power, as far as there are lags.
+    """
+    n_lags, n_channels, n_references = record.values.shape
+    lines = np.abs(np.fft.rfft(record.values / scale[:, None], 2 * n_lags, axis=0)).sum(axis=(1, 2))
+    power = np.cumsum(lines[1:])
+    first = 1 + int(np.searchsorted(power, _LOW_PART * power[-1]))
+    period = min(-(-2 * n_lags // first), max(_LARGEST // n_channels, BLOCK_ROWS))
+    usual = [max(BLOCK_ROWS, -(-2 * MAX_ORDER // number)) for number in (n_channels, n_references)]
+    rows = block_rows if block_rows is not None else min(max(usual[0], period), n_lags // 2)
+    columns = min(max(usual[1], rows), n_lags - rows)
+    if rows < 2 or columns < 1:
+        raise InputError(f"`block_rows` must be at least 2 and less than the {n_lags} lags, got {rows}; lower it")
+    return rows, columns

@@ -1,0 +1,95 @@
+"""Loads to predict under: pulses, sines, noise of a stated spectrum."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.arrays import FloatArray, require_shape
+from structid.core.errors import FileError, InputError
+from structid.files import require_readable
+
+
+def half_sine(amplitude: float, width: float, duration: float, sampling_rate: float) -> FloatArray:
+    """A half-sine pulse of `amplitude` and `width`, s, at the start of a record of `duration`, s, (n_times,)."""
+    _require_rate(width, 0.5 / width if width > 0 else np.nan, duration, sampling_rate, "width of the pulse")
+    t = np.arange(round(duration * sampling_rate)) / sampling_rate
+    return np.where(t < width, amplitude * np.sin(np.pi * np.minimum(t, width) / width), 0.0)
+
+
+def sine(amplitude: float, frequency: float, duration: float, sampling_rate: float) -> FloatArray:
+    """A sine of `amplitude` and `frequency`, Hz, from rest, (n_times,)."""
+    _require_rate(frequency, frequency, duration, sampling_rate, "frequency of the sine")
+    t = np.arange(round(duration * sampling_rate)) / sampling_rate
+    return np.asarray(amplitude * np.sin(2 * np.pi * frequency * t))
+
+
+def coloured_noise(
+    frequency: FloatArray, density: FloatArray, duration: float, sampling_rate: float, rng: np.random.Generator
+) -> FloatArray:
+    """Gaussian noise, (n_times,), of a one-sided spectral density that is linear between lines and 0 outside them.
+
+    Parameters
+    ----------
+    frequency, density : (n_frequencies,) float arrays
+        Hz, and N^2/Hz (or (m/s^2)^2/Hz of a support).
+    duration, sampling_rate : float
+        s, and samples per second.
+    rng : numpy Generator
+    """
+    require_shape("density", np.asarray(density), (len(frequency),), "one value a line")
+    if frequency[-1] > sampling_rate / 2:
+        raise InputError(
+            f"`sampling_rate` must be at least twice the highest line of the spectrum, {frequency[-1]:g} Hz, got {sampling_rate:g}"
+        )
+    n = round(duration * sampling_rate)
+    lines = np.fft.rfftfreq(n, 1 / sampling_rate)
+    power = np.interp(lines, frequency, density, left=0.0, right=0.0) * sampling_rate * n / 2
+    phase = (rng.standard_normal(len(lines)) + 1j * rng.standard_normal(len(lines))) / np.sqrt(2)
+    return np.asarray(np.fft.irfft(np.sqrt(power) * phase, n))
+
+
+def read_density(path: Path) -> tuple[FloatArray, FloatArray]:
+    """Frequencies, Hz, and one-sided spectral densities of a load from a table with these two columns.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, a line does not hold two numbers, frequencies do not rise, or a density is negative.
+    """
+    rows: list[tuple[float, float]] = []
+    for number, line in enumerate(require_readable(path).read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+        cells = [cell for cell in line.replace(";", ",").replace("\t", ",").split(",") if cell.strip()]
+        if not cells or line.lstrip().startswith("#"):
+            continue
+        try:
+            first, second = (float(cell) for cell in cells)
+        except ValueError as error:
+            if not rows and not cells[0].strip()[:1].isdigit():
+                continue  # names of the columns
+            raise FileError(
+                f"{path}, line {number}: a spectrum has two numbers a line, Hz and density, got {line.strip()!r}"
+            ) from error
+        if not np.isfinite([first, second]).all() or second < 0 or first <= 0 or (rows and first <= rows[-1][0]):
+            raise FileError(
+                f"{path}, line {number}: frequencies must rise from above 0 Hz and densities be at least 0, got {line.strip()!r}"
+            )
+        rows.append((first, second))
+    if len(rows) < 2:
+        raise FileError(f"{path}: a spectrum needs at least two lines of frequency (Hz) and density, got {len(rows)}")
+    table = np.array(rows)
+    return table[:, 0], table[:, 1]
+
+
+def _require_rate(value: float, frequency: float, duration: float, sampling_rate: float, what: str) -> None:
+    """Raise `InputError` unless a load of that `frequency`, Hz, has at least eight samples a period and fits the record."""
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"the {what} must be greater than 0, got {value:g}")
+    if not sampling_rate >= 8 * frequency:
+        raise InputError(
+            f"`sampling_rate` must be at least {8 * frequency:g} Hz for the {what} of {value:g}, got {sampling_rate:g}; with fewer"
+            " samples the load is another one"
+        )
+    if not duration * sampling_rate >= 2:
+        raise InputError(f"`duration` must hold at least two samples, got {duration:g} s")

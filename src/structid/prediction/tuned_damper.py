@@ -1,0 +1,204 @@
+"""A tuned mass damper whose frequency and damping are best over the models within the uncertainty, not for one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+
+from structid.core.arrays import ComplexArray, FloatArray
+from structid.core.display import Overview, Shown, format_number
+from structid.core.dof import Dof, parse_dof, parse_dofs
+from structid.core.errors import InputError, NoAnswerError
+from structid.identification.identified import Identification
+from structid.prediction.changes import AddTunedMassDamper
+from structid.prediction.identified_model import IdentifiedModel
+from structid.prediction.predict import model_and_error, parameter_points
+from structid.prediction.quantities import Frf, structure_modes
+
+#: Part of the frequency of a mode to each side of it that is searched, number of lines there, and of modes that are looked at.
+_AROUND, _LINES, _MODES = 0.35, 1200, 20
+#: Largest ratio of the damper's frequency to that where the search starts, either way, and largest damping ratio.
+_FARTHEST, _MOST_DAMPED = 2.0, 1.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TunedDamper(Shown):
+    """Best values of a tuned mass damper, and the largest responses with it.
+
+    Attributes
+    ----------
+    change : AddTunedMassDamper
+        The damper, for `predict_change`.
+    nominal : AddTunedMassDamper
+        The one that is best for the identified model alone.
+    peak, nominal_peak, peak_before : float
+        Largest receptance in the band, m/N, that a stated part of the models stay below: with the damper, with the nominal one, and
+        without.
+    quantile : float
+        That part.
+    band : (float, float)
+        Hz.
+    n_draws : int
+    """
+
+    change: AddTunedMassDamper
+    nominal: AddTunedMassDamper
+    peak: float
+    nominal_peak: float
+    peak_before: float
+    quantile: float
+    band: tuple[float, float]
+    n_draws: int
+
+    def overview(self) -> Overview:
+        """The values of both dampers and their largest responses."""
+        rows = [
+            (
+                name,
+                *(format_number(value, 4) for value in (damper.frequency, damper.damping_ratio)),
+                format_number(peak, 3),
+                format_number(100 * peak / self.peak_before, 3),
+            )
+            for name, damper, peak in (
+                ("best over the uncertainty", self.change, self.peak),
+                ("best for the identified model", self.nominal, self.nominal_peak),
+            )
+        ]
+        words = (
+            f"damper of {self.change.mass:g} kg at {parse_dof(self.change.dof).place}: largest receptance from"
+            f" {format_number(self.band[0], 3)} to {format_number(self.band[1], 3)} Hz, below which {100 * self.quantile:g} % of"
+            f" {self.n_draws} models within the uncertainty stay; without the damper {format_number(self.peak_before, 3)} m/N"
+        )
+        return Overview(
+            words, ("damper", "frequency (Hz)", "damping ratio", "largest (m/N)", "of that without (%)"), rows
+        )
+
+
+def tune_damper(
+    source: Identification | IdentifiedModel,
+    dof: str | Dof,
+    mass: float,
+    outputs: Sequence[str | Dof] = (),
+    inputs: Sequence[str | Dof] = (),
+    band: tuple[float, float] | None = None,
+    quantile: float = 0.95,
+    n_draws: int = 100,
+    seed: int = 0,
+) -> TunedDamper:
+    """The frequency and damping ratio of a tuned mass damper with which the largest response is smallest.
+
+    The response counts below which `quantile` of the models within the uncertainty stay: a damper that is best for the identified
+    model may be far off for others. The damper is coupled to the receptances of each model, so that no model is solved again.
+
+    Parameters
+    ----------
+    source : Identification or IdentifiedModel
+    dof : str or Dof
+        A translation.
+    mass : float
+        kg.
+    outputs, inputs : sequence of str or Dof
+        Whose receptances count; the one at `dof` by default.
+    band : (float, float), optional
+        Hz; by default 35 % to each side of the mode that dominates the flexibility at `dof`.
+    quantile : float
+    n_draws, seed : int
+        Of the random models.
+
+    Raises
+    ------
+    InputError
+        If `dof` is no translation of the structure, or a number is out of its limits.
+    NoAnswerError
+        If the data do not determine the model, or no mode moves at `dof`.
+
+    References
+    ----------
+    Den Hartog (1985), Mechanical Vibrations, section 3.3: the start of the search, and the answer for one undamped mass.
+    """
+    place = parse_dof(dof)
+    if place.is_rotation:
+        raise InputError(f"a tuned mass damper moves along X, Y or Z, got {place}")
+    if not (np.isfinite(mass) and mass > 0):
+        raise InputError(f"`mass` must be greater than 0 kg, got {mass:g}")
+    if not 0.5 <= quantile < 1:
+        raise InputError(f"`quantile` must be at least 0.5 and less than 1, got {quantile:g}")
+    model, _ = model_and_error(source, None)
+    own, effective = _dominant_mode(model, place)
+    low, high = band or ((1 - _AROUND) * own, (1 + _AROUND) * own)
+    if not 0 < low < high:
+        raise InputError(f"`band` must run from more than 0 Hz to a higher frequency, got {band}")
+    read, pushed = parse_dofs(outputs) or (place,), parse_dofs(inputs) or (place,)
+    sensors = tuple(dict.fromkeys((place, *read)))
+    loads = tuple(dict.fromkeys((place, *pushed)))
+    frf = Frf(sensors, loads, np.linspace(low, high, _LINES), "receptance")
+    evaluate = frf.evaluator(model.structure, model.parameters, parameter_points(model))
+    drawn = model.draw_parameters(n_draws, np.random.default_rng(seed))
+    receptances = np.stack([np.asarray(evaluate(each), dtype=complex) for each in (model.physical, *drawn)])
+    chosen = np.ix_(
+        range(len(receptances)), range(_LINES), [sensors.index(d) for d in read], [loads.index(d) for d in pushed]
+    )
+
+    def peaks(frequency: float, ratio: float) -> FloatArray:
+        with_damper = _coupled(receptances, frf.frequency, mass, frequency, ratio)
+        return np.asarray(np.abs(with_damper[chosen]).max(axis=(1, 2, 3)))
+
+    share = mass / effective
+    start = own / (1 + share), float(np.sqrt(3 * share / (8 * (1 + share))))
+    nominal = _search(lambda *values: float(peaks(*values)[0]), start)
+    robust = _search(lambda *values: float(np.quantile(peaks(*values)[1:], quantile)), nominal)
+    before = np.abs(receptances[chosen]).max(axis=(1, 2, 3))[1:]
+    return TunedDamper(
+        AddTunedMassDamper(place, mass, *robust),
+        AddTunedMassDamper(place, mass, *nominal),
+        float(np.quantile(peaks(*robust)[1:], quantile)),
+        float(np.quantile(peaks(*nominal)[1:], quantile)),
+        float(np.quantile(before, quantile)),
+        quantile,
+        (low, high),
+        n_draws,
+    )
+
+
+def _dominant_mode(model: IdentifiedModel, place: Dof) -> tuple[float, float]:
+    """Frequency, Hz, and mass as seen at `place`, kg, of the mode that gives most of the flexibility there."""
+    structure = model.structure
+    structure.require_modes("a tuned mass damper")
+    shapes = structure_modes(structure, model.values, min(_MODES, structure.n_dofs))
+    motion = structure.selection([place]).T @ shapes.mode_shapes
+    omega = 2 * np.pi * shapes.frequency
+    elastic = omega > 1e-3 * omega.max(initial=0.0)
+    flexible = np.where(elastic, motion[0] ** 2 / np.where(elastic, omega, 1.0) ** 2, 0.0)
+    if not flexible.max(initial=0.0) > 0:
+        raise NoAnswerError(f"no mode moves at {place}, so that a damper there does nothing; choose another place")
+    k = int(np.argmax(flexible))
+    return float(shapes.frequency[k]), float(1 / motion[0, k] ** 2)
+
+
+def _coupled(receptance: ComplexArray, frequency: FloatArray, mass: float, own: float, ratio: float) -> ComplexArray:
+    """Receptances (..., n_lines, n_outputs, n_inputs) with a damper at the first output and input: H - H_od z H_di / (1 + z H_dd).
+
+    z = -w^2 m (k + i w c) / (k + i w c - w^2 m) is the force that moves the foot of the damper, per displacement.
+    """
+    w, rate = 2 * np.pi * frequency, 2 * np.pi * own
+    held = mass * (rate**2 + 2j * ratio * rate * w)
+    z = (-(w**2) * mass * held / (held - w**2 * mass))[:, None, None]
+    column, row = receptance[..., :, :1], receptance[..., :1, :]
+    return np.asarray(receptance - column * (z / (1 + z * receptance[..., :1, :1])) * row)
+
+
+def _search(objective: Callable[[float, float], float], start: tuple[float, float]) -> tuple[float, float]:
+    """Frequency and damping ratio at the least of `objective`, by a simplex in their logarithms."""
+    first = np.log(start)
+
+    def of_logarithms(point: FloatArray) -> float:
+        far = np.abs(point[0] - first[0]) > np.log(_FARTHEST) or point[1] > np.log(_MOST_DAMPED)
+        return float("inf") if far else objective(*np.exp(point))
+
+    simplex = first + np.array([[0.0, 0.0], [0.03, 0.0], [0.0, 0.3]])
+    options = {"initial_simplex": simplex, "xatol": 1e-5, "fatol": 1e-9 * objective(*start), "maxiter": 200}
+    frequency, ratio = np.exp(minimize(of_logarithms, first, method="Nelder-Mead", options=options).x).tolist()
+    return frequency, ratio

@@ -1,0 +1,45 @@
+"""Dataset 1858 of universal files: weighting and window of the function before it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+from structid.core.display import plural
+from structid.core.errors import FileError
+from structid.files.uff.blocks import Block
+from structid.files.uff.fields import integers
+
+_WEIGHTINGS = {1: "A", 2: "B", 3: "C", 4: "D"}
+_EXPONENTIAL = (4, 6)
+
+
+def qualifier_words(path: Path, blocks: Sequence[Block], places: Collection[int]) -> str:
+    """A note on exponential windows of the functions at `places` among those of the file, from 1; "" if none is stated.
+
+    Raises
+    ------
+    FileError
+        If one of them is weighted as sound levels are, or its dataset 1858 is damaged.
+    """
+    place, windowed = 0, 0
+    for block in blocks:
+        place += block.number == 58
+        if block.number != 1858 or place not in places or len(block.lines) < 2:
+            continue
+        try:
+            weighting, window = integers(block.lines[1], (6,) * 12)[:2]
+        except ValueError as error:
+            raise FileError(f"{path}: dataset {block.place} (1858) is damaged ({error}); export it again") from error
+        if weighting in _WEIGHTINGS:
+            raise FileError(
+                f"{path}: function {place} has {_WEIGHTINGS[weighting]} weighting (dataset 1858), as sound levels have; export it"
+                " without weighting"
+            )
+        windowed += window in _EXPONENTIAL
+    if not windowed:
+        return ""
+    return (
+        f"an exponential window lies on {plural(windowed, 'function')} (dataset 1858), whose damping is in them: state it"
+        " (`window_decay` of a study, `structid modes --window`)"
+    )

@@ -1,0 +1,72 @@
+"""Every file that is asked for of a results folder, written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+from structid.core.errors import FileError, InputError
+from structid.prediction.element_values import element_values
+from structid.prediction.options import ExportOptions
+from structid.study.results.stored_model import stored_model, stored_spread, stored_study
+from structid.study.run.exports.deck import export_deck
+from structid.study.run.exports.matrices import export_matrices, export_state_space, matrix_files
+from structid.study.run.exports.mesh import export_mesh
+from structid.study.run.exports.mode_shapes import export_modes
+
+
+@dataclass(frozen=True)
+class ExportFiles:
+    """Files to write; None for those that are not wanted.
+
+    Parameters
+    ----------
+    mode_shapes, mesh, matrices, deck, state_space : Path, optional
+    """
+
+    mode_shapes: Path | None = None
+    mesh: Path | None = None
+    matrices: Path | None = None
+    deck: Path | None = None
+    state_space: Path | None = None
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Every file that may be written, those beside matrices too."""
+        single = [getattr(self, item.name) for item in fields(self) if item.name != "matrices"]
+        beside = [] if self.matrices is None else matrix_files(self.matrices)
+        return (*(path for path in single if path is not None), *beside)
+
+
+def write_exports(
+    results: Path, files: ExportFiles, options: ExportOptions, study: Path | None = None, force: bool = False
+) -> list[str]:
+    """Write files of the identified model of a results folder; what was written, in lines.
+
+    Raises
+    ------
+    FileError
+        If a file exists already and `force` is not set, a suffix is of no format, or the folder is of another version.
+    InputError
+        If the model has no such content or is not determined, two files are one, or an option cannot be used.
+    """
+    for path in files.paths:
+        if files.paths.count(path) > 1:
+            raise InputError(f"{path}: two kinds of content are to go into it; give each a file of its own")
+        if path.exists() and not force:
+            raise FileError(f"{path}: exists already; add --force to write it anew, or write to another file")
+    source = stored_study(results, study)
+    model = stored_model(results, source)
+    lines: list[str] = []
+    if files.mode_shapes is not None:
+        lines += export_modes(model, options.modes, source.title or "structid", files.mode_shapes)
+    if files.mesh is not None:
+        lines += export_mesh(model, stored_spread(results, source), options.modes, files.mesh)
+    if files.deck is not None:
+        spread = stored_spread(results, source)
+        lines += export_deck(source, element_values(model, spread.initial, spread.covariance), files.deck)
+    if files.matrices is not None:
+        lines += export_matrices(model, files.matrices)
+    if files.state_space is not None:
+        lines.append(export_state_space(model, options, files.state_space))
+    return lines

@@ -1,0 +1,419 @@
+// Use: what the identified model says of other places and of changes, beside what was measured; and files for other programs.
+import {get, link, post} from "../api.js";
+import {chart, colours, ink} from "../charts.js";
+import {bandIn, field, fill, h, number, numberIn, options, table, unitText, unpacked} from "../dom.js";
+import {resultsName} from "../recorded.js";
+
+const KINDS = ["accelerance", "mobility", "receptance"];
+// Changes that can be asked about: what each is called, and the fields that it has.
+const CHANGES = {
+  mass: [
+    "a mass is added",
+    [
+      ["node", "Node", "node"],
+      ["mass", "kg", "number"],
+    ],
+  ],
+  scale: [
+    "a property is scaled",
+    [
+      ["label", "Property", "properties"],
+      ["factor", "Factor", "number"],
+    ],
+  ],
+  support: ["a degree of freedom is held", [["dof", "Degree of freedom", "dofs"]]],
+  damper: [
+    "a tuned mass damper is added",
+    [
+      ["dof", "Where", "dofs"],
+      ["mass", "kg", "number"],
+      ["frequency", "Hz", "number"],
+      ["damping_ratio", "Damping ratio", "number"],
+    ],
+  ],
+  remove: ["an element set is taken out", [["name", "Element set", "sets"]]],
+};
+const kept = new Map(); // changes and places asked about, by results, so that they are there again
+
+export async function show(box, app) {
+  await app.reload();
+  const all = app.folder.results.sort((a, b) => b.changed - a.changed).map((one) => one.path),
+    base = resultsName(app.study);
+  if (!all.length) {
+    fill(box, h("h1", {}, "Use"), h("p", {}, "No results in this folder yet: run a study first."));
+    return;
+  }
+  const choice = h(
+      "select",
+      {id: "used", onchange: () => draw()},
+      options(all, all.find((path) => base && path.startsWith(base)) || all[0]),
+    ),
+    place = h("div");
+  fill(box, h("h1", {}, "Use"), h("div", {class: "row end"}, field("Results", choice)), place);
+  const draw = async () => {
+    const results = choice.value;
+    fill(place, h("p", {class: "muted"}, "Reading the identified model…"));
+    try {
+      const facts = await get("use", {results}),
+        fits = await get("fits", {results}).catch(() => ({channels: []}));
+      if (results === choice.value) {
+        fill(place, asked(app, results, facts, fits), exported(app, results, facts));
+      }
+    } catch (error) {
+      fill(place, h("div", {class: "card bad"}, h("p", {}, error.message)));
+    }
+  };
+  await draw();
+}
+
+const unsigned = (dof) => dof.replace(/[+-]$/, "");
+let lists = 0;
+
+// A text field that offers names, since a mesh has thousands.
+function named(label, names, value = "") {
+  const id = `names-${++lists}`,
+    input = h("input", {value, list: id, autocomplete: "off", spellcheck: "false"});
+  const place = field(label, input, "short");
+  place.append(
+    h(
+      "datalist",
+      {id},
+      names.map((name) => h("option", {value: String(name)})),
+    ),
+  );
+  return [input, place];
+}
+
+// Responses and modes, with the changes that are asked about.
+function asked(app, results, facts, fits) {
+  const state = kept.get(results) || {
+    sensor: facts.outputs[0] || facts.dofs[0] || "",
+    load: facts.inputs[0] || facts.dofs[0] || "",
+    kind: facts.kind,
+    band: facts.band || ["", ""],
+    changes: [],
+  };
+  kept.set(results, state);
+  const places = [...new Set([...facts.outputs, ...facts.dofs])];
+  const [sensor, sensorField] = named("Sensor", places, state.sensor),
+    [load, loadField] = named("Force at", [...new Set([...facts.inputs, ...facts.dofs])], state.load);
+  const kind = h("select", {}, options(KINDS, state.kind)),
+    low = h("input", {inputmode: "decimal", value: state.band[0]}),
+    high = h("input", {inputmode: "decimal", value: state.band[1]});
+  const answer = h("div", {id: "predicted", "aria-live": "polite"}),
+    list = h("ul", {class: "plain", id: "changes"});
+  const button = h("button", {class: "main", type: "submit"}, "Predict");
+  const predict = async () => {
+    Object.assign(state, {
+      sensor: sensor.value.trim(),
+      load: load.value.trim(),
+      kind: kind.value,
+      band: bandIn(low, high),
+    });
+    fill(answer, h("p", {class: "muted"}, "Computing 200 models within the uncertainty…"));
+    try {
+      const told = await post("predict", {
+        results,
+        options: {sensor: state.sensor, load: state.load, kind: state.kind, band: state.band},
+        changes: state.changes,
+      });
+      fill(
+        answer,
+        shownModes(told),
+        ...response(told, state, facts, fits),
+        told.bands
+          ? h("p", {class: "note"}, `Bands hold the true value with a probability of 95 %: ${told.bands}.`)
+          : null,
+      );
+    } catch (error) {
+      fill(answer, h("div", {class: "card bad"}, h("p", {}, error.message)));
+    }
+  };
+  const listed = () =>
+    fill(
+      list,
+      state.changes.map((one, k) =>
+        h(
+          "li",
+          {class: "row"},
+          h("span", {}, changeWords(one)),
+          h(
+            "button",
+            {
+              class: "small",
+              type: "button",
+              "aria-label": `Take back: ${changeWords(one)}`,
+              onclick: () => {
+                state.changes.splice(k, 1);
+                listed();
+              },
+            },
+            "Take back",
+          ),
+        ),
+      ),
+    );
+  listed();
+  return h(
+    "form",
+    {
+      class: "card",
+      onsubmit: (event) => {
+        event.preventDefault();
+        app.doing(button, predict);
+      },
+    },
+    h("h2", {}, "Predict"),
+    h(
+      "p",
+      {class: "note"},
+      "The response at any place to a force at any place, and what a change of the structure would do to it.",
+    ),
+    h(
+      "div",
+      {class: "row end"},
+      sensorField,
+      loadField,
+      field("Kind", kind),
+      field("band from, Hz", low, "short"),
+      field("to, Hz", high, "short"),
+    ),
+    h("h3", {}, "What if"),
+    list,
+    newChange(app, facts, (change) => {
+      state.changes.push(change);
+      listed();
+    }),
+    h("div", {class: "row end"}, button),
+    answer,
+  );
+}
+
+function changeWords(one) {
+  const [words, fields] = CHANGES[one.kind];
+  return `${words}: ${fields.map(([key, label]) => `${label} ${one[key]}`).join(", ")}`;
+}
+
+function newChange(app, facts, add) {
+  const kind = h(
+      "select",
+      {id: "change", onchange: () => draw()},
+      options(Object.entries(CHANGES).map(([name, [words]]) => [name, words])),
+    ),
+    place = h("div", {class: "row end"});
+  let inputs = {};
+  const draw = () => {
+    inputs = {};
+    fill(
+      place,
+      CHANGES[kind.value][1].map(([key, label, holds]) => {
+        if (holds === "number") {
+          inputs[key] = [h("input", {inputmode: "decimal"}), true];
+          return field(label, inputs[key][0], "short");
+        }
+        if (holds === "properties" || holds === "sets") {
+          inputs[key] = [h("select", {}, options(facts[holds])), false];
+          return field(label, inputs[key][0]);
+        }
+        const [input, wrapped] = named(label, holds === "node" ? facts.nodes : facts.dofs);
+        inputs[key] = [input, holds === "node"];
+        return wrapped;
+      }),
+    );
+  };
+  draw();
+  const button = h(
+    "button",
+    {
+      type: "button",
+      onclick: () =>
+        app.doing(button, async () => {
+          const change = {kind: kind.value};
+          for (const [key, [input, isNumber]] of Object.entries(inputs)) {
+            if (isNumber) {
+              change[key] = numberIn(input);
+              continue;
+            }
+            change[key] = input.value.trim();
+            if (!change[key]) {
+              input.focus();
+              throw new Error(`${input.labels[0].textContent}: name one`);
+            }
+          }
+          add(change);
+          draw();
+        }),
+    },
+    "Add the change",
+  );
+  return h("div", {class: "row end"}, field("A change", kind), place, button);
+}
+
+const ends = (one, digits = 5) => `${number(one.interval_95[0], digits)} to ${number(one.interval_95[1], digits)}`;
+
+function shownModes(told) {
+  const isChange = told.changes.length > 0,
+    rows = told.modes.map(({frequency_hz: hertz, damping_ratio: ratio}, k) =>
+      isChange
+        ? [
+            `${k + 1}`,
+            number(hertz.before.value, 5),
+            number(hertz.after.value, 5),
+            `${hertz.difference.value > 0 ? "+" : ""}${number(hertz.difference.value, 3)}`,
+            ends(hertz.difference, 3),
+            number(ratio.before.value, 3),
+            number(ratio.after.value, 3),
+          ]
+        : [
+            `${k + 1}`,
+            number(hertz.value.value, 5),
+            ends(hertz.value),
+            number(ratio.value.value, 3),
+            ends(ratio.value, 3),
+          ],
+    );
+  const header = isChange
+    ? ["mode", "before, Hz", "after, Hz", "change, Hz", "95 % of the change", "damping before", "damping after"]
+    : ["mode", "Hz", "95 % interval", "damping ratio", "95 % interval"];
+  return h(
+    "section",
+    {id: "predicted-modes"},
+    h("h3", {}, isChange ? `Modes before and after: ${told.changes.join(", ")}` : "Modes"),
+    table(header, rows, header.map((_, k) => k).slice(1)),
+    isChange
+      ? h(
+          "p",
+          {class: "note"},
+          "A row is one shape, before and after. Errors that both models share cancel in the change; a damper splits the mode that it is tuned to in two, of which one is listed.",
+        )
+      : null,
+  );
+}
+
+function response(told, state, facts, fits) {
+  if (!told.frf) {
+    return [];
+  }
+  const place = h("div", {class: "plot", id: "predicted-frf"}),
+    x = unpacked(told.frf.frequency, "f64");
+  const seen = fits.channels.find(
+    (one) => one.name.split("/").map(unsigned).join("/") === [state.sensor, state.load].map(unsigned).join("/"),
+  );
+  const isSeen = seen && state.kind === facts.kind;
+  const draw = () => {
+    const colour = colours(),
+      lines = Object.entries(told.frf.parts).flatMap(([name, part], k) => {
+        const [low, high, value] = [part.low, part.high, part.value].map((one) => unpacked(one, "f32")),
+          label = name === "value" ? "predicted" : name,
+          shade = colour[k === 0 ? 1 : 0];
+        return [
+          {x, y: high, mode: "lines", line: {width: 0}, hoverinfo: "skip", showlegend: false},
+          {
+            x,
+            y: low,
+            mode: "lines",
+            line: {width: 0},
+            fill: "tonexty",
+            fillcolor: `${shade}40`,
+            name: `${label}, 95 %`,
+            hoverinfo: "skip",
+          },
+          {
+            x,
+            y: value,
+            mode: "lines",
+            line: {color: shade, width: 1.8, dash: name === "after" ? "dash" : "solid"},
+            name: label,
+          },
+        ];
+      });
+    if (isSeen) {
+      lines.unshift({
+        x: unpacked(fits.frequency, "f64"),
+        y: unpacked(seen.measured, "f32"),
+        mode: "markers",
+        marker: {size: 3, color: ink()},
+        name: "measured",
+      });
+    }
+    return chart(place, lines, {
+      again: draw,
+      xaxis: {title: {text: "frequency, Hz"}, range: state.band},
+      yaxis: {type: "log", exponentformat: "power", title: {text: `magnitude, ${unitText(told.frf.unit)}`}},
+    });
+  };
+  setTimeout(draw); // it has no width before it is on the page
+  const words = isSeen
+    ? "measured in the record"
+    : seen
+      ? `measured as ${facts.kind}; predict that kind to see both`
+      : "no sensor of the record is there";
+  return [
+    h("h3", {}, `Response at ${state.sensor} to a force at ${state.load}`),
+    h("p", {class: "note"}, `${words}.`),
+    place,
+  ];
+}
+
+// Files for other programs, written beside the results and taken away by a link.
+function exported(app, results, facts) {
+  const modes = h("input", {inputmode: "numeric", value: "10"});
+  const rows = facts.offers.map((one) => {
+    const written = h("div", {"aria-live": "polite"});
+    if (one.obstacle) {
+      return h("li", {}, h("strong", {}, one.content), h("p", {class: "note"}, one.obstacle));
+    }
+    const form = h("select", {}, options(one.suffixes)),
+      button = h(
+        "button",
+        {
+          type: "button",
+          disabled: !app.folder.writable,
+          onclick: () =>
+            app.doing(button, async () => {
+              const state = kept.get(results),
+                told = await post("exports", {
+                  results,
+                  kind: one.kind,
+                  suffix: form.value,
+                  options: {
+                    modes: numberIn(modes, {least: 1}),
+                    sensor: state.sensor,
+                    load: state.load,
+                    band: state.band[0] === "" ? null : state.band,
+                  },
+                });
+              fill(
+                written,
+                h(
+                  "ul",
+                  {class: "plain"},
+                  told.paths.map((path) => h("li", {}, h("a", {href: link("download", {path}), download: ""}, path))),
+                ),
+                h("p", {class: "note lines"}, told.lines.slice(0, 12).join("\n").replaceAll("`", "")),
+              );
+            }),
+        },
+        `Write ${one.kind.replaceAll("_", " ")}`,
+      );
+    return h(
+      "li",
+      {"data-offer": one.kind},
+      h(
+        "strong",
+        {},
+        one.content.replace("; needs --sensors, --loads, --band", ", of the sensor, force and band above"),
+      ),
+      h("div", {class: "row end"}, field("Format", form), button),
+      written,
+    );
+  });
+  return h(
+    "section",
+    {class: "card", id: "exports"},
+    h("h2", {}, "Export"),
+    h("p", {class: "note"}, `Files go to the folder ${results}_exports.`),
+    h("div", {class: "row"}, field("Modes in files of modes and grids", modes, "short")),
+    h("ul", {class: "plain"}, rows),
+  );
+}

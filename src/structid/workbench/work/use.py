@@ -1,0 +1,171 @@
+"""What the page asks of an identified model: responses anywhere, before and after changes, and files for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.json_types import Entry
+from structid.fem.elements.element import dof_of_code
+from structid.files.hdf5 import hdf5_datasets, hdf5_fields, texts_of
+from structid.prediction.changes import AddMass, AddSupport, AddTunedMassDamper, Change, Remove, Scale
+from structid.prediction.options import ExportOptions, PredictOptions
+from structid.prediction.predict import Prediction
+from structid.study.results.stored_model import stored_model, stored_study
+from structid.study.run.exports.offers import list_offers
+from structid.study.run.exports.write import ExportFiles, write_exports
+from structid.study.run.predicting import parts_of, predict_study, prediction_summary
+from structid.workbench.work.scene import packed
+
+#: Names that are offered for choice at most, and models within the uncertainty behind a band of the page.
+_MOST_NAMES, _DRAWS, _LINES, _MODES = 1500, 200, 400, 8
+_MEASURED = ("outputs", "inputs", "kind")
+
+
+def use_facts(folder: Path) -> dict[str, Entry]:
+    """What can be asked of the model of a results folder: places, properties, measured channels, and files.
+
+    Raises
+    ------
+    FileError
+        If the folder is of another version, or its study has changed.
+    InputError
+        If the data do not determine the model.
+    """
+    study = stored_study(folder)
+    model, structure = stored_model(folder, study), study.structure
+    present = set(hdf5_datasets(folder / "estimate.h5"))
+    fields = hdf5_fields(folder / "estimate.h5", [f"frf/{name}" for name in _MEASURED if f"frf/{name}" in present])
+    outputs, inputs, kind = (texts_of(fields[f"frf/{name}"]) if f"frf/{name}" in fields else () for name in _MEASURED)
+    moving = [code for code in structure.numbering.moving.tolist() if code // 6 in structure.nodes]
+    return {
+        "dofs": [str(dof_of_code(code)) for code in moving[:_MOST_NAMES]],
+        "nodes": list(structure.nodes)[:_MOST_NAMES],
+        "outputs": outputs,
+        "inputs": inputs,
+        "kind": kind[0] if kind else "accelerance",
+        "band": study.options.band,
+        "properties": [item.label for item in structure.properties if item.term.values.any()][:_MOST_NAMES],
+        "sets": [element.name for element in structure.elements],
+        "offers": [
+            {
+                "kind": offer.flag.removeprefix("--").replace("-", "_"),
+                "content": offer.content,
+                "suffixes": offer.suffixes,
+                "obstacle": offer.obstacle,
+            }
+            for offer in list_offers(model, study)
+        ],
+    }
+
+
+#: Keys of a change by its kind, and what makes it.
+_CHANGES: dict[str, tuple[Callable[..., Change], tuple[str, ...]]] = {
+    "mass": (AddMass, ("node", "mass")),
+    "scale": (Scale, ("label", "factor")),
+    "support": (AddSupport, ("dof",)),
+    "damper": (AddTunedMassDamper, ("dof", "mass", "frequency", "damping_ratio")),
+    "remove": (Remove, ("name",)),
+}
+
+
+def read_changes(stated: Sequence[Mapping[str, Any]]) -> list[Change]:
+    """Changes of a structure from tables with a `kind` and the numbers of that kind.
+
+    Raises
+    ------
+    InputError
+        If a kind is not known, or a number is missing.
+    """
+    changes: list[Change] = []
+    for table in stated:
+        if table.get("kind") not in _CHANGES:
+            raise InputError(f"a change must be one of {', '.join(_CHANGES)}, got {table.get('kind')!r}")
+        make, keys = _CHANGES[table["kind"]]
+        missing = [key for key in keys if table.get(key) in (None, "")]
+        if missing:
+            raise InputError(f"{table['kind']}: `{missing[0]}` must be given, got nothing")
+        values = [_node(table[key]) if key == "node" else table[key] for key in keys]
+        changes.append(make(*values))
+    return changes
+
+
+def _node(stated: Any) -> int:
+    """The number of a node, which the page sends as text."""
+    text = str(stated).strip()
+    if not text.isdigit():
+        raise InputError(f"`node` must be a number of a node, got {stated!r}")
+    return int(text)
+
+
+def predict_use(folder: Path, options: Mapping[str, Any], changes: Sequence[Mapping[str, Any]]) -> dict[str, Entry]:
+    """Modes of the model, and its FRF of one sensor and one load with a 95 % band, before and after changes.
+
+    Parameters
+    ----------
+    folder : Path
+        Results.
+    options : mapping
+        ``sensor``, ``load``, ``band`` and ``kind``; without a sensor modes alone are predicted.
+    changes : sequence of mapping
+        See `read_changes`.
+    """
+    asked = PredictOptions(
+        sensors=str(options.get("sensor") or ""),
+        loads=str(options.get("load") or ""),
+        kind=options.get("kind") or "accelerance",
+        band=None if options.get("band") is None else (float(options["band"][0]), float(options["band"][1])),
+        lines=_LINES,
+        modes=_MODES,
+        draws=_DRAWS,
+    )
+    predicted = predict_study(folder, asked, read_changes(changes))
+    summary = prediction_summary(predicted)
+    answer: dict[str, Entry] = {key: summary[key] for key in ("changes", "bands", "modes")}
+    if predicted.frf is not None:
+        parts = parts_of(predicted.frf)
+        quantity = next(iter(parts.values())).quantity
+        answer["frf"] = {
+            "frequency": packed(np.asarray(quantity.axes["frequency"], dtype=float), np.float64),
+            "unit": quantity.unit,
+            "parts": {name: _curves(part) for name, part in parts.items() if name != "difference"},
+        }
+    return answer
+
+
+def _curves(part: Prediction) -> dict[str, Entry]:
+    """Magnitude and band of one FRF."""
+    columns = {"value": np.abs(part.values), "low": part.low, "high": part.high}
+    return {name: packed(column.reshape(len(column), -1)[:, 0], np.float32) for name, column in columns.items()}
+
+
+def export_use(
+    folder: Path, kind: str, suffix: str, options: Mapping[str, Any], out: Path
+) -> tuple[list[str], list[Path]]:
+    """Write one kind of file of the model into the folder `out`, anew where it is there; what was written, in lines, and the paths.
+
+    Raises
+    ------
+    InputError
+        If the kind or its format is not known, or the model has no such content.
+    """
+    study = stored_study(folder)
+    offers = {
+        offer.flag.removeprefix("--").replace("-", "_"): offer
+        for offer in list_offers(stored_model(folder, study), study)
+    }
+    if kind not in offers or suffix not in offers[kind].suffixes:
+        raise InputError(f"{kind} as {suffix} is no file of these results; choose one that is offered")
+    out.mkdir(exist_ok=True)
+    files = ExportFiles(**{kind: out / f"{folder.name}_{kind}{suffix}"})
+    asked = ExportOptions(
+        sensors=str(options.get("sensor") or ""),
+        loads=str(options.get("load") or ""),
+        band=None if options.get("band") is None else (float(options["band"][0]), float(options["band"][1])),
+        modes=int(options.get("modes") or 10),
+    )
+    return write_exports(folder, files, asked, force=True), [path for path in files.paths if path.exists()]

@@ -1,0 +1,54 @@
+"""Best values of a tuned mass damper: Den Hartog's for one undamped mass, and those that hold over an uncertainty."""
+
+import numpy as np
+import pytest
+
+import structid as sid
+from structid.core.errors import InputError
+from structid.prediction.identified_model import identified_model
+
+MASS, STIFFNESS = 10.0, 4e4
+
+
+def make_mass(std):
+    parts = [sid.PointMass("m", [1], mass=MASS), sid.Spring("k", "1X", stiffness=STIFFNESS)]
+    structure = sid.Structure({1: 0.0}, parts, active=["X"])
+    parameters = sid.parameters(structure, [sid.Unknown("stiffness", "k")])
+    return identified_model(structure, parameters, parameters.start, np.array([[(std * STIFFNESS) ** 2]]))
+
+
+@pytest.mark.parametrize("ratio", [0.02, 0.1])
+def test_one_undamped_mass_takes_den_hartogs_damper(ratio):
+    """Den Hartog (1985), Mechanical Vibrations, Eqs. 3.29, 3.32 and 3.35; his damping is within 1 % of the exact least peak."""
+    own = np.sqrt(STIFFNESS / MASS) / (2 * np.pi)
+    found = sid.tune_damper(make_mass(1e-9), "1X", ratio * MASS)
+    assert found.change.frequency == pytest.approx(own / (1 + ratio), rel=3e-3)
+    assert found.change.damping_ratio == pytest.approx(np.sqrt(3 * ratio / (8 * (1 + ratio))), rel=0.02)
+    assert found.peak * STIFFNESS == pytest.approx(np.sqrt(1 + 2 / ratio), rel=5e-3)
+
+
+def test_an_uncertain_structure_takes_more_damping_and_gains_over_the_nominal_damper():
+    found = sid.tune_damper(make_mass(0.08), "1X", 0.02 * MASS)
+    assert found.change.damping_ratio > 1.2 * found.nominal.damping_ratio
+    assert found.peak < 0.95 * found.nominal_peak < found.peak_before
+    assert "best over the uncertainty" in str(found)
+
+
+def test_the_coupled_damper_is_that_of_a_structure_with_it():
+    """Receptances with a damper coupled to them equal those of a structure that has its mass, spring and dashpot."""
+    model, mass = make_mass(0.0), 0.3
+    found = sid.tune_damper(model, "1X", mass)
+    frf = sid.Frf(["1X"], ["1X"], np.linspace(*found.band, 1200), "receptance")
+    after = sid.predict_change(model, frf, [found.change], n_draws=50).after.values
+    assert np.abs(after).max() == pytest.approx(found.peak, rel=1e-9)
+
+
+def test_dampers_that_cannot_be_are_named():
+    with pytest.raises(InputError, match="along X, Y or Z"):
+        sid.tune_damper(make_mass(0.1), "1RZ", 1.0)
+    with pytest.raises(InputError, match="`mass` must be greater than 0"):
+        sid.tune_damper(make_mass(0.1), "1X", 0.0)
+    with pytest.raises(InputError, match="`quantile` must be at least"):
+        sid.tune_damper(make_mass(0.1), "1X", 1.0, quantile=1.0)
+    with pytest.raises(InputError, match="9X"):
+        sid.tune_damper(make_mass(0.1), "9X", 1.0)

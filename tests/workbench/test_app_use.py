@@ -1,0 +1,143 @@
+"""The step *Use* of the workbench: predictions beside what was measured, changes asked about, files for other programs."""
+
+import base64
+import json
+
+import meshio
+import numpy as np
+import pytest
+from app_cases import require_workbench, served, write_beam_record
+from browser_cases import accessible, shown, step
+
+from structid.study.results.folder import write_results
+from structid.study.run.run import run_study
+from structid.study.schema.study import load_study
+from structid.study.templates import TEMPLATES, template_with, write_study
+from structid.workbench.folder import EXPORTS, OpenFolder
+from structid.workbench.work.called import called
+from study_cases import write_chain
+
+require_workbench()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with the chain's study and its results."""
+    folder = tmp_path_factory.mktemp("used")
+    result = run_study(load_study(write_chain(folder)))
+    (folder / "chain_results").mkdir()
+    write_results(result, folder / "chain_results")
+    return folder
+
+
+def ask(folder, name, **given):
+    return json.loads(called(name, str(folder), given))
+
+
+def curve(text):
+    return np.frombuffer(base64.b64decode(text), np.float32)
+
+
+def test_what_can_be_asked_is_told(folder):
+    facts = ask(folder, "use", results="chain_results")
+    assert (facts["dofs"], facts["nodes"]) == (["1X+", "2X+", "3X+"], [1, 2, 3])
+    assert (facts["outputs"], facts["inputs"], facts["kind"]) == (["1X+", "3X+"], ["3X+"], "accelerance")
+    assert facts["band"] == [0.5, 12.0]
+    assert "stiffness[upper]" in facts["properties"]
+    offers = {one["kind"]: one for one in facts["offers"]}
+    assert ".vtu" in offers["mesh"]["suffixes"]
+    assert "deck" in offers["deck"]["obstacle"]
+
+
+def test_a_prediction_has_the_band_around_the_value(folder):
+    options = {"sensor": "2X", "load": "3X", "kind": "accelerance", "band": [1, 10]}
+    told = ask(folder, "predict", results="chain_results", options=options, changes=[])
+    part = told["frf"]["parts"]["value"]
+    low, value, high = (curve(part[key]) for key in ("low", "value", "high"))
+    assert (len(low), told["changes"]) == (400, [])
+    assert ((low < value) & (value < high)).mean() > 0.95
+    identified = json.loads((folder / "chain_results" / "estimate.json").read_text())["modes"]
+    for mode, own in zip(told["modes"], identified, strict=False):
+        assert mode["frequency_hz"]["value"]["value"] == pytest.approx(own["frequency_hz"])
+
+
+def test_changes_are_compared_with_the_model_as_it_is(folder):
+    changes = [
+        {"kind": "mass", "node": "2", "mass": 1.0},
+        {"kind": "scale", "label": "stiffness[ground]", "factor": 1.5},
+    ]
+    told = ask(folder, "predict", results="chain_results", options={}, changes=changes)
+    assert told["changes"] == ["1 kg added at node 2", "stiffness[ground] times 1.5"]
+    first = told["modes"][0]["frequency_hz"]
+    assert first["difference"]["value"] == pytest.approx(first["after"]["value"] - first["before"]["value"])
+    assert "frf" not in told
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ([{"kind": "paint"}], "a change must be one of mass, scale"),
+        ([{"kind": "mass", "node": 2}], "mass: `mass` must be given"),
+        ([{"kind": "mass", "node": "two", "mass": 1.0}], "`node` must be a number of a node, got 'two'"),
+        ([{"kind": "mass", "node": 7, "mass": 1.0}], "no node 7"),
+        ([{"kind": "support", "dof": "9X"}], "9X"),
+        ([{"kind": "remove", "name": "deck"}], "no element set 'deck'"),
+    ],
+)
+def test_a_change_of_what_is_not_there_is_named(folder, changes, words):
+    assert words in ask(folder, "predict", results="chain_results", options={}, changes=changes)["error"]
+
+
+def test_files_are_written_beside_the_results(folder):
+    told = ask(folder, "exports", results="chain_results", kind="mesh", suffix=".vtu", options={"modes": 2})
+    assert told["paths"] == [f"chain_results{EXPORTS}/chain_results_mesh.vtu"]
+    assert len(meshio.read(folder / told["paths"][0]).points) == 3
+    told = ask(folder, "exports", results="chain_results", kind="matrices", suffix=".npz", options={})
+    assert {path.split("_")[-1] for path in told["paths"]} >= {"MAA.npz", "KAA.npz", "matrices.dofs.txt"}
+    listed = OpenFolder(folder).listing()
+    assert not [one for kind in ("records", "models") for one in listed[kind] if EXPORTS in one["path"]]
+    for kind, suffix in (("mesh", ".exe"), ("deck", ".bdf"), ("../x", ".vtu")):
+        told = ask(folder, "exports", results="chain_results", kind=kind, suffix=suffix, options={})
+        assert "is no file of these results" in told["error"]
+
+
+@pytest.mark.long
+def test_an_answer_is_used_in_the_browser(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    write_beam_record(study, tmp_path / "hammer.npz", ("3Y+", "5Y+"), ("3Y+", "5Y+"))
+    study.write_text(study.read_text(encoding="utf-8") + '\n[record]\npath = "hammer.npz"\n', encoding="utf-8")
+    (tmp_path / "beam_results").mkdir()
+    write_results(run_study(load_study(study)), tmp_path / "beam_results")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#results/beam.toml")
+        step(page, "Use")
+        page.get_by_role("heading", name="Predict").wait_for()
+        assert page.get_by_label("Sensor").input_value() == "3Y+"
+        page.get_by_label("band from, Hz").fill("5")
+        page.get_by_label("to, Hz").fill("120")
+        page.get_by_role("button", name="Predict").press("Enter")  # by the keyboard
+        page.locator("#predicted-frf .main-svg").first.wait_for()
+        page.get_by_text("measured in the record").wait_for()
+        shown(page, screens, "31_predicted")
+        accessible(page, "predicted")
+        page.get_by_label("Sensor").fill("2Y")
+        page.get_by_label("A change").select_option("damper")
+        for label, text in (("Where", "5Y"), ("kg", "0.2"), ("Hz", "11,5"), ("Damping ratio", "0.1")):
+            page.get_by_label(label, exact=True).fill(text)
+        page.get_by_role("button", name="Add the change").click()
+        page.get_by_text("11,5 is no number; write 11.5").wait_for()
+        page.get_by_label("Hz", exact=True).fill("11.5")
+        page.get_by_role("button", name="Add the change").click()
+        page.get_by_role("button", name="Take back: a tuned mass damper").wait_for()
+        page.get_by_role("button", name="Predict").click()
+        page.get_by_text("Modes before and after: ").wait_for()
+        page.get_by_text("no sensor of the record is there").wait_for()
+        page.locator("#predicted-frf .main-svg").first.wait_for()
+        shown(page, screens, "32_what_if")
+        accessible(page, "what if")
+        page.locator("[data-offer=mesh]").get_by_role("button", name="Write mesh").click()
+        with page.expect_download() as waiting:
+            page.get_by_role("link", name="beam_results_exports/beam_results_mesh.vtu").click()
+        assert len(meshio.read(waiting.value.path(), "vtu").points) == 5  # of the identified model, without the damper
+        shown(page, screens, "33_exports")
+        accessible(page, "exports")
