@@ -10,11 +10,14 @@ import signal
 import tomllib
 import zipfile
 
+import numpy as np
 import psutil
 import pytest
 from app_cases import ROOT, STOREYS, filling_disk, require_workbench, served, write_ambient, write_beam_record
 from browser_cases import accessible, eventually, shown, step
 
+from structid.records import TimeRecord
+from structid.records.formats import write_record
 from structid.study.templates import TEMPLATES, template_with, write_study
 
 require_workbench()
@@ -596,7 +599,7 @@ def test_several_records_and_errors_of_their_channels(page, screens, tmp_path):
         page.get_by_role("button", name="Add", exact=True).click()
         page.get_by_role("button", name="Remove the gain of 3Y+").wait_for()
         page.get_by_role("button", name="Show record 2: second.npz").click()
-        page.get_by_text("All channels count as right").wait_for()
+        page.get_by_text("All channels are taken to be right").wait_for()
         page.get_by_label("Error", exact=True).select_option("polarity")
         page.get_by_label("Channels", exact=True).select_option("outputs 2Y+")
         page.get_by_role("button", name="Add", exact=True).click()
@@ -610,7 +613,7 @@ def test_several_records_and_errors_of_their_channels(page, screens, tmp_path):
         assert bench.get("check", study="beam.toml")[0] == 200
 
         page.get_by_role("button", name="Remove the polarity of 2Y+").click()
-        page.get_by_text("All channels count as right").wait_for()
+        page.get_by_text("All channels are taken to be right").wait_for()
         page.get_by_role("button", name="Take out record 2: second.npz").click()
         page.get_by_text("Record of the study", exact=True).wait_for()
         assert study.read_text(encoding="utf-8").count("[[record]]") == 1
@@ -723,3 +726,34 @@ def test_a_name_in_a_shipped_run_is_a_text_and_a_page_of_results_fetches_nothing
         told = page.frame_locator("iframe.report").locator("#told")
         eventually(page, lambda: told.inner_text() != "")
         assert "no fetch" in told.inner_text()
+
+
+@pytest.mark.long
+def test_segments_that_leak_are_lengthened_or_the_histories_fitted_by_a_click(page, screens, tmp_path):
+    study = write_study(template_with(TEMPLATES["beam"], {"elements": 4}), tmp_path / "beam.toml")
+    rng = np.random.default_rng(2)
+    force, motion = rng.standard_normal((2, 60000))
+    signals = np.stack([motion + np.convolve(force, [0.3, 0.2], "same"), force], axis=1)
+    record = TimeRecord(500.0, signals, ("5Y+", "5Y+"), ("acceleration", "force"))
+    write_record(tmp_path / "hammer.npz", record)
+    text = study.read_text(encoding="utf-8").replace("loss_factor = 0.01", "loss_factor = 0.1")
+    page.set_default_timeout(60_000)
+    study.write_text(f'{text}\n[record]\npath = "hammer.npz"\n[record.frf]\nsegment_length = 256\n', encoding="utf-8")
+    with served(tmp_path) as bench:
+        page.goto(bench.address + "#structure/beam.toml")
+        page.locator("#leaking").wait_for()
+        shown(page, screens, "leaking")
+        accessible(page, "leaking")
+        button = page.get_by_role("button", name=re.compile("Take segments of"))
+        needed = int(re.search(r"\d+", button.inner_text())[0])
+        button.click()
+        eventually(
+            page, lambda: tomllib.loads(study.read_text("utf-8"))["record"]["frf"]["segment_length"] == needed > 256
+        )
+        study.write_text(study.read_text("utf-8").replace(str(needed), "256"), encoding="utf-8")
+        page.get_by_label("noise of the channels").fill("2")
+        page.get_by_role("button", name="Fit the histories themselves").click()
+        wanted = {"fit": "spectra", "relative_noise": 0.02}
+        eventually(page, lambda: tomllib.loads(study.read_text("utf-8"))["record"].get("time") == wanted)
+        eventually(page, lambda: page.locator("#leaking").count() == 0)
+        page.locator("#checked", has_text=re.compile("determine every parameter")).wait_for()

@@ -163,6 +163,7 @@ def predict_study(
         largest,
         options.duration,
         "; ".join(words),
+        damper,
     )
 
 

@@ -1,6 +1,6 @@
 // The structure in space, its sensors, and what `check` says of it.
 import {get} from "../api.js";
-import {field, fill, h, number, options, percent, quantity, table, toml} from "../dom.js";
+import {field, fill, h, number, numberIn, options, percent, quantity, table, toml} from "../dom.js";
 import {recordPath, recordPicker, records} from "../recorded.js";
 import {Scene} from "../scene.js";
 
@@ -461,6 +461,63 @@ function declaredKey(app, chosen) {
   return Object.keys(sensorsOf(app)).find((key) => key.replace(/^load /, "").replace(/[+-]$/, "") === bare);
 }
 
+// Where segments leak: longer ones, or the histories fitted themselves, each by a click. Of one record only.
+function leaking(app, warnings) {
+  const words = warnings.find((one) => /^leakage: /.test(one)),
+    all = records(app);
+  if (!words || all.length !== 1 || !app.folder.writable) {
+    return null;
+  }
+  const needed = /take segments of (\d+) samples/.exec(words)?.[1],
+    path = recordPath(app);
+  const noise = h("input", {value: "1", inputmode: "decimal"});
+  const act = (text, edits, told) => {
+    const button = h(
+      "button",
+      {
+        type: "button",
+        onclick: () =>
+          app.doing(button, async () => {
+            if (await app.edit(edits(), told)) {
+              app.go("structure");
+            }
+          }),
+      },
+      text,
+    );
+    return button;
+  };
+  return h(
+    "div",
+    {id: "leaking"},
+    h(
+      "div",
+      {class: "row end"},
+      needed
+        ? act(
+            `Take segments of ${needed} samples`,
+            () => [{set: [...path, "frf", "segment_length"], to: needed}],
+            "The segments are longer",
+          )
+        : null,
+      field("noise of the channels, % of their rms", noise, "short"),
+      act(
+        "Fit the histories themselves",
+        () => [
+          {set: [...path, "time", "fit"], to: '"spectra"'},
+          {set: [...path, "time", "relative_noise"], to: String(numberIn(noise, {least: 1e-6}) / 100)},
+        ],
+        "The histories are fitted themselves now, which has no leakage",
+      ),
+    ),
+    h(
+      "p",
+      {class: "note"},
+      "Histories that are fitted themselves leak nothing; they need the noise of the channels. Averaged FRFs then only illustrate the fit.",
+    ),
+  );
+}
+
 async function showCheck(place, app, mark) {
   const {study, now} = app;
   fill(place, h("h2", {}, "What check says"), h("p", {class: "muted"}, "Reading the study…"));
@@ -509,6 +566,7 @@ async function showCheck(place, app, mark) {
             ),
           ]
         : h("p", {class: "muted"}, "No warning."),
+      leaking(app, found.warnings),
       found.directions.length
         ? [
             h("h3", {}, "Not determined"),
@@ -544,7 +602,7 @@ async function showCheck(place, app, mark) {
           {open: true},
           h("summary", {}, "Modes of the initial model"),
           table(
-            ["mode", "Hz", "damping ratio", "lines a bandwidth"],
+            ["mode", "Hz", "damping ratio", "lines in its bandwidth"],
             found.modes.map((one, k) => [
               String(k + 1),
               number(one[0]),
@@ -557,9 +615,9 @@ async function showCheck(place, app, mark) {
         h(
           "details",
           {open: found.channels.length < 15},
-          h("summary", {}, `What ${found.channels.length} channels see`),
+          h("summary", {}, `What the ${found.channels.length} channels measure`),
           table(
-            ["channel", "", "sees"],
+            ["channel", "", "measures"],
             found.channels.map((one) => one),
           ),
         ),
