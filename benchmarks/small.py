@@ -75,6 +75,11 @@ SMALL: dict[str, str] = {
     "accuracy/translations_only.py": "--elements 9 --repeats 1",
     "accuracy/varying_records.py": "--repeats 1 --setups 4",
     "accuracy/wrong_models.py": "--set development --only two_span-frf-near-mass-6",
+    "accuracy/bands.py": "--bridges 1",
+    "accuracy/damping_of_two_programs.py": "--records 1",
+    "accuracy/light_damping.py": "--records 2 --seconds 100",
+    "accuracy/mode_probability.py": "--records 8",
+    "accuracy/moving_roller.py": "--decays 2",
 }
 #: Scripts that CI cannot run, with the reason.
 NOT_RUN: dict[str, str] = {

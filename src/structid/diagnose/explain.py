@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.core.display import plural
 from structid.core.errors import InputError, StructidError
-from structid.diagnose.causes import MOST_DOFS
+from structid.diagnose.causes.places import MOST_DOFS
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted, is_clear
 from structid.diagnose.freed_model import fixed_value_sensitivities
 from structid.diagnose.model_averaging import intervals_of, widened
@@ -23,6 +23,7 @@ from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.thresholds import (
     ALIKE,
     IDENTIFICATIONS,
+    LARGE_MODEL_REFITS,
     MATTERS,
     MOST_ALIKE,
     MOST_FREED,
@@ -51,7 +52,10 @@ from structid.inversion.search.work import ALONE, Work
 #: The verdict of an answer that is written while causes are still looked for.
 _SEARCHING = "the search for causes had not ended when this was written"
 _NO_MATRIX = "no change of model or record was tried: the search leaves no Jacobian to look for one with"
-_OF_RECORDS = f"of a model of more than {MOST_DOFS} degrees of freedom, causes are looked for in the records alone"
+_FEW_FITTED = (
+    f"of a model of more than {MOST_DOFS} degrees of freedom, {LARGE_MODEL_REFITS} likely changes are fitted at most"
+)
+_OF_RECORDS = "of a model as large as this, or with components, causes are looked for in the records alone"
 _NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
 
 
@@ -275,8 +279,9 @@ def _diagnose_explained(
 
 def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
     """Sentences on causes that were not looked for for want of time, and how to go on."""
-    if explanation.base.modified.is_large:
-        return (_OF_RECORDS,)
+    modified = explanation.base.modified
+    if modified.is_large:
+        return (_FEW_FITTED if modified.has_places else _OF_RECORDS,)
     parts = [explanation, *([] if explanation.further is None else [explanation.further])]
     left_out = sum(part.left_out for part in parts)
     words = [f"{plural(left_out, 'likely change')} not tried"] * (left_out > 0)

@@ -12,7 +12,7 @@ import numpy as np
 from structid.core.arrays import FloatArray
 from structid.core.errors import StructidError
 from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import MOST_DOFS
+from structid.diagnose.causes.places import MOST_DOFS, has_places
 from structid.diagnose.frf_views import View, views
 from structid.diagnose.model_edits import Edits
 from structid.diagnose.receptances import MOST_LINES
@@ -141,8 +141,13 @@ class ModifiedModel:
 
     @property
     def is_large(self) -> bool:
-        """True if only changes of its records are looked at."""
+        """True where a fit takes so long that only a few changes are fitted."""
         return any(setup.structure.n_dofs > MOST_DOFS for setup in self.setups)
+
+    @property
+    def has_places(self) -> bool:
+        """True where changes at nodes and elements are looked at, not those of records alone."""
+        return all(has_places(view.problem) for view in self.views)
 
     @property
     def is_small(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Hashable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -169,13 +170,15 @@ class Shortlist(NamedTuple):
     """What came of the looks.
 
     `rows` are the best candidates of every point and the best of each kind, each once, the most telling first; `at_fit`
-    those of them that promise most at the fit, and channels with faults of their own; `tried` is how many there were; `feet`
-    are supports that give way in all rotations at once, which no linear look is taken at; `lost` are sensors without which a
-    good part of the misfit is gone.
+    those of them that promise most at the fit, and channels with faults of their own; `in_turn` are those that are
+    certain, the best of the first point, of the second and so on, then the second best of each; `tried` is how many
+    there were; `feet` are supports that give way in all rotations at once, which no linear look is taken at; `lost` are
+    sensors without which a good part of the misfit is gone.
     """
 
     rows: list[Screened]
     at_fit: list[Screened]
+    in_turn: list[Screened]
     tried: int
     feet: list[Screened]
     lost: list[Screened]
@@ -201,7 +204,7 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
     answers = map_within_budget(budget, work, name, _looked, (tuple(points), names), nearest_first, least=1)[::-1]
     held_nodes = {dof.node for setup in base.modified.setups for dof in setup.structure.fixed}
     best, others, here = _Promises(), _Promises(), _Promises()
-    tried, feet = 0, list[Screened]()
+    tried, feet, of_points = 0, list[Screened](), list[list[Screened]]()
     for point, answer in zip(points, answers, strict=True):
         if answer is None:
             continue
@@ -233,6 +236,7 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
             if key not in chosen or drop > chosen[key][0]:
                 chosen[key] = (drop, row)
             kinds[kind] += 1
+        of_points.append([row for _, row in here.values()])
     _with_friction(best, all(DryFriction.can_act(receptances) for receptances in points[-1].records[:1]))
     found = sorted(best.values(), key=lambda pair: (not _is_certain(pair[1].candidate, certain), -pair[0]))
     rows = [row for _, row in found]
@@ -248,7 +252,9 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
         if drop > CHANNEL_PART or row in sure or (base.modified.is_of_modes and row in rows)
     ]
     at_fit = [*sure, *[row for row in at_fit if row in rows][:CERTAIN_AT_FIT]]
-    return Shortlist(rows, at_fit, tried, feet, lost)
+    in_turn = [row for of_rank in zip_longest(*of_points) for row in of_rank if row is not None]
+    in_turn.sort(key=lambda row: not _is_certain(row.candidate, certain))
+    return Shortlist(rows, at_fit, in_turn, tried, feet, lost)
 
 
 def _feet(several: Iterable[Candidate], left: float) -> list[Screened]:

@@ -133,7 +133,7 @@ def search_causes(base: Fitted, work: Work = ALONE, budget: SearchBudget = UNLIM
     """
     base = replace(base, modified=replace(base.modified, fit_limits=budget.fit_limits))
     if base.modified.is_large:
-        return _of_records(base, work, budget)
+        return _of_large_model(base, work, budget)
     other = _from_elsewhere(base)
     if other is not None and not is_misfit(other):
         return Explanation(base, (), (), 0, better=other)
@@ -511,13 +511,19 @@ def _begun(modified: ModifiedModel, changes: Sequence[Sized], known: Mapping[str
     return items
 
 
-def _of_records(base: Fitted, work: Work, budget: SearchBudget) -> Explanation:
-    """The likeliest changes of the records of a large model; only a few are refitted."""
+def _of_large_model(base: Fitted, work: Work, budget: SearchBudget) -> Explanation:
+    """The likeliest changes of a large model, of which only a few are refitted: the best at the start and at the fit in turn.
+
+    Where a fit bends all values to a fault, linear looks at it see what it was bent to; those at the start see the fault.
+    """
     clock = SearchBudget()
     shortlist = shortlist_candidates(base, work, "causes on a linear look", budget.part(SCREENING_TIME))
     residual = base.modified.target.residual(base.theta)[: base.modified.target.n_data]
     data = OutlyingLines.from_residual(base.modified.problems, residual)
-    few = [*(Screened(one, 1.0, base.cost) for one in data), *shortlist.rows][:LARGE_MODEL_REFITS]
+    likeliest = dict[Hashable, Screened]()
+    for row in (*shortlist.in_turn, *shortlist.rows):
+        likeliest.setdefault(row.candidate.key, row)
+    few = [*(Screened(one, 1.0, base.cost) for one in data), *likeliest.values()][:LARGE_MODEL_REFITS]
     items = _begun(base.modified, [(one.candidate, one.strength) for one in few], {})
     fits, n_ended = _refits_in_time(base, items, work, "likeliest causes", None, budget)
     return replace(_weighed(base, fits, shortlist.tried), spent=clock.spent, left_out=len(items) - n_ended)
