@@ -38,6 +38,11 @@ def noise_deviation(found: Any, name: str) -> float:
 
 
 HOLDS: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "use/stress_on_a_mast": lambda end: (
+        end["largest"].low[0] < end["largest"].values[0] < end["largest"].high[0]
+        and end["damper"].peak < end["damper"].nominal_peak < end["damper"].peak_before
+        and end["damper"].change.damping_ratio > end["damper"].nominal.damping_ratio
+    ),
     "use/back_into_the_deck": lambda end: (
         len(end["changed"]) == 4
         and close(end["change"], [0.0] * 8 + [-0.15] * 8, absolute=0.02)

@@ -484,8 +484,8 @@ def test_where_causes_cannot_be_looked_for_the_verdict_stands_and_says_so(tmp_pa
 
 
 def test_of_a_large_model_the_records_alone_are_searched_for_causes(tmp_path, monkeypatch):
-    for module in ("modified_model", "causes", "causes.mass"):
-        monkeypatch.setattr(f"structid.diagnose.{module}.MOST_DOFS", 10)
+    monkeypatch.setattr("structid.diagnose.modified_model.MOST_DOFS", 10)
+    monkeypatch.setattr("structid.diagnose.causes.places.MOST_SCREENED_DOFS", 10)
     path = written(tmp_path, off())
     record = read_record(tmp_path / "frf.npz")
     crossed = np.array(record.values)
@@ -496,7 +496,7 @@ def test_of_a_large_model_the_records_alone_are_searched_for_causes(tmp_path, mo
     assert (first.kind, first.where) == ("swap", ("2X", "5Y"))
     assert len(fits) <= 4
     assert not {one.kind for one in others} & {"support", "mass", "joint", "untied", "spring", "dashpot"}
-    assert any("causes are looked for in the records alone" in words for words in result.diagnosis.judgement.reasons)
+    assert "causes are looked for in the records alone" in " ".join(result.diagnosis.judgement.reasons)
 
 
 @pytest.mark.long

@@ -599,7 +599,7 @@ def test_several_records_and_errors_of_their_channels(page, screens, tmp_path):
         page.get_by_role("button", name="Add", exact=True).click()
         page.get_by_role("button", name="Remove the gain of 3Y+").wait_for()
         page.get_by_role("button", name="Show record 2: second.npz").click()
-        page.get_by_text("All channels count as right").wait_for()
+        page.get_by_text("All channels are taken to be right").wait_for()
         page.get_by_label("Error", exact=True).select_option("polarity")
         page.get_by_label("Channels", exact=True).select_option("outputs 2Y+")
         page.get_by_role("button", name="Add", exact=True).click()
@@ -613,7 +613,7 @@ def test_several_records_and_errors_of_their_channels(page, screens, tmp_path):
         assert bench.get("check", study="beam.toml")[0] == 200
 
         page.get_by_role("button", name="Remove the polarity of 2Y+").click()
-        page.get_by_text("All channels count as right").wait_for()
+        page.get_by_text("All channels are taken to be right").wait_for()
         page.get_by_role("button", name="Take out record 2: second.npz").click()
         page.get_by_text("Record of the study", exact=True).wait_for()
         assert study.read_text(encoding="utf-8").count("[[record]]") == 1

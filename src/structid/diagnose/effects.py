@@ -40,7 +40,7 @@ class Directions:
     def projected(self, receptances: Receptances) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """D'x, (n_lines, m, n_inputs), D'y, (n_lines, m, n_outputs), and G = D' Z^-1 D, (n_lines, m, m)."""
         rows, d = self.rows(receptances)
-        flexibility: ComplexArray = d.T @ receptances.flexibility[:, rows[:, None], rows] @ d
+        flexibility: ComplexArray = d.T @ receptances.flexibility(rows) @ d
         return d.T @ receptances.under_loads[:, rows], d.T @ receptances.under_sensors[:, rows], flexibility
 
 
@@ -59,7 +59,7 @@ def stiffness_scale(receptances: Receptances, directions: Directions, law: Compl
     """Strength at which an added part with the law a(s), (n_lines,), is about as stiff as the structure."""
     rows, weights = directions.rows(receptances)
     d = weights[:, 0]
-    return float(1 / np.median(np.abs(law * (d @ receptances.flexibility[:, rows[:, None], rows] @ d))))
+    return float(1 / np.median(np.abs(law * (d @ receptances.flexibility(rows) @ d))))
 
 
 def effect_of_addition(
@@ -138,7 +138,7 @@ def effect_of_release(
     rows = np.flatnonzero(coupling.any(axis=0))
     r = coupling[:, None, rows]
     x, y = (r @ receptances.under_loads[:, rows])[:, 0], (r @ receptances.under_sensors[:, rows])[:, 0]
-    zeta = own - (r @ receptances.flexibility[:, rows[:, None], rows] @ np.swapaxes(r, 1, 2))[:, 0, 0]
+    zeta = own - (r @ receptances.flexibility(rows) @ np.swapaxes(r, 1, 2))[:, 0, 0]
     weight = strengths[:, None] / (1 + strengths[:, None] * zeta)
     change: ComplexArray = (weight[:, :, None, None] * y[:, :, None] * x[:, None, :]) * receptances.factor
     return change

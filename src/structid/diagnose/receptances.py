@@ -11,6 +11,7 @@ import numpy as np
 
 from structid.core.arrays import ComplexArray, FloatArray, IntArray, evenly_spaced_indices
 from structid.core.dof import Dof
+from structid.diagnose.flexibility import DenseFlexibility, Flexibility, modal_flexibility
 from structid.fem import Base, Structure
 from structid.fem.elements.element import dof_code, dof_of_code
 from structid.fem.measured import joined_receptance
@@ -21,6 +22,8 @@ from structid.records.record import DERIVATIVES
 #: Complex numbers that the inverse of the dynamic stiffness may take over all lines.
 _MOST_ENTRIES = 2e7
 _FEWEST_LINES = 40
+#: Degrees of freedom up to which Z is inverted line by line; of larger models modes and a static rest take its place.
+MOST_DENSE_DOFS = 600
 #: Lines that a screen looks at where time counts.
 MOST_LINES = 90
 
@@ -88,51 +91,62 @@ class Receptances:
 
     def stiffness_of(self, structure: Structure) -> ComplexArray:
         """The dynamic stiffness Z of `structure`, which has the same properties, (n_lines, n_dofs, n_dofs)."""
-        inertia, viscous, elastic, structural = (
-            structure.matrix(matrix_kind, self.values).toarray()
-            for matrix_kind in ("mass", "damping", "stiffness", "structural_damping")
-        )
-        s = self.laplace[:, None, None]
-        found: ComplexArray = s**2 * inertia + s * viscous + elastic + 1j * structural
-        return found
+        return self._stiffness_columns(structure, np.arange(structure.n_dofs))
+
+    def flexibility(self, rows: IntArray) -> ComplexArray:
+        """G = Z^-1 among some degrees of freedom, (n_lines, n_rows, n_rows); zero at driven ones."""
+        block = self._alone.block(rows)
+        if self._ends is None:
+            return block
+        pushed, receptance = self._joints
+        joined: ComplexArray = block - pushed[:, rows] @ np.linalg.solve(receptance, np.swapaxes(pushed[:, rows], 1, 2))
+        return joined
 
     @cached_property
-    def flexibility(self) -> ComplexArray:
-        """G = Z^-1, (n_lines, n_dofs, n_dofs); zero at driven degrees of freedom, the inverse for all others."""
-        return self._joined(self._alone)
-
-    @cached_property
-    def _alone(self) -> ComplexArray:
-        """G = Z^-1 without measured components, (n_lines, n_dofs, n_dofs); zero at driven degrees of freedom."""
+    def _alone(self) -> Flexibility:
+        """G = Z^-1 without measured components; zero at driven degrees of freedom."""
+        if self.structure.n_dofs > MOST_DENSE_DOFS and not self._bases:
+            return modal_flexibility(self.structure, self.values, self.laplace)
         whole = self.stiffness_of(self.structure)
         own = np.s_[:, self.undriven[:, None], self.undriven]
-        found = np.zeros_like(whole)
-        found[own] = np.linalg.inv(whole[own])
-        return found
+        inverse = np.zeros_like(whole)
+        inverse[own] = np.linalg.inv(whole[own])
+        return DenseFlexibility(inverse)
+
+    @cached_property
+    def _ends(self) -> FloatArray | None:
+        """Where measured components are joined to the model, (n_dofs, n_ends); None where there are none."""
+        parts = self.structure.measured
+        return self.structure.selection([dof for one in parts for dof in one.interface]).toarray() if parts else None
+
+    @cached_property
+    def _joints(self) -> tuple[ComplexArray, ComplexArray]:
+        """Motion (n_lines, n_dofs, n_ends) under unit forces at the joints, and the receptance of both sides there."""
+        assert self._ends is not None
+        pushed = self._alone.motion(self._ends)
+        own = joined_receptance(self.structure.measured, self.problem.frequency)
+        return pushed, own + self._ends.T @ pushed
 
     def _joined(self, motion: ComplexArray) -> ComplexArray:
         """Motion (n_lines, n_dofs, n) of the model with its measured components, from that without them."""
-        parts = self.structure.measured
-        if not parts:
+        if self._ends is None:
             return motion
-        ends = self.structure.selection([dof for one in parts for dof in one.interface]).toarray()
-        pushed = self._alone @ ends
-        receptance = joined_receptance(parts, self.problem.frequency) + ends.T @ pushed
-        found: ComplexArray = motion - pushed @ np.linalg.solve(receptance, ends.T @ motion)
-        return found
+        pushed, receptance = self._joints
+        joined: ComplexArray = motion - pushed @ np.linalg.solve(receptance, self._ends.T @ motion)
+        return joined
 
     @cached_property
     def under_loads(self) -> ComplexArray:
         """Motion x = G f under unit forces f, or x = b - G Z b under support motions b, (n_lines, n_dofs, n_inputs)."""
         loads = self.structure.selection(self.problem.record.inputs).toarray()
         if not self._bases:
-            return self.flexibility @ loads
-        return self._joined(loads - self._alone @ (self.stiffness_of(self.structure) @ loads))
+            return self._joined(self._alone.motion(loads))
+        return self._joined(loads - self._alone.motion(self.stiffness_of(self.structure) @ loads))
 
     @cached_property
     def under_sensors(self) -> ComplexArray:
         """y = G s, (n_lines, n_dofs, n_outputs)."""
-        return self.flexibility @ self.structure.selection(self.problem.record.outputs).toarray()
+        return self._joined(self._alone.motion(self.structure.selection(self.problem.record.outputs).toarray()))
 
     @cached_property
     def factor(self) -> ComplexArray:
@@ -168,10 +182,20 @@ class Receptances:
         held = [d for d in (*structure.fixed, *driving) if dof_code(d.node, d.direction) in place]
         if not held:
             return none
-        whole = self.stiffness_of(free)
         ends = np.array([place[dof_code(d.node, d.direction)] for d in held])
+        columns = self._stiffness_columns(free, ends)
         follow = self.reached(np.array(free.numbering.free))
-        return tuple(held), follow.T @ whole[:, :, ends], whole[:, ends, ends]
+        return tuple(held), follow.T @ columns, columns[:, ends, np.arange(len(ends))]
+
+    def _stiffness_columns(self, structure: Structure, columns: IntArray) -> ComplexArray:
+        """Some columns of the dynamic stiffness Z of `structure`, (n_lines, n_dofs, n_columns)."""
+        inertia, viscous, elastic, structural = (
+            structure.matrix(kind, self.values)[:, columns].toarray()
+            for kind in ("mass", "damping", "stiffness", "structural_damping")
+        )
+        s = self.laplace[:, None, None]
+        stiffness: ComplexArray = s**2 * inertia + s * viscous + elastic + 1j * structural
+        return stiffness
 
     def elements(self, kinds: tuple[str, ...]) -> Iterator[ElementMatrix]:
         """Every element matrix of properties of these kinds, multiplied by the property's value."""
@@ -213,7 +237,8 @@ def receptances_at(problem: FrfProblem, theta: FloatArray, most_lines: int = MOS
         No more than these, for the time that they take.
     """
     n_lines = len(problem.frequency)
-    room = int(np.clip(_MOST_ENTRIES / problem.structure.n_dofs**2, _FEWEST_LINES, most_lines))
+    n_dofs = min(problem.structure.n_dofs, MOST_DENSE_DOFS)
+    room = int(np.clip(_MOST_ENTRIES / n_dofs**2, _FEWEST_LINES, most_lines))
     if n_lines > room:
         problem = problem.with_lines(evenly_spaced_indices(n_lines, room))
     own, rest = np.split(problem.physical(theta), [problem.parameters.n_params])

@@ -31,7 +31,7 @@ from structid.diagnose.causes.mass import Mass
 from structid.diagnose.causes.mesh import CoarseMesh
 from structid.diagnose.causes.offset import MassOffset
 from structid.diagnose.causes.outlying_lines import OutlyingLines
-from structid.diagnose.causes.places import MOST_DOFS
+from structid.diagnose.causes.places import has_places
 from structid.diagnose.causes.polarity import LoadPolarity, SensorPolarity
 from structid.diagnose.causes.position import LoadPosition, SensorPosition
 from structid.diagnose.causes.record_left_out import OtherState
@@ -87,8 +87,7 @@ def candidates(records: Sequence[Receptances], names: Sequence[str] = ("",)) -> 
     names : sequence of str
         Names of the records. Where there are several, each may have masses of its own.
     """
-    is_small = records[0].structure.n_dofs <= MOST_DOFS
-    kinds = (*OF_MODEL, *OF_CHANNELS, *OF_PLACES) if is_small else OF_CHANNELS
+    kinds = (*OF_MODEL, *OF_CHANNELS, *OF_PLACES) if has_places(records[0].problem) else OF_CHANNELS
     return list(chain.from_iterable(kind.from_receptances(records, names) for kind in kinds))
 
 

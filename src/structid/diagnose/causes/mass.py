@@ -10,7 +10,7 @@ from structid.core.arrays import ComplexArray, FloatArray
 from structid.core.dof import DIRECTIONS, Dof
 from structid.diagnose.causes.added import unknown_of_either_sign
 from structid.diagnose.causes.candidate import Candidate
-from structid.diagnose.causes.places import MOST_DOFS, chosen_dofs, inertia, record_words
+from structid.diagnose.causes.places import chosen_dofs, has_places, inertia, record_words
 from structid.diagnose.effects import (
     Directions,
     all_directions,
@@ -40,7 +40,7 @@ class Mass(Candidate):
         """Candidate masses at chosen nodes, in all records together and, with several names, in each record alone."""
         yield from cls._at_nodes(records[0])
         for number, receptances in enumerate(records if len(names) > 1 else ()):
-            if receptances.structure.n_dofs <= MOST_DOFS:
+            if has_places(receptances.problem):
                 yield from cls._at_nodes(receptances, number, names[number])
 
     @classmethod

@@ -13,13 +13,15 @@ from structid.core.dof import Dof
 from structid.diagnose.effects import Directions, direction_of
 from structid.diagnose.receptances import ElementMatrix, Receptances
 from structid.fem import Spring
+from structid.forward import FrfProblem
+from structid.forward.frf.response import driving_bases
 
 T = TypeVar("T")
 
 #: Of larger models so many nodes and elements are tried.
 MOST_NODES, MOST_ELEMENTS = 60, 150
-#: Degrees of freedom beyond which only changes of records are tried, which need no Z^-1: it is formed at some forty lines.
-MOST_DOFS = 1200
+#: Degrees of freedom beyond which only a few changes are fitted, and beyond which only changes of records are tried.
+MOST_DOFS, MOST_SCREENED_DOFS = 1200, 3000
 #: Places of one cause that are named.
 _SHOWN = 3
 
@@ -32,9 +34,22 @@ def spread(items: Sequence[T], most: int) -> list[T]:
 
 
 def chosen_nodes(receptances: Receptances) -> set[int]:
-    """Labels of the nodes where something may be added, those inside elements apart; of many nodes some, evenly chosen."""
+    """Labels of the nodes where something may be added, those inside elements apart; of many nodes some, evenly chosen.
+
+    Nodes of sensors and loads are always among them: what is mounted there is forgotten most easily.
+    """
     known = receptances.structure.nodes
-    return set(spread(list(dict.fromkeys(dof.node for dof in receptances.columns if dof.node in known)), MOST_NODES))
+    movable = dict.fromkeys(dof.node for dof in receptances.columns if dof.node in known)
+    record = receptances.problem.record
+    measured = {dof.node for dof in (*record.outputs, *record.inputs)}.intersection(movable)
+    return measured.union(spread(list(movable), MOST_NODES))
+
+
+def has_places(problem: FrfProblem) -> bool:
+    """True of models that are small enough for changes at their nodes and elements to be looked at."""
+    structure = problem.structure
+    is_plain = not (structure.components or structure.measured or driving_bases(structure, problem.record))
+    return structure.n_dofs <= (MOST_SCREENED_DOFS if is_plain else MOST_DOFS)
 
 
 def chosen_dofs(receptances: Receptances) -> Iterator[tuple[Dof, Directions]]:

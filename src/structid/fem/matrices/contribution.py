@@ -283,11 +283,6 @@ def weighed(
     stiffness: dict[str, list[Contribution]] = {}
     blocks: dict[int, ElementMatrices] = {}  # properties with the same matrices share them
     for item in properties:
-        if item.term.kind == "loss_factor":
-            found += [
-                replace(part, matrix_kind="structural_damping", factor=item.values)
-                for part in stiffness.get(item.element, [])
-            ]
         for matrix_term in item.term.matrix_terms:
             matrix_kind = matrix_term.matrix_kind or (
                 f"friction:{item.element}" if item.term.kind == "friction" else _MATRIX_OF[item.term.kind]
@@ -298,7 +293,13 @@ def weighed(
             found.append(Contribution(matrix_kind, blocks[id(matrix_term)], item.values, scale=scale))
             if matrix_kind == "stiffness" and item.term.kind != "axial_force":  # a force has no loss
                 stiffness.setdefault(item.element, []).append(found[-1])
-    return tuple(found)
+    lost = [
+        replace(part, matrix_kind="structural_damping", factor=item.values)
+        for item in properties
+        if item.term.kind == "loss_factor"
+        for part in stiffness.get(item.element, [])
+    ]
+    return (*found, *lost)
 
 
 def rigid_mass(

@@ -275,11 +275,11 @@ function channelErrors(box, app, found) {
     h(
       "p",
       {class: "note"},
-      "A reading is polarity × gain × the truth, late by the delay. What is listed here is sought with the structure, and told with its interval.",
+      "A reading is polarity × gain × the truth, late by the delay. What is listed here is identified together with the structure and reported with its interval.",
     ),
     rows.length
       ? table(["error", "channels", "", "start", "prior", ""], rows)
-      : h("p", {class: "muted"}, "All channels count as right."),
+      : h("p", {class: "muted"}, "All channels are taken to be right."),
     h(
       "div",
       {class: "row end"},

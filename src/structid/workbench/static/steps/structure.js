@@ -602,7 +602,7 @@ async function showCheck(place, app, mark) {
           {open: true},
           h("summary", {}, "Modes of the initial model"),
           table(
-            ["mode", "Hz", "damping ratio", "lines a bandwidth"],
+            ["mode", "Hz", "damping ratio", "lines in its bandwidth"],
             found.modes.map((one, k) => [
               String(k + 1),
               number(one[0]),
@@ -615,9 +615,9 @@ async function showCheck(place, app, mark) {
         h(
           "details",
           {open: found.channels.length < 15},
-          h("summary", {}, `What ${found.channels.length} channels see`),
+          h("summary", {}, `What the ${found.channels.length} channels measure`),
           table(
-            ["channel", "", "sees"],
+            ["channel", "", "measures"],
             found.channels.map((one) => one),
           ),
         ),
