@@ -650,6 +650,20 @@ def _spectra(folder: Path) -> _Made:
     peak = 1 / (1 + (np.arange(12.0) - 6) ** 2)
     np.savez(path, s=peak[:, None, None] * np.array([[1.0], [0.5 + 0.1j]]), f=np.arange(1.0, 13))
     yield "spectra/spectra.npz", "spectrum", path, ARCHIVE
+    path = _place(folder, "spectra/correlations.unv", "a.unv")
+    text, lag = "", np.arange(40.0)
+    for i, kind in ((1, 7), (2, 8)):
+        head = ["    -1", "    58", "averages: 9", "NONE", "NONE", "NONE", "NONE"]
+        head.append(f"{kind:5d}{0:10d}{1:5d}{0:10d} {'NONE':<10s}{i:10d}{1:4d} {'NONE':<10s}{1:10d}{1:4d}")
+        head.append(f"{2:10d}{40:10d}{1:10d}{0.0:13.5e}{0.1:13.5e}{0.0:13.5e}")
+        head.append(f"{17:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'s':<20s}")
+        head.append(f"{12:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'g^2':<20s}")
+        head += [f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'NONE':<20s}"] * 2
+        values = np.exp(-0.05 * lag) * np.cos(0.7 * lag) / i
+        rows = ["".join(f"{x:13.5e}" for x in values[k : k + 6]) for k in range(0, 40, 6)]
+        text += "\n".join([*head, *rows, "    -1", ""])
+    path.write_text(text)
+    yield "spectra/correlations.unv", "correlation", path, TEXT
 
 
 def _studies(folder: Path) -> _Made:

@@ -16,9 +16,11 @@ from structid.core.errors import InputError
 from structid.fem.importers import dofs_of, read_matrices, read_numbering
 from structid.fem.meshes import read_mesh, require_sound
 from structid.modal.formats.files import read_modes
+from structid.modal.method import ModalOptions
 from structid.modal.spectral.fdd import fdd
+from structid.modal.subspace.stored_correlations import correlation_modes
 from structid.records.formats import ReadOptions, read_geometry, read_record
-from structid.records.formats.spectra import read_spectrum
+from structid.records.formats.spectra import read_correlation, read_spectrum
 from structid.records.on_disk import open_record
 from structid.study.run.checkpoint import Checkpoint
 from structid.study.run.start import started
@@ -84,6 +86,10 @@ def spectrum(path: Path) -> None:
     fdd(read_spectrum(path, SPECTRUM if path.suffix == ".npz" else None))
 
 
+def correlation(path: Path) -> None:
+    correlation_modes(read_correlation(path), ModalOptions(orders=[2, 4]))
+
+
 def geometry(path: Path) -> None:
     read_geometry(path)
 
@@ -126,7 +132,7 @@ def _called(*words: str) -> None:
 TARGETS: dict[str, Callable[[Path], None]] = {
     target.__name__: target
     for target in (
-        record, bare_history, bare_frf, lab_table, logger, chunks, matrices, numbering, mesh, modes, spectrum, geometry, study,
-        checkpoint, results, identify, plan,
+        record, bare_history, bare_frf, lab_table, logger, chunks, matrices, numbering, mesh, modes, spectrum, correlation,
+        geometry, study, checkpoint, results, identify, plan,
     )
 }  # fmt: skip

@@ -23,6 +23,7 @@ from structid.diagnose.search_budget import (
     map_within_budget,
 )
 from structid.diagnose.tested_model import TestedModel
+from structid.diagnose.thresholds import FIRST_CAUSE_TIME
 from structid.forward.record_problem import decide_polarities
 from structid.inversion.search.least_squares import minimize
 from structid.inversion.search.work import ALONE, PLAIN_TOOLS
@@ -149,7 +150,7 @@ def still(monkeypatch):
 def test_the_search_for_causes_ends_in_its_limit_names_the_cause_and_says_what_was_left_out(base, still):
     work = Ticking()
     few = search_causes(base, work, SearchBudget(70.0))
-    assert few.spent.effort <= 0.6 * 70 + 1
+    assert few.spent.effort <= FIRST_CAUSE_TIME * 70 + 1
     assert work.seconds <= 71
     assert few.left_out > 10
     assert few.causes[0].modified.changes[-1][0].where == ("4",)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from structid.diagnose.modified_model import are_small, base_model
 from structid.diagnose.refits import Fitted
 from structid.diagnose.search import Explanation, is_misfit, requested_changes, search_causes, with_freed
 from structid.diagnose.search_budget import UNLIMITED, SearchBudget, iteration_effort
+from structid.diagnose.split_consistency import Disagreement
 from structid.diagnose.tested_model import TestedModel
 from structid.diagnose.thresholds import (
     ALIKE,
@@ -26,6 +28,7 @@ from structid.diagnose.thresholds import (
     MOST_ALIKE,
     MOST_FREED,
     SEARCH_EFFORT,
+    STAGE_PART,
 )
 from structid.diagnose.verdict import (
     NOT_TRIED,
@@ -33,6 +36,7 @@ from structid.diagnose.verdict import (
     Diagnosis,
     ParameterShift,
     are_causes,
+    data_disagreements,
     fits_noise,
     is_sound,
     is_untested,
@@ -53,6 +57,10 @@ _FEW_FITTED = (
 )
 _OF_RECORDS = "of a model as large as this, or with components, causes are looked for in the records alone"
 _NO_PLACES = "causes were not looked for: frequencies without any shape show no place"
+
+
+#: Gives the parts of the data that do not agree.
+Parts = Callable[[], tuple[Disagreement, ...]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +85,7 @@ def budget_for_causes(identification: Identification) -> SearchBudget:
     """The default budget of a search for causes: in proportion to the effort of the identification, and some besides."""
     search, effort = identification.estimate.search, 0.0
     if identification.target is not None:
-        effort = search.n_starts * search.n_iterations * iteration_effort(identification.target)
+        effort = STAGE_PART * search.n_starts * search.n_iterations * iteration_effort(identification.target)
     return SearchBudget(IDENTIFICATIONS * effort + SEARCH_EFFORT)
 
 
@@ -136,30 +144,31 @@ def diagnose(
         Takes the diagnosis as it is before causes are looked for, which may take long.
     """
     estimate = identification.estimate
+    apart = cache(partial(data_disagreements, identification, work))  # the verdict is given before the search and after
     sensitivities: tuple[FixedValueSensitivity, ...] = ()
     if is_sound(identification):
         sensitivities = fixed_value_sensitivities(model, identification)
         if not explain and (explain is False or not is_clear(sensitivities)):
-            return _diagnose_sound(model, identification, sensitivities, work, is_asked=explain is None)
+            return _diagnose_sound(model, identification, sensitivities, work, apart, is_asked=explain is None)
     if any(one.warning for one in identification.truncations) and not explain:
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, work=work)))
+        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
     if is_untested(identification) and not explain:
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, work=work)))
+        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
     ratio = noise_ratio(identification)
     if ratio is not None and ratio != 1.0 and not explain:
         causes = (_noise_level(estimate.goodness.least_per_dof, ratio),)
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, causes, work=work), causes))
+        return DiagnosedIdentification(identification, Diagnosis(judged(identification, causes, apart=apart), causes))
     if estimate.goodness.least_per_dof <= 1 and not identification.missed and not explain and not sensitivities:
-        return DiagnosedIdentification(identification, Diagnosis(judged(identification, work=work)))
+        return DiagnosedIdentification(identification, Diagnosis(judged(identification, apart=apart)))
     why_not = _why_not_searched(model, identification, explain)
     if why_not:
-        return _without_causes(identification, why_not, work)
+        return _without_causes(identification, why_not, apart)
     if before_search is not None:
-        before_search(_without_causes(identification, _SEARCHING, work).diagnosis)
+        before_search(_without_causes(identification, _SEARCHING, apart).diagnosis)
     try:
         explanation = search_causes(_base(model, identification), work, budget.part(1.0))
     except (StructidError, np.linalg.LinAlgError, MemoryError) as error:
-        return _without_causes(identification, f"causes could not be looked for: {error}", work)
+        return _without_causes(identification, f"causes could not be looked for: {error}", apart)
     if explanation.better is not None:
         reached = explanation.better.misfit / max(estimate.goodness.degrees_of_freedom, 1)
         return DiagnosedIdentification(identification, Diagnosis(not_found(identification, reached)))
@@ -167,10 +176,10 @@ def diagnose(
     is_noise = tests is not None and not tests.words[1:] and bool(identification.modal_fits) and not sensitivities
     if not explanation.causes and is_noise:
         causes = (_noise_level(estimate.goodness.least_per_dof, float(np.sqrt(estimate.goodness.least_per_dof))),)
-        judgement = judged(identification, causes, work=work)
+        judgement = judged(identification, causes, apart=apart)
         wider = widened(identification, explanation.likely, model.options.direction)
         return DiagnosedIdentification(wider, Diagnosis(judgement, causes, n_tried=explanation.tried))
-    return _diagnose_explained(model, identification, explanation, sensitivities, work)
+    return _diagnose_explained(model, identification, explanation, sensitivities, apart)
 
 
 def _why_not_searched(model: TestedModel, identification: Identification, explain: bool | None) -> str:
@@ -201,6 +210,7 @@ def _diagnose_sound(
     identification: Identification,
     sensitivities: tuple[FixedValueSensitivity, ...],
     work: Work,
+    apart: Parts,
     is_asked: bool,
 ) -> DiagnosedIdentification:
     """The diagnosis of a sound answer, with fixed values or one change fitted where the record asks for them."""
@@ -211,17 +221,17 @@ def _diagnose_sound(
             explanation = with_freed(_base(model, identification), names, len(sensitivities), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             why = f"it could not be fitted with what it holds set free: {error}"
-            return _without_causes(identification, why, work, sensitivities)
-        return _diagnose_explained(model, identification, explanation, sensitivities, work, is_search=False)
+            return _without_causes(identification, why, apart, sensitivities)
+        return _diagnose_explained(model, identification, explanation, sensitivities, apart, is_search=False)
     if is_asked and _can_be_asked(model, identification):
         try:
             explanation = requested_changes(_base(model, identification), work)
         except (StructidError, np.linalg.LinAlgError) as error:
             why = f"it could not be held against single changes: {error}"
-            return _without_causes(identification, why, work, sensitivities)
+            return _without_causes(identification, why, apart, sensitivities)
         shifts = [one for fit in explanation.causes for one in _shifts(identification, explanation.base, fit)]
         if any(one.distance > MATTERS for one in shifts):
-            return _diagnose_explained(model, identification, explanation, sensitivities, work, is_search=False)
+            return _diagnose_explained(model, identification, explanation, sensitivities, apart, is_search=False)
     diagnosis = Diagnosis(judged(identification), sensitivities=sensitivities)
     return DiagnosedIdentification(identification, diagnosis)
 
@@ -238,7 +248,7 @@ def _diagnose_explained(
     identification: Identification,
     explanation: Explanation,
     sensitivities: tuple[FixedValueSensitivity, ...],
-    work: Work,
+    apart: Parts,
     is_search: bool = True,
 ) -> DiagnosedIdentification:
     """The diagnosis with a search's results; without `is_search` its changes are no causes."""
@@ -255,7 +265,7 @@ def _diagnose_explained(
     accepted, lowering = (made, made[:0]) if is_accepted else (made[:0], made)
     is_asked = not is_search and not is_doubted
     judgement = judged(
-        identification, accepted, explanation.tried, lowering, held=sensitivities, is_asked=is_asked, work=work
+        identification, accepted, explanation.tried, lowering, held=sensitivities, is_asked=is_asked, apart=apart
     )
     wider = widened(identification, likely, model.options.direction)
     if judgement.verdict == "approximate":
@@ -282,9 +292,9 @@ def unfinished_words(explanation: Explanation) -> tuple[str, ...]:
 
 
 def _without_causes(
-    identification: Identification, why: str, work: Work, sensitivities: tuple[FixedValueSensitivity, ...] = ()
+    identification: Identification, why: str, apart: Parts, sensitivities: tuple[FixedValueSensitivity, ...] = ()
 ) -> DiagnosedIdentification:
-    judgement = judged(identification, untried=why, held=sensitivities, work=work)
+    judgement = judged(identification, untried=why, held=sensitivities, apart=apart)
     return DiagnosedIdentification(identification, Diagnosis(judgement, sensitivities=sensitivities))
 
 

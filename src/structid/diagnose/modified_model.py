@@ -17,7 +17,7 @@ from structid.diagnose.frf_views import View, views
 from structid.diagnose.model_edits import Edits
 from structid.diagnose.receptances import MOST_LINES
 from structid.diagnose.score_test import Point, point_at
-from structid.diagnose.search_budget import NO_LIMITS, Limits, counted
+from structid.diagnose.search_budget import CHANGE_EFFORT, CLOCK, NO_LIMITS, Limits, counted
 from structid.diagnose.tested_model import ModelDraft, TestedModel
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
@@ -48,6 +48,8 @@ FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
 #: Decays of the smoothed lines, in parts of their frequency, at which candidates are followed.
 NEAR_LEVELS = (0.06, 0.015)
 QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=0.05)
+#: Iterations on smoothed lines: they only lead near.
+_SMOOTH = replace(QUICK, max_iterations=5)
 
 
 class NearFit(NamedTuple):
@@ -112,6 +114,7 @@ class ModifiedModel:
             If the model has no place for the change.
         """
         edits = candidate.edits(self.model, strength)
+        CLOCK.spend(CHANGE_EFFORT)
         draft = ModelDraft(self.model)
         for edit in edits:
             edit.apply(draft)
@@ -214,7 +217,7 @@ class ModifiedModel:
         """The quick fit with parameters held near their start; it ends early where its misfit would stay `above`."""
         theta = np.asarray(self.target.theta_start)
         for _, stage in self.smoothed(NEAR_LEVELS):
-            theta = self.minimize(stage, QUICK, theta).theta
+            theta = self.minimize(stage, _SMOOTH, theta).theta
         near = self.minimize(self.anchored(), replace(QUICK, above=above), theta)
         return NearFit(near.theta, float(near.costs[-1]))
 
@@ -229,8 +232,9 @@ class ModifiedModel:
         found: list[Minimum] = []
         last: Exception | None = None
         for theta in starts:
+            best = min((float(minimum.costs[-1]) for minimum in found), default=np.inf)
             try:
-                found.append(self.minimize(self.target, FINAL, theta))
+                found.append(self.minimize(self.target, FINAL.raced(best), theta))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
         if not found:

@@ -47,6 +47,7 @@ from structid.diagnose.thresholds import (
     CLEAR,
     CLEARLY_BETTER,
     FAR_BEYOND,
+    FEWEST_FINALISTS,
     FINALISTS,
     FIRST_CAUSE_TIME,
     LARGE_MODEL_REFITS,
@@ -54,6 +55,7 @@ from structid.diagnose.thresholds import (
     LEAST_SHARE,
     MORE_PAIRS,
     MOST_REQUESTED,
+    NEAR_ALIKE,
     NEAR_FIT_TIME,
     NESTED_RISK,
     OUTLYING_RATIO,
@@ -328,22 +330,37 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     near = [one or Fit() for one in approaches]
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
     always = [k for k in order if changes[k][0].is_always_fitted][:ALWAYS_FITTED]
-    finalists = [*always, *(k for k in order if not changes[k][0].is_always_fitted)][:FINALISTS]
+    others = [k for k in order if not changes[k][0].is_always_fitted]
+    finalists = [*always, *_likeliest(base, [float(near[k]["cost"]) for k in others], others)][:FINALISTS]
     finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
+    finalists.sort(key=order.index)  # the likeliest first, whatever is left of the budget
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
     fits, n_ended = _refits_in_time(base, items, work, f"likeliest {which}causes", same, budget)
     known = {one.cause.place for one in fits}
     simpler = {item[0].place: item for one in fits for item in _simpler(base, one)}
-    others = [item for place, item in simpler.items() if place not in known]
-    others += [item for one in fits for item in _lossy(base, one)]
-    if others:
+    further = [item for place, item in simpler.items() if place not in known]
+    further += [item for one in fits for item in _lossy(base, one)]
+    if further:
         name = f"likeliest {which}causes, otherwise"
-        more, n_more = _refits_in_time(base, others, work, name, None, budget, min(len(simpler), LEAST_REFITS))
-        fits, n_ended = fits + more, n_ended + n_more - len(others)
+        more, n_more = _refits_in_time(base, further, work, name, None, budget, min(len(simpler), LEAST_REFITS))
+        fits, n_ended = fits + more, n_ended + n_more - len(further)
     left_out = approaches.count(None) + len(items) - n_ended
     begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and not changes[k][0].leaves_data_out]
     return replace(_weighed(base, fits, tried), spent=clock.spent, left_out=left_out, begun=tuple(begun))
+
+
+def _likeliest(base: Fitted, costs: Sequence[float], order: Sequence[int]) -> list[int]:
+    """Those in `order`, by their near misfits, that may be the best once they are fitted to the end."""
+    if not costs:
+        return []
+    n_rows = sum(problem.n_data for problem in base.modified.anchored_problems())
+    scale = max(1.0, costs[0] / max(n_rows, 1))
+    return [
+        k
+        for number, (k, cost) in enumerate(zip(order, costs, strict=True))
+        if number < FEWEST_FINALISTS or cost - costs[0] < NEAR_ALIKE * scale
+    ]
 
 
 def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:
@@ -397,7 +414,7 @@ def _fit_near_all(
     known: dict[int, Fit | None] = dict(zip(first, fits, strict=True))
     costs = sorted(fit["cost"] for k, fit in known.items() if fit and not changes[k][0].is_always_fitted)
     above = costs[FINALISTS - 1] if len(costs) >= FINALISTS else np.inf
-    rest = sorted((k for k in originals if k not in known), key=lambda k: k not in kept)
+    rest = sorted((k for k in originals if k not in known), key=lambda k: (k not in kept, rank[k]))
     items = [(*changes[k], np.inf if k in kept else above) for k in rest]
     known.update(zip(rest, map_within_budget(time, work, name, fit_near, base, items), strict=True))
     twins = [k for k in range(len(changes)) if k not in known and known[alike[k]] is not None]

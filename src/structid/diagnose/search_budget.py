@@ -22,10 +22,12 @@ Result = TypeVar("Result")
 
 #: Effort of one iteration, in seconds of the processor that it was measured on: for each, for each entry of the Jacobian and of
 #: the dynamic stiffness at all lines, for each cubed degree of freedom of modes, and for each value of a history. Examples of
-#: 3 to 171 degrees of freedom take 0.8 to 1.3 times this; it only says what is large beside what.
+#: 3 to 171 degrees of freedom take 0.5 to 2 times this; it only says what is large beside what.
 _EACH, _ENTRY, _MODE, _VALUE = 1e-3, 3e-8, 1.4e-8, 2e-6
 #: The same of one entry of a residual that a candidate changes, parameters following linearly.
 _LOOK = 2.5e-8
+#: The same of a changed model, assembled anew.
+CHANGE_EFFORT = 0.005
 #: Degrees of freedom up to which a dynamic stiffness is full.
 _BAND = 500
 

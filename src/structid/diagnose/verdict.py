@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -322,7 +323,7 @@ def judged(
     untried: str = "",
     held: Sequence[FixedValueSensitivity] = (),
     is_asked: bool = False,
-    work: Work = ALONE,
+    apart: Callable[[], tuple[Disagreement, ...]] | None = None,
 ) -> Judgement:
     """The verdict on an identification, with its reasons; faults of records and records that stand out are among them.
 
@@ -341,13 +342,14 @@ def judged(
         Fixed values with the sensitivity of the answer to them.
     is_asked : bool
         Whether the record of an answer within its noise asks for the `suggestions` beyond chance.
-    work : Work
-        Where parts of the data are fitted.
+    apart : callable, optional
+        Gives the parts of the data that do not agree, where it is asked; `data_disagreements` by default.
     """
+    apart = apart or partial(data_disagreements, identification)
     if is_asked and is_sound(identification):
         given = _asked_for(suggestions)
     else:
-        given = _judged(identification, causes, n_tried, suggestions, doubted(held), work)
+        given = _judged(identification, causes, n_tried, suggestions, doubted(held), apart)
     is_open = identification.alternatives is not None or given.verdict == "untested"
     if untried and not is_open and not fits_noise(identification):
         given = replace(
@@ -362,6 +364,14 @@ def judged(
         given,
         reasons=(*given.reasons, *(words for one in identification.priors.varied for words in one.outlying_words)),
     )
+
+
+def data_disagreements(identification: Identification, work: Work = ALONE) -> tuple[Disagreement, ...]:
+    """Parts of the data of an identification whose fits do not agree; none of a search without a Jacobian."""
+    if identification.target is None:
+        return ()
+    theta = identification.estimate.theta
+    return disagreements(identification.problems, theta, work, identification.freed)
 
 
 def record_faults(identification: Identification) -> tuple[str, ...]:
@@ -392,7 +402,7 @@ def _judged(
     n_tried: int,
     suggestions: Sequence[Cause],
     doubts: Sequence[FixedValueSensitivity],
-    work: Work,
+    find_apart: Callable[[], tuple[Disagreement, ...]],
 ) -> Judgement:
     """The verdict by misfit, noise, priors, bounds, causes and doubted fixed values; the first that applies."""
     estimate = identification.estimate
@@ -519,11 +529,7 @@ def _judged(
     if any(one.is_far for one in identification.missed):
         words = f"Wrong model: {misfit}: one model does not fit all of the data, do not use the values. {_searched(n_tried)}{also}"
         return Judgement("wrong_model", words.rstrip(), (*(one.words for one in identification.missed), *pushed))
-    apart = (
-        disagreements(identification.problems, estimate.theta, work, identification.freed)
-        if identification.target is not None
-        else ()
-    )
+    apart = find_apart()
     if any(one.share > (GROSSLY_CONTRADICTING_PART if one.is_gross else CONTRADICTING_PART) for one in apart):
         apart = tuple(sorted(apart, key=lambda one: (not one.is_gross, -one.share)))
         words = f"Wrong model: parts of the data contradict each other: {_apart(apart[0])}. {_searched(n_tried)}{also}"
