@@ -13,6 +13,7 @@ from modes_cases import FREQUENCY, RATIO, SHAPES, ambient, frfs
 from structid.cli import app as cli
 from structid.core.errors import InputError
 from structid.modal import METHODS, ModalIdentification, ModalRecord, Poles
+from structid.modal.identification import CORRELATION_METHODS, SPECTRUM_METHODS
 from structid.modal.formats.files import read_modes
 from structid.modal.poles.stabilization import Cluster
 from structid.modal.survey.options import ModesOptions
@@ -390,9 +391,10 @@ def test_limits_of_damping_and_deviation_are_flags(place):
     assert "`deviation` must be greater than 0" in invoke("tower.npz", "--deviation", -1).stderr
 
 
-def test_help_and_page_name_the_methods_of_the_registry():
+def test_help_and_page_name_the_methods_of_the_registries():
+    every = {*METHODS, *SPECTRUM_METHODS, *CORRELATION_METHODS}
     page = Path(__file__).parents[2] / "docs" / "modes.md"
     table = page.read_text(encoding="utf-8").split("## Which method when")[1].split("##")[0]
-    assert re.findall(r"^\| `(\w+)` \|", table, re.M) == list(METHODS)
+    assert sorted(re.findall(r"^\| `(\w+)` \|", table, re.M)) == sorted(every)
     words = " ".join(invoke("--help").stdout.split()).split("--method <str> ")[1].split(", see docs")[0]
-    assert words.replace(" or ", ", ").split(", ") == list(METHODS)
+    assert sorted(words.replace(" or, of stored spectra, ", ", ").split(", ")) == sorted(every)

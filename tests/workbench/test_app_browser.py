@@ -36,7 +36,7 @@ def test_from_a_template_to_a_verdict(page, screens, tmp_path):
         page.goto(bench.address)
         page.get_by_role("heading", name="New study").wait_for()
         assert page.get_by_text(EVIL, exact=True).count() == 1  # a title is a text
-        page.get_by_label("Template").select_option("beam")
+        page.get_by_label("Template", exact=True).select_option("beam")
         page.get_by_label("elements along it").fill("4")
         page.get_by_label("File", exact=True).fill("beam.toml")
         shown(page, screens, "1_start")

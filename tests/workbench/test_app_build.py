@@ -78,7 +78,7 @@ def test_a_portal_frame_is_built_by_keyboard_and_says_what_is_wrong_in_its_place
     page.set_default_timeout(30_000)
     with served(tmp_path) as bench:
         page.goto(bench.address)
-        page.get_by_label("Template").select_option("build")
+        page.get_by_label("Template", exact=True).select_option("build")
         cell(page, "File").fill("portal_frame")
         page.keyboard.press("Enter")
         page.wait_for_selector("[data-step=build] .cells")
@@ -173,7 +173,7 @@ def test_the_same_frame_is_drawn_by_mouse_and_its_nodes_are_dragged(page, screen
     page.set_default_timeout(30_000)
     with served(tmp_path) as bench:
         page.goto(bench.address)
-        page.get_by_label("Template").select_option("build")
+        page.get_by_label("Template", exact=True).select_option("build")
         cell(page, "File").fill("portal_frame")
         page.get_by_role("button", name="Make the study").click()
         page.wait_for_selector("[data-step=build] .cells")

@@ -224,7 +224,9 @@ def _require_ranges(groups: list[_Group], made: ChannelErrors) -> None:
     for group, name, value, low, high in rows:
         prior = group.unknown.prior
         if not low < value < high:
-            raise InputError(f"initial value of {name} must lie between {low:g} and {high:g}, got {value:g}")
+            raise InputError(
+                f"initial value of {name} must lie between {low:g} and {high:g}, got {value:g}; give another `start`"
+            )
         if prior is not None and prior.problem:
             raise InputError(f"prior of {name} {prior.problem}")
         if prior is not None and prior.kind == "lognormal" and low < 0:

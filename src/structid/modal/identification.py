@@ -40,9 +40,9 @@ METHODS: dict[str, Method] = {
     "bayesian_fft": Method(bayesian_fft),
     "lscf": Method(lscf, of_frfs=True),
 }
-#: Methods of records that another program averaged, the default first.
-_OF_SPECTRA: dict[str, Callable[..., ModalIdentification]] = {"efdd": efdd, "fdd": fdd}
-_OF_CORRELATIONS: dict[str, Callable[..., ModalIdentification]] = {
+#: Methods of spectra and of correlation functions that another program averaged, the defaults first.
+SPECTRUM_METHODS: dict[str, Callable[..., ModalIdentification]] = {"efdd": efdd, "fdd": fdd}
+CORRELATION_METHODS: dict[str, Callable[..., ModalIdentification]] = {
     "ssi_cov": correlation_modes,
     "efdd": efdd,
     "fdd": fdd,
@@ -119,7 +119,7 @@ def modal_identification(
     of_frfs = isinstance(records, FrfRecord)
     if isinstance(records, SpectrumRecord | CorrelationRecord):
         is_spectra = isinstance(records, SpectrumRecord)
-        methods, words = (_OF_SPECTRA, "spectra") if is_spectra else (_OF_CORRELATIONS, "correlation functions")
+        methods, words = (SPECTRUM_METHODS, "spectra") if is_spectra else (CORRELATION_METHODS, "correlation functions")
         if method is not None and method not in methods:
             raise InputError(
                 f"`method` must be {' or '.join(methods)} for stored {words}, got {method!r}, which needs histories or FRFs"

@@ -119,7 +119,8 @@ class NamedUnknowns:
             k = int(np.argmax(outside))
             low, high = self.transforms.lower[k], self.transforms.upper[k]
             raise InputError(
-                f"initial value of {self.names[k]} must lie between {low:g} and {high:g}, got {physical[k]:g}"
+                f"initial value of {self.names[k]} must lie between {low:g} and {high:g}, got {physical[k]:g}; give"
+                " `start`, or another value of the element set"
             )
         return replace(self, start=locked(physical, np.float64))
 
