@@ -13,8 +13,8 @@ from modes_cases import FREQUENCY, RATIO, SHAPES, ambient, frfs
 from structid.cli import app as cli
 from structid.core.errors import InputError
 from structid.modal import METHODS, ModalIdentification, ModalRecord, Poles
-from structid.modal.identification import CORRELATION_METHODS, SPECTRUM_METHODS
 from structid.modal.formats.files import read_modes
+from structid.modal.identification import CORRELATION_METHODS, SPECTRUM_METHODS
 from structid.modal.poles.stabilization import Cluster
 from structid.modal.survey.options import ModesOptions
 from structid.modal.survey.rates import join_frequency, joined, lower_rate
