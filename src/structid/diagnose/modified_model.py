@@ -48,8 +48,6 @@ FINAL = LevenbergMarquardt(max_iterations=40, gain_tolerance=1e-5)
 #: Decays of the smoothed lines, in parts of their frequency, at which candidates are followed.
 NEAR_LEVELS = (0.06, 0.015)
 QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=0.05)
-#: Iterations on smoothed lines: they only lead near.
-_SMOOTH = replace(QUICK, max_iterations=5)
 
 
 class NearFit(NamedTuple):
@@ -217,7 +215,7 @@ class ModifiedModel:
         """The quick fit with parameters held near their start; it ends early where its misfit would stay `above`."""
         theta = np.asarray(self.target.theta_start)
         for _, stage in self.smoothed(NEAR_LEVELS):
-            theta = self.minimize(stage, _SMOOTH, theta).theta
+            theta = self.minimize(stage, QUICK, theta).theta
         near = self.minimize(self.anchored(), replace(QUICK, above=above), theta)
         return NearFit(near.theta, float(near.costs[-1]))
 
@@ -232,9 +230,8 @@ class ModifiedModel:
         found: list[Minimum] = []
         last: Exception | None = None
         for theta in starts:
-            best = min((float(minimum.costs[-1]) for minimum in found), default=np.inf)
             try:
-                found.append(self.minimize(self.target, FINAL.raced(best), theta))
+                found.append(self.minimize(self.target, FINAL, theta))
             except (StructidError, np.linalg.LinAlgError) as error:
                 last = error
         if not found:

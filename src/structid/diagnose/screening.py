@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.core.arrays import FloatArray, evenly_spaced_indices
+from structid.core.arrays import FloatArray
 from structid.core.dof import parse_dof
 from structid.core.errors import StructidError
 from structid.diagnose.causes import (
@@ -35,7 +35,6 @@ from structid.diagnose.causes.friction import FORCES
 from structid.diagnose.causes.gain import LoadGain
 from structid.diagnose.data_rows import rows_of, scaled_misfit
 from structid.diagnose.modified_model import QUICK
-from structid.diagnose.receptances import MOST_LINES
 from structid.diagnose.refits import Fitted, Sized
 from structid.diagnose.score_test import Point, Screened
 from structid.diagnose.search_budget import (
@@ -52,15 +51,11 @@ from structid.diagnose.thresholds import (
     FIRST_OF_KIND,
     FIRST_OF_POINT,
     INITIAL_PART,
-    KIND_PART,
     LEAST_DROP,
     MOST_FEET,
-    SETS_NEAR,
-    SHEARS_NEAR,
     SHORTLIST,
 )
-from structid.forward import FrfProblem, ModalProblem, RecordProblem
-from structid.identification.joint_problem import joint_problem
+from structid.forward import FrfProblem, ModalProblem
 from structid.identification.setups.setup import titles
 from structid.inversion import JointProblem
 from structid.inversion.search.work import Tools, Work
@@ -73,35 +68,16 @@ _Promises = dict[Hashable, tuple[float, Screened]]
 
 def screen_sets(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLIMITED) -> list[Screened]:
     """Changes of whole sets and of the mesh that lower the misfit by one linear step, with their best strengths."""
-    candidates_of_sets = set_candidates(base.modified.model, base.modified.problems)
-    clocks = [
-        one for one in candidates_of_sets if isinstance(one, Clock)
-    ]  # a linear step says nothing of a factor of 60
-    several = [one for one in candidates_of_sets if not isinstance(one, Clock)]
+    several = set_candidates(base.modified.model, base.modified.problems)
     sized = [(candidate, float(strength)) for candidate in several for strength in candidate.strengths]
     left = iter(_left_by_step(base, sized, work, name, budget))
     screened: list[Screened] = []
     for candidate in several:
         least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
-        is_always = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow)
+        is_always = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow | Clock)
         if np.isfinite(least) and (is_always or least < (1 - LEAST_DROP) * base.cost):
             screened.append(Screened(candidate, strength, least))
-    return _most_promising([*screened, *(Screened(one, float(one.strengths[0]), base.cost) for one in clocks)])
-
-
-def _most_promising(screened: Sequence[Screened]) -> list[Screened]:
-    """The changes of sets that promise most, a few of shear, and all that a linear step says nothing of."""
-    kept, shears, chosen = 0, 0, list[Screened]()
-    for row in sorted(screened, key=lambda row: row.left):
-        if isinstance(row.candidate, CoarseMesh | ExponentialWindow | Clock):
-            chosen.append(row)
-        elif kept < SETS_NEAR:
-            kept += 1
-            chosen.append(row)
-        elif isinstance(row.candidate, ShearFlexibility) and shears < SHEARS_NEAR:
-            shears += 1
-            chosen.append(row)
-    return [row for row in screened if row in chosen]
+    return screened
 
 
 def _left_by_step(base: Fitted, sized: Sequence[Sized], work: Work, name: str, budget: SearchBudget) -> list[float]:
@@ -114,31 +90,12 @@ def _stepped(base: Fitted, change: Sized, tools: Tools) -> dict[str, float]:
     """The misfit that one linear step leaves of a model with the change; infinite where it cannot be evaluated."""
     try:
         modified = base.modified.changed(*change)
-        thin = joint_problem([_on_some_lines(problem) for problem in modified.problems])
-        CLOCK.spend(iteration_effort(thin))
-        at = thin.linearize(modified.theta_of(base.values))
+        CLOCK.spend(iteration_effort(modified.target))
+        at = modified.target.linearize(modified.theta_of(base.values))
     except (StructidError, np.linalg.LinAlgError):
         return {"left": np.inf}
     rest = at.triangle()[at.n_params :, -1]
-    return {"left": float(rest @ rest) * _times_thinned(base)}
-
-
-def _times_thinned(base: Fitted) -> float:
-    """The misfit of a fit over that on some of its lines."""
-    problems = base.modified.problems
-    thinned = [_on_some_lines(problem) for problem in problems]
-    if all(one is other for one, other in zip(thinned, problems, strict=True)):
-        return 1.0
-    residual = joint_problem(thinned).residual(base.theta)
-    return base.cost / float(residual @ residual)
-
-
-def _on_some_lines(problem: RecordProblem) -> RecordProblem:
-    """The problem on some of its lines, evenly chosen, where it is of FRFs."""
-    n_lines = len(problem.frequency)
-    if not isinstance(problem, FrfProblem) or n_lines <= MOST_LINES:
-        return problem
-    return problem.with_lines(evenly_spaced_indices(n_lines, MOST_LINES))
+    return {"left": float(rest @ rest)}
 
 
 def screening_points(base: Fitted) -> list[Point]:
@@ -218,7 +175,6 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
         rows = [Screened(one, float(strength), float(left)) for one, strength, left in seen_left]
         rows += [Screened(one, 1.0, point.without(rows_left_out(one, problems))) for one in data]
         rows.sort(key=lambda row: row.left)
-        most = 1 - rows[0].left / whole if rows else 0.0
         here = _Promises()
         for row in rows:
             drop = 1 - row.left / whole
@@ -229,8 +185,7 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
                 continue  # an appendage of another frequency at the same place
             kind = _family(row.candidate, held_nodes)
             count = kinds.setdefault(kind, 0)
-            is_first_of_kind = count < FIRST_OF_KIND and drop > KIND_PART * most
-            is_early = len(here) < FIRST_OF_POINT or is_first_of_kind or _is_certain(row.candidate, certain)
+            is_early = len(here) < FIRST_OF_POINT or count < FIRST_OF_KIND or _is_certain(row.candidate, certain)
             chosen = best if is_early else others
             here[key] = (drop, row)
             if key not in chosen or drop > chosen[key][0]:

@@ -47,7 +47,6 @@ from structid.diagnose.thresholds import (
     CLEAR,
     CLEARLY_BETTER,
     FAR_BEYOND,
-    FEWEST_FINALISTS,
     FINALISTS,
     FIRST_CAUSE_TIME,
     LARGE_MODEL_REFITS,
@@ -55,7 +54,6 @@ from structid.diagnose.thresholds import (
     LEAST_SHARE,
     MORE_PAIRS,
     MOST_REQUESTED,
-    NEAR_ALIKE,
     NEAR_FIT_TIME,
     NESTED_RISK,
     OUTLYING_RATIO,
@@ -330,10 +328,8 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     near = [one or Fit() for one in approaches]
     order = sorted((k for k, one in enumerate(near) if one), key=lambda k: float(near[k]["cost"]))
     always = [k for k in order if changes[k][0].is_always_fitted][:ALWAYS_FITTED]
-    others = [k for k in order if not changes[k][0].is_always_fitted]
-    finalists = [*always, *_likeliest(base, [float(near[k]["cost"]) for k in others], others)][:FINALISTS]
+    finalists = [*always, *(k for k in order if not changes[k][0].is_always_fitted)][:FINALISTS]
     finalists += [k for k, one in enumerate(looked) if near[k] and one in at_fit and k not in finalists]
-    finalists.sort(key=order.index)  # the likeliest first, whatever is left of the budget
     items = [(*changes[k], near[k]["theta"]) for k in finalists]
     same = [next(i for i, other in enumerate(finalists) if alike[other] == alike[k]) for k in finalists]
     fits, n_ended = _refits_in_time(base, items, work, f"likeliest {which}causes", same, budget)
@@ -348,19 +344,6 @@ def _search_once(base: Fitted, work: Work, which: str, budget: SearchBudget) -> 
     left_out = approaches.count(None) + len(items) - n_ended
     begun = [(*changes[k], near[k]["theta"]) for k in order if alike[k] == k and not changes[k][0].leaves_data_out]
     return replace(_weighed(base, fits, tried), spent=clock.spent, left_out=left_out, begun=tuple(begun))
-
-
-def _likeliest(base: Fitted, costs: Sequence[float], order: Sequence[int]) -> list[int]:
-    """Those in `order`, by their near misfits, that may be the best once they are fitted to the end."""
-    if not costs:
-        return []
-    n_rows = sum(problem.n_data for problem in base.modified.anchored_problems())
-    scale = max(1.0, costs[0] / max(n_rows, 1))
-    return [
-        k
-        for number, (k, cost) in enumerate(zip(order, costs, strict=True))
-        if number < FEWEST_FINALISTS or cost - costs[0] < NEAR_ALIKE * scale
-    ]
 
 
 def _ranks_of_derived(derived: Sequence[Screened], rows: Sequence[Screened]) -> list[int]:

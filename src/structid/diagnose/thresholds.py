@@ -53,14 +53,6 @@ ORDERED_DATA = 300
 # the search for causes
 #: Changes that are refitted to all data. In the 54 trials the right one was among the first four of at least one list.
 FINALISTS = 8
-#: Near misfit beyond that of the best, in units of what the best leaves a value, up to which a change is among them; the
-#: first few in any case. Chosen, not tuned on the trials: near fits carry 10 % of model error, which many changes share.
-NEAR_ALIKE = 100.0
-FEWEST_FINALISTS = 3
-#: Changes of sets that are fitted near, and of their shear besides, which a linear step does not show. Chosen: thirty
-#: fixed values of the measured frame took a third of all near fits, and none of them was a finalist.
-SETS_NEAR = 8
-SHEARS_NEAR = 2
 #: Changes of the records of a large model that are refitted.
 LARGE_MODEL_REFITS = 4
 #: Changes that smoothed data do not show (friction, tones, leakage), at most so many of which are refitted in any case.
@@ -113,8 +105,6 @@ OUTLYING_RATIO = 2.0
 FIRST_OF_POINT = 6
 #: Candidates of each kind that go on besides.
 FIRST_OF_KIND = 2
-#: What these promise at least, in parts of what the best one of the point promises. Chosen.
-KIND_PART = 0.2
 #: Candidates at most that are fitted near.
 SHORTLIST = 38
 #: Of those that promise most at the fit so many are fitted to the end, however a fit with 10 % of model error sees them.
