@@ -270,7 +270,13 @@ def _diagnose_explained(
     wider = widened(identification, likely, model.options.direction)
     if judgement.verdict == "approximate":
         sensitivities = fixed_value_sensitivities(model, wider)
-    judgement = replace(judgement, reasons=(*judgement.reasons, *unfinished_words(explanation)))
+    unfinished = unfinished_words(explanation)
+    judgement = replace(judgement, reasons=(*judgement.reasons, *unfinished))
+    if judgement.verdict == "wrong_model" and not accepted:
+        # "none of 587 changes explains it" is half of the truth where likely ones were not fitted
+        judgement = replace(
+            judgement, words=" ".join([judgement.words, *(f"{w[0].upper()}{w[1:]}." for w in unfinished)])
+        )
     is_used = judgement.verdict in ("sound", "approximate")
     shown = sensitivities if is_used else ()
     diagnosis = Diagnosis(judgement, accepted, lowering, explanation.tried, shown)

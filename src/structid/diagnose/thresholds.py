@@ -160,8 +160,9 @@ MOST_FREED = 3
 IDENTIFICATIONS = 3.0
 #: each iteration at this part of what one on all lines takes, since easier stages have fewer (0.6 in the measured frame),
 STAGE_PART = 0.6
-#: and effort besides, in seconds of the processor that efforts are measured on.
-SEARCH_EFFORT = 5.0
+#: and effort besides, in seconds of the processor that efforts are measured on. With 5 a portal frame's support that turns
+#: was not refitted in time.
+SEARCH_EFFORT = 8.0
 #: Part of this that the fit of one changed study may take, and the effort that it may take in any case.
 PART_OF_ONE_FIT = 0.2
 LEAST_FIT = 0.5

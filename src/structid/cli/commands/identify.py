@@ -52,7 +52,7 @@ CauseSeconds = Annotated[
         "--seconds",
         metavar="SECONDS",
         min=0,
-        help="Processor time for the search for causes [default: the evaluations of three identifications and 5 s].",
+        help="Processor time for the search for causes [default: the evaluations of three identifications and 8 s].",
     ),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print warnings, statistics, causes and modes too.")]
