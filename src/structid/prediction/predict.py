@@ -17,7 +17,7 @@ from structid.prediction.changes import Change, changed_model
 from structid.prediction.identified_model import IdentifiedModel, model_of
 from structid.prediction.model_error import ModelError
 from structid.prediction.options import N_DRAWS
-from structid.prediction.quantities import Evaluator, Frf, NaturalModes, Quantity, comparable_modes
+from structid.prediction.quantities import DerivedQuantity, Evaluator, Frf, NaturalModes, Quantity, comparable_modes
 from structid.unknowns import Parameters
 
 LEVEL = 0.95
@@ -223,18 +223,23 @@ def _draw_all(
     physical = model.draw_parameters(n_draws, np.random.default_rng(seed))
     computed: dict[int, tuple[NumberArray, NumberArray]] = {}
     for quantity in quantities:
-        base: Quantity = getattr(quantity, "base", quantity)
+        base = _base_of(quantity)
         if id(base) not in computed:
             evaluate = base.evaluator(structure, parameters, parameter_points(model))
             nominal = evaluate(model.physical)
             computed[id(base)] = nominal, np.stack([_evaluated(evaluate, each) for each in physical])
     found = []
     for quantity in quantities:
-        nominal, draws = computed[id(getattr(quantity, "base", quantity))]
-        if (derived := getattr(quantity, "derived", None)) is not None:
-            nominal, draws = derived(nominal), np.stack([derived(each) for each in draws])
+        nominal, draws = computed[id(_base_of(quantity))]
+        if isinstance(quantity, DerivedQuantity):
+            nominal, draws = quantity.derived(nominal), np.stack([quantity.derived(each) for each in draws])
         found.append((nominal, draws))
     return found
+
+
+def _base_of(quantity: Quantity) -> Quantity:
+    """The quantity that is computed for each random model: the one from which it follows, or itself."""
+    return quantity.base if isinstance(quantity, DerivedQuantity) else quantity
 
 
 def _evaluated(evaluate: Evaluator, physical: FloatArray) -> NumberArray:

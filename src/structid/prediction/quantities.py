@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -50,7 +50,14 @@ class Quantity(Protocol):
         ...
 
     @property
-    def unit(self) -> str: ...
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each output, or of each column where there are no outputs."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """The units, each once."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,8 +328,9 @@ def support_acceleration(displacement: FloatArray, sampling_rate: float) -> Floa
     return np.asarray(spline(np.arange(len(table)) / sampling_rate, 2))
 
 
+@runtime_checkable
 class DerivedQuantity(Quantity, Protocol):
-    """A quantity that another one, `base`, says: both come from one computation for each random model."""
+    """One number of each output of another quantity, `base`: both come from one computation for each random model."""
 
     @property
     def base(self) -> Quantity: ...
@@ -331,9 +339,24 @@ class DerivedQuantity(Quantity, Protocol):
         """The quantity from the values of `base`."""
         ...
 
+    def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
+        """See `Quantity.evaluator`."""
+        evaluate = self.base.evaluator(structure, parameters, points)
+        return lambda physical: self.derived(evaluate(physical))
+
+    @property
+    def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
+        """See `Quantity.axes`."""
+        return {"output": self.base.axes["output"]}
+
+    @property
+    def unit(self) -> str:
+        """The units of the outputs, each once."""
+        return _once(self.units)
+
 
 @dataclass(frozen=True, eq=False)
-class Maxima:
+class Maxima(DerivedQuantity):
     """The largest absolute value of each output of a history, (n_outputs,)."""
 
     history: History
@@ -347,24 +370,10 @@ class Maxima:
         """Largest magnitudes (n_outputs,) of a history (n_times, n_outputs)."""
         return np.asarray(np.abs(values).max(axis=0))
 
-    def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """See `Quantity.evaluator`."""
-        return _derived_evaluator(self, structure, parameters, points)
-
-    @property
-    def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
-        """See `Quantity.axes`."""
-        return {"output": _words(self.history.outputs)}
-
     @property
     def units(self) -> tuple[str, ...]:
         """Those of the history."""
         return self.history.units
-
-    @property
-    def unit(self) -> str:
-        """That of the history."""
-        return self.history.unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -422,7 +431,7 @@ class Spectrum:
 
 
 @dataclass(frozen=True, eq=False)
-class RootMeanSquare:
+class RootMeanSquare(DerivedQuantity):
     """Root mean square of each output over the lines of a spectrum, (n_outputs,)."""
 
     spectrum: Spectrum
@@ -436,28 +445,14 @@ class RootMeanSquare:
         """Root mean squares (n_outputs,) of spectral densities (n_frequencies, n_outputs)."""
         return np.asarray(np.sqrt(np.trapezoid(values.real, self.spectrum.frf.frequency, axis=0)))
 
-    def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """See `Quantity.evaluator`."""
-        return _derived_evaluator(self, structure, parameters, points)
-
-    @property
-    def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
-        """See `Quantity.axes`."""
-        return {"output": _words(self.spectrum.frf.outputs)}
-
     @property
     def units(self) -> tuple[str, ...]:
         """Those of the motions."""
         return self.spectrum.output_units
 
-    @property
-    def unit(self) -> str:
-        """The units of the outputs, each once."""
-        return _once(self.units)
-
 
 @dataclass(frozen=True, eq=False)
-class Extremes:
+class Extremes(DerivedQuantity):
     """The largest magnitude of each output of a stationary Gaussian response within a duration, (n_outputs,).
 
     It is the mean of that maximum, or the value below which it stays with a stated probability.
@@ -523,24 +518,10 @@ class Extremes:
             return float(np.sqrt(m0) * np.trapezoid(1 - below, level))
         return float(np.sqrt(m0) * np.interp(self.probability, below, level))
 
-    def evaluator(self, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]) -> Evaluator:
-        """See `Quantity.evaluator`."""
-        return _derived_evaluator(self, structure, parameters, points)
-
-    @property
-    def axes(self) -> dict[str, FloatArray | tuple[str, ...]]:
-        """See `Quantity.axes`."""
-        return {"output": _words(self.spectrum.frf.outputs)}
-
     @property
     def units(self) -> tuple[str, ...]:
         """Those of the motions."""
         return self.spectrum.output_units
-
-    @property
-    def unit(self) -> str:
-        """The units of the outputs, each once."""
-        return _once(self.units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -599,9 +580,14 @@ class NaturalModes:
         }
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """Of frequencies, and of damping ratios."""
+        return ("Hz", "1")
+
+    @property
     def unit(self) -> str:
         """Two units, one a column."""
-        return "Hz, 1"
+        return ", ".join(self.units)
 
 
 def comparable_modes(
@@ -649,20 +635,6 @@ def _require_linear(structure: Structure, what: str) -> None:
             f"{what} cannot be predicted with the dry friction of {rubbing[0]!r}, which is not linear; predict FRFs, or take the"
             " friction out of the structure"
         )
-
-
-def units_of(quantity: Quantity) -> tuple[str, ...]:
-    """SI unit of each output of a quantity, or of its last axis where it has no outputs."""
-    units = getattr(quantity, "units", None)
-    axes = quantity.axes
-    return tuple(units) if units else (quantity.unit,) * len(axes.get("output", list(axes.values())[-1]))
-
-
-def _derived_evaluator(
-    quantity: DerivedQuantity, structure: Structure, parameters: Parameters, points: Sequence[FloatArray]
-) -> Evaluator:
-    evaluate = quantity.base.evaluator(structure, parameters, points)
-    return lambda physical: quantity.derived(evaluate(physical))
 
 
 def _once(units: Sequence[str]) -> str:

@@ -9,7 +9,6 @@ from rich.text import Text
 from structid.core.display import plural
 from structid.core.quantities import NOTHING, number, percent, unit_text, value_words
 from structid.prediction.predict import PredictedChange, Prediction
-from structid.prediction.quantities import units_of
 from structid.prediction.tuned_damper import TunedDamper
 from structid.report.figures.prediction import frf_figure, history_figure, spectrum_figure
 from structid.report.page import Page
@@ -54,7 +53,7 @@ def outputs_table(found: Prediction | PredictedChange, title: str = "Largest") -
     for name in parts:
         header += [names.get(name, name.capitalize()), "95 % interval"]
     rows = []
-    for i, (output, unit) in enumerate(zip(first.quantity.axes["output"], units_of(first.quantity), strict=True)):
+    for i, (output, unit) in enumerate(zip(first.quantity.axes["output"], first.quantity.units, strict=True)):
         cells = [str(output), unit_text(unit)]
         for part in parts.values():
             cells += [number(float(part.values[i])), _interval(part, (i,))]

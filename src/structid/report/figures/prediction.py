@@ -8,7 +8,7 @@ import numpy as np
 
 from structid.core.arrays import FloatArray
 from structid.prediction.predict import PredictedChange, Prediction
-from structid.prediction.quantities import units_of
+from structid.prediction.quantities import Frf, History
 from structid.report.drawing import palette
 from structid.report.rendering import plot
 
@@ -27,8 +27,9 @@ def frf_figure(found: Prediction | PredictedChange) -> plot.Figure:
     axes = first.quantity.axes
     frequency = np.asarray(axes["frequency"], dtype=float)
     panels = []
-    units = units_of(first.quantity)
-    per = "motion of" if getattr(first.quantity, "kind", "") == "transmissibility" else "force at"
+    units = first.quantity.units
+    is_driven = isinstance(first.quantity, Frf) and first.quantity.kind == "transmissibility"
+    per = "motion of" if is_driven else "force at"
     for o, output in enumerate(axes["output"]):
         for i, load in enumerate(axes["input"]):
             traces: list[plot.Trace] = []
@@ -56,7 +57,8 @@ def history_figure(found: Prediction | PredictedChange) -> plot.Figure:
     axes = first.quantity.axes
     time = np.asarray(axes["time"], dtype=float)
     stride = max(1, -(-len(time) // _MOST_POINTS))
-    panels, units, motion = [], units_of(first.quantity), getattr(first.quantity, "motion", "motion")
+    panels, units = [], first.quantity.units
+    motion = first.quantity.motion if isinstance(first.quantity, History) else "motion"
     for o, output in enumerate(axes["output"]):
         traces: list[plot.Trace] = []
         for label, colour, part in _coloured(parts):
@@ -77,7 +79,7 @@ def spectrum_figure(found: Prediction | PredictedChange) -> plot.Figure:
     """Figure of predicted spectral densities with probability bands, one output at a time."""
     parts = _shown(found)
     first = next(iter(parts.values()))
-    frequency, units = np.asarray(first.quantity.axes["frequency"], dtype=float), units_of(first.quantity)
+    frequency, units = np.asarray(first.quantity.axes["frequency"], dtype=float), first.quantity.units
     panels = []
     for o, output in enumerate(first.quantity.axes["output"]):
         traces: list[plot.Trace] = []

@@ -35,7 +35,6 @@ from structid.prediction.quantities import (
     RootMeanSquare,
     Spectrum,
     support_acceleration,
-    units_of,
 )
 from structid.prediction.recovery import Output, is_von_mises, parse_outputs
 from structid.prediction.tuned_damper import TunedDamper, tune_damper
@@ -352,7 +351,7 @@ def _of_outputs(parts: dict[str, Prediction]) -> list[dict[str, Entry]]:
             "unit": unit,
             **{name: {**_value(part, (i,)), "quantiles": _quantiles(part, i)} for name, part in parts.items()},
         }
-        for i, (output, unit) in enumerate(zip(quantity.axes["output"], units_of(quantity), strict=True))
+        for i, (output, unit) in enumerate(zip(quantity.axes["output"], quantity.units, strict=True))
     ]
 
 
@@ -380,7 +379,7 @@ def prediction_csv(found: Prediction | PredictedChange) -> str:
     parts = parts_of(found)
     first = next(iter(parts.values()))
     axis, *channels = first.quantity.axes.items()
-    outputs, units = channels[0][1], units_of(first.quantity)
+    outputs, units = channels[0][1], first.quantity.units
     inputs = channels[1][1] if len(channels) > 1 else None
     names = [f"{a}/{b}" for a in outputs for b in inputs] if inputs is not None else list(outputs)
     units = tuple(unit for unit in units for _ in (inputs if inputs is not None else ("",)))
