@@ -379,14 +379,23 @@ def _save_73(path: Path, fields: dict) -> None:
 
 
 def _text_uff() -> str:
-    head = ["    -1", "    58", "structid", "NONE", "NONE", "NONE", "NONE"]
-    head.append(f"{1:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10s}{1:10d}{1:4d} {'NONE':<10s}{0:10d}{0:4d}")
-    head.append(f"{2:10d}{12:10d}{1:10d}{0.0:13.5e}{0.1:13.5e}{0.0:13.5e}")
-    head.append(f"{17:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'s':<20s}")
-    head.append(f"{12:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'m/s^2':<20s}")
-    head += [f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'NONE':<20s}"] * 2
-    values = _random(12)
-    rows = ["".join(f"{x:13.5e}" for x in values[i : i + 6]) for i in (0, 6)]
+    numbers = f"{1:5d}{0:10d}{0:5d}{0:10d} {'NONE':<10s}{1:10d}{1:4d} {'NONE':<10s}{0:10d}{0:4d}"
+    form = f"{2:10d}{12:10d}{1:10d}{0.0:13.5e}{0.1:13.5e}{0.0:13.5e}"
+    return _dataset_58("structid", (numbers, form), (17, "s"), (12, "m/s^2"), _random(12))
+
+
+def _dataset_58(
+    note: str,
+    records: tuple[str, str],
+    abscissa: tuple[int, str],
+    ordinate: tuple[int, str],
+    values: np.ndarray,
+) -> str:
+    """A function in text, dataset 58: its records 6 and 7, type and unit of both axes, and its numbers, six a line."""
+    head = ["    -1", "    58", note, "NONE", "NONE", "NONE", "NONE", *records]
+    for code, unit in (abscissa, ordinate, (0, "NONE"), (0, "NONE")):
+        head.append(f"{code:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {unit:<20s}")
+    rows = ["".join(f"{x:13.5e}" for x in values[k : k + 6]) for k in range(0, len(values), 6)]
     return "\n".join([*head, *rows, "    -1", ""])
 
 
@@ -634,16 +643,11 @@ def _spectra(folder: Path) -> _Made:
     path = _place(folder, "spectra/spectra.unv", "a.unv")
     text = ""
     for i, j, kind in ((1, 1, 2), (2, 1, 3), (2, 2, 2)):
-        head = ["    -1", "    58", "averages: 9", "NONE", "NONE", "NONE", "NONE"]
-        head.append(f"{kind:5d}{0:10d}{1:5d}{0:10d} {'NONE':<10s}{i:10d}{1:4d} {'NONE':<10s}{j:10d}{1:4d}")
-        head.append(f"{5:10d}{12:10d}{1:10d}{1.0:13.5e}{0.5:13.5e}{0.0:13.5e}")
-        head.append(f"{18:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'Hz':<20s}")
-        head.append(f"{12:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'g^2/Hz':<20s}")
-        head += [f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'NONE':<20s}"] * 2
+        numbers = f"{kind:5d}{0:10d}{1:5d}{0:10d} {'NONE':<10s}{i:10d}{1:4d} {'NONE':<10s}{j:10d}{1:4d}"
+        form = f"{5:10d}{12:10d}{1:10d}{1.0:13.5e}{0.5:13.5e}{0.0:13.5e}"
         size = 1 / (1 + (np.arange(12.0) - 6) ** 2)
         pairs = np.stack([size, 0.1 * size * (i != j)], axis=1).ravel()
-        rows = ["".join(f"{x:13.5e}" for x in pairs[k : k + 6]) for k in range(0, 24, 6)]
-        text += "\n".join([*head, *rows, "    -1", ""])
+        text += _dataset_58("averages: 9", (numbers, form), (18, "Hz"), (12, "g^2/Hz"), pairs)
     path.write_text(text)
     yield "spectra/spectra.unv", "spectrum", path, TEXT
     path = _place(folder, "spectra/spectra.npz", "a.npz")
@@ -653,15 +657,10 @@ def _spectra(folder: Path) -> _Made:
     path = _place(folder, "spectra/correlations.unv", "a.unv")
     text, lag = "", np.arange(40.0)
     for i, kind in ((1, 7), (2, 8)):
-        head = ["    -1", "    58", "averages: 9", "NONE", "NONE", "NONE", "NONE"]
-        head.append(f"{kind:5d}{0:10d}{1:5d}{0:10d} {'NONE':<10s}{i:10d}{1:4d} {'NONE':<10s}{1:10d}{1:4d}")
-        head.append(f"{2:10d}{40:10d}{1:10d}{0.0:13.5e}{0.1:13.5e}{0.0:13.5e}")
-        head.append(f"{17:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'s':<20s}")
-        head.append(f"{12:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'g^2':<20s}")
-        head += [f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20s} {'NONE':<20s}"] * 2
+        numbers = f"{kind:5d}{0:10d}{1:5d}{0:10d} {'NONE':<10s}{i:10d}{1:4d} {'NONE':<10s}{1:10d}{1:4d}"
+        form = f"{2:10d}{40:10d}{1:10d}{0.0:13.5e}{0.1:13.5e}{0.0:13.5e}"
         values = np.exp(-0.05 * lag) * np.cos(0.7 * lag) / i
-        rows = ["".join(f"{x:13.5e}" for x in values[k : k + 6]) for k in range(0, 40, 6)]
-        text += "\n".join([*head, *rows, "    -1", ""])
+        text += _dataset_58("averages: 9", (numbers, form), (17, "s"), (12, "g^2"), values)
     path.write_text(text)
     yield "spectra/correlations.unv", "correlation", path, TEXT
 
