@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from structid.core.arrays import FloatArray, locked, require_finite, require_shape
-from structid.core.display import Overview, Shown, format_number, plural
+from structid.core.display import Overview, Shown, format_number
 from structid.core.dof import Dof
 from structid.core.errors import InputError
 from structid.core.units import Quantity
-from structid.records.record import QUANTITY_UNITS
-from structid.records.spectrum import checked_channels
+from structid.records.spectrum import channel_words, checked_channels
 
 _FEWEST = 16
 #: Relative distance from 1 within which autocorrelations at lag 0 are normalized ones.
@@ -71,14 +70,14 @@ class CorrelationRecord(Shown):
 
     def __post_init__(self) -> None:
         """Convert and check the arguments: shapes, finite values, channels named once, autocorrelations that are such."""
-        channels, references, quantities = checked_channels(self.channels, self.references, self.quantities)
+        channels, references, quantities = checked_channels(
+            self.channels, self.references, self.quantities, self.averages
+        )
         values = locked(self.values, np.float64)
         require_shape("values", values, (None, len(channels), len(references)))
         require_finite("values", values)
         if not (np.isfinite(self.sampling_rate) and self.sampling_rate > 0):
             raise InputError(f"`sampling_rate` must be a positive number of Hz, got {self.sampling_rate!r}")
-        if self.averages is not None and not self.averages >= 1:
-            raise InputError(f"`averages` must be at least 1, got {self.averages!r}")
         if len(values) < _FEWEST:
             raise InputError(f"`values` must have at least {_FEWEST} lags from 0 s on, got {len(values)}; export more")
         start = np.array([values[0, channels.index(dof), k] for k, dof in enumerate(references)])
@@ -110,9 +109,8 @@ class CorrelationRecord(Shown):
 
     def overview(self) -> Overview:
         """Lags, channels and references."""
-        units = ", ".join(dict.fromkeys(QUANTITY_UNITS[quantity][0] for quantity in self.quantities))
         words = (
-            f"correlation functions of {plural(len(self.channels), 'channel')} ({units}) and"
-            f" {plural(len(self.references), 'reference')}, {len(self.values)} lags to {format_number(self.lag[-1])} s"
+            f"correlation functions of {channel_words(self.channels, self.references, self.quantities)},"
+            f" {len(self.values)} lags to {format_number(self.lag[-1])} s"
         )
         return Overview(words)

@@ -21,14 +21,17 @@ _EVEN = 1e-3
 
 
 def checked_channels(
-    channels: Iterable[str | Dof], references: Iterable[str | Dof], quantities: Iterable[Quantity]
+    channels: Iterable[str | Dof],
+    references: Iterable[str | Dof],
+    quantities: Iterable[Quantity],
+    averages: int | None,
 ) -> tuple[tuple[Dof, ...], tuple[Dof, ...], tuple[Quantity, ...]]:
     """Channels, references and quantities of spectra or correlation functions of motion, as tuples.
 
     Raises
     ------
     InputError
-        If a channel is doubled, a reference is no channel, or a quantity is no motion.
+        If a channel is doubled, a reference is no channel, a quantity is no motion, or there are less than one of `averages`.
     """
     channels, references, quantities = parse_dofs(channels), parse_dofs(references), tuple(quantities)
     for name, dofs in (("channels", channels), ("references", references)):
@@ -40,7 +43,15 @@ def checked_channels(
         raise InputError(
             f"`quantities` must say displacement, velocity or acceleration of each channel, got {quantities}"
         )
+    if averages is not None and not averages >= 1:
+        raise InputError(f"`averages` must be at least 1, got {averages!r}")
     return channels, references, quantities
+
+
+def channel_words(channels: tuple[Dof, ...], references: tuple[Dof, ...], quantities: tuple[Quantity, ...]) -> str:
+    """How many channels and references there are, with the units of the motions."""
+    units = ", ".join(dict.fromkeys(QUANTITY_UNITS[quantity][0] for quantity in quantities))
+    return f"{plural(len(channels), 'channel')} ({units}) and {plural(len(references), 'reference')}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -93,7 +104,9 @@ class SpectrumRecord(Shown):
 
     def __post_init__(self) -> None:
         """Convert and check the arguments: shapes, finite values, channels named once, evenly spaced frequencies."""
-        channels, references, quantities = checked_channels(self.channels, self.references, self.quantities)
+        channels, references, quantities = checked_channels(
+            self.channels, self.references, self.quantities, self.averages
+        )
         frequency = locked(self.frequency, np.float64)
         values = locked(self.values, np.complex128)
         require_shape("values", values, (len(frequency), len(channels), len(references)))
@@ -104,8 +117,6 @@ class SpectrumRecord(Shown):
             raise InputError(
                 "`frequency` must be at least three evenly spaced lines from 0 Hz or more; export all lines"
             )
-        if self.averages is not None and not self.averages >= 1:
-            raise InputError(f"`averages` must be at least 1, got {self.averages!r}")
         for name, value in (
             ("frequency", frequency),
             ("values", values),
@@ -117,9 +128,8 @@ class SpectrumRecord(Shown):
 
     def overview(self) -> Overview:
         """Lines, channels and references."""
-        units = ", ".join(dict.fromkeys(QUANTITY_UNITS[quantity][0] for quantity in self.quantities))
         words = (
-            f"spectra of {plural(len(self.channels), 'channel')} ({units}) and {plural(len(self.references), 'reference')},"
+            f"spectra of {channel_words(self.channels, self.references, self.quantities)},"
             f" {len(self.frequency)} lines from {format_number(self.frequency[0])} to {format_number(self.frequency[-1])} Hz"
         )
         return Overview(words)
