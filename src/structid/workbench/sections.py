@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from structid.core.errors import InputError
 
@@ -91,18 +91,18 @@ def rolled_i(height: float, width: float, web: float, flange: float, fillet: flo
     return CrossSection(2 * width * flange + clear * web + 4 * corner, strong, weak, torsion)
 
 
-#: Sizes that each shape asks for, mm, with what they are to begin with.
-SHAPES: dict[str, dict[str, float]] = {
-    "rectangle": {"height": 20.0, "width": 10.0},
-    "round bar": {"diameter": 20.0},
-    "round tube": {"diameter": 60.3, "wall": 3.2},
-    "rectangular tube": {"height": 100.0, "width": 50.0, "wall": 4.0},
-}
-_SHAPES: dict[str, Callable[..., CrossSection]] = {
-    "rectangle": rectangle,
-    "round bar": circle,
-    "round tube": tube,
-    "rectangular tube": box,
+class Shape(NamedTuple):
+    """A shape of cross-section: its function of sizes in m, and the sizes that it asks for, mm, as they are to begin with."""
+
+    section: Callable[..., CrossSection]
+    sizes: dict[str, float]
+
+
+SHAPES: dict[str, Shape] = {
+    "rectangle": Shape(rectangle, {"height": 20.0, "width": 10.0}),
+    "round bar": Shape(circle, {"diameter": 20.0}),
+    "round tube": Shape(tube, {"diameter": 60.3, "wall": 3.2}),
+    "rectangular tube": Shape(box, {"height": 100.0, "width": 50.0, "wall": 4.0}),
 }
 
 #: Height, width, web, flange and fillet of rolled profiles, mm (EN 10365).
@@ -126,7 +126,7 @@ PROFILES: dict[str, tuple[float, float, float, float, float]] = {
 
 def presets() -> dict[str, Any]:
     """Materials, shapes with the sizes (mm) that they ask for, and rolled profiles that the page offers."""
-    shapes = {**SHAPES, **{name: {} for name in PROFILES}}
+    shapes = {**{name: shape.sizes for name, shape in SHAPES.items()}, **{name: {} for name in PROFILES}}
     return {"materials": list(MATERIALS), "shapes": [{"name": name, "sizes": sizes} for name, sizes in shapes.items()]}
 
 
@@ -143,14 +143,14 @@ def cross_section(shape: str, sizes: Mapping[str, float]) -> CrossSection:
     if shape not in SHAPES:
         raise InputError(f"there is no shape {shape!r}; choose among {', '.join([*SHAPES, *PROFILES])}")
     values = {}
-    for name in SHAPES[shape]:
+    for name in SHAPES[shape].sizes:
         try:
             values[name] = float(sizes[name]) / 1000
         except (KeyError, TypeError, ValueError):
             raise InputError(f"the {name} of the {shape} must be a number in mm, got {sizes.get(name)!r}") from None
         if not 0 < values[name] < math.inf:
             raise InputError(f"the {name} of the {shape} must be greater than 0 mm, got {sizes[name]}")
-    return _SHAPES[shape](**values)
+    return SHAPES[shape].section(**values)
 
 
 def element_properties(
