@@ -36,12 +36,12 @@ test: $(STAMP)
 test-all: $(STAMP)
 	OPENBLAS_NUM_THREADS=1 MPLBACKEND=Agg $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow"
 
-# the page's JavaScript too, by biome.json, where node is there (the linter is fetched once, and is no part of structid)
+# the page's JavaScript too, by biome.json, where node is there and the linter can be fetched (once; it is no part of structid)
 BIOME := @biomejs/biome@2.6.8
 lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	@if command -v npx >/dev/null; then npx --yes $(BIOME) check .; else echo "no node: the page's JavaScript is not linted"; fi
+	@if npx --yes $(BIOME) --version >/dev/null 2>&1; then npx --yes $(BIOME) check .; else echo "no node, or no way to fetch $(BIOME): the page's JavaScript is not linted"; fi
 
 types: $(STAMP)
 	$(BIN)/mypy
