@@ -57,6 +57,12 @@ export function field(label, control, kind = "") {
   return h("div", {class: "field " + kind}, h("label", {for: control.id}, label), control);
 }
 
+// A box to tick before some words; `changed` hears whether it is ticked.
+export function checkbox(isOn, changed, ...words) {
+  const input = h("input", {type: "checkbox", checked: isOn, onchange: (event) => changed(event.target.checked)});
+  return h("label", {class: "check"}, input, ...words);
+}
+
 export function options(values, chosen) {
   return values.map((one) => {
     const [value, words] = Array.isArray(one) ? one : [one, one];

@@ -1,6 +1,6 @@
 // Modes of several set-ups with common reference sensors, merged to shapes at all sensors.
 import {post} from "./api.js";
-import {field, fill, h, number, table, writing} from "./dom.js";
+import {checkbox, field, fill, h, number, table, writing} from "./dom.js";
 
 // A card that merges records, or files of modes; `saved` hears the answer and the folder.
 export function mergeCard(app, given, band, saved) {
@@ -51,21 +51,12 @@ export function mergeCard(app, given, band, saved) {
             {},
             h("legend", {}, "Set-ups"),
             files.slice(0, 200).map((path) =>
-              h(
-                "label",
-                {class: "check"},
-                h("input", {
-                  type: "checkbox",
-                  checked: chosen.has(path),
-                  onchange: (event) => {
-                    if (event.target.checked) {
-                      chosen.add(path);
-                    } else {
-                      chosen.delete(path);
-                    }
-                    off();
-                  },
-                }),
+              checkbox(
+                chosen.has(path),
+                (isOn) => {
+                  chosen[isOn ? "add" : "delete"](path);
+                  off();
+                },
                 path,
               ),
             ),

@@ -20,6 +20,13 @@ export function fileOf(app, record) {
 // What the results of a study are called before a suffix: those of a suggested one lie beside the results that it came from.
 export const resultsName = (study) => study.replace(/\.toml$/, "").replace(/\/suggestions\/(?=[^/]*$)/, "_");
 
+// All results of the folder, the newest first, and those that are shown to begin with: of this study, where it has some.
+export function resultPaths(app) {
+  const all = app.folder.results.sort((a, b) => b.changed - a.changed).map((one) => one.path),
+    own = resultsName(app.study);
+  return {all, first: all.find((path) => own && path.startsWith(own)) || all[0]};
+}
+
 // What the study says of the same file.
 export function givenOptions(app, path) {
   const record = records(app).find((one) => fileOf(app, one) === path);

@@ -1,5 +1,5 @@
 // A structure in space, drawn by WebGL 2: faces and beams of whole element sets at once, signs of supports and sensors above.
-import {unpacked} from "./dom.js";
+import {h, unpacked} from "./dom.js";
 
 const SET_COLOURS = ["#5b9bd0", "#d9a441", "#5fb08c", "#c27ba0", "#8f8fd8", "#d0785a", "#9aa55a", "#6ab3c4"];
 const FACES = `#version 300 es
@@ -26,6 +26,23 @@ const rgb = (text) => {
   const n = parseInt(text.slice(1), 16);
   return [(n >> 16) / 255, ((n >> 8) & 255) / 255, (n & 255) / 255];
 };
+
+// The place of a picture in space: its two canvases, a bar of buttons above and a hint below.
+export function sceneStage(buttons, hint) {
+  return h(
+    "div",
+    {class: "stage"},
+    h("canvas", {
+      class: "under",
+      tabindex: 0,
+      role: "img",
+      "aria-label": "The structure; arrow keys turn it, plus and minus change its size, Home shows all of it",
+    }),
+    h("canvas", {class: "over", "aria-hidden": "true"}),
+    h("div", {class: "bar"}, ...buttons),
+    h("div", {class: "hint"}, hint),
+  );
+}
 
 export class Scene {
   constructor(stage, picked) {

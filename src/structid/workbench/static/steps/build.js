@@ -3,6 +3,7 @@ import {get, post} from "../api.js";
 import {Cells} from "../cells.js";
 import {field, fill, h, options, unitText} from "../dom.js";
 import {Editor} from "../editor.js";
+import {sceneStage} from "../scene.js";
 import {StructurePicture} from "../structure_picture.js";
 import {
   actions,
@@ -62,19 +63,7 @@ export async function show(box, app) {
     return;
   }
   const [kinds, sections] = await Promise.all([get("kinds"), get("sections")]);
-  const stage = h(
-    "div",
-    {class: "stage"},
-    h("canvas", {
-      class: "under",
-      tabindex: 0,
-      role: "img",
-      "aria-label": "The structure; arrow keys turn it, plus and minus change its size, Home shows all of it",
-    }),
-    h("canvas", {class: "over", "aria-hidden": "true"}),
-    h("div", {class: "bar"}),
-    h("div", {class: "hint"}),
-  );
+  const stage = sceneStage([], "");
   const undo = h("button", {type: "button", onclick: () => step("undo")}, "Undo"),
     redo = h("button", {type: "button", onclick: () => step("redo")}, "Redo");
   const told = h("div", {id: "doubts", "aria-live": "polite"}),

@@ -1,7 +1,7 @@
 // Records: time histories by least and greatest of stretches, responses with coherence, and the band by dragging.
 import {get, post} from "../api.js";
 import {chart, colours} from "../charts.js";
-import {bandIn, field, fill, h, options, table, toml, typed, unpacked, withUnit} from "../dom.js";
+import {bandIn, checkbox, field, fill, h, options, table, toml, typed, unpacked, withUnit} from "../dom.js";
 import {fileOf, givenOptions, recordName, recordPath, records} from "../recorded.js";
 import {facts, use} from "./start.js";
 import {priorWords, priorWritten} from "./unknowns.js";
@@ -409,23 +409,14 @@ function channelList(names, shown, changed) {
       "div",
       {class: "row"},
       names.slice(0, 200).map((name, k) =>
-        h(
-          "label",
-          {class: "check"},
-          h("input", {
-            type: "checkbox",
-            checked: shown.has(k),
-            onchange: (event) => {
-              if (event.target.checked) {
-                shown.add(k);
-              } else {
-                shown.delete(k);
-              }
-              if (shown.size) {
-                changed();
-              }
-            },
-          }),
+        checkbox(
+          shown.has(k),
+          (isOn) => {
+            shown[isOn ? "add" : "delete"](k);
+            if (shown.size) {
+              changed();
+            }
+          },
           name,
         ),
       ),

@@ -2,19 +2,17 @@
 import {get, link, post, view} from "../api.js";
 import {chart, colours, ink} from "../charts.js";
 import {bytes, field, fill, h, number, numberIn, options, percent, quantity, table, unpacked} from "../dom.js";
-import {resultsName} from "../recorded.js";
+import {resultPaths, resultsName} from "../recorded.js";
 
 const MARKS = {sound: "good", approximate: "doubt", wrong_model: "bad", undetermined: "bad"};
 
 export async function show(box, app) {
   await app.reload();
-  const all = app.folder.results.sort((a, b) => b.changed - a.changed).map((one) => one.path),
-    base = resultsName(app.study);
+  const {all, first} = resultPaths(app);
   if (!all.length) {
     fill(box, h("h1", {}, "Results"), h("p", {}, "No results in this folder yet: run a study, in step Run."));
     return;
   }
-  const first = all.find((path) => base && path.startsWith(base)) || all[0];
   const choice = h("select", {id: "results", onchange: () => draw()}, options(all, first)),
     other = h("select", {id: "other", onchange: () => draw()}, options([["", "none"], ...all]));
   const place = h("div");

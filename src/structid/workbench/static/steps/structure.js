@@ -1,8 +1,8 @@
 // The structure in space, its sensors, and what `check` says of it.
 import {get} from "../api.js";
-import {field, fill, h, number, numberIn, options, percent, quantity, table, toml} from "../dom.js";
+import {checkbox, field, fill, h, number, numberIn, options, percent, quantity, table, toml} from "../dom.js";
 import {recordPath, recordPicker, records} from "../recorded.js";
-import {Scene} from "../scene.js";
+import {Scene, sceneStage} from "../scene.js";
 
 const WAYS = [
   ["+X", [1, 0, 0]],
@@ -14,18 +14,9 @@ const WAYS = [
 ];
 
 export async function show(box, app) {
-  const stage = h(
-    "div",
-    {class: "stage"},
-    h("canvas", {
-      class: "under",
-      tabindex: 0,
-      role: "img",
-      "aria-label": "The structure; arrow keys turn it, plus and minus change its size, Home shows all of it",
-    }),
-    h("canvas", {class: "over", "aria-hidden": "true"}),
-    h("div", {class: "bar"}, h("button", {class: "small", type: "button", onclick: () => scene.home()}, "Show all")),
-    h("div", {class: "hint"}, "Drag to turn, Shift and drag to move, wheel to zoom, click a node"),
+  const stage = sceneStage(
+    [h("button", {class: "small", type: "button", onclick: () => scene.home()}, "Show all")],
+    "Drag to turn, Shift and drag to move, wheel to zoom, click a node",
   );
   const sets = h("section", {class: "card"}),
     node = h("section", {class: "card", id: "node"}),
@@ -94,21 +85,12 @@ export async function show(box, app) {
           h(
             "li",
             {},
-            h(
-              "label",
-              {class: "check"},
-              h("input", {
-                type: "checkbox",
-                checked: true,
-                onchange: (event) => {
-                  if (event.target.checked) {
-                    scene.hidden.delete(one.name);
-                  } else {
-                    scene.hidden.add(one.name);
-                  }
-                  scene.ask();
-                },
-              }),
+            checkbox(
+              true,
+              (isOn) => {
+                scene.hidden[isOn ? "delete" : "add"](one.name);
+                scene.ask();
+              },
               h(
                 "span",
                 {},
@@ -160,17 +142,12 @@ function marked(place, scene, findings) {
         h(
           "li",
           {},
-          h(
-            "label",
-            {class: "check"},
-            h("input", {
-              type: "checkbox",
-              checked: true,
-              onchange: (event) => {
-                one.shown = event.target.checked;
-                scene.ask();
-              },
-            }),
+          checkbox(
+            true,
+            (isOn) => {
+              one.shown = isOn;
+              scene.ask();
+            },
             h("b", {class: "tag"}, String(k + 1)),
             h("span", {}, one.words),
           ),

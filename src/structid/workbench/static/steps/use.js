@@ -2,7 +2,7 @@
 import {get, link, post} from "../api.js";
 import {chart, colours, ink} from "../charts.js";
 import {bandIn, field, fill, h, number, numberIn, options, table, unitText, unpacked} from "../dom.js";
-import {resultsName} from "../recorded.js";
+import {resultPaths} from "../recorded.js";
 
 const KINDS = ["accelerance", "mobility", "receptance"];
 // Changes that can be asked about: what each is called, and the fields that it has.
@@ -37,17 +37,12 @@ const kept = new Map(); // changes and places asked about, by results, so that t
 
 export async function show(box, app) {
   await app.reload();
-  const all = app.folder.results.sort((a, b) => b.changed - a.changed).map((one) => one.path),
-    base = resultsName(app.study);
+  const {all, first} = resultPaths(app);
   if (!all.length) {
     fill(box, h("h1", {}, "Use"), h("p", {}, "No results in this folder yet: run a study first."));
     return;
   }
-  const choice = h(
-      "select",
-      {id: "used", onchange: () => draw()},
-      options(all, all.find((path) => base && path.startsWith(base)) || all[0]),
-    ),
+  const choice = h("select", {id: "used", onchange: () => draw()}, options(all, first)),
     place = h("div");
   fill(box, h("h1", {}, "Use"), h("div", {class: "row end"}, field("Results", choice)), place);
   const draw = async () => {
