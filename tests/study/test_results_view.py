@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from structid.cli.console import identification_summary
+from structid.core.display import as_sentence
 from structid.core.json_types import json_text
 from structid.diagnose.verdict import Cause, Diagnosis, Judgement
 from structid.report.identification.page import report_page
 from structid.study.results.folder import estimate_summary
-from structid.study.results.view import MOST_ADVICE, ParameterResult, parameter_states, results_view, sentence
+from structid.study.results.view import MOST_ADVICE, ParameterResult, parameter_states, results_view
 from structid.study.run.run import run_study
 from structid.study.schema.study import load_study
 from study_cases import RIGID, rigid_record, write_chain
@@ -128,5 +129,5 @@ def test_no_more_advice_is_printed_than_a_reader_takes_in(result):
 
 
 def test_clauses_become_sentences_but_names_keep_their_letters():
-    assert sentence("the mesh is coarse") == "The mesh is coarse."
-    assert sentence("mass[a] ran away") == "mass[a] ran away."
+    assert as_sentence("the mesh is coarse") == "The mesh is coarse."
+    assert as_sentence("mass[a] ran away") == "mass[a] ran away."

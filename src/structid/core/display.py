@@ -87,6 +87,13 @@ def join_words(items: Sequence[object], most: int = 6) -> str:
     return ", ".join(map(str, items[:most])) + (f" and {more} more" if more > 0 else "")
 
 
+def as_sentence(words: str) -> str:
+    """A clause as a sentence: a capital where it begins with a word, a full stop where it has none."""
+    first = words.split(" ", 1)[0]
+    start = words[0].upper() + words[1:] if first.isalpha() else words
+    return start if start.endswith((".", "?", "!")) else f"{start}."
+
+
 def file_names(paths: Sequence[str | Path]) -> list[str]:
     """A name for each file: its last path component, or its path where two files share one."""
     names = [Path(path).name for path in paths]

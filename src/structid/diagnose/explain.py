@@ -8,7 +8,7 @@ from functools import cache, partial
 
 import numpy as np
 
-from structid.core.display import plural
+from structid.core.display import as_sentence, plural
 from structid.core.errors import InputError, StructidError
 from structid.diagnose.causes.places import MOST_DOFS
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted, is_clear
@@ -274,9 +274,7 @@ def _diagnose_explained(
     judgement = replace(judgement, reasons=(*judgement.reasons, *unfinished))
     if judgement.verdict == "wrong_model" and not accepted:
         # "none of 587 changes explains it" is half of the truth where likely ones were not fitted
-        judgement = replace(
-            judgement, words=" ".join([judgement.words, *(f"{w[0].upper()}{w[1:]}." for w in unfinished)])
-        )
+        judgement = replace(judgement, words=" ".join([judgement.words, *map(as_sentence, unfinished)]))
     is_used = judgement.verdict in ("sound", "approximate")
     shown = sensitivities if is_used else ()
     diagnosis = Diagnosis(judgement, accepted, lowering, explanation.tried, shown)

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.core.display import Overview, Shown, join_words, plural
+from structid.core.display import Overview, Shown, as_sentence, join_words, plural
 from structid.diagnose.data_rows import misfit_of_lines
 from structid.diagnose.fixed_value_influence import FixedValueSensitivity, doubted
 from structid.diagnose.split_consistency import Disagreement, disagreements
@@ -352,9 +352,7 @@ def judged(
         given = _judged(identification, causes, n_tried, suggestions, doubted(held), apart)
     is_open = identification.alternatives is not None or given.verdict == "untested"
     if untried and not is_open and not fits_noise(identification):
-        given = replace(
-            given, words=f"{given.words} {untried[0].upper()}{untried[1:]}.", reasons=(*given.reasons, untried)
-        )
+        given = replace(given, words=f"{given.words} {as_sentence(untried)}", reasons=(*given.reasons, untried))
     faults = record_faults(identification)
     if faults and given.verdict not in ("sound", "untested"):
         given = replace(

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from structid.core.display import first_warnings, plural
+from structid.core.display import as_sentence, first_warnings, plural
 from structid.core.quantities import exact, percent, value_words, with_std
 from structid.modal.merging import Merging
 from structid.modal.poles.poles import modal_phase_deviation
@@ -248,7 +248,7 @@ def method_words(result: ModesResult) -> str:
 def scale_sentence(result: ModesResult) -> str:
     """`ModesResult.scale_words` as a sentence."""
     words = result.scale_words
-    return f"{words[0].upper()}{words[1:]}."
+    return as_sentence(words)
 
 
 def std_sentence(result: ModesResult) -> str:

@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from structid.core.display import Overview, Shown, join_words, plural
+from structid.core.display import Overview, Shown, as_sentence, join_words, plural
 from structid.core.quantities import exact, number, percent, prefixed, span_text, with_std, with_unit
 from structid.diagnose.fixed_value_influence import resting_words
 from structid.diagnose.verdict import Cause, Diagnosis, judged
@@ -294,7 +294,7 @@ def _advice(found: Identification, diagnosis: Diagnosis, sentences: Sequence[str
         if words not in elsewhere
         and not any(part in words for part in (INCLUDES_MODEL_ERROR, MAY_BE_ZERO, OTHER_MINIMA))
     ]
-    lines.extend(sentence(words) for words in acts if words not in of_estimate)
+    lines.extend(as_sentence(words) for words in acts if words not in of_estimate)
     flags = zip(estimate.names, estimate.identified, estimate.spread.is_free, strict=True)
     lost = [name for name, is_identified, is_free in flags if is_free and not is_identified]
     if lost and estimate.uncertainty.has_matrix:
@@ -303,9 +303,9 @@ def _advice(found: Identification, diagnosis: Diagnosis, sentences: Sequence[str
             f"{join_words(lost, 4)} {are} not determined: fix or tie, give a prior, or measure where the effect shows."
         )
     directions = [f"the data determine {direction.words}" for direction in estimate.identifiability.directions]
-    lines.extend(sentence(words) for words in acts if words in of_estimate and words not in directions[1:])
+    lines.extend(as_sentence(words) for words in acts if words in of_estimate and words not in directions[1:])
     if words := resting_words(diagnosis.sensitivities):
-        lines.append(sentence(words))
+        lines.append(as_sentence(words))
     return tuple(dict.fromkeys(lines))
 
 
@@ -316,13 +316,6 @@ def _alternative(cause: Cause) -> str:
     if cause.is_alike:
         return f"The data cannot distinguish the first change from this one: {cause.words}{run}."
     return f"Less likely: {cause.words}{run}."
-
-
-def sentence(words: str) -> str:
-    """A clause as a sentence: a capital where it begins with a word, a full stop where it has none."""
-    first = words.split(" ", 1)[0]
-    start = words[0].upper() + words[1:] if first.isalpha() else words
-    return start if start.endswith((".", "?", "!")) else f"{start}."
 
 
 def _parameters(found: Identification) -> tuple[ParameterResult, ...]:
