@@ -117,7 +117,7 @@ class SearchBudget:
     effort: float = np.inf
     seconds: float = np.inf
     effort_begun: float = field(default_factory=lambda: CLOCK.reading)
-    seconds_begun: float = field(default_factory=lambda: processor_seconds())
+    seconds_begun: float = field(default_factory=processor_seconds)
 
     @property
     def is_limited(self) -> bool:
@@ -130,11 +130,15 @@ class SearchBudget:
         return Limits(CLOCK.reading - self.effort_begun, processor_seconds() - self.seconds_begun)
 
     def allows(self, needed: Limits, fraction: float = 1.0) -> bool:
-        """True where a fraction of what something took is left; with 0 where anything is left."""
-        spent = self.spent
-        return (
-            self.effort - spent.effort > fraction * needed.effort or np.isinf(self.effort)
-        ) and (self.seconds - spent.seconds > fraction * needed.seconds or np.isinf(self.seconds))  # fmt: skip
+        """True if more is left than `fraction` of what something took; of what is not limited there is always enough."""
+        if np.isfinite(self.effort):
+            effort_left = self.effort - (CLOCK.reading - self.effort_begun)
+            if not effort_left > fraction * needed.effort:
+                return False
+        if np.isfinite(self.seconds):  # all processes of the run are asked, so only where a user limits them
+            seconds_left = self.seconds - (processor_seconds() - self.seconds_begun)
+            return seconds_left > fraction * needed.seconds
+        return True
 
     @property
     def is_left(self) -> bool:
@@ -142,12 +146,12 @@ class SearchBudget:
         return self.allows(NOTHING)
 
     def part(self, fraction: float, reserve: float = 0.0) -> SearchBudget:
-        """A new budget of a fraction of what is left beyond a reserve, a part of this whole budget; it begins now."""
-        spent = self.spent
-        return SearchBudget(
-            fraction * (self.effort - spent.effort - (reserve * self.effort if np.isfinite(self.effort) else 0.0)),
-            fraction * (self.seconds - spent.seconds - (reserve * self.seconds if np.isfinite(self.seconds) else 0.0)),
-        )
+        """A new budget that begins now: `fraction` of what is left when `reserve`, a part of this whole budget, is kept."""
+        left = [
+            limit - spent - reserve * limit if np.isfinite(limit) else np.inf
+            for limit, spent in zip((self.effort, self.seconds), self.spent, strict=True)
+        ]
+        return SearchBudget(fraction * left[0], fraction * left[1])
 
     @property
     def fit_limits(self) -> Limits:
@@ -175,7 +179,9 @@ def map_within_budget(
     """
     measured = Measured(task)
     results: list[Result | None] = []
-    step = len(items) if not budget.is_limited else max(2 * work.n_workers, 1) if work.n_workers > 1 else 1
+    step = len(items)
+    if budget.is_limited:
+        step = 2 * work.n_workers if work.n_workers > 1 else 1
     while len(results) < len(items) and (len(results) < least or budget.is_left):
         first = len(results)
         batch = work.map(name, measured, shared, items[first : first + step], first=first)
