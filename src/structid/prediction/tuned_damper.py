@@ -18,8 +18,10 @@ from structid.prediction.identified_model import IdentifiedModel
 from structid.prediction.predict import model_and_error, parameter_points
 from structid.prediction.quantities import Frf, structure_modes
 
-#: Part of the frequency of a mode to each side of it that is searched, number of lines there, and of modes that are looked at.
-_AROUND, _LINES, _MODES = 0.35, 1200, 20
+#: The default band reaches this part of a mode's frequency to each side of it, and has so many lines.
+_AROUND, _LINES = 0.35, 1200
+#: Modes among which that mode is chosen.
+_MODES = 20
 #: Largest ratio of the damper's frequency to that where the search starts, either way, and largest damping ratio.
 _FARTHEST, _MOST_DAMPED = 2.0, 1.0
 
@@ -138,25 +140,30 @@ def tune_damper(
     evaluate = frf.evaluator(model.structure, model.parameters, parameter_points(model))
     drawn = model.draw_parameters(n_draws, np.random.default_rng(seed))
     receptances = np.stack([np.asarray(evaluate(each), dtype=complex) for each in (model.physical, *drawn)])
-    chosen = np.ix_(
-        range(len(receptances)), range(_LINES), [sensors.index(d) for d in read], [loads.index(d) for d in pushed]
-    )
+    rows, columns = np.ix_([sensors.index(d) for d in read], [loads.index(d) for d in pushed])
 
-    def peaks(frequency: float, ratio: float) -> FloatArray:
-        with_damper = _coupled(receptances, frf.frequency, mass, frequency, ratio)
-        return np.asarray(np.abs(with_damper[chosen]).max(axis=(1, 2, 3)))
+    def peaks(receptance: ComplexArray) -> FloatArray:
+        """Largest magnitude among the chosen channels of receptances (..., n_lines, n_outputs, n_inputs)."""
+        return np.asarray(np.abs(receptance[..., rows, columns]).max(axis=(-3, -2, -1)))
+
+    def nominal_peak(frequency: float, ratio: float) -> float:
+        return float(peaks(_coupled(receptances[0], frf.frequency, mass, frequency, ratio)))
+
+    def peak_below(frequency: float, ratio: float) -> float:
+        """The peak below which `quantile` of the random models stay."""
+        with_damper = _coupled(receptances[1:], frf.frequency, mass, frequency, ratio)
+        return float(np.quantile(peaks(with_damper), quantile))
 
     share = mass / effective
     start = own / (1 + share), float(np.sqrt(3 * share / (8 * (1 + share))))
-    nominal = _search(lambda *values: float(peaks(*values)[0]), start)
-    robust = _search(lambda *values: float(np.quantile(peaks(*values)[1:], quantile)), nominal)
-    before = np.abs(receptances[chosen]).max(axis=(1, 2, 3))[1:]
+    nominal = _search(nominal_peak, start)
+    robust = _search(peak_below, nominal)
     return TunedDamper(
         AddTunedMassDamper(place, mass, *robust),
         AddTunedMassDamper(place, mass, *nominal),
-        float(np.quantile(peaks(*robust)[1:], quantile)),
-        float(np.quantile(peaks(*nominal)[1:], quantile)),
-        float(np.quantile(before, quantile)),
+        peak_below(*robust),
+        peak_below(*nominal),
+        float(np.quantile(peaks(receptances[1:]), quantile)),
         quantile,
         (low, high),
         n_draws,
