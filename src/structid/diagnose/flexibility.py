@@ -1,4 +1,4 @@
-"""The inverse of a model's dynamic stiffness: line by line, or by its modes and a static rest."""
+"""Receptances of a model, the inverse of its dynamic stiffness: frequency by frequency, or by its modes and a residual term."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.dynamics.normal_modes import modes
 from structid.fem import Structure
 
-#: Modes up to so many times the highest frequency of the lines stand for the motion there; at first and at most so many.
-_BEYOND, _FIRST_MODES, _MOST_MODES = 3.0, 40, 160
+#: Modes are taken up to this multiple of the highest frequency.
+_BEYOND = 3.0
+#: So many modes are computed at first, twice as many while they do not reach it, and this many at most.
+_FIRST_MODES, _MOST_MODES = 40, 160
 
 
 class Flexibility(Protocol):
-    """G = Z^-1 of a model at lines of a record."""
+    """Receptances G = Z^-1 of a model, m/N, at the frequencies of a record."""
 
     def block(self, rows: IntArray) -> ComplexArray:
         """G among some degrees of freedom, (n_lines, n_rows, n_rows)."""
@@ -42,53 +44,66 @@ class DenseFlexibility:
 
 @dataclass(frozen=True, eq=False)
 class ModalFlexibility:
-    """G = R + P H P': a static rest R (n_dofs, n_dofs), mode shapes P (n_dofs, m) and their receptances H (n_lines, m, m)."""
+    """G = R + P H P' by mode shapes P.
 
-    static: FloatArray
+    Attributes
+    ----------
+    residual : (n_dofs, n_dofs) float array
+        R: what all other modes contribute, the same at every frequency.
+    shapes : (n_dofs, n_modes) float array
+        P, mass-normalized.
+    receptance : (n_lines, n_modes, n_modes) complex array
+        H, between modal forces and coordinates; damping couples them.
+    """
+
+    residual: FloatArray
     shapes: FloatArray
     receptance: ComplexArray
 
     def block(self, rows: IntArray) -> ComplexArray:
         shapes = self.shapes[rows]
-        block: ComplexArray = self.static[np.ix_(rows, rows)] + shapes @ self.receptance @ shapes.T
+        block: ComplexArray = self.residual[rows[:, None], rows] + shapes @ self.receptance @ shapes.T
         return block
 
     def motion(self, forces: FloatArray | ComplexArray) -> ComplexArray:
-        motion: ComplexArray = self.static @ forces + self.shapes @ (self.receptance @ (self.shapes.T @ forces))
+        motion: ComplexArray = self.residual @ forces + self.shapes @ (self.receptance @ (self.shapes.T @ forces))
         return motion
 
 
 def modal_flexibility(structure: Structure, values: FloatArray, laplace: ComplexArray) -> ModalFlexibility:
-    """G of a large model by the modes in and near the band; what all others do is taken as at the lowest line.
+    """Receptances of a model by its lowest modes, to beyond the band, and a residual term for all others.
 
-    With a shift s0 = min |s|, R = (K + s0^2 M)^-1 less what the modes have of it. Damping acts among the modes alone.
+    The residual term is (K + s0^2 M)^-1 less what the computed modes have of it. The shift s0, the least |s|, keeps it finite
+    for a body that is not held; higher modes hardly feel it. Damping acts among the computed modes alone.
 
     Parameters
     ----------
     structure : Structure
+        Its residual term is a full matrix.
     values : (n_values,) float array
-        Property values.
+        Values of all properties of the structure, in its order and in SI units.
     laplace : (n_lines,) complex array
-        s, 1/s.
+        Laplace variable s = decay + i omega of each frequency, in 1/s.
 
     References
     ----------
-    Ewins (2000), Modal Testing, 2nd ed., section 5.3 (residual terms).
+    Ewins (2000), Modal Testing, 2nd ed.: residual terms.
     """
-    inertia, viscous, elastic, structural = (
+    mass, damping, stiffness, structural = (
         structure.matrix(kind, values) for kind in ("mass", "damping", "stiffness", "structural_damping")
     )
     top = _BEYOND * float(np.abs(laplace).max()) / (2 * np.pi)
-    n_modes, most = _FIRST_MODES, min(_MOST_MODES, structure.n_dofs - 2)
-    normal = modes(inertia, elastic, n_modes=min(n_modes, most))
+    most = min(_MOST_MODES, structure.n_dofs - 2)
+    n_modes = min(_FIRST_MODES, most)
+    normal = modes(mass, stiffness, n_modes=n_modes)
     while n_modes < most and normal.frequency[-1] < top:
-        n_modes *= 2
-        normal = modes(inertia, elastic, n_modes=min(n_modes, most))
+        n_modes = min(2 * n_modes, most)
+        normal = modes(mass, stiffness, n_modes=n_modes)
     shapes = normal.mode_shapes
     squares = (2 * np.pi * normal.frequency) ** 2
     shift = float(np.abs(laplace).min()) ** 2
-    static = np.linalg.inv((elastic + shift * inertia).toarray()) - (shapes / (squares + shift)) @ shapes.T
+    residual = np.linalg.inv((stiffness + shift * mass).toarray()) - (shapes / (squares + shift)) @ shapes.T
     s = laplace[:, None, None]
-    stiffness = s**2 * np.eye(len(squares)) + np.diag(squares)
-    stiffness = stiffness + s * (shapes.T @ (viscous @ shapes)) + 1j * (shapes.T @ (structural @ shapes))
-    return ModalFlexibility(static, shapes, np.linalg.inv(stiffness))
+    dynamic = s**2 * np.eye(len(squares)) + np.diag(squares)
+    dynamic = dynamic + s * (shapes.T @ (damping @ shapes)) + 1j * (shapes.T @ (structural @ shapes))
+    return ModalFlexibility(residual, shapes, np.linalg.inv(dynamic))
