@@ -104,11 +104,12 @@ def true_history(rig: Rig, m, k, c, force: np.ndarray, rate: float, read: list[R
     return history
 
 
-def loss_as_viscous(m: np.ndarray, k: np.ndarray, loss: float) -> np.ndarray:
-    """Viscous damping that gives every mode the damping ratio loss / 2."""
+def loss_as_viscous(m: np.ndarray, k: np.ndarray) -> np.ndarray:
+    """Viscous damping that takes as much energy at each resonance as the imaginary part of the stiffness."""
     squares, shapes = eigh(k.real, m)
+    lost = np.einsum("im,ij,jm->m", shapes, k.imag, shapes) / np.sqrt(squares)
     turned = m @ shapes
-    return turned @ np.diag(loss * np.sqrt(squares)) @ turned.T
+    return turned @ np.diag(lost) @ turned.T
 
 
 def with_mass(rig: Rig, m: np.ndarray, node: int, mass: float) -> np.ndarray:
@@ -145,14 +146,13 @@ def inside(predicted: Prediction, true: np.ndarray) -> np.ndarray:
 
 
 def repeat_responses(rig: Rig, found: sid.Identification, values: dict[str, float], seed: int, masks: Inside) -> None:
-    """FRFs, histories and their maxima of one identification; the loss factor acts on histories as a damping ratio of its half."""
+    """FRFs, histories and their maxima of one identification; loss factors act on histories as viscous dampings."""
     read, (m, k, c) = readings(rig, values), matrices(rig, values)
     names, frequency, (force, rate) = [each.name for each in read], np.linspace(*rig.band, LINES), push(rig)
     history = History(names, [rig.load], force[:, None], rate)
     quantities = Frf(names, [rig.load], frequency), history, Maxima(history)
     frf, moved, largest = predict_together(found, quantities, n_draws=DRAWS, seed=seed)
-    viscous = c + loss_as_viscous(m, k, values["loss"]) if "loss" in values else c
-    true = true_history(rig, m, k, viscous, force, rate, read)
+    true = true_history(rig, m, k, c + loss_as_viscous(m, k), force, rate, read)
     parts = (
         ("FRF", inside(frf, true_frf(rig, m, k, c, frequency, read))[..., 0]),
         ("history", inside(moved, true)[1:]),
