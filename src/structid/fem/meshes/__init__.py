@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
 from structid.core.errors import FileError, InputError
 from structid.fem.importers.exports import FORCES
-from structid.fem.meshes import abaqus, gmsh, nastran, universal, vtk
 from structid.fem.meshes.deck_parts import DeckPart, DeckUnits, choose_parts, describe_left_aside
 from structid.fem.meshes.mesh import (
     CELL_DIMENSIONS,
@@ -21,9 +19,15 @@ from structid.fem.meshes.mesh import (
     unassigned,
 )
 from structid.files import damage_told, require_readable
+from structid.lazy import FormatModule
 
-#: Each has SUFFIXES and read(path, units), the mesh in SI units.
-FORMATS: tuple[ModuleType, ...] = (gmsh, nastran, abaqus, vtk, universal)
+GMSH = FormatModule("structid.fem.meshes.gmsh", (".msh",))
+NASTRAN = FormatModule("structid.fem.meshes.nastran", (".bdf", ".nas", ".fem", ".dat"))
+ABAQUS = FormatModule("structid.fem.meshes.abaqus", (".inp",))
+VTK = FormatModule("structid.fem.meshes.vtk", (".vtu", ".vtk"))
+UNIVERSAL = FormatModule("structid.fem.meshes.universal", (".unv", ".uff", ".uf"))
+#: Each module has read(path, units), the mesh in SI units.
+FORMATS: tuple[FormatModule, ...] = (GMSH, NASTRAN, ABAQUS, VTK, UNIVERSAL)
 #: What the numbers of a file are multiplied by to give m.
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 _FARTHEST = 1e100  # its square is still finite
