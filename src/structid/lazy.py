@@ -1,4 +1,4 @@
-"""Public names of a package, and modules of file formats, load on first use (PEP 562): importing a package costs next to nothing."""
+"""Public names and modules of file formats load on first use (PEP 562): importing a package costs next to nothing."""
 
 from __future__ import annotations
 

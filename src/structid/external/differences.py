@@ -9,14 +9,14 @@ from scipy import sparse
 from scipy.linalg import eigh
 
 from structid.core.arrays import FloatArray
-from structid.external.expansion import Point, Powers, expand_about_centre
-from structid.external.model import Part, SolverModel
+from structid.external.expansion import Point, expand_about_centre
 from structid.external.outputs import ModesOut
 from structid.external.runs import Solver, needed_runs, point_words, run_words
 from structid.external.shapes import Shapes, require_same_dofs
 from structid.external.solved import Checked, Solved, Units, model_parameters
 from structid.external.steps import StepRules, taken
 from structid.external.tangent import tangent
+from structid.fem.elements.solver_model import Part, Powers, SolverModel
 from structid.fem.importers.exports import LENGTHS
 from structid.inversion.search.work import Work
 
