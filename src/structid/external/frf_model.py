@@ -13,7 +13,7 @@ from structid.core.arrays import ComplexArray, FloatArray, IntArray
 from structid.core.display import join_words
 from structid.core.dof import DIRECTIONS, Dof
 from structid.core.errors import FileError
-from structid.core.units import FrfKind
+from structid.core.units import FORCES, LENGTHS, FrfKind
 from structid.external.deck import FREQUENCIES
 from structid.external.expansion import Point
 from structid.external.outputs import OneFile, existing_file
@@ -22,9 +22,8 @@ from structid.external.shapes import require_last_line
 from structid.external.solved import Checked, Solved, Units, model_parameters
 from structid.external.steps import StepRules, taken
 from structid.fem.elements.solver_model import FrfRuns, SolverFrfs
-from structid.fem.importers.exports import FORCES, LENGTHS
 from structid.inversion.search.work import Work
-from structid.modal.formats.nastran import PUNCH_SUFFIXES
+from structid.modal.formats.options import PUNCH_SUFFIXES
 from structid.modal.formats.printed import parse_numbers
 from structid.records import FrfRecord, TimeRecord
 from structid.records.formats import read_record

@@ -19,9 +19,7 @@ from structid.core.errors import FileError, InputError
 from structid.fem import importers, meshes
 from structid.files import claimed, read_start, replace_unchanged
 from structid.lazy import FormatModule
-from structid.modal.formats.calculix import FRD_SUFFIXES
-from structid.modal.formats.files import JSON_SUFFIXES
-from structid.modal.formats.nastran import F06_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES
+from structid.modal.formats.options import F06_SUFFIXES, FRD_SUFFIXES, JSON_SUFFIXES, OP2_SUFFIXES, PUNCH_SUFFIXES
 from structid.modal.formats.recognition import holds_modes
 from structid.records.formats import FORMATS, LOGGERS, LoggerFormat
 from structid.study.schema.toml_lines import parse_toml

@@ -14,14 +14,14 @@ from structid.core.constraints import Limits, Positive
 from structid.core.dof import Dof, parse_dofs
 from structid.core.errors import InputError
 from structid.core.json_types import Plain
+from structid.core.units import FORCES, LENGTHS
 from structid.external.confirmation import command_words, confirmation_of
 from structid.external.deck import Deck, DeckParameter, MatrixFile, deck_texts, with_frequencies
 from structid.external.marks import CardField, DeckMark, DeckPosition, KeywordEntry, value_at, with_marks
-from structid.fem.importers.exports import FORCES, LENGTHS
 from structid.fem.meshes import read_mesh
 from structid.identification.options import IdentifyOptions
 from structid.identification.setups.frf import used_lines
-from structid.modal.formats.nastran import PUNCH_SUFFIXES
+from structid.modal.formats.options import PUNCH_SUFFIXES
 from structid.records import FrfRecord
 from structid.study.schema.kinds import (
     BOOLEAN,
