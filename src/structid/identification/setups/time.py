@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from structid import forward
 from structid.core.arrays import FloatArray
 from structid.core.constraints import Positive
 from structid.core.dof import Dof
@@ -23,7 +24,6 @@ from structid.forward import (
     SpectraProblem,
     TimeOptions,
     channel_errors,
-    identify_time,
     output_error_problem,
 )
 from structid.forward.channel_errors import ChannelErrors, Measured
@@ -215,7 +215,7 @@ class TimeSetup(RecordSetup[RecordProblem]):
         return "" if self.settings.fit == "spectra" else f"fit {self.settings.fit!r}"
 
     def estimated(self, options: IdentifyOptions, progress: StageProgress | None, work: Work) -> Estimate:
-        return identify_time(
+        return forward.identify_time(
             self.structure, self.parameters, self.record, _options(self.settings, options), work, progress
         )
 

@@ -18,7 +18,7 @@ from structid.core.dof import Dof, as_dof, parse_dof
 from structid.core.errors import FileError, InputError
 from structid.core.units import FrfUnit, parse_frf_unit
 from structid.records.formats.bare import require_same_rotation
-from structid.records.formats.clocks import Rate, even_rate, resample, resampling_remedy
+from structid.records.formats.clocks import SURE, Rate, even_rate, resample, resampling_remedy
 from structid.records.formats.csv.layout import CsvLayout
 from structid.records.formats.csv.recognition import LONGEST_NAME, as_date, is_axis
 from structid.records.formats.csv.table import Table
@@ -53,8 +53,6 @@ _PHASE_UNITS = {"deg": math.pi / 180, "°": math.pi / 180, "degree": math.pi / 1
 _MOST_RAD = 50.0
 #: Units of a number that has none.
 _RATIOS = ("1", "-")
-#: Relative error of a sampling rate from rounded times that is let pass.
-_SURE = 1e-4
 
 
 def _column(table: Table, j: int, error: InputError | None = None, text: str = "") -> FileError:
@@ -153,7 +151,7 @@ def _read_clock(table: Table, axis: int | None, options: ReadOptions) -> _Clock:
         return _Clock(0.0, 0.0, "", time)
     rate, error, step = even
     words = f"times rounded to {step:g} s" if error else ""
-    if stated is None and error > _SURE:
+    if stated is None and error > SURE:
         raise FileError(
             f"{table.path}: column {axis + 1} ({table.names[axis]}) is rounded to {step:g} s, so that it tells the sampling rate"
             f" {rate:.6g} Hz to {100 * error:.2g} % only; give `sampling_rate`, or write more digits"
