@@ -50,7 +50,7 @@ def test_every_public_name_is_there(package):
         module.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("package", (*PACKAGES, *INNER))
+@pytest.mark.parametrize("package", [*PACKAGES, *INNER])
 def test_no_module_hides_a_public_name(package):
     """`import structid.plan` would put a module in the place of the function `plan`."""
     module = importlib.import_module(package)
