@@ -1,4 +1,4 @@
-"""A study moved to other values of its deck, and from a poor start to FRFs: smooth forms of the measured and of the solver's FRFs, then the FRFs.
+"""A study moved to other values of its deck, and a solver's FRFs fitted from a poor start: smooth forms first, then the FRFs.
 
 A solver computes FRFs on the axis alone, where each resonance is a minimum of its own. Averages of their logarithm with
 the kernel of the Poisson integral, as wide as a part of the frequency, follow stiffness smoothly over that part, also
