@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 from app_cases import require_workbench, served
-from browser_cases import accessible, eventually, shown, step
+from browser_cases import accessible, eventually, frames, shown, step
 
 from structid.study.schema.model.structure import read_structure
 from structid.study.schema.root import read_root
@@ -75,7 +75,6 @@ def cell(page, label: str):
 
 def test_a_portal_frame_is_built_by_keyboard_and_says_what_is_wrong_in_its_place(page, screens, tmp_path):
     study = tmp_path / "portal_frame.toml"
-    page.set_default_timeout(30_000)
     with served(tmp_path) as bench:
         page.goto(bench.address)
         page.get_by_label("Template", exact=True).select_option("build")
@@ -170,7 +169,6 @@ def test_the_editor_offers_what_the_element_types_declare():
 
 def test_the_same_frame_is_drawn_by_mouse_and_its_nodes_are_dragged(page, screens, tmp_path):
     study = tmp_path / "portal_frame.toml"
-    page.set_default_timeout(30_000)
     with served(tmp_path) as bench:
         page.goto(bench.address)
         page.get_by_label("Template", exact=True).select_option("build")
@@ -180,7 +178,7 @@ def test_the_same_frame_is_drawn_by_mouse_and_its_nodes_are_dragged(page, screen
 
         def at(x: float, y: float) -> dict[str, float]:
             """Point of the picture at a place of the structure, once it is drawn."""
-            page.wait_for_timeout(60)
+            frames(page)
             point = page.evaluate("([x, y]) => document.querySelector('canvas.under').scene.project([x, y, 0])", [x, y])
             return {"x": point[0], "y": point[1]}
 
