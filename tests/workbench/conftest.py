@@ -44,7 +44,7 @@ def page(browser):
     if os.environ.get("STRUCTID_SLOW_SERVER"):
         context.add_init_script(SLOW_SERVER % float(os.environ["STRUCTID_SLOW_SERVER"]))
     made = context.new_page()
-    made.set_default_timeout(90_000)
+    made.set_default_timeout(300_000)
     wrong: list[str] = []
     made.on("pageerror", lambda error: wrong.append(str(error)))
     made.on(

@@ -243,7 +243,7 @@ export class Cells {
       const cell = this.cells.get(`new|${key}`);
       if (cell) {
         cell.input.value = text;
-        this.clear(cell);
+        cell.input.dispatchEvent(new Event("input", {bubbles: true})); // as if it were typed
       }
     }
   }

@@ -34,8 +34,7 @@ export class Editor {
     }
     this.table = applied(this.table, edits); // what follows builds on it before it is written
     this.read();
-    this.drawn();
-    return this.queued(async () => {
+    const written = this.queued(async () => {
       const before = this.app.now.text;
       await this.app.edit(edits);
       if (this.app.now.text !== before) {
@@ -43,6 +42,8 @@ export class Editor {
         this.history.redo.length = 0;
       }
     });
+    this.drawn();
+    return written;
   }
 
   async queued(job) {

@@ -31,7 +31,8 @@ export const app = {
   shown: 0,
   drafts: new Map(),
   acting: new Set(), // controls whose action goes on
-  asked: 0, // answers about the open study that were asked for
+  asked: 0, // answers about the open study that were asked for, and when all of them are there
+  answered: null,
 };
 keepClicks();
 keepTyped(main, () => `${app.step} ${app.study} ${app.record}`);
@@ -111,9 +112,10 @@ app.read = async () => {
 
 // The answer of the server to a reading or a writing of the open study; changes that are heard meanwhile wait for it.
 app.answer = (asked) => {
+  const answer = Promise.resolve(asked);
   app.asked += 1;
-  app.answering = Promise.resolve(asked);
-  return app.answering;
+  app.answered = Promise.allSettled([app.answered, answer]);
+  return answer;
 };
 
 // Change keys of the open study; comments and order of all else stay. `edits` as in structid.workbench.edits. What is refused is an error.
@@ -257,8 +259,9 @@ async function noticeChange(study) {
   let found = null,
     asked = 0;
   do {
+    await app.answered;
     asked = app.asked;
-    [found] = await Promise.all([get("study", {study}), app.answering?.catch(() => {})]);
+    found = await get("study", {study});
   } while (asked !== app.asked); // else it may be older than what the page itself has read or written meanwhile
   if (!app.now || app.study !== study || found.digest === app.now.digest) {
     return;

@@ -462,6 +462,10 @@ export async function show(box, app) {
   function read() {
     clearTimeout(timer);
     const {model} = editor;
+    if (editor.count) {
+      fill(state, "Saving…");
+      return;
+    }
     if (!model.nodes.size) {
       fill(state, "Begin with the nodes: type a coordinate, Tab, and Enter at the end of the row.");
       return;
