@@ -35,7 +35,8 @@ _BRACKETED = re.compile(r"\[([^\[\]]+)\]|\(([^()]*(?:\([^()]*\)[^()]*)*)\)|\{([^
 _LAST_WORDS = (re.compile(r"[\s_,;:]([^\s_,;:]+)$"), re.compile(r"(?:\s/\s*|\sin\s+)(.+)$"))
 #: Words for what is no history and no response, but a level, a mean or a density of one.
 _LEVEL = re.compile(
-    r"(?<![a-z])(dB|g?rms|psd|asd|csd|cpsd|apsd|log ?mag(?:nitude)?|(?:20 ?)?log10|20 ?log)(?![a-z])|/ ?(\u221a|sqrt ?\(?|rt ?)?hz",
+    r"(?<![a-z])(dB|g?rms|pk(?:-pk)?|p-p|psd|asd|csd|cpsd|apsd|log ?mag(?:nitude)?|(?:20 ?)?log10|20 ?log)(?![a-z])"
+    r"|/ ?(\u221a|sqrt ?\(?|rt ?)?hz",
     re.IGNORECASE,
 )
 

@@ -34,6 +34,9 @@ _PART_WORDS = {
     "re": "re", "real": "re", "real part": "re", "im": "im", "imag": "im", "imaginary": "im", "imaginary part": "im",
     "magnitude": "magnitude", "mag": "magnitude", "abs": "magnitude", "amplitude": "magnitude", "ampl": "magnitude",
     "phase": "phase", "angle": "phase", "coherence": "coherence", "coh": "coherence", "std": "std",
+    "modulus": "magnitude", "module": "magnitude", "betrag": "magnitude", "realteil": "re", "imaginärteil": "im",
+    "partie réelle": "re", "partie imaginaire": "im", "winkel": "phase", "phasenwinkel": "phase", "kohärenz": "coherence",
+    "cohérence": "coherence",
 }  # fmt: skip
 _PAIR = re.compile(
     r"(?P<output>[^\[\]/]+?)\s*/\s*(?P<input>[^\[\]/]+?)"
@@ -41,6 +44,9 @@ _PAIR = re.compile(
     rf"((?<=[\])])|[\s_])\s*\(?(?P<part>{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})\)?\.?"
     r"(\s*[\[(](?P<own>[^\[\]]*)[\])])?",
     re.IGNORECASE,
+)
+_PART_WORD = re.compile(
+    rf"(?<![^\W\d_])(?:{'|'.join(sorted(_PART_WORDS, key=len, reverse=True))})(?![^\W\d_])", re.IGNORECASE
 )
 _PHASE_UNITS = {"deg": math.pi / 180, "°": math.pi / 180, "degree": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0}
 #: Rounding of phases in rad that is let pass.
@@ -345,8 +351,7 @@ def _require_headers_agree(table: Table, assumed: Sequence[_Head]) -> None:
     for j, head in enumerate(assumed, start=1):
         name = table.names[j]
         match = _PAIR.fullmatch(name) if len(name) <= LONGEST_NAME else None
-        last = re.search(r"([A-Za-z]+)\)?\.?$", name)
-        part = match["part"] if match is not None else last[1] if last is not None else ""
+        part = match["part"] if match is not None else next(iter(_PART_WORD.findall(name)), "")
         said = _PART_WORDS.get(part.lower(), head.part)
         told = (
             [] if match is None else [("output", match["output"], head.output), ("input", match["input"], head.input)]
@@ -415,6 +420,10 @@ def _require_name_agrees(name: str, unit: FrfUnit) -> None:
 def _phase_factor(table: Table, j: int, unit: str, layout: CsvLayout) -> float:
     """Factor from the phases in column `j` to rad: by their unit, or because numbers are too large for rad."""
     factor = _PHASE_UNITS.get((unit or layout.phase_unit).strip().lower())
+    if unit and layout.phase_unit and factor not in (None, _PHASE_UNITS[layout.phase_unit]):
+        raise InputError(
+            f"says that its phases are {unit}, but `phase_unit` {layout.phase_unit} was given; leave it out"
+        )
     if factor is None and _is_surely_degrees(table.values[:, j]):
         factor = _PHASE_UNITS["deg"]
     if factor is None:
