@@ -17,8 +17,6 @@ from structid.fem.meshes.deck_parts import DeckUnits
 from structid.fem.meshes.gmsh_numbers import Ascii, Binary, Numbers
 from structid.fem.meshes.mesh import CellBlock, Mesh
 
-SUFFIXES: tuple[str, ...] = (".msh",)
-
 _REMEDY = "save it as version 4.1 or 2.2 (Mesh.MshFileVersion = 4.1)"
 _AGAIN = "copy the file again, or save the mesh again"
 #: Name, number of nodes and dimension of each element type, and the order of its nodes as in VTK where it differs.
