@@ -323,7 +323,7 @@ def test_a_study_from_a_mesh_and_the_folders_before(page, screens, tmp_path):
         assert bench.token in page.url  # the one that is open already
         page.get_by_role("button", name="New study from it: plate.msh").click()
         page.get_by_text("Groups: clamp, skin, strip").wait_for()
-        page.get_by_label("unit of its coordinates: m, cm, mm, um, in or ft").select_option("mm")
+        page.get_by_label("unit of its coordinates").select_option("mm")
         page.get_by_text(re.compile("It measures 0.400 . 0.300 . 0 m")).wait_for()
         page.get_by_label("group that is held; none where it is free").fill("clamp")
         shown(page, screens, "0_mesh")
