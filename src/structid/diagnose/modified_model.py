@@ -17,8 +17,9 @@ from structid.diagnose.frf_views import View, views
 from structid.diagnose.model_edits import Edits
 from structid.diagnose.receptances import MOST_LINES
 from structid.diagnose.score_test import Point, point_at
-from structid.diagnose.search_budget import CHANGE_EFFORT, CLOCK, NO_LIMITS, Limits, counted
+from structid.diagnose.search_budget import METER, NO_LIMITS, FitLimits, count_effort
 from structid.diagnose.tested_model import ModelDraft, TestedModel
+from structid.diagnose.thresholds import CHANGE_EFFORT
 from structid.dynamics.receptance import DENSE_UP_TO
 from structid.forward import FrfProblem, ModalProblem, RecordProblem, SpectraProblem
 from structid.forward.frf.continuation import LEVELS
@@ -51,10 +52,10 @@ QUICK = Raced(max_iterations=12, gain_tolerance=1e-3, left_at=0.05)
 
 
 class NearFit(NamedTuple):
-    """Where an anchored fit ended: free variables and misfit."""
+    """Where a quick fit ended: free variables and sum of squares."""
 
     theta: FloatArray
-    cost: float
+    chi_square: float
 
 
 class Change(NamedTuple):
@@ -78,7 +79,7 @@ class ModifiedModel:
         Every record as FRFs.
     changes : tuple of Change
         What was changed, in order.
-    fit_limits : Limits
+    fit_limits : FitLimits
         Effort and processor time after which a fit is given up with `SearchEndedError`.
     """
 
@@ -86,7 +87,7 @@ class ModifiedModel:
     problems: tuple[RecordProblem, ...]
     views: tuple[View, ...]
     changes: tuple[Change, ...] = ()
-    fit_limits: Limits = NO_LIMITS
+    fit_limits: FitLimits = NO_LIMITS
 
     @property
     def setups(self) -> tuple[AnySetup, ...]:
@@ -112,7 +113,7 @@ class ModifiedModel:
             If the model has no place for the change.
         """
         edits = candidate.edits(self.model, strength)
-        CLOCK.spend(CHANGE_EFFORT)
+        METER.add(CHANGE_EFFORT)
         draft = ModelDraft(self.model)
         for edit in edits:
             edit.apply(draft)
@@ -209,7 +210,7 @@ class ModifiedModel:
 
     def minimize(self, problem: Problem, method: LevenbergMarquardt, theta: FloatArray) -> Minimum:
         """The minimum of one of its problems from free variables (n_params,), its effort counted and limited."""
-        return minimize(problem, method, theta, counted(problem, self.fit_limits))
+        return minimize(problem, method, theta, count_effort(problem, self.fit_limits))
 
     def fit_near(self, above: float = np.inf) -> NearFit:
         """The quick fit with parameters held near their start; it ends early where its misfit would stay `above`."""

@@ -14,7 +14,7 @@ from structid.core.arrays import FloatArray
 from structid.diagnose.causes.candidate import Candidate
 from structid.diagnose.data_rows import scaled_misfit
 from structid.diagnose.receptances import MOST_LINES, Receptances, receptances_at
-from structid.diagnose.search_budget import CLOCK, iteration_effort, look_effort
+from structid.diagnose.search_budget import METER, iteration_effort, screening_effort
 from structid.forward import FrfProblem
 from structid.inversion import JointProblem
 
@@ -177,7 +177,7 @@ class Point:
     def _off(self, candidate: Candidate, strengths: FloatArray) -> FloatArray:
         """Residuals with a candidate, without what the parameters can follow, (n_rows, n_strengths)."""
         rows = np.empty((len(self.residual), len(strengths)))
-        CLOCK.spend(look_effort(*rows.shape))
+        METER.add(screening_effort(*rows.shape))
         rows[:] = self.residual[:, None]
         first = 0
         with np.errstate(all="ignore"):
@@ -206,6 +206,6 @@ def point_at(
     own = JointProblem(tuple(problems), first_prior_counts=True).unknowns.split(theta)
     records = tuple(receptances_at(problem, at, most_lines) for problem, at in zip(problems, own, strict=True))
     whole = JointProblem(tuple(receptances.problem for receptances in records), first_prior_counts=True)
-    CLOCK.spend(iteration_effort(whole))
+    METER.add(iteration_effort(whole))
     at = whole.linearize(theta)
     return Point(records, at.residual, np.linalg.qr(at.jacobian)[0], undamped)

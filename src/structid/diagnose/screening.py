@@ -38,7 +38,7 @@ from structid.diagnose.modified_model import QUICK
 from structid.diagnose.refits import Fitted, Sized
 from structid.diagnose.score_test import Point, Screened
 from structid.diagnose.search_budget import (
-    CLOCK,
+    METER,
     UNLIMITED,
     SearchBudget,
     SearchEndedError,
@@ -75,7 +75,7 @@ def screen_sets(base: Fitted, work: Work, name: str, budget: SearchBudget = UNLI
     for candidate in several:
         least, strength = min((next(left), float(strength)) for strength in candidate.strengths)
         is_always = isinstance(candidate, CoarseMesh | ShearFlexibility | ExponentialWindow | Clock)
-        if np.isfinite(least) and (is_always or least < (1 - LEAST_DROP) * base.cost):
+        if np.isfinite(least) and (is_always or least < (1 - LEAST_DROP) * base.chi_square):
             screened.append(Screened(candidate, strength, least))
     return screened
 
@@ -90,7 +90,7 @@ def _stepped(base: Fitted, change: Sized, tools: Tools) -> dict[str, float]:
     """The misfit that one linear step leaves of a model with the change; infinite where it cannot be evaluated."""
     try:
         modified = base.modified.changed(*change)
-        CLOCK.spend(iteration_effort(modified.target))
+        METER.add(iteration_effort(modified.target))
         at = modified.target.linearize(modified.theta_of(base.values))
     except (StructidError, np.linalg.LinAlgError):
         return {"left": np.inf}
@@ -166,7 +166,7 @@ def shortlist_candidates(base: Fitted, work: Work, name: str, budget: SearchBudg
         if answer is None:
             continue
         several = candidates(point.records, names)
-        feet = feet or _feet(several, base.cost)
+        feet = feet or _feet(several, base.chi_square)
         problems = [receptances.problem for receptances in point.records]
         data = list(data_candidates(problems, names))
         tried = max(tried, len(several) + len(data))
@@ -276,7 +276,7 @@ def _outstanding(base: Fitted) -> set[Hashable]:
         for channel in FaultyChannel.from_data([view.problem], [""]):
             rows = channel.rows_left_out(problem)
             squares = float(own[rows] @ own[rows])
-            if squares - scaled_misfit(squares, int(rows.sum())) > CHANNEL_PART * base.cost:
+            if squares - scaled_misfit(squares, int(rows.sum())) > CHANNEL_PART * base.chi_square:
                 keys.add(replace(channel, record=number).key)
     return keys
 
